@@ -1,0 +1,44 @@
+"""The brake: proportional-derivative control of each drive about its reference, with the load's weight fed forward."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cranedyn.crane import DRIVES, STANDARD_GRAVITY, Crane, State
+from cranedyn.references import Wanted
+
+STIFFNESS = (1.0e6, 3.0e5, 1.0e6)
+"""k_p of slew [N m/rad], trolley [N/m], hoist [N/m]. The trolley's is published; slew and hoist are our choice."""
+
+DAMPING = (2.0e6, 5.0e4, 6.0e4)
+"""k_d of slew [N m s/rad], trolley [N s/m], hoist [N s/m], none published. The trolley's is identified by `experiments.a1 --identify`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hold:
+    """Effort = feed-forward + k_p (wanted - position) - k_d velocity, for each drive by itself.
+
+    The velocity of the reference does not enter: on a ramp the drive lags by k_d / k_p times the rate.
+
+    Attributes:
+        stiffness: k_p of slew [N m/rad], trolley [N/m], hoist [N/m], shape (3,).
+        damping: k_d of slew [N m s/rad], trolley [N s/m], hoist [N s/m], shape (3,).
+        feed_forward: Effort added always [N m, N, N], shape (3,).
+    """
+
+    stiffness: np.ndarray
+    damping: np.ndarray
+    feed_forward: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+        """Efforts [N m, N, N], shape (3,)."""
+        return self.feed_forward + self.stiffness * (wanted.position - state.q[DRIVES]) - self.damping * state.v[DRIVES]
+
+
+def hold_controller(
+    crane: Crane, *, stiffness: tuple[float, float, float] = STIFFNESS, damping: tuple[float, float, float] = DAMPING, gravity: float = STANDARD_GRAVITY
+) -> Hold:
+    """The hold controller for a crane, which knows the payload's mass and believes in a gravity [m/s²] of its own."""
+    return Hold(np.array(stiffness, dtype=float), np.array(damping, dtype=float), np.array([0.0, 0.0, -crane.payload_mass * gravity]))

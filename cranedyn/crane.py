@@ -1,0 +1,239 @@
+"""The crane: a Pinocchio model whose joints are known by name, split into driven and passive."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.description import XACRO, describe
+from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName, number
+
+STANDARD_GRAVITY = 9.80665
+"""Standard gravity [m/s²], exact by definition (CGPM 1901)."""
+
+COORDINATES = ("gamma", "x", "phi", "theta", "l")
+"""The five coordinates in chain order: slew, trolley radius, radial swing, tangential swing, cable length."""
+
+UNITS = ("rad", "m", "rad", "rad", "m")
+"""Unit of each coordinate."""
+
+DRIVES = np.array([0, 1, 4])
+"""Where slew, trolley and hoist stand among the coordinates."""
+
+PASSIVE = np.array([2, 3])
+"""Where radial and tangential swing stand among the coordinates."""
+
+
+class _Joint(NamedTuple):
+    name: str
+    kind: str
+    axis: tuple[int, int, int]
+
+
+JOINTS = (
+    _Joint("yaw_joint", "revolute", (0, 0, 1)),
+    _Joint("trolley_joint", "prismatic", (0, -1, 0)),
+    _Joint("swing_radial_joint", "revolute", (1, 0, 0)),
+    _Joint("swing_tangential_joint", "revolute", (0, 1, 0)),
+    _Joint("hoist_joint", "prismatic", (0, 0, -1)),
+)
+"""The joints behind the coordinates: name, type, and axis in the world when every coordinate is zero."""
+
+
+class State(NamedTuple):
+    """Where the crane is and how it moves.
+
+    Attributes:
+        q: Slew [rad], trolley radius [m], radial swing [rad], tangential swing [rad], cable length [m]; shape (5,).
+        v: Their rates, per second; shape (5,).
+    """
+
+    q: np.ndarray
+    v: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Crane:
+    """A crane as loaded: parameters that do not change during a run.
+
+    Attributes:
+        urdf: The plain URDF it was built from.
+        model: The Pinocchio model; joint i + 1 carries coordinate i.
+        damping: Viscous damping of each joint [N m s/rad or N s/m], shape (5,). Pinocchio parses it but never applies it.
+        lower, upper: Joint ranges [rad or m], shape (5,).
+        effort_limit: Largest effort of the drives slew [N m], trolley [N], hoist [N], shape (3,).
+        start: Where the URDF lets the drives start, hanging at rest.
+        data: Scratch memory of Pinocchio for `cranedyn.dynamics`; one thread at a time.
+    """
+
+    urdf: str = field(repr=False)
+    model: pin.Model
+    damping: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    effort_limit: np.ndarray
+    start: State
+    data: pin.Data = field(repr=False)
+
+    @property
+    def gravity(self) -> float:
+        """Gravity [m/s²], acting along -Z of the world."""
+        return float(-self.model.gravity.linear[2])
+
+    @property
+    def payload_mass(self) -> float:
+        """Mass that hangs on the hoist joint [kg]."""
+        return float(self.model.inertias[5].mass)
+
+    @property
+    def trolley_mass(self) -> float:
+        """Mass that the trolley joint carries above the swing pivot [kg]."""
+        return float(self.model.inertias[2].mass)
+
+    @property
+    def payload_inertia(self) -> float:
+        """Rotational inertia of the payload about its own X axis [kg m²]."""
+        return float(self.model.inertias[5].inertia[0, 0])
+
+    @property
+    def dummy_inertia(self) -> tuple[float, float]:
+        """Inertia of the links between the swing joints about the pivot: against radial and against tangential swing [kg m²]."""
+        outer, inner = (self.model.inertias[i].matrix()[3:, 3:] for i in (3, 4))
+        return float(outer[0, 0] + inner[0, 0]), float(inner[1, 1])
+
+    def state(self, **values: float) -> State:
+        """A state from named coordinates, at rest where nothing else is said.
+
+        Args:
+            values: Any of gamma, x, phi, theta, l [rad or m] and gamma_dot, x_dot, phi_dot, theta_dot, l_dot [per second].
+                Coordinates left out are those of `start`, rates left out are zero.
+
+        Raises:
+            UnknownName: For a name that is none of these.
+            OutOfRange: For a value outside the joint's range, a swing of 90° or more among them, or one that is not finite.
+        """
+        q, v = self.start.q.copy(), np.zeros(5)
+        for name, value in values.items():
+            coordinate = name.removesuffix("_dot")
+            if coordinate not in COORDINATES:
+                raise UnknownName("coordinate", name, [*COORDINATES, *(f"{c}_dot" for c in COORDINATES)])
+            i = COORDINATES.index(coordinate)
+            if name == coordinate:
+                q[i] = number(f"{name} at the start", value, UNITS[i], f"{self.lower[i]:g} to {self.upper[i]:g}")
+            else:
+                v[i] = number(f"{name} at the start", value, f"{UNITS[i]}/s")
+        return State(q, v)
+
+
+def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAVITY, check_axes: bool = True, **values: object) -> Crane:
+    """Load a crane.
+
+    Args:
+        urdf: A ``.xacro`` file to expand (one runs Python from it), any other file as plain URDF, or None for the crane of this project.
+        gravity: Gravity [m/s²] along -Z.
+        check_axes: Whether the joint axes must be those of `JOINTS`. False is for showing what a wrong axis does.
+        values: Arguments of the xacro file, for example ``payload_mass=2000``.
+
+    Raises:
+        ModelError: If it is no valid URDF or not a crane: a joint missing, of another type, out of order, turned, or one too many.
+        OutOfRange: If a number in it is not one a crane can have.
+        UnknownName: If an argument is not declared in the xacro file.
+        DataError: If the file cannot be read.
+    """
+    path = XACRO if urdf is None else Path(urdf)
+    if path.suffix == ".xacro":
+        text = describe(path, values)
+    elif values:
+        raise UnknownName("argument", next(iter(values)), ["none in a plain URDF"])
+    else:
+        text = _read(path)
+    g = number("gravity", gravity, "m/s²", "> 0")
+    model = _model(text, path)
+    model.gravity.linear = np.array([0.0, 0.0, -g])
+    _check_joints(model, path, check_axes)
+    _check_numbers(model)
+    lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+    initial = _initial(text)
+    q = np.array([number(f"{j.name} at the start", initial[j.name], UNITS[i], f"{lower[i]:g} to {upper[i]:g}") if j.name in initial
+                  else (0.0 if lower[i] <= 0.0 <= upper[i] else (lower[i] + upper[i]) / 2) for i, j in enumerate(JOINTS)])  # fmt: skip
+    return Crane(
+        urdf=text,
+        model=model,
+        damping=model.damping.copy(),
+        lower=lower,
+        upper=upper,
+        effort_limit=model.effortLimit[DRIVES].copy(),
+        start=State(q, np.zeros(5)),
+        data=model.createData(),
+    )
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or 'it is not text'}.") from error
+
+
+def _model(text: str, path: Path) -> pin.Model:
+    try:
+        ET.fromstring(text)
+        return pin.buildModelFromXML(text)
+    except (ET.ParseError, ValueError, RuntimeError) as error:
+        raise ModelError(f"{path} is not a URDF that can be loaded: {str(error).strip().rstrip('.')}.") from error
+
+
+def _check_joints(model: pin.Model, path: Path, check_axes: bool) -> None:
+    names = list(model.names)[1:]
+    wanted = [joint.name for joint in JOINTS]
+    for name in wanted:
+        if name not in names:
+            raise ModelError(f"{path} has no moving joint {name}; a crane has {', '.join(wanted)}.")
+    for name in names:
+        if name not in wanted:
+            raise ModelError(f"{path} has a further moving joint {name}; a crane moves only in {', '.join(wanted)}: make it fixed.")
+    if names != wanted or list(model.parents) != [0, 0, 1, 2, 3, 4]:
+        raise ModelError(f"{path} chains its joints as {', '.join(names)}; a crane is one chain {', '.join(wanted)}.")
+    for i, joint in enumerate(JOINTS, start=1):
+        if model.joints[i].nq != 1:
+            raise ModelError(f"{path} has a {joint.name} without limits or with several axes; it must be {joint.kind} with limits.")
+    data = model.createData()
+    pin.computeJointJacobians(model, data, np.zeros(5))
+    for i, joint in enumerate(JOINTS, start=1):
+        column = pin.getJointJacobian(model, data, i, pin.LOCAL_WORLD_ALIGNED)[:, i - 1]
+        linear, angular = column[:3], column[3:]
+        kind = "prismatic" if np.linalg.norm(angular) < 1e-9 else "revolute"
+        if kind != joint.kind:
+            raise ModelError(f"{path} has a {kind} {joint.name}; it must be {joint.kind}.")
+        axis = linear if kind == "prismatic" else angular
+        if check_axes and not np.allclose(axis, joint.axis, atol=1e-6):
+            raise ModelError(f"{path} has {joint.name} along ({' '.join(f'{a:g}' for a in axis.round(6))}) of the world; it must be ({' '.join(map(str, joint.axis))}).")
+
+
+def _check_numbers(model: pin.Model) -> None:
+    for i, joint in enumerate(JOINTS):
+        low, high = float(model.lowerPositionLimit[i]), float(model.upperPositionLimit[i])
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise OutOfRange(f"range of {joint.name}", f"{low:g} to {high:g}", "finite, lower below upper", UNITS[i])
+        number(f"effort limit of {joint.name}", model.effortLimit[i], "N m" if joint.kind == "revolute" else "N", "> 0")
+        number(f"damping of {joint.name}", model.damping[i], allowed=">= 0")
+        inertia = model.inertias[i + 1]
+        number(f"mass moved by {joint.name}", inertia.mass, "kg", ">= 0")
+        if not np.linalg.eigvalsh(inertia.inertia).min() >= 0.0:
+            raise OutOfRange(f"inertia moved by {joint.name}", inertia.inertia.tolist(), "positive semidefinite", "kg m²")
+    number("payload mass", model.inertias[5].mass, "kg", "> 0")
+    number("shortest cable", model.lowerPositionLimit[4], "m", "> 0")
+
+
+def _initial(text: str) -> dict[str, str]:
+    found = {}
+    for joint in ET.fromstring(text).iterfind("ros2_control/joint"):
+        value = joint.find("state_interface[@name='position']/param[@name='initial_value']")
+        if value is not None:
+            found[joint.get("name", "")] = value.text or ""
+    return found

@@ -1,0 +1,143 @@
+"""The crane as text: arguments checked, xacro expanded, comments stripped, a plain URDF.
+
+Run ``python -m cranedyn.description [name:=value ...] [-o FILE]`` to write one, ``--list`` to see every argument.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.dom import Node, minidom
+from xml.parsers.expat import ExpatError
+
+import xacro
+
+from cranedyn.errors import CraneError, DataError, ModelError, UnknownName, number
+from cranedyn.files import written
+
+_HERE = Path(__file__).resolve().parent
+XACRO = next(folder / "urdf" / "tower_crane.urdf.xacro" for folder in (_HERE, _HERE.parent) if (folder / "urdf").is_dir())
+"""The crane of this project: inside the package once installed, beside it in a checkout."""
+
+_DOCUMENTED = re.compile(r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0): (?P<meaning>.+)")
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument of a xacro file.
+
+    Attributes:
+        default: Its value when none is given, as written in the file.
+        unit: Its unit; empty if the file documents none, then any text is allowed.
+        allowed: ``"any"``, ``"> 0"`` or ``">= 0"``.
+        meaning: What it is.
+    """
+
+    default: str
+    unit: str = ""
+    allowed: str = ""
+    meaning: str = ""
+
+
+def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
+    """The arguments that a xacro file declares, by name, with the unit and range that the comment behind each one gives.
+
+    Raises:
+        DataError: If the file cannot be read.
+        ModelError: If it is not XML.
+    """
+    found = {}
+    for element in _parse(path).getElementsByTagName("xacro:arg"):
+        comment = element.nextSibling
+        while comment is not None and comment.nodeType == Node.TEXT_NODE and "\n" not in comment.data:
+            comment = comment.nextSibling
+        text = comment.data.strip() if comment is not None and comment.nodeType == Node.COMMENT_NODE else ""
+        documented = _DOCUMENTED.fullmatch(text)
+        found[element.getAttribute("name")] = Argument(element.getAttribute("default"), **(documented.groupdict() if documented else {}))
+    return found
+
+
+def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = None) -> str:
+    """Expand a xacro file into a plain URDF without comments.
+
+    A xacro file can run Python expressions while it is expanded: expand only files you would also run.
+
+    Args:
+        path: The xacro file.
+        values: Values of its arguments by name, numbers or text.
+
+    Raises:
+        UnknownName: If an argument is not declared in the file (xacro itself would ignore it silently).
+        OutOfRange: If a value is not a number in the range that the file documents.
+        DataError: If the file cannot be read.
+        ModelError: If the file cannot be expanded.
+    """
+    known = arguments(path)
+    mappings = {}
+    for name, value in (values or {}).items():
+        if name not in known:
+            raise UnknownName("argument", name, known)
+        unit, allowed = known[name].unit, known[name].allowed
+        mappings[name] = repr(number(name, value, unit, allowed)) if allowed else str(value)
+    try:
+        with contextlib.redirect_stderr(io.StringIO()):
+            document = xacro.process_file(str(path), mappings=mappings)
+    except Exception as error:
+        raise ModelError(f"{path} cannot be expanded: {error}.") from error
+    _strip_comments(document)
+    return "\n".join(line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()) + "\n"
+
+
+def _parse(path: str | Path) -> minidom.Document:
+    try:
+        return minidom.parse(str(path))
+    except OSError as error:
+        raise DataError(f"Cannot read {path}: {error.strerror}.") from error
+    except ExpatError as error:
+        raise ModelError(f"{path} is not XML: {error}.") from error
+
+
+def _strip_comments(node: minidom.Node) -> None:
+    for child in list(node.childNodes):
+        if child.nodeType == Node.COMMENT_NODE:
+            node.removeChild(child).unlink()
+        else:
+            _strip_comments(child)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Write the URDF to standard output or a file; 0, or 2 with one sentence for bad arguments."""
+    parser = argparse.ArgumentParser(prog="python -m cranedyn.description", description="Write the crane as a plain URDF.")
+    parser.add_argument("values", nargs="*", metavar="name:=value", help="arguments of the xacro file")
+    parser.add_argument("-o", "--output", metavar="FILE", help="write to this file instead of standard output")
+    parser.add_argument("--list", action="store_true", help="list the arguments with default, unit, range and meaning")
+    options = parser.parse_args(argv)
+    try:
+        if options.list:
+            for name, a in arguments().items():
+                print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
+            return 0
+        pairs = [value.partition(":=") for value in options.values]
+        for name, mark, _ in pairs:
+            if not mark:
+                raise CraneError(f"{name!r} is not of the form name:=value.")
+        urdf = describe(values={name: value for name, _, value in pairs})
+        if options.output:
+            with written(options.output) as file:
+                file.write_text(urdf, encoding="utf-8")
+        else:
+            sys.stdout.write(urdf)
+    except CraneError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

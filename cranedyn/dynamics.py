@@ -1,0 +1,93 @@
+"""How the crane moves: functions of a crane and a state, by Pinocchio's algorithms.
+
+Efforts are those of the three drives: slew torque [N m], trolley force [N], hoist force [N] (negative holds the load).
+Positions are in the world frame [m]: origin on the ground at the slew axis, Z up, jib along -Y at zero slew.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.crane import DRIVES, PASSIVE, Crane, State
+
+
+def full(effort: np.ndarray) -> np.ndarray:
+    """Drive efforts, shape (3,), among all five generalized forces, shape (5,): the passive joints get none."""
+    tau = np.zeros(5)
+    tau[DRIVES] = effort
+    return tau
+
+
+def acceleration(crane: Crane, state: State, effort: np.ndarray) -> np.ndarray:
+    """Accelerations of all five joints [rad/s² or m/s²], shape (5,), under drive efforts: articulated-body algorithm with damping."""
+    return pin.aba(crane.model, crane.data, *state, full(effort) - crane.damping * state.v)
+
+
+def prescribed_acceleration(crane: Crane, state: State, drive_acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations of all five joints when those of the drives are given, and the drive efforts that this costs.
+
+    Solves the passive rows of M a + b + d v = τ for the swing, then reads the drive rows.
+
+    Args:
+        crane: The crane.
+        state: Where it is.
+        drive_acceleration: Of slew [rad/s²], trolley and hoist [m/s²], shape (3,).
+
+    Returns:
+        Accelerations, shape (5,), and efforts [N m, N, N], shape (3,).
+    """
+    return partitioned(crane.model, crane.data, *state, drive_acceleration, crane.damping)
+
+
+def partitioned(model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, drive_acceleration: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The equations behind `prescribed_acceleration`, for any model of a crane and any unit of time."""
+    bias = pin.nonLinearEffects(model, data, q, v) + damping * v
+    mass = pin.crba(model, data, q)
+    mass = np.triu(mass) + np.triu(mass, 1).T
+    a = np.zeros(5)
+    a[DRIVES] = drive_acceleration
+    a[PASSIVE] = np.linalg.solve(mass[2:4, 2:4], -(bias + mass @ a)[PASSIVE])
+    return a, (mass @ a + bias)[DRIVES]
+
+
+def energy(crane: Crane, state: State) -> float:
+    """Mechanical energy [J], zero of height at the ground."""
+    return float(pin.computeMechanicalEnergy(crane.model, crane.data, *state))
+
+
+def payload_position(crane: Crane, q: np.ndarray) -> np.ndarray:
+    """Centre of the payload in the world [m], shape (3,)."""
+    pin.forwardKinematics(crane.model, crane.data, q)
+    return crane.data.oMi[5].act(crane.model.inertias[5].lever)
+
+
+def pivot_position(crane: Crane, q: np.ndarray) -> np.ndarray:
+    """Swing pivot at the trolley in the world [m], shape (3,)."""
+    pin.forwardKinematics(crane.model, crane.data, q)
+    return crane.data.oMi[3].translation.copy()
+
+
+def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
+    """Tension of the rope [N]; at zero or below a real rope would be slack.
+
+    The hoist joint lies along the rope, so its generalized force is the force along the rope: the drive's, less damping.
+    """
+    return float(crane.damping[4] * state.v[4] - effort[2])
+
+
+def holding_effort(crane: Crane, q: np.ndarray) -> np.ndarray:
+    """Drive efforts that balance gravity at rest [N m, N, N], shape (3,); with swing, what they balance of it."""
+    return pin.computeGeneralizedGravity(crane.model, crane.data, q)[DRIVES]
+
+
+def linearise(crane: Crane, state: State, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the accelerations, with damping.
+
+    Returns:
+        A, shape (5, 10): by coordinates then rates; B, shape (5, 3): by drive efforts.
+    """
+    tau = full(effort) - crane.damping * state.v
+    by_q, by_v, inverse_mass = pin.computeABADerivatives(crane.model, crane.data, *state, tau)
+    inverse_mass = np.triu(inverse_mass) + np.triu(inverse_mass, 1).T
+    return np.hstack([by_q, by_v - inverse_mass * crane.damping]), inverse_mass[:, DRIVES]

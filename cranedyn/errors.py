@@ -1,0 +1,100 @@
+"""What goes wrong, in one sentence each: what was given, what is allowed, in which unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cranedyn.trajectory import Trajectory
+
+
+class CraneError(Exception):
+    """Base of every error that cranedyn raises on purpose; its text is one clear sentence."""
+
+
+class OutOfRange(CraneError):
+    """A number outside of what is allowed.
+
+    Attributes:
+        name: What the number is.
+        value: The number given.
+        allowed: What is allowed, in words, for example ``"> 0"``.
+        unit: Its unit, empty for a pure number.
+    """
+
+    def __init__(self, name: str, value: object, allowed: str, unit: str = "") -> None:
+        """Keep the values and phrase the sentence."""
+        self.name, self.value, self.allowed, self.unit = name, value, allowed, unit
+        shown = f"{value} {unit}".strip()
+        super().__init__(f"{name} is {shown}; allowed is {allowed}.")
+
+
+class UnknownName(CraneError):
+    """A name that is not one of those known.
+
+    Attributes:
+        given: The name given.
+        known: The names there are.
+    """
+
+    def __init__(self, kind: str, given: str, known: Iterable[str]) -> None:
+        """Keep the values and phrase the sentence."""
+        self.given, self.known = given, tuple(known)
+        super().__init__(f"There is no {kind} {given!r}; there are {', '.join(self.known)}.")
+
+
+class ModelError(CraneError):
+    """A description that is not a crane: it does not parse, or a joint is missing, of another type, out of order or turned."""
+
+
+class DataError(CraneError):
+    """A file that cannot be read or written, or does not hold what is needed."""
+
+
+class RunError(CraneError):
+    """A run that ended early.
+
+    Attributes:
+        t: Time at which it ended [s].
+        joint: Name of the joint concerned, or empty.
+        value: The value that was found there.
+        trajectory: Everything recorded up to then.
+    """
+
+    def __init__(self, sentence: str, *, t: float, joint: str = "", value: float = math.nan, trajectory: Trajectory | None = None) -> None:
+        """Keep the values; the sentence is given."""
+        self.t, self.joint, self.value, self.trajectory = t, joint, value, trajectory
+        super().__init__(sentence)
+
+
+def number(name: str, value: object, unit: str = "", allowed: str = "any") -> float:
+    """The value as a float, if it is finite and in the range allowed.
+
+    Args:
+        name: What the number is, for the sentence.
+        value: Anything that ``float`` takes.
+        unit: Its unit, for the sentence.
+        allowed: ``"any"``, ``"> 0"``, ``">= 0"`` or ``"LOW to HIGH"``.
+
+    Raises:
+        OutOfRange: If it is no number, not finite, or not in the range.
+    """
+    try:
+        x = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise OutOfRange(name, value, "a number" if allowed == "any" else f"a number {allowed}", unit) from None
+    low, high, strict = _range(allowed)
+    if not math.isfinite(x) or x < low or x > high or (strict and x == low):
+        raise OutOfRange(name, value, "a finite number" if allowed == "any" else allowed, unit)
+    return x
+
+
+def _range(allowed: str) -> tuple[float, float, bool]:
+    if allowed == "any":
+        return -math.inf, math.inf, False
+    if " to " in allowed:
+        low, high = allowed.split(" to ")
+        return float(low), float(high), False
+    return 0.0, math.inf, {"> 0": True, ">= 0": False}[allowed]
