@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.crane import DRIVES, PASSIVE, Crane, State
+from cranedyn.crane import DRIVES, Crane, State
 
 
 def full(effort: np.ndarray) -> np.ndarray:
@@ -37,18 +37,26 @@ def prescribed_acceleration(crane: Crane, state: State, drive_acceleration: np.n
     Returns:
         Accelerations, shape (5,), and efforts [N m, N, N], shape (3,).
     """
-    return partitioned(crane.model, crane.data, *state, drive_acceleration, crane.damping)
+    a = follow_drives(crane.model, crane.data, *state, full(drive_acceleration), crane.damping)
+    return a, inverse_dynamics(crane.model, crane.data, *state, a, crane.damping)
 
 
-def partitioned(model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, drive_acceleration: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The equations behind `prescribed_acceleration`, for any model of a crane and any unit of time."""
-    bias = pin.nonLinearEffects(model, data, q, v) + damping * v
-    mass = pin.crba(model, data, q)
-    mass = np.triu(mass) + np.triu(mass, 1).T
-    a = np.zeros(5)
-    a[DRIVES] = drive_acceleration
-    a[PASSIVE] = np.linalg.solve(mass[2:4, 2:4], -(bias + mass @ a)[PASSIVE])
-    return a, (mass @ a + bias)[DRIVES]
+def follow_drives(model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, a: np.ndarray, damping: np.ndarray) -> np.ndarray:
+    """All five accelerations, shape (5,), when `a` holds those of the drives and zeros for the swing; for any unit of time.
+
+    The passive rows of M a + b + d v = 0 are two equations in the two swing accelerations.
+    """
+    open_phi, open_theta = (pin.rnea(model, data, q, v, a) + damping * v)[2:4].tolist()
+    (m11, m12), (_, m22) = pin.crba(model, data, q)[2:4, 2:4].tolist()
+    determinant = m11 * m22 - m12 * m12
+    solved = a.copy()
+    solved[2:4] = (m12 * open_theta - m22 * open_phi) / determinant, (m12 * open_phi - m11 * open_theta) / determinant
+    return solved
+
+
+def inverse_dynamics(model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, a: np.ndarray, damping: np.ndarray) -> np.ndarray:
+    """Drive efforts that cause these accelerations, shape (3,); for any unit of time."""
+    return (pin.rnea(model, data, q, v, a) + damping * v)[DRIVES]
 
 
 def energy(crane: Crane, state: State) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.crane import DRIVES, JOINTS, Crane, State
-from cranedyn.dynamics import partitioned
+from cranedyn.dynamics import follow_drives, inverse_dynamics
 from cranedyn.errors import CraneError, OutOfRange, RunError, number
 from cranedyn.integrator import Acceleration, Integrator, in_steps, semi_implicit_euler
 from cranedyn.references import Reference, Wanted, hold
@@ -72,7 +72,8 @@ def simulate(
     log: list[tuple[np.ndarray, ...]] = []
 
     def recorded() -> Trajectory:
-        return _trajectory(crane, log, control_period, {"dt_s": dt, "control_period_s": control_period, "drive": drive})
+        parameters: dict[str, float | str] = {"dt_s": dt, "control_period_s": control_period, "drive": drive, "integrator": integrator.name}
+        return _trajectory(crane, log, control_period, integrator.lead * dt, parameters)
 
     t = 0.0
     try:
@@ -90,7 +91,7 @@ def simulate(
                 if progress is not None:
                     progress(t)
                 if k < periods:
-                    q, u = integrator(drives.acceleration, drives.model, q, u, steps)
+                    q, u = integrator.advance(drives.acceleration, drives.model, q, u, steps)
                     state = State(q, u * per_second)
     except KeyboardInterrupt:
         raise RunError(f"Interrupted at t = {t:.3f} s.", t=t, trajectory=recorded()) from None
@@ -134,21 +135,19 @@ class _MotionDrives:
         self._data = self.model.createData()
         self._damping = dt * crane.damping
         self._dt = dt
-        self._command = np.zeros(3)
+        self._command = np.zeros(5)
 
     def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        self._command = self._dt**2 * command
+        self._command[DRIVES] = self._dt**2 * command
         effort = self.effort(state)
         return effort, effort
 
     def effort(self, state: State) -> np.ndarray:
-        return self._solve(state.q, self._dt * state.v)[1] / self._dt**2
+        u = self._dt * state.v
+        return inverse_dynamics(self.model, self._data, state.q, u, self.acceleration(state.q, u), self._damping) / self._dt**2
 
     def acceleration(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return self._solve(q, u)[0]
-
-    def _solve(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return partitioned(self.model, self._data, q, u, self._command, self._damping)
+        return follow_drives(self.model, self._data, q, u, self._command, self._damping)
 
 
 def _steps(duration: float, dt: float, control_period: float) -> tuple[int, int]:
@@ -183,15 +182,16 @@ def _check_finite(t: float, state: State, recorded: Callable[[], Trajectory]) ->
         )  # fmt: skip
 
 
-def _trajectory(crane: Crane, log: list[tuple[np.ndarray, ...]], period: float, parameters: dict[str, float | str]) -> Trajectory:
+def _trajectory(crane: Crane, log: list[tuple[np.ndarray, ...]], period: float, lead: float, parameters: dict[str, float | str]) -> Trajectory:
     """The log as arrays, with its energy ledger.
 
-    Efforts are held over a period, so effort times displacement is the work exactly; where motion is prescribed the mean of the
-    efforts at both ends of the period stands for them, right to second order. Dissipation is integrated by the trapezoidal rule.
+    Work is effort times the displacement that belongs to the velocities, so a lead of the positions [s] is taken off. Where motion is
+    prescribed the mean of the efforts at both ends of a period stands for them. Dissipation is integrated by the trapezoidal rule.
     """
     q, v, wanted, command, effort, before = (np.array(column) for column in zip(*log, strict=True)) if log else [np.empty((0, w)) for w in (5, 5, 3, 3, 3, 3)]
     work = np.zeros_like(effort)
-    np.cumsum((effort[:-1] + before[1:]) / 2 * np.diff(q[:, DRIVES], axis=0), axis=0, out=work[1:])
+    displacement = np.diff((q - lead * v)[:, DRIVES], axis=0)
+    np.cumsum((effort[:-1] + before[1:]) / 2 * displacement, axis=0, out=work[1:])
     power = v**2 @ crane.damping
     dissipated = np.zeros(len(q))
     np.cumsum((power[:-1] + power[1:]) / 2 * period, out=dissipated[1:])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +78,11 @@ class Trajectory:
     def state(self, row: int) -> State:
         """The state at a row; -1 is the last."""
         return State(self.q[row], self.v[row])
+
+    def since(self, t: float) -> Trajectory:
+        """The rows from a time on [s]."""
+        late = self.t >= t
+        return replace(self, **{name: getattr(self, name)[late] for name in COLUMNS})
 
     @property
     def unexplained(self) -> np.ndarray:

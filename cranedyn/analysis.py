@@ -1,0 +1,163 @@
+"""What a trajectory means: periods, damping, amplitudes, agreement of two signals. Plain arrays in, so that data from elsewhere works too."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import curve_fit
+from scipy.stats import linregress
+
+from cranedyn.errors import DataError
+
+
+@dataclass(frozen=True)
+class SwingFit:
+    """φ(t) = A exp(-ζ ω_n t) cos(ω_d t + ψ) + c, with ω_d = ω_n √(1 - ζ²) and t counted from the start of the record.
+
+    Attributes:
+        period: 2π/ω_d [s].
+        damping_ratio: ζ, of critical.
+        amplitude: A, reached back to t = 0 [rad].
+        phase: ψ [rad].
+        offset: c [rad].
+        rms: Root mean square of what the fit leaves [rad].
+    """
+
+    period: float
+    damping_ratio: float
+    amplitude: float
+    phase: float
+    offset: float
+    rms: float
+
+    def amplitude_at(self, t: np.ndarray | float) -> np.ndarray:
+        """Amplitude at a time [rad]."""
+        return self.amplitude * np.exp(-self.decay_rate * np.asarray(t, dtype=float))
+
+    @property
+    def decay_rate(self) -> float:
+        """ζ ω_n [1/s]."""
+        return self.damping_ratio / math.sqrt(1.0 - self.damping_ratio**2) * 2.0 * math.pi / self.period
+
+    def __call__(self, t: np.ndarray) -> np.ndarray:
+        """The fitted swing at given times [rad]."""
+        return self.amplitude_at(t) * np.cos(2.0 * math.pi / self.period * t + self.phase) + self.offset
+
+
+def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
+    """Fit a decaying cosine by least squares.
+
+    Args:
+        t: Times [s], increasing, shape (n,).
+        swing: Swing angle [rad], shape (n,).
+
+    Raises:
+        DataError: If the record holds fewer than two swings, or the fit does not converge.
+    """
+    crossings = zero_crossings(t, swing - swing.mean())
+    if len(crossings) < 5:
+        raise DataError(f"The record from {t[0]:g} to {t[-1]:g} s holds {max(len(crossings) - 1, 0)} half swings; at least four are needed for a fit.")
+    half = (crossings[-1] - crossings[0]) / (len(crossings) - 1)
+    middle = 0.5 * (t[0] + t[-1])
+
+    def model(s: np.ndarray, a: float, b: float, decay: float, omega: float, c: float) -> np.ndarray:
+        return np.exp(-decay * s) * (a * np.cos(omega * s) + b * np.sin(omega * s)) + c
+
+    basis = np.stack([np.cos(math.pi / half * (t - middle)), np.sin(math.pi / half * (t - middle)), np.ones_like(t)], axis=1)
+    a, b, c = np.linalg.lstsq(basis, swing, rcond=None)[0]
+    try:
+        (a, b, decay, omega, c), _ = curve_fit(model, t - middle, swing, p0=(a, b, 0.0, math.pi / half, c))
+    except RuntimeError as error:
+        raise DataError(f"The record from {t[0]:g} to {t[-1]:g} s does not fit a decaying cosine: {error}") from error
+    return SwingFit(
+        period=2.0 * math.pi / omega,
+        damping_ratio=decay / math.hypot(decay, omega),
+        amplitude=math.hypot(a, b) * math.exp(decay * middle),
+        phase=(math.atan2(-b, a) - omega * middle) % (2.0 * math.pi),
+        offset=c,
+        rms=float(np.sqrt(np.mean((model(t - middle, a, b, decay, omega, c) - swing) ** 2))),
+    )
+
+
+def zero_crossings(t: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Times at which a signal changes sign, by linear interpolation between samples; error O(dt²) of the period."""
+    i = np.flatnonzero(np.signbit(y[:-1]) != np.signbit(y[1:]))
+    return t[i] - y[i] * (t[i + 1] - t[i]) / (y[i + 1] - y[i])
+
+
+def peaks(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times and heights of the largest |y| between neighbouring zero crossings, by a parabola through the three samples at the top."""
+    size = np.abs(y)
+    edges = np.flatnonzero(np.signbit(y[:-1]) != np.signbit(y[1:])) + 1
+    i = np.array([first + int(np.argmax(size[first:last])) for first, last in itertools.pairwise(edges)], dtype=int)
+    before, top, after = size[i - 1], size[i], size[i + 1]
+    bend = before - 2.0 * top + after
+    shift = np.divide(0.5 * (before - after), bend, out=np.zeros_like(bend), where=bend != 0.0)
+    return t[i] + shift * (t[i + 1] - t[i]), top - 0.25 * (before - after) * shift
+
+
+@dataclass(frozen=True)
+class PowerLaw:
+    """y ∝ x^exponent, fitted on logarithms.
+
+    Attributes:
+        exponent: The exponent.
+        factor: y at x = 1.
+        r2: Coefficient of determination; 0 where all x are alike.
+        points: How many points were fitted.
+    """
+
+    exponent: float
+    factor: float
+    r2: float
+    points: int
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """The fitted law."""
+        return self.factor * np.asarray(x, dtype=float) ** self.exponent
+
+
+def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
+    """Fit a power law by least squares on logarithms.
+
+    Raises:
+        DataError: If fewer than three points are given or all x are alike.
+    """
+    if len(x) < 3 or np.ptp(x) == 0.0:
+        raise DataError(f"A power law needs three points of different abscissa, here are {len(x)}.")
+    line = linregress(np.log(x), np.log(y))
+    return PowerLaw(float(line.slope), float(math.exp(line.intercept)), float(line.rvalue**2), len(x))
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well a model meets a measured signal.
+
+    Attributes:
+        measured, modelled: Largest magnitude of each.
+        correlation: Pearson's.
+        rms: Root mean square of the difference.
+    """
+
+    measured: float
+    modelled: float
+    correlation: float
+    rms: float
+
+    @property
+    def relative(self) -> float:
+        """RMS as a fraction of the measured amplitude."""
+        return self.rms / self.measured
+
+
+def agreement(measured: np.ndarray, modelled: np.ndarray) -> Agreement:
+    """Compare two signals of the same times, shape (n,) each."""
+    return Agreement(
+        measured=float(np.abs(measured).max()),
+        modelled=float(np.abs(modelled).max()),
+        correlation=float(np.corrcoef(measured, modelled)[0, 1]),
+        rms=float(np.sqrt(np.mean((measured - modelled) ** 2))),
+    )

@@ -1,0 +1,95 @@
+"""The linear crane about a rest: what a small motion does, step by step, under a held command and in a closed loop.
+
+Deviations are stacked as z = (coordinates, rates), shape (10,).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.crane import DRIVES, Crane, State
+from cranedyn.dynamics import holding_effort, linearise
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """z after one control period = a z + b u, with the drive efforts u held.
+
+    Attributes:
+        a: Shape (10, 10).
+        b: Shape (10, 3).
+        period: The control period [s].
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    period: float
+
+    def closed(self, gain: np.ndarray) -> np.ndarray:
+        """The loop closed with u = -gain z; gain has shape (3, 10), the answer (10, 10)."""
+        return self.a - self.b @ gain
+
+
+def sampled(crane: Crane, rest: State, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
+    """Linearise a crane about a state at rest and step it exactly as `simulate` does: semi-implicit Euler under a held effort.
+
+    Args:
+        crane: The crane.
+        rest: Where it hangs at rest.
+        dt: Physics step [s].
+        control_period: Time over which efforts are held [s], a multiple of `dt`.
+    """
+    by_state, by_effort = linearise(crane, rest, holding_effort(crane, rest.q))
+    step_v = np.hstack([np.zeros((5, 5)), np.eye(5)]) + dt * by_state
+    step = np.vstack([np.eye(5, 10) + dt * step_v, step_v])
+    push = np.vstack([dt * dt * by_effort, dt * by_effort])
+    a, b = np.eye(10), np.zeros((10, 3))
+    for _ in range(round(control_period / dt)):
+        a, b = step @ a, step @ b + push
+    return Sampled(a, b, control_period)
+
+
+def feedback_gain(stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
+    """Gain of proportional-derivative control of each drive by itself, shape (3, 10), from its k_p and k_d, shape (3,) each."""
+    gain = np.zeros((3, 10))
+    gain[range(3), DRIVES] = stiffness
+    gain[range(3), 5 + DRIVES] = damping
+    return gain
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """A swing of the linear loop: z(t) = Re(c shape exp(rate t)).
+
+    Attributes:
+        rate: Complex growth rate [1/s]; its imaginary part is the frequency [rad/s].
+        shape: Complex deviations, shape (10,), one at the coordinate asked for.
+        weights: How much of the mode a state z holds is weights @ z, shape (10,).
+    """
+
+    rate: complex
+    shape: np.ndarray
+    weights: np.ndarray
+
+    @property
+    def period(self) -> float:
+        """Time of one swing [s]."""
+        return float(2.0 * np.pi / self.rate.imag)
+
+    @property
+    def damping_ratio(self) -> float:
+        """Fraction of critical damping."""
+        return float(-self.rate.real / abs(self.rate))
+
+
+def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
+    """The slowest oscillation of a sampled closed loop, shape (10, 10), in which a coordinate (2 for φ, 3 for θ) takes most part."""
+    values, vectors = np.linalg.eig(loop)
+    rates = np.log(values.astype(complex)) / period
+    share = np.abs(vectors[coordinate]) / np.linalg.norm(vectors[[0, 1, 2, 3, 4]], axis=0)
+    candidates = [i for i in range(10) if rates[i].imag > 1e-3 and share[i] > 0.05]
+    i = min(candidates, key=lambda i: rates[i].imag)
+    scale = vectors[coordinate, i]
+    return Mode(complex(rates[i]), vectors[:, i] / scale, np.linalg.inv(vectors)[i] * scale)

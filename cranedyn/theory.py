@@ -1,0 +1,138 @@
+"""Closed forms to hold the simulation against. SI units, radians, gravity positive.
+
+Swing angles are positive when the load lags behind the pivot.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk, jv, yv
+
+
+def point_period(length: float | np.ndarray, gravity: float) -> float | np.ndarray:
+    """Small swings of a point load on a cable [s]: 2π√(l/g)."""
+    return 2.0 * math.pi * np.sqrt(length / gravity)
+
+
+def rigid_period(length: float, gravity: float, mass: float, inertia: float) -> float:
+    """Small swings of a load with rotational inertia I about its own centre [s]: 2π√((m l² + I)/(m g l)), the compound pendulum."""
+    return 2.0 * math.pi * math.sqrt((mass * length**2 + inertia) / (mass * gravity * length))
+
+
+def amplitude_factor(amplitude: float | np.ndarray) -> float | np.ndarray:
+    """Period of a swing of finite amplitude [rad] over that of a small one: (2/π) K(sin²(A/2)), about 1 + A²/16 (Landau & Lifshitz, Mechanics, §11)."""
+    return 2.0 / math.pi * ellipk(np.sin(np.asarray(amplitude) / 2.0) ** 2)
+
+
+def pivot_give(length: float, gravity: float, mass: float, stiffness: float, damping: float = 0.0, trolley_mass: float = 0.0) -> tuple[float, float]:
+    """What a trolley held by k_p [N/m] and k_d [N s/m] does to a small swing.
+
+    The pivot gives by the horizontal rope force times the trolley's compliance at the swing's frequency. Without damping and mass the
+    gain is m g/(2 k_p l): the pendulum turns about a point m g/k_p higher. The damper takes ζ, about ½ (m g/l) ω k_d/k_p².
+
+    Returns:
+        Relative gain in period, and damping ratio.
+    """
+    omega = math.sqrt(gravity / length)
+    compliance = 1.0 / (stiffness - omega**2 * trolley_mass + 1.0j * omega * damping)
+    scale = mass * gravity / (2.0 * length)
+    return scale * compliance.real, -scale * compliance.imag
+
+
+def hoist_give(amplitude: float, length: float, gravity: float, mass: float, stiffness: float, damping: float) -> tuple[float, float]:
+    """What a hoist held by k_p [N/m] and k_d [N s/m] does to a swing of a given amplitude [rad].
+
+    The rope force of a swing A cos ωt varies by m g A² (1/4 - 3/4 cos 2ωt). The hoist gives by that force times its compliance: the
+    mean lengthens the pendulum, the part at 2ω pumps and damps it. Averaging the Lagrangian over a swing gives both, to order A².
+
+    Returns:
+        Relative gain in period, and damping ratio.
+    """
+    omega = math.sqrt(gravity / length)
+    compliance = 1.0 / (stiffness - 4.0 * omega**2 * mass + 2.0j * omega * damping)
+    scale = mass * gravity * amplitude**2 / length
+    return scale * (1.0 / (8.0 * stiffness) + 9.0 / 16.0 * compliance.real), -9.0 / 16.0 * scale * compliance.imag
+
+
+def constant_hoisting(t: np.ndarray, length: float, rate: float, gravity: float, swing: float, swing_rate: float) -> np.ndarray:
+    """Small swing of a point load while the cable runs at constant speed [rad]: (l0 + v t) φ̈ + 2 v φ̇ + g φ = 0.
+
+    φ = [A J1(u) + B Y1(u)]/u with u = 2√(g l)/|v| (Watson, Theory of Bessel Functions; A and B from the start).
+
+    Args:
+        t: Times since the start [s], shape (n,).
+        length: Cable length at the start [m].
+        rate: Its speed v, positive downward [m/s], not zero.
+        gravity: Gravity [m/s²].
+        swing: φ at the start [rad].
+        swing_rate: φ̇ at the start [rad/s].
+    """
+    a, b = _hoisting_constants(length, rate, gravity, swing, swing_rate)
+    u = 2.0 * np.sqrt(gravity * (length + rate * np.asarray(t))) / abs(rate)
+    return (a * jv(1, u) + b * yv(1, u)) / u
+
+
+def constant_hoisting_envelope(t: np.ndarray, length: float, rate: float, gravity: float, swing: float, swing_rate: float) -> np.ndarray:
+    """Amplitude of `constant_hoisting` [rad]: √((A² + B²)(J1² + Y1²))/u, the modulus in which the swing oscillates."""
+    a, b = _hoisting_constants(length, rate, gravity, swing, swing_rate)
+    u = 2.0 * np.sqrt(gravity * (length + rate * np.asarray(t))) / abs(rate)
+    return math.hypot(a, b) * np.hypot(jv(1, u), yv(1, u)) / u
+
+
+def _hoisting_constants(length: float, rate: float, gravity: float, swing: float, swing_rate: float) -> tuple[float, float]:
+    u = 2.0 * math.sqrt(gravity * length) / abs(rate)
+    du = math.copysign(1.0, rate) * math.sqrt(gravity / length)
+    # d/du (C1(u)/u) = -C2(u)/u for any cylinder function
+    basis = np.array([[jv(1, u) / u, yv(1, u) / u], [-du * jv(2, u) / u, -du * yv(2, u) / u]])
+    a, b = np.linalg.solve(basis, [swing, swing_rate])
+    return float(a), float(b)
+
+
+def tangential_paper(theta: float, *, length: float, gravity: float, push: float) -> float:
+    """θ̈ [rad/s²] by Eq. (10) of Muddassir et al., ISARC 2024: l θ̈ + g θ - x γ̈ = 0, where push is x γ̈ [m/s²]."""
+    return (push - gravity * theta) / length
+
+
+def small_swing(
+    swing: np.ndarray, rates: np.ndarray, *, length: float, length_rate: float, gravity: float, x: float, x_rate: float, x_acceleration: float, slew_rate: float, slew_acceleration: float
+) -> np.ndarray:
+    """φ̈, θ̈ [rad/s²] of a point load for small angles but full drive motion, everything that is linear in the swing kept.
+
+    l φ̈ + 2 l̇ φ̇ + g φ = ẍ - γ̇² (x - l φ) + 2 γ̇ (lθ)˙ + γ̈ l θ
+    l θ̈ + 2 l̇ θ̇ + g θ = γ̈ (x - l φ) + 2 γ̇ (ẋ - (lφ)˙) + γ̇² l θ
+
+    Follows from the payload at radius x - l φ and tangential offset -l θ in the frame that turns with the jib.
+
+    Args:
+        swing: φ, θ [rad], shape (2,).
+        rates: φ̇, θ̇ [rad/s], shape (2,).
+        length, length_rate: Cable length [m] and its rate [m/s].
+        gravity: Gravity [m/s²].
+        x, x_rate, x_acceleration: Trolley radius [m], its rate [m/s] and acceleration [m/s²].
+        slew_rate, slew_acceleration: Of the jib [rad/s], [rad/s²].
+    """
+    (phi, theta), (phi_rate, theta_rate) = swing, rates
+    radial = x - length * phi
+    radial_rate = x_rate - length_rate * phi - length * phi_rate
+    offset, offset_rate = length * theta, length_rate * theta + length * theta_rate
+    phi_push = x_acceleration - slew_rate**2 * radial + 2.0 * slew_rate * offset_rate + slew_acceleration * offset
+    theta_push = slew_acceleration * radial + 2.0 * slew_rate * radial_rate + slew_rate**2 * offset
+    return (np.array([phi_push, theta_push]) - 2.0 * length_rate * np.asarray(rates) - gravity * np.asarray(swing)) / length
+
+
+def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) -> np.ndarray:
+    """Amplitude that a swing [rad] keeps when the cable is run slowly from one length [m] to others, of any size below 180°.
+
+    The action l^(3/2) [E(k) - (1-k²) K(k)] with k = sin(A/2) stays constant (Landau & Lifshitz, Mechanics, §49); for small A it is
+    A² l^(3/2), so A goes with l^(-3/4).
+    """
+
+    def action(a: float) -> float:
+        m = math.sin(a / 2.0) ** 2
+        return float(ellipe(m) - (1.0 - m) * ellipk(m))
+
+    goal = action(amplitude)
+    return np.array([brentq(lambda a, l=l: action(a) * (l / length) ** 1.5 - goal, 1e-9, 3.1) for l in np.atleast_1d(lengths)])

@@ -1,0 +1,1 @@
+"""One claim each: run with ``python -m experiments.NAME``."""

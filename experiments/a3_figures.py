@@ -1,0 +1,37 @@
+"""The figures of A3."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cranedyn.analysis import Agreement
+from cranedyn.figures import COLOURS, panels
+
+
+def slewing_figure(t: np.ndarray, measured: np.ndarray, modelled: np.ndarray, push: np.ndarray) -> Figure:
+    """The push x γ̈ above, measured and modelled swing below."""
+    figure, (above, below) = panels(2, height=2.6, sharex=True)
+    above.plot(t, push, color=COLOURS["gamma"])
+    above.set_ylabel("x γ̈ [m/s²]")
+    below.plot(t, np.degrees(measured), color=COLOURS["theta"], label="θ simulated")
+    below.plot(t, np.degrees(modelled), "--", color=COLOURS["unexplained"], linewidth=1.0, label="θ by Eq. (10)")
+    below.set(ylabel="θ [°]", xlabel="time [s]")
+    below.legend(loc="upper right", ncols=2)
+    return figure
+
+
+def stages_figure(found: Mapping[str, Sequence[tuple[str, Agreement]]]) -> Figure:
+    """What is left of the difference as one cause after the other is removed."""
+    figure, (ax,) = panels(1, height=3.0)
+    for (drive, results), colour, shift in zip(found.items(), (COLOURS["theta"], COLOURS["gamma"]), (-0.18, 0.18), strict=True):
+        bars = ax.barh(np.arange(len(results)) + shift, [100 * result.relative for _, result in results], 0.34, color=colour, label=f"{drive} slew drive")
+        ax.bar_label(bars, fmt="%.2f %%", padding=3)
+    ax.set_yticks(range(len(results)), [name for name, _ in results])
+    ax.invert_yaxis()
+    ax.margins(x=0.12)
+    ax.set_xlabel("RMS difference in θ [% of its amplitude]")
+    ax.legend()
+    return figure

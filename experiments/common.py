@@ -1,0 +1,255 @@
+"""What every experiment shares: arguments, tables, claims, and the files it leaves."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table as RichTable
+
+from cranedyn.crane import STANDARD_GRAVITY
+from cranedyn.errors import CraneError, DataError, RunError
+from cranedyn.files import written
+from cranedyn.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from cranedyn.recording import Run
+
+FAILED, REFUSED, INTERRUPTED = 1, 2, 130
+"""Exit codes: a claim does not hold or a run failed; bad arguments; stopped by the user."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as printed and as kept.
+
+    Attributes:
+        title: What it shows.
+        columns: Header and format of each column, for example ``("T [s]", ".3f")``; an empty format is for text.
+        rows: The values; None is shown as a dash.
+        note: What to know about it.
+    """
+
+    title: str
+    columns: Sequence[tuple[str, str]]
+    rows: Sequence[Sequence[float | str | None]]
+    note: str = ""
+
+    def shown(self) -> list[list[str]]:
+        """The rows as text."""
+        return [["-" if value is None else format(value, form) for value, (_, form) in zip(row, self.columns, strict=True)] for row in self.rows]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A sentence that holds or does not, or could not be judged (None) under the arguments given."""
+
+    sentence: str
+    holds: bool | None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an experiment leaves behind.
+
+    Attributes:
+        tables: In the order to print.
+        claims: What it set out to show.
+        parameters: What it was made with.
+        trajectories: Runs to keep, by file name without ending.
+        figures: Figures to keep, by file name without ending.
+        recording: Runs to record for the viewer.
+    """
+
+    tables: Sequence[Table]
+    claims: Sequence[Claim]
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    trajectories: Mapping[str, Trajectory] = field(default_factory=dict)
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+    recording: Sequence[Run] = ()
+
+
+def parser(name: str, description: str) -> argparse.ArgumentParser:
+    """A parser with the arguments that every experiment has."""
+    made = argparse.ArgumentParser(prog=f"python -m experiments.{name}", description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    made.add_argument("--out", metavar="DIR", help=f"folder for results, default out/{name}", default=argparse.SUPPRESS)
+    made.add_argument("--save", metavar="FILE.rrd", help="write the recording here instead of into the folder", default=argparse.SUPPRESS)
+    made.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
+    made.add_argument("--serve", action="store_true", help="serve the recording to a browser on this machine until Ctrl-C")
+    made.set_defaults(experiment=name)
+    return made
+
+
+def add_gravity(made: argparse.ArgumentParser) -> None:
+    """Add the argument for gravity."""
+    made.add_argument("--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help="gravity of the world [m/s²]; the article's was 9.8")
+
+
+@dataclass(frozen=True)
+class Watcher:
+    """Shows how far a run is, on a terminal only."""
+
+    progress: Progress | None
+
+    def run(self, name: str, duration: float) -> Callable[[float], None] | None:
+        """A callback for `simulate`, or None where nobody watches."""
+        progress = self.progress
+        if progress is None:
+            return None
+        task = progress.add_task(name, total=duration, speed="")
+
+        def update(t: float) -> None:
+            elapsed = progress.tasks[task].elapsed or 0.0
+            progress.update(task, completed=t, speed=f"{t:6.1f} s, {t / elapsed:.0f}x real time" if elapsed > 0.1 else "")
+
+        return lambda t: update(t) if round(t * 200) % 100 == 0 or t >= duration else None
+
+
+Experiment = Callable[[argparse.Namespace, Watcher], Outcome]
+
+
+def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None = None) -> int:
+    """Run an experiment from the command line: print its tables and claims, write its files.
+
+    Returns:
+        0 if every claim that could be judged holds, 1 if one does not or a run failed, 2 for bad arguments, 130 if interrupted.
+    """
+    options = made.parse_args(argv)
+    try:
+        folder, recording = _targets(options)
+        with _watcher() as watcher:
+            outcome = experiment(options, watcher)
+        _print(outcome)
+        _write(outcome, options, folder, recording)
+    except RunError as error:
+        return _broken_off(error, options)
+    except CraneError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return REFUSED
+    except KeyboardInterrupt:
+        print("Interrupted.", file=sys.stderr)
+        return INTERRUPTED
+    return FAILED if any(claim.holds is False for claim in outcome.claims) else 0
+
+
+@contextmanager
+def _watcher() -> Iterator[Watcher]:
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield Watcher(None)
+        return
+    with Progress(TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[speed]}"), TimeElapsedColumn(), console=console, transient=True) as progress:
+        yield Watcher(progress)
+
+
+def _targets(options: argparse.Namespace) -> tuple[Path, Path]:
+    given = getattr(options, "out", None)
+    folder = Path(given if given is not None else Path("out") / options.experiment)
+    if folder.exists() and not folder.is_dir():
+        raise DataError(f"Cannot write to {folder}: it is not a folder.")
+    if given is not None and not folder.absolute().parent.is_dir():
+        raise DataError(f"Cannot make the folder {folder}: its parent {folder.absolute().parent} does not exist.")
+    recording = Path(getattr(options, "save", folder / f"{options.experiment}.rrd"))
+    if recording.suffix != ".rrd":
+        raise DataError(f"Cannot save the recording as {recording}: the ending must be .rrd.")
+    if hasattr(options, "save") and not recording.absolute().parent.is_dir():
+        raise DataError(f"Cannot save the recording as {recording}: its folder does not exist.")
+    return folder, recording
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f"Cannot make the folder {folder}: {error.strerror}.") from error
+    return folder
+
+
+def _print(outcome: Outcome) -> None:
+    console = Console(width=None if sys.stdout.isatty() else 150, highlight=False)
+    for table in outcome.tables:
+        shown = RichTable(title=table.title, title_justify="left", caption=table.note or None, caption_justify="left")
+        for header, form in table.columns:
+            shown.add_column(header, justify="right" if form else "left")
+        for row in table.shown():
+            shown.add_row(*row)
+        console.print(shown)
+        console.print()
+    for claim in outcome.claims:
+        console.print({True: "holds      ", False: "FAILS      ", None: "not judged "}[claim.holds] + claim.sentence, markup=False)
+
+
+def _write(outcome: Outcome, options: argparse.Namespace, folder: Path, recording: Path) -> None:
+    from cranedyn.figures import save
+
+    _made(folder)
+    for name, trajectory in outcome.trajectories.items():
+        for ending in (".csv", ".parquet"):
+            trajectory.write(folder / f"{name}{ending}")
+    for name, figure in outcome.figures.items():
+        save(figure, folder / f"{name}.png")
+    with written(folder / "result.json") as file:
+        file.write_text(json.dumps(_result(outcome, options), indent=1, ensure_ascii=False, allow_nan=False, default=lambda number: number.item()), encoding="utf-8")
+    if outcome.recording:
+        _record(outcome, options, recording)
+    print(f"Written to {folder}.")
+
+
+def _record(outcome: Outcome, options: argparse.Namespace, path: Path) -> None:
+    from cranedyn import recording
+
+    text = "\n\n".join(claim.sentence for claim in outcome.claims)
+    recording.record(path, outcome.recording, title=f"Experiment {options.experiment}", text=text)
+    if options.view:
+        recording.open_viewer(path)
+    if options.serve:
+        with recording.serve(path) as served:
+            print(f"Serving at {served.address} until Ctrl-C.")
+            served.wait()
+
+
+def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
+    packages = ("cranedyn", "pin", "numpy", "scipy", "rerun-sdk")
+    return {
+        "experiment": options.experiment,
+        "claims": [{"sentence": claim.sentence, "holds": claim.holds} for claim in outcome.claims],
+        "parameters": dict(outcome.parameters),
+        "tables": [
+            {"title": table.title, "note": table.note, "rows": [dict(zip([header for header, _ in table.columns], row, strict=True)) for row in table.rows]}
+            for table in outcome.tables
+        ],
+        "versions": {"python": platform.python_version(), **{name: _version(name) for name in packages}},
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _broken_off(error: RunError, options: argparse.Namespace) -> int:
+    print(f"error: {error}", file=sys.stderr)
+    if error.trajectory is not None and len(error.trajectory) > 0:
+        folder = _made(_targets(options)[0])
+        print(f"What was recorded up to then is in {error.trajectory.write(folder / 'broken_off.parquet')}.", file=sys.stderr)
+    return INTERRUPTED if isinstance(error.__context__, KeyboardInterrupt) else FAILED
+
+
+def in_article_world(gravity: float, holds: bool) -> bool | None:
+    """Whether a claim about published numbers holds; None where gravity is not the article's 9.8 m/s² [m/s²]."""
+    return bool(holds) if gravity == 9.8 else None
