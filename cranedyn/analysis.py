@@ -1,4 +1,7 @@
-"""What a trajectory means: periods, damping, amplitudes, agreement of two signals. Plain arrays in, so that data from elsewhere works too."""
+"""What a trajectory means: periods, damping, amplitudes, agreement of two signals.
+
+Plain arrays go in, so that data from elsewhere works too.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +62,9 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
     """
     crossings = zero_crossings(t, swing - swing.mean())
     if len(crossings) < 5:
-        raise DataError(f"The record from {t[0]:g} to {t[-1]:g} s holds {max(len(crossings) - 1, 0)} half swings; at least four are needed for a fit.")
+        raise DataError(
+            f"The record from {t[0]:g} to {t[-1]:g} s holds {max(len(crossings) - 1, 0)} half swings; at least four are needed for a fit."
+        )
     half = (crossings[-1] - crossings[0]) / (len(crossings) - 1)
     middle = 0.5 * (t[0] + t[-1])
 

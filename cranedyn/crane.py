@@ -159,8 +159,14 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
     _check_numbers(model)
     lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
     initial = _initial(text)
-    q = np.array([number(f"{j.name} at the start", initial[j.name], UNITS[i], f"{lower[i]:g} to {upper[i]:g}") if j.name in initial
-                  else (0.0 if lower[i] <= 0.0 <= upper[i] else (lower[i] + upper[i]) / 2) for i, j in enumerate(JOINTS)])  # fmt: skip
+    q = np.array(
+        [
+            number(f"{j.name} at the start", initial[j.name], UNITS[i], f"{lower[i]:g} to {upper[i]:g}")
+            if j.name in initial
+            else (0.0 if lower[i] <= 0.0 <= upper[i] else (lower[i] + upper[i]) / 2)
+            for i, j in enumerate(JOINTS)
+        ]
+    )
     return Crane(
         urdf=text,
         model=model,
@@ -212,7 +218,7 @@ def _check_joints(model: pin.Model, path: Path, check_axes: bool) -> None:
             raise ModelError(f"{path} has a {kind} {joint.name}; it must be {joint.kind}.")
         axis = linear if kind == "prismatic" else angular
         if check_axes and not np.allclose(axis, joint.axis, atol=1e-6):
-            raise ModelError(f"{path} has {joint.name} along ({' '.join(f'{a:g}' for a in axis.round(6))}) of the world; it must be ({' '.join(map(str, joint.axis))}).")
+            raise ModelError(f"{path} has {joint.name} along {axis.round(6).tolist()} of the world; it must be {list(joint.axis)}.")
 
 
 def _check_numbers(model: pin.Model) -> None:

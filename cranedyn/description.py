@@ -10,7 +10,7 @@ import contextlib
 import io
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.dom import Node, minidom
@@ -94,6 +94,21 @@ def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = Non
     return "\n".join(line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()) + "\n"
 
 
+def parse_values(pairs: Iterable[str]) -> dict[str, str]:
+    """Values by name from words like ``payload_mass:=2000``.
+
+    Raises:
+        DataError: If a word is not of that form.
+    """
+    values = {}
+    for pair in pairs:
+        name, mark, value = pair.partition(":=")
+        if not mark:
+            raise DataError(f"{pair!r} is not of the form name:=value.")
+        values[name] = value
+    return values
+
+
 def _parse(path: str | Path) -> minidom.Document:
     try:
         return minidom.parse(str(path))
@@ -106,7 +121,7 @@ def _parse(path: str | Path) -> minidom.Document:
 def _strip_comments(node: minidom.Node) -> None:
     for child in list(node.childNodes):
         if child.nodeType == Node.COMMENT_NODE:
-            node.removeChild(child).unlink()
+            node.removeChild(child)  # type: ignore[misc]
         else:
             _strip_comments(child)
 
@@ -123,11 +138,7 @@ def main(argv: list[str] | None = None) -> int:
             for name, a in arguments().items():
                 print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
             return 0
-        pairs = [value.partition(":=") for value in options.values]
-        for name, mark, _ in pairs:
-            if not mark:
-                raise CraneError(f"{name!r} is not of the form name:=value.")
-        urdf = describe(values={name: value for name, _, value in pairs})
+        urdf = describe(values=parse_values(options.values))
         if options.output:
             with written(options.output) as file:
                 file.write_text(urdf, encoding="utf-8")

@@ -14,7 +14,7 @@ from cranedyn.style import COLOURS
 
 __all__ = ["COLOURS", "panels", "save"]
 
-_STYLE = {
+_STYLE: Any = {
     "font.size": 11.0,
     "axes.grid": True,
     "grid.color": "#DDDDDD",

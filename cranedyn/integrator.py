@@ -41,7 +41,9 @@ def in_steps(model: pin.Model, dt: float) -> pin.Model:
     return scaled
 
 
-def _semi_implicit_euler(acceleration: Acceleration, model: pin.Model, q: np.ndarray, u: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def _semi_implicit_euler(
+    acceleration: Acceleration, model: pin.Model, q: np.ndarray, u: np.ndarray, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Velocities first, then positions with the new velocities.
 
     Args:

@@ -29,7 +29,17 @@ class FreeSwing:
     amplitude: float
 
 
-def free_swing(crane: Crane, hold: Hold, reference: Reference, start: State, *, since: float, until: float, dt: float = 5e-4, control_period: float = 5e-3) -> FreeSwing:
+def free_swing(
+    crane: Crane,
+    hold: Hold,
+    reference: Reference,
+    start: State,
+    *,
+    since: float,
+    until: float,
+    dt: float = 5e-4,
+    control_period: float = 5e-3,
+) -> FreeSwing:
     """Predict the radial swing that a reference leaves behind.
 
     Period and damping of small swings are an eigenvalue of the linear crane under the sampled hold, stepped as `simulate` steps it; the
@@ -61,7 +71,7 @@ def free_swing(crane: Crane, hold: Hold, reference: Reference, start: State, *, 
         return hoist_give(amplitude, rest[4], crane.gravity, crane.payload_mass, float(hold.stiffness[2]), float(hold.damping[2]))
 
     times = np.linspace(since, until, 200) - (last + 1) * control_period
-    decayed = _decay(times, 2.0 * abs(mode.weights @ z), -mode.rate.real, mode.rate.imag * give(1.0)[1])
+    decayed = _decay(times, 2.0 * float(abs(mode.weights @ z)), -mode.rate.real, mode.rate.imag * give(1.0)[1])
     amplitude = math.sqrt(float(np.mean(decayed**2)))
     stretch, damping = give(amplitude)
     return FreeSwing(mode.period * float(amplitude_factor(amplitude)) * (1.0 + stretch), mode.damping_ratio + damping, amplitude)

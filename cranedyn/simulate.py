@@ -20,6 +20,9 @@ Controller = Callable[[float, State, Wanted], np.ndarray]
 """From time [s], state and what is wanted to three numbers for slew, trolley and hoist: efforts [N m, N, N], or accelerations
 [rad/s², m/s², m/s²] where the drives follow prescribed motion. The passive joints cannot be addressed."""
 
+Drive = Literal["effort", "motion"]
+"""How the drives take a command."""
+
 _DIVERGED = 1e6
 """No joint of a crane moves this fast [rad/s or m/s]."""
 
@@ -33,7 +36,7 @@ def simulate(
     duration: float,
     dt: float = 5e-4,
     control_period: float = 5e-3,
-    drive: Literal["effort", "motion"] = "effort",
+    drive: Drive = "effort",
     integrator: Integrator = semi_implicit_euler,
     progress: Callable[[float], object] | None = None,
 ) -> Trajectory:
@@ -167,7 +170,12 @@ def _bad_command(t: float, command: np.ndarray, recorded: Callable[[], Trajector
     if command.shape != (3,):
         return OutOfRange("command of the controller", f"an array of shape {command.shape}", "three numbers: slew, trolley, hoist")
     joint = JOINTS[DRIVES[int(np.argmin(np.isfinite(command)))]].name
-    return RunError(f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite number.", t=t, joint=joint, trajectory=recorded())
+    return RunError(
+        f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite number.",
+        t=t,
+        joint=joint,
+        trajectory=recorded(),
+    )
 
 
 def _check_finite(t: float, state: State, recorded: Callable[[], Trajectory]) -> None:
@@ -178,17 +186,24 @@ def _check_finite(t: float, state: State, recorded: Callable[[], Trajectory]) ->
     if not abs(value) < _DIVERGED:
         raise RunError(
             f"The run diverged at t = {t:.4f} s: {JOINTS[i].name} moves at {value:g} per second; a smaller dt or softer gains may help.",
-            t=t, joint=JOINTS[i].name, value=value, trajectory=recorded(),
-        )  # fmt: skip
+            t=t,
+            joint=JOINTS[i].name,
+            value=value,
+            trajectory=recorded(),
+        )
 
 
-def _trajectory(crane: Crane, log: list[tuple[np.ndarray, ...]], period: float, lead: float, parameters: dict[str, float | str]) -> Trajectory:
+def _trajectory(
+    crane: Crane, log: list[tuple[np.ndarray, ...]], period: float, lead: float, parameters: dict[str, float | str]
+) -> Trajectory:
     """The log as arrays, with its energy ledger.
 
     Work is effort times the displacement that belongs to the velocities, so a lead of the positions [s] is taken off. Where motion is
     prescribed the mean of the efforts at both ends of a period stands for them. Dissipation is integrated by the trapezoidal rule.
     """
-    q, v, wanted, command, effort, before = (np.array(column) for column in zip(*log, strict=True)) if log else [np.empty((0, w)) for w in (5, 5, 3, 3, 3, 3)]
+    q, v, wanted, command, effort, before = (
+        (np.array(column) for column in zip(*log, strict=True)) if log else [np.empty((0, w)) for w in (5, 5, 3, 3, 3, 3)]
+    )
     work = np.zeros_like(effort)
     displacement = np.diff((q - lead * v)[:, DRIVES], axis=0)
     np.cumsum((effort[:-1] + before[1:]) / 2 * displacement, axis=0, out=work[1:])

@@ -23,11 +23,16 @@ def rigid_period(length: float, gravity: float, mass: float, inertia: float) -> 
 
 
 def amplitude_factor(amplitude: float | np.ndarray) -> float | np.ndarray:
-    """Period of a swing of finite amplitude [rad] over that of a small one: (2/π) K(sin²(A/2)), about 1 + A²/16 (Landau & Lifshitz, Mechanics, §11)."""
+    """Period of a swing of finite amplitude [rad] over that of a small one: (2/π) K(sin²(A/2)), about 1 + A²/16.
+
+    Landau & Lifshitz, Mechanics, §11.
+    """
     return 2.0 / math.pi * ellipk(np.sin(np.asarray(amplitude) / 2.0) ** 2)
 
 
-def pivot_give(length: float, gravity: float, mass: float, stiffness: float, damping: float = 0.0, trolley_mass: float = 0.0) -> tuple[float, float]:
+def pivot_give(
+    length: float, gravity: float, mass: float, stiffness: float, damping: float = 0.0, trolley_mass: float = 0.0
+) -> tuple[float, float]:
     """What a trolley held by k_p [N/m] and k_d [N s/m] does to a small swing.
 
     The pivot gives by the horizontal rope force times the trolley's compliance at the swing's frequency. Without damping and mass the
@@ -97,7 +102,17 @@ def tangential_paper(theta: float, *, length: float, gravity: float, push: float
 
 
 def small_swing(
-    swing: np.ndarray, rates: np.ndarray, *, length: float, length_rate: float, gravity: float, x: float, x_rate: float, x_acceleration: float, slew_rate: float, slew_acceleration: float
+    swing: np.ndarray,
+    rates: np.ndarray,
+    *,
+    length: float,
+    length_rate: float,
+    gravity: float,
+    x: float,
+    x_rate: float,
+    x_acceleration: float,
+    slew_rate: float,
+    slew_acceleration: float,
 ) -> np.ndarray:
     """φ̈, θ̈ [rad/s²] of a point load for small angles but full drive motion, everything that is linear in the swing kept.
 
@@ -109,10 +124,14 @@ def small_swing(
     Args:
         swing: φ, θ [rad], shape (2,).
         rates: φ̇, θ̇ [rad/s], shape (2,).
-        length, length_rate: Cable length [m] and its rate [m/s].
+        length: Cable length [m].
+        length_rate: Its rate [m/s].
         gravity: Gravity [m/s²].
-        x, x_rate, x_acceleration: Trolley radius [m], its rate [m/s] and acceleration [m/s²].
-        slew_rate, slew_acceleration: Of the jib [rad/s], [rad/s²].
+        x: Trolley radius [m].
+        x_rate: Its rate [m/s].
+        x_acceleration: Its acceleration [m/s²].
+        slew_rate: Slew rate [rad/s].
+        slew_acceleration: Slew acceleration [rad/s²].
     """
     (phi, theta), (phi_rate, theta_rate) = swing, rates
     radial = x - length * phi
@@ -135,4 +154,4 @@ def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) ->
         return float(ellipe(m) - (1.0 - m) * ellipk(m))
 
     goal = action(amplitude)
-    return np.array([brentq(lambda a, l=l: action(a) * (l / length) ** 1.5 - goal, 1e-9, 3.1) for l in np.atleast_1d(lengths)])
+    return np.array([brentq(lambda a, ratio=ratio: action(a) * ratio**1.5 - goal, 1e-9, 3.1) for ratio in np.atleast_1d(lengths) / length])

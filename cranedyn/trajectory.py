@@ -92,7 +92,9 @@ class Trajectory:
     def table(self) -> pa.Table:
         """All columns as an Arrow table, the parameters in its metadata."""
         names = [column for columns in COLUMNS.values() for column in columns]
-        return pa.table({name: np.ascontiguousarray(self[name]) for name in names}, metadata={"cranedyn": json.dumps(dict(self.parameters))})
+        return pa.table(
+            {name: np.ascontiguousarray(self[name]) for name in names}, metadata={"cranedyn": json.dumps(dict(self.parameters))}
+        )
 
     def write(self, path: str | Path) -> Path:
         """Write to a ``.csv`` or ``.parquet`` file; both hold every number to the bit, Parquet the parameters too.
@@ -118,7 +120,10 @@ def read(path: str | Path) -> Trajectory:
     table = _read_table(path)
     arrays = {name: _columns(table, columns, path) for name, columns in COLUMNS.items()}
     parameters = json.loads((table.schema.metadata or {}).get(b"cranedyn", b"{}"))
-    return Trajectory(**{name: np.stack(list(a.values()), axis=1) if len(a) > 1 else next(iter(a.values())) for name, a in arrays.items()}, parameters=parameters)
+    return Trajectory(
+        **{name: np.stack(list(a.values()), axis=1) if len(a) > 1 else next(iter(a.values())) for name, a in arrays.items()},
+        parameters=parameters,
+    )
 
 
 def read_columns(path: str | Path, columns: Sequence[str]) -> dict[str, np.ndarray]:
@@ -152,6 +157,8 @@ def _columns(table: pa.Table, columns: Sequence[str], path: str | Path) -> dict[
         except pa.ArrowException:
             raise DataError(f"{path}: column {name} holds something that is not a number.") from None
         if not np.isfinite(values).all():
-            raise DataError(f"{path}: column {name} holds a value that is not finite, in data row {int(np.argmin(np.isfinite(values))) + 1}.")
+            raise DataError(
+                f"{path}: column {name} holds a value that is not finite, in data row {int(np.argmin(np.isfinite(values))) + 1}."
+            )
         found[name] = values
     return found

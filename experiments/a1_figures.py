@@ -34,8 +34,6 @@ def waveform_figure(cases: Sequence[Case]) -> Figure:
 
 def period_figure(cases: Sequence[Case]) -> Figure:
     """Period over cable length, and its error against the point pendulum beside the published one."""
-    from experiments.a1 import PUBLISHED
-
     figure, (left, right) = panels(1, 2, height=3.6)
     lengths = np.array([case.length for case in cases])
     fine = np.linspace(3.4, 22.0, 200)
@@ -43,7 +41,14 @@ def period_figure(cases: Sequence[Case]) -> Figure:
     left.plot(lengths, [case.fit.period for case in cases], "o", color=COLOURS["phi"], label="simulated")
     left.set(xlabel="cable length [m]", ylabel="period [s]")
     right.plot(lengths, [100 * case.error for case in cases], "o-", color=COLOURS["phi"], label="simulated")
-    right.plot(lengths, [PUBLISHED[length][1] for length in lengths], "x", color=COLOURS["unexplained"], markersize=9, label="article")
+    right.plot(
+        lengths,
+        [case.published.point if case.published else np.nan for case in cases],
+        "x",
+        color=COLOURS["unexplained"],
+        markersize=9,
+        label="article",
+    )
     right.set(xlabel="cable length [m]", ylabel="error against 2π√(l/g) [%]", ylim=(0, None))
     left.legend()
     right.legend()
@@ -52,8 +57,6 @@ def period_figure(cases: Sequence[Case]) -> Figure:
 
 def budget_figure(cases: Sequence[Case]) -> Figure:
     """What each cause adds to the period, stacked, beside what was simulated and published."""
-    from experiments.a1 import PUBLISHED
-
     figure, (ax,) = panels(1, 1, height=4.0)
     places = np.arange(len(cases))
     floor = np.zeros(len(cases))
@@ -62,7 +65,15 @@ def budget_figure(cases: Sequence[Case]) -> Figure:
         ax.bar(places, parts, 0.5, bottom=floor, color=colour, label=cause)
         floor = floor + parts
     ax.plot(places, [100 * case.error for case in cases], "D", color="white", markeredgecolor="black", markersize=8, label="simulated")
-    ax.plot(places, [PUBLISHED[case.length][1] for case in cases], "x", color="black", markersize=10, markeredgewidth=2, label="article")
+    ax.plot(
+        places,
+        [case.published.point if case.published else np.nan for case in cases],
+        "x",
+        color="black",
+        markersize=10,
+        markeredgewidth=2,
+        label="article",
+    )
     ax.set_xticks(places, [f"l = {case.length:g} m" for case in cases])
     ax.set_ylabel("error against 2π√(l/g) [%]")
     ax.legend()

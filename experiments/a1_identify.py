@@ -8,7 +8,6 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from cranedyn.crane import Crane
 from experiments import a1, common
 
 ROUNDING = np.array([0.005, 0.000005, 0.00005])
@@ -22,43 +21,72 @@ HOIST = (STIFF_HOIST, (1.0e5, 2.0e4), (5.0e4, 2.0e4), (3.0e4, 2.0e4), (3.0e4, 1.
 """Pairs of the hoist's k_p [N/m] and k_d [N s/m] tried, with the trolley's k_d of `cranedyn.controllers.hold`."""
 
 
-def differences(crane: Crane, trolley_damping: float, hoist: Sequence[float], watcher: common.Watcher | None = None) -> np.ndarray:
+def differences(world: common.World, trolley_damping: float, hoist: Sequence[float]) -> np.ndarray:
     """Ours less the published error [percentage points], ζ and amplitude [rad] at the four lengths, shape (4, 3)."""
     stiffness, damping = (*STIFFNESS[:2], hoist[0]), (DAMPING[0], trolley_damping, hoist[1])
-    cases = [a1.run(crane, length, stiffness=stiffness, damping=damping, watcher=watcher) for length in a1.PUBLISHED]
-    return np.array([(100 * c.error - p[1], c.fit.damping_ratio - p[3], c.fit.amplitude - p[4]) for c, p in zip(cases, a1.PUBLISHED.values(), strict=True)])
+    cases = [a1.run(world, length, stiffness=stiffness, damping=damping) for length in a1.PUBLISHED]
+    return np.array(
+        [
+            (100 * c.error - p.point, c.fit.damping_ratio - (p.zeta or 0.0), c.fit.amplitude - (p.amplitude or 0.0))
+            for c, p in zip(cases, a1.PUBLISHED.values(), strict=True)
+        ]
+    )
 
 
-def identify(crane: Crane, watcher: common.Watcher) -> common.Outcome:
+def identify(world: common.World) -> common.Outcome:
     """Scan the trolley's k_d, then the hoist's gains, then fit all three together."""
-    scan = np.array([differences(crane, k_d, STIFF_HOIST, watcher) for k_d in TROLLEY])
+    scan = np.array([differences(world, k_d, STIFF_HOIST) for k_d in TROLLEY])
     pulls = [_best(np.array(TROLLEY), scan[:, :, column]) for column in range(3)]
-    hoists = np.array([differences(crane, DAMPING[1], pair, watcher) for pair in HOIST])
+    hoists = np.array([differences(world, DAMPING[1], pair) for pair in HOIST])
 
     def residuals(logarithms: np.ndarray) -> np.ndarray:
         k_d, *hoist = np.exp(logarithms)
-        return (differences(crane, k_d, hoist) / ROUNDING).ravel()
+        return (differences(world, k_d, hoist) / ROUNDING).ravel()
 
     start = np.log([DAMPING[1], STIFFNESS[2], DAMPING[2]])
     fit = least_squares(residuals, start, diff_step=0.02, xtol=1e-3, ftol=1e-3, max_nfev=4)
     best = np.exp(fit.x)
-    ours = differences(crane, DAMPING[1], (STIFFNESS[2], DAMPING[2]))
+    ours = differences(world, DAMPING[1], (STIFFNESS[2], DAMPING[2]))
     rest = [f"{value:+.6f}" for value in ours[:, 1]]
     stiff = [f"{value:+.6f}" for value in hoists[0][:, 1]]
     return common.Outcome(
         tables=[
-            _table("Trolley k_d with a stiff hoist (k_p = 1e6 N/m, k_d = 6e4 N s/m): ours less the published columns", [(f"{k:.2e}",) for k in TROLLEY], ("k_d [N s/m]",), scan),
-            common.Table("The k_d that each column alone asks for, stiff hoist", [("column", ""), ("k_d [N s/m]", ".3g")], list(zip(("error", "ζ", "amplitude"), pulls, strict=True))),
-            _table(f"Hoist gains with trolley k_d = {DAMPING[1]:.0e} N s/m", [(f"{a:.0e}", f"{b:.0e}") for a, b in HOIST], ("hoist k_p", "hoist k_d"), hoists),
+            _table(
+                "Trolley k_d with a stiff hoist (k_p = 1e6 N/m, k_d = 6e4 N s/m): ours less the published columns",
+                [(f"{k:.2e}",) for k in TROLLEY],
+                ("k_d [N s/m]",),
+                scan,
+            ),
+            common.Table(
+                "The k_d that each column alone asks for, stiff hoist",
+                [("column", ""), ("k_d [N s/m]", ".3g")],
+                list(zip(("error", "ζ", "amplitude"), pulls, strict=True)),
+            ),
+            _table(
+                f"Hoist gains with trolley k_d = {DAMPING[1]:.0e} N s/m",
+                [(f"{a:.0e}", f"{b:.0e}") for a, b in HOIST],
+                ("hoist k_p", "hoist k_d"),
+                hoists,
+            ),
             common.Table(
                 "All three gains fitted together, each column weighted by its rounding",
                 [("gain", ""), ("fitted", ".3g"), ("taken", ".3g")],
-                [("trolley k_d [N s/m]", best[0], DAMPING[1]), ("hoist k_p [N/m]", best[1], STIFFNESS[2]), ("hoist k_d [N s/m]", best[2], DAMPING[2])],
-                f"ζ left unexplained (ours less published) at 5, 10, 15, 20 m: {', '.join(rest)} with the gains taken; {', '.join(stiff)} with a stiff hoist.",
+                [
+                    ("trolley k_d [N s/m]", best[0], DAMPING[1]),
+                    ("hoist k_p [N/m]", best[1], STIFFNESS[2]),
+                    ("hoist k_d [N s/m]", best[2], DAMPING[2]),
+                ],
+                f"ζ left unexplained (ours less published) at 5, 10, 15, 20 m: {', '.join(rest)} with the gains "
+                f"taken; {', '.join(stiff)} with a stiff hoist.",
             ),
         ],
-        claims=[common.Claim(f"The give of the hoist lowers the misfit of ζ at least tenfold ({misfit(hoists[0]):.1e} to {misfit(ours):.1e}).", common.in_article_world(crane.gravity, misfit(hoists[0]) > 10.0 * misfit(ours)))],
-        parameters={"gravity_m_s2": crane.gravity, "fitted": best.tolist()},
+        claims=[
+            common.Claim(
+                f"The give of the hoist lowers the misfit of ζ at least tenfold ({misfit(hoists[0]):.1e} to {misfit(ours):.1e}).",
+                world.judged(misfit(hoists[0]) > 10.0 * misfit(ours)),
+            )
+        ],
+        parameters=world.parameters() | {"fitted": best.tolist()},
     )
 
 
@@ -75,7 +103,21 @@ def misfit(differences: np.ndarray) -> float:
 
 def _table(title: str, labels: Sequence[Sequence[str]], headers: Sequence[str], values: np.ndarray) -> common.Table:
     lengths = [f"{length:g} m" for length in a1.PUBLISHED]
-    columns = [*((h, "") for h in headers), *((f"error {n}", "+.3f") for n in lengths), *((f"ζ {n}", "+.1f") for n in lengths), *((f"A {n}", "+.1f") for n in lengths)]
+    columns = [
+        *((h, "") for h in headers),
+        *((f"error {n}", "+.3f") for n in lengths),
+        *((f"ζ {n}", "+.1f") for n in lengths),
+        *((f"A {n}", "+.1f") for n in lengths),
+    ]
     columns.append(("misfit", ".2f"))
-    rows = [(*label, *(value * (1.0, 1e5, 1e4)).T.ravel().tolist(), float(np.sqrt(np.mean((value / ROUNDING) ** 2)))) for label, value in zip(labels, values, strict=True)]
-    return common.Table(title, columns, rows, "Error in percentage points, ζ in 1e-5, A in 1e-4 rad; misfit is the root mean square over all twelve numbers in units of half their last digit.")
+    rows = [
+        (*label, *(value * (1.0, 1e5, 1e4)).T.ravel().tolist(), float(np.sqrt(np.mean((value / ROUNDING) ** 2))))
+        for label, value in zip(labels, values, strict=True)
+    ]
+    return common.Table(
+        title,
+        columns,
+        rows,
+        "Error in percentage points, ζ in 1e-5, A in 1e-4 rad; misfit is the root mean square over all "
+        "twelve numbers in units of half their last digit.",
+    )

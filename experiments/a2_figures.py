@@ -27,7 +27,13 @@ def hoisting_figure(trajectory: Trajectory, reading: Reading) -> Figure:
     cable.plot(t, trajectory["l_m"], color=COLOURS["l"], label="cable length")
     cable.set_ylabel("l [m]")
     period.plot(t, theory.point_period(trajectory["l_m"], STANDARD_GRAVITY), color=COLOURS["wanted"], label="2π√(l(t)/g)")
-    period.plot(reading.times, (1 + reading.errors) * theory.point_period(np.interp(reading.times, t, trajectory["l_m"]), STANDARD_GRAVITY), "o", color=COLOURS["phi"], label="half swings, doubled")
+    period.plot(
+        reading.times,
+        (1 + reading.errors) * theory.point_period(np.interp(reading.times, t, trajectory["l_m"]), STANDARD_GRAVITY),
+        "o",
+        color=COLOURS["phi"],
+        label="half swings, doubled",
+    )
     period.set(ylabel="period [s]", xlabel="time [s]")
     cable.legend()
     period.legend()
@@ -40,8 +46,17 @@ def fits_figure(reading: Reading) -> Figure:
     fine = np.linspace(reading.lengths.min(), reading.lengths.max(), 50)
     anchor = reading.amplitudes[0] * reading.lengths[0] ** 0.75
     moving = reading.hoisting
-    for ax, law, mask, name in zip(axes, (reading.everywhere, reading.section), (np.ones_like(moving), moving), ("all points", "hoisting only"), strict=True):
-        ax.plot(reading.lengths[~moving], np.degrees(reading.amplitudes[~moving]), "o", color=COLOURS["wanted"], label="cable at rest" if mask.all() else None, alpha=1.0 if mask.all() else 0.25)
+    for ax, law, mask, name in zip(
+        axes, (reading.everywhere, reading.section), (np.ones_like(moving), moving), ("all points", "hoisting only"), strict=True
+    ):
+        ax.plot(
+            reading.lengths[~moving],
+            np.degrees(reading.amplitudes[~moving]),
+            "o",
+            color=COLOURS["wanted"],
+            label="cable at rest" if mask.all() else None,
+            alpha=1.0 if mask.all() else 0.25,
+        )
         ax.plot(reading.lengths[moving], np.degrees(reading.amplitudes[moving]), "o", color=COLOURS["l"], label="cable running")
         ax.plot(fine, np.degrees(law(fine)), color=COLOURS["phi"], label=f"fit: exponent {law.exponent:.3f}")
         ax.plot(fine, np.degrees(anchor * fine**-0.75), "--", color=COLOURS["unexplained"], linewidth=1.0, label="exponent -3/4")

@@ -16,9 +16,8 @@ from cranedyn import theory
 from cranedyn.analysis import Agreement, agreement
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from cranedyn.crane import STANDARD_GRAVITY, Crane, load_crane
+from cranedyn.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse
-from cranedyn.simulate import simulate
 from cranedyn.trajectory import Trajectory, read_columns
 from experiments import common
 
@@ -68,13 +67,26 @@ def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0
     """
     t = trajectory.t
     rates = {name: trajectory[f"{name}_dot_{unit}"] for name, unit in (("gamma", "rad_s"), ("x", "m_s"), ("l", "m_s"))}
-    table = np.stack([trajectory["l_m"], rates["l"], trajectory["x_m"], rates["x"], exact(t, rates["x"]), rates["gamma"], exact(t, rates["gamma"])], axis=1)
+    table = np.stack(
+        [trajectory["l_m"], rates["l"], trajectory["x_m"], rates["x"], exact(t, rates["x"]), rates["gamma"], exact(t, rates["gamma"])],
+        axis=1,
+    )
     drive = make_interp_spline(t, table, k=1)
 
     def derivative(s: float, y: np.ndarray) -> np.ndarray:
         length, length_rate, x, x_rate, x_acceleration, slew_rate, slew_acceleration = drive(s)
-        push = theory.small_swing(y[:2], y[2:], length=length, length_rate=length_rate, gravity=gravity, x=x, x_rate=x_rate, x_acceleration=x_acceleration,
-                                  slew_rate=slew_rate, slew_acceleration=slew_acceleration)  # fmt: skip
+        push = theory.small_swing(
+            y[:2],
+            y[2:],
+            length=length,
+            length_rate=length_rate,
+            gravity=gravity,
+            x=x,
+            x_rate=x_rate,
+            x_acceleration=x_acceleration,
+            slew_rate=slew_rate,
+            slew_acceleration=slew_acceleration,
+        )
         return np.concatenate([y[2:], push * length / (length + extra_length)])
 
     start = [*trajectory.q[0, 2:4], *trajectory.v[0, 2:4]]
@@ -85,19 +97,36 @@ def _integrate(derivative: Callable, t: np.ndarray, start: Sequence[float]) -> n
     return solve_ivp(derivative, (t[0], t[-1]), start, method="DOP853", t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.05).y
 
 
-def run(crane: Crane, slew: Sequence[float] = (STIFFNESS[0], DAMPING[0]), watcher: common.Watcher | None = None) -> Trajectory:
-    """Swing the load by moving the jib aside and back, with the given k_p and k_d of the slew drive."""
-    start = crane.state(x=RADIUS, l=LENGTH)
+def run(
+    world: common.World,
+    slew: Sequence[float] = (STIFFNESS[0], DAMPING[0]),
+    *,
+    crane: Crane | None = None,
+    radius: float = RADIUS,
+    length: float = LENGTH,
+) -> Trajectory:
+    """Swing the load by moving the jib aside and back.
+
+    Args:
+        world: Where.
+        slew: k_p [N m/rad] and k_d [N m s/rad] of the slew drive.
+        crane: Another crane than the world's.
+        radius: Trolley radius [m].
+        length: Cable length [m].
+    """
+    crane = crane or world.crane
+    start = crane.state(x=radius, l=length)
     brake = hold_controller(crane, stiffness=(slew[0], *STIFFNESS[1:]), damping=(slew[1], *DAMPING[1:]))
-    reference = pulse(hold(start), "gamma", PULSE, at=PULSE_AT, width=math.pi * math.sqrt(LENGTH / STANDARD_GRAVITY))
-    progress = watcher.run(f"slew k_p = {slew[0]:.0e}", DURATION) if watcher else None
-    return simulate(crane, brake, reference, start=start, duration=DURATION, progress=progress)
+    reference = pulse(hold(start), "gamma", PULSE, at=PULSE_AT, width=math.pi * math.sqrt(length / STANDARD_GRAVITY))
+    return world.simulate(crane, brake, reference, start=start, duration=DURATION, label=f"slew k_p = {slew[0]:.0e}")
 
 
 def by_paper(
-    data: Trajectory | dict[str, np.ndarray], acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray] = filtered, gravity: float = STANDARD_GRAVITY
+    data: Trajectory | dict[str, np.ndarray],
+    acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray] = filtered,
+    gravity: float = STANDARD_GRAVITY,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Times, measured θ, θ by Eq. (10), and its push x γ̈, from the start of the comparison on; from a run or from columns recorded elsewhere."""
+    """Times, measured θ, θ by Eq. (10) and its push x γ̈, from the start of the comparison; from a run or from recorded columns."""
     late = data["t_s"] >= ANALYSED_FROM
     t, x, theta, theta_rate, length = (data[name][late] for name in COLUMNS if name != "gamma_dot_rad_s")
     push = x * acceleration(data["t_s"], data["gamma_dot_rad_s"])[late]
@@ -108,7 +137,8 @@ def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
     """One model after the other, each with one cause of error less."""
     late = trajectory.since(ANALYSED_FROM)
     theta, g = late["theta_rad"], crane.gravity
-    inertia = (crane.payload_inertia + crane.dummy_inertia[1]) / (crane.payload_mass * LENGTH)
+    length = float(late["l_m"].mean())
+    inertia = (crane.payload_inertia + crane.dummy_inertia[1]) / (crane.payload_mass * length)
     amplitude = math.sqrt(2.0) * float(np.std(trajectory.since(DURATION / 2.0)["theta_rad"]))
     slower = float(theory.amplitude_factor(amplitude)) ** 2
     models = {
@@ -117,12 +147,12 @@ def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
         "and the gravity of the world": by_paper(trajectory, exact, g)[2],
         "and all rates kept": full_model(late, g),
         "and rotational inertia": full_model(late, g, inertia),
-        "and the period of a finite swing": full_model(late, g, inertia + (slower - 1.0) * (LENGTH + inertia)),
+        "and the period of a finite swing": full_model(late, g, inertia + (slower - 1.0) * (length + inertia)),
     }
     return [(name, agreement(theta, model)) for name, model in models.items()]
 
 
-def experiment(options: argparse.Namespace, watcher: common.Watcher) -> common.Outcome:
+def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
     """Run the slew pulse with a soft and a stiff drive, or analyse files recorded elsewhere."""
     if options.files:
         rows = [_row(file, "Eq. (10), γ̈ filtered", agreement(*by_paper(read_columns(file, COLUMNS))[1:3])) for file in options.files]
@@ -130,23 +160,42 @@ def experiment(options: argparse.Namespace, watcher: common.Watcher) -> common.O
     from cranedyn.recording import Run
     from experiments.a3_figures import slewing_figure, stages_figure
 
-    crane = load_crane(gravity=options.gravity)
-    soft, stiff = run(crane, watcher=watcher), run(crane, STIFF_SLEW, watcher=watcher)
-    found = {"soft": stages(crane, soft), "stiff": stages(crane, stiff)}
+    place = {"radius": options.radius, "length": options.length}
+    soft, stiff = run(world, **place), run(world, STIFF_SLEW, **place)
+    found = {"soft": stages(world.crane, soft), "stiff": stages(world.crane, stiff)}
     ours, hard = found["soft"][0][1], found["stiff"][0][1]
     rows = [_row(drive, name, result) for drive, results in found.items() for name, result in results]
     last = [results[-1][1].relative for results in found.values()]
     return common.Outcome(
         tables=[_table([*rows, _row("article", "Eq. (10), γ̈ filtered", PUBLISHED)])],
         claims=[
-            common.Claim(f"θ has the sign of Eq. (10): correlation {ours.correlation:+.4f} with a soft slew drive, {hard.correlation:+.4f} with a stiff one.", min(ours.correlation, hard.correlation) > 0.99),
-            common.Claim(f"Amplitude, correlation and RMS are the published within 0.0002 rad, 0.0001 and 0.00005 rad ({ours.measured:.4f}, {ours.correlation:+.4f}, {ours.rms:.5f}).", common.in_article_world(crane.gravity, _published(ours))),
-            common.Claim(f"With every cause gone the rest is below 0.5 % of the amplitude ({100 * last[0]:.2f} % soft, {100 * last[1]:.2f} % stiff).", max(last) < 0.005),
+            common.Claim(
+                f"θ has the sign of Eq. (10): correlation {ours.correlation:+.4f} with a soft slew drive, "
+                f"{hard.correlation:+.4f} with a stiff one.",
+                min(ours.correlation, hard.correlation) > 0.99,
+            ),
+            common.Claim(
+                "Amplitude, correlation and RMS are the published within 0.0002 rad, 0.0001 and 0.00005 rad "
+                f"({ours.measured:.4f}, {ours.correlation:+.4f}, {ours.rms:.5f}).",
+                world.judged(_published(ours) and place == {"radius": RADIUS, "length": LENGTH}),
+            ),
+            common.Claim(
+                f"With every cause gone the rest is below 0.5 % of the amplitude ({100 * last[0]:.2f} % soft, "
+                f"{100 * last[1]:.2f} % stiff).",
+                max(last) < 0.005,
+            ),
         ],
-        parameters={"gravity_m_s2": crane.gravity, "slew_soft": [STIFFNESS[0], DAMPING[0]], "slew_stiff": STIFF_SLEW, "smoothing_samples": SMOOTHING, "pulse_at_s": PULSE_AT},
+        parameters=world.parameters()
+        | {
+            **place,
+            "slew_soft": [STIFFNESS[0], DAMPING[0]],
+            "slew_stiff": STIFF_SLEW,
+            "smoothing_samples": SMOOTHING,
+            "pulse_at_s": PULSE_AT,
+        },
         trajectories={"a3": soft, "a3_stiff": stiff},
         figures={"slewing": slewing_figure(*by_paper(soft)), "stages": stages_figure(found)},
-        recording=[Run("soft slew drive", crane, soft)],
+        recording=[Run("soft slew drive", world.crane, soft)],
     )
 
 
@@ -160,16 +209,35 @@ def _row(run: str, model: str, a: Agreement) -> tuple[str | float, ...]:
 
 
 def _table(rows: Sequence[Sequence[str | float]]) -> common.Table:
-    columns = [("slew drive", ""), ("model", ""), ("θ measured [rad]", ".4f"), ("θ model [rad]", ".4f"), ("correlation", "+.5f"), ("RMS [rad]", ".6f"), ("of amplitude [%]", ".2f")]
-    note = "Amplitudes are the largest |θ|. From one row to the next one cause of difference goes: the filter, the constant of gravity, the dropped rates, the inertia, the small angle."
+    columns = [
+        ("slew drive", ""),
+        ("model", ""),
+        ("θ measured [rad]", ".4f"),
+        ("θ model [rad]", ".4f"),
+        ("correlation", "+.5f"),
+        ("RMS [rad]", ".6f"),
+        ("of amplitude [%]", ".2f"),
+    ]
+    note = (
+        "Amplitudes are the largest |θ|. From one row to the next one cause of difference goes: the filter, "
+        "the constant of gravity, the dropped rates, the inertia, the small angle."
+    )
     return common.Table("Tangential swing after a slew pulse", columns, rows, note)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = common.parser("a3", "Tangential swing after a slew pulse, against Eq. (10) and the full equations.")
-    common.add_gravity(made)
-    made.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=f"analyse CSV or Parquet files with columns {', '.join(COLUMNS)} instead of simulating")
+    common.add_world(made)
+    made.add_argument("--radius", type=float, default=RADIUS, metavar="X", help="trolley radius [m]")
+    made.add_argument("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
+    made.add_argument(
+        "--from",
+        dest="files",
+        nargs="+",
+        metavar="FILE",
+        help=f"analyse CSV or Parquet files with columns {', '.join(COLUMNS)} instead of simulating",
+    )
     return common.conduct(made, experiment, argv)
 
 

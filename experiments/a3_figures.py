@@ -27,7 +27,13 @@ def stages_figure(found: Mapping[str, Sequence[tuple[str, Agreement]]]) -> Figur
     """What is left of the difference as one cause after the other is removed."""
     figure, (ax,) = panels(1, height=3.0)
     for (drive, results), colour, shift in zip(found.items(), (COLOURS["theta"], COLOURS["gamma"]), (-0.18, 0.18), strict=True):
-        bars = ax.barh(np.arange(len(results)) + shift, [100 * result.relative for _, result in results], 0.34, color=colour, label=f"{drive} slew drive")
+        bars = ax.barh(
+            np.arange(len(results)) + shift,
+            [100 * result.relative for _, result in results],
+            0.34,
+            color=colour,
+            label=f"{drive} slew drive",
+        )
         ax.bar_label(bars, fmt="%.2f %%", padding=3)
     ax.set_yticks(range(len(results)), [name for name, _ in results])
     ax.invert_yaxis()

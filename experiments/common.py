@@ -8,7 +8,8 @@ import platform
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,9 +18,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as RichTable
 
-from cranedyn.crane import STANDARD_GRAVITY
+from cranedyn.crane import STANDARD_GRAVITY, Crane, State, load_crane
+from cranedyn.description import parse_values
 from cranedyn.errors import CraneError, DataError, RunError
 from cranedyn.files import written
+from cranedyn.references import Reference
+from cranedyn.simulate import Controller, Drive, simulate
 from cranedyn.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -49,7 +53,9 @@ class Table:
 
     def shown(self) -> list[list[str]]:
         """The rows as text."""
-        return [["-" if value is None else format(value, form) for value, (_, form) in zip(row, self.columns, strict=True)] for row in self.rows]
+        return [
+            ["-" if value is None else format(value, form) for value, (_, form) in zip(row, self.columns, strict=True)] for row in self.rows
+        ]
 
 
 @dataclass(frozen=True)
@@ -83,7 +89,9 @@ class Outcome:
 
 def parser(name: str, description: str) -> argparse.ArgumentParser:
     """A parser with the arguments that every experiment has."""
-    made = argparse.ArgumentParser(prog=f"python -m experiments.{name}", description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    made = argparse.ArgumentParser(
+        prog=f"python -m experiments.{name}", description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
     made.add_argument("--out", metavar="DIR", help=f"folder for results, default out/{name}", default=argparse.SUPPRESS)
     made.add_argument("--save", metavar="FILE.rrd", help="write the recording here instead of into the folder", default=argparse.SUPPRESS)
     made.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
@@ -92,9 +100,21 @@ def parser(name: str, description: str) -> argparse.ArgumentParser:
     return made
 
 
-def add_gravity(made: argparse.ArgumentParser) -> None:
-    """Add the argument for gravity."""
-    made.add_argument("--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help="gravity of the world [m/s²]; the article's was 9.8")
+def add_world(made: argparse.ArgumentParser) -> None:
+    """Add the arguments of the world: gravity, the two clocks, and the numbers of the crane."""
+    made.add_argument(
+        "--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help="gravity of the world [m/s²]; the article's was 9.8"
+    )
+    made.add_argument("--dt", type=float, default=5e-4, help="physics step [s]")
+    made.add_argument("--control-period", type=float, default=5e-3, metavar="T", help="time between control instants [s], a multiple of dt")
+    made.add_argument(
+        "--set",
+        dest="values",
+        nargs="+",
+        default=[],
+        metavar="name:=value",
+        help="numbers of the crane, see python -m cranedyn.description --list",
+    )
 
 
 @dataclass(frozen=True)
@@ -117,7 +137,73 @@ class Watcher:
         return lambda t: update(t) if round(t * 200) % 100 == 0 or t >= duration else None
 
 
-Experiment = Callable[[argparse.Namespace, Watcher], Outcome]
+@dataclass(frozen=True)
+class World:
+    """Where an experiment takes place.
+
+    Attributes:
+        gravity: Gravity [m/s²].
+        values: Numbers of the crane that differ from its defaults, by name.
+        dt: Physics step [s].
+        control_period: Time between control instants [s].
+        watcher: Shows progress.
+    """
+
+    gravity: float = STANDARD_GRAVITY
+    values: Mapping[str, object] = field(default_factory=dict)
+    dt: float = 5e-4
+    control_period: float = 5e-3
+    watcher: Watcher = field(default_factory=lambda: Watcher(None))
+
+    @cached_property
+    def crane(self) -> Crane:
+        """The crane of this world."""
+        return self.variant()
+
+    def variant(self, **values: object) -> Crane:
+        """The crane of this world with some more numbers changed."""
+        return load_crane(gravity=self.gravity, **{**self.values, **values})  # type: ignore[arg-type]
+
+    def simulate(
+        self,
+        crane: Crane,
+        controller: Controller,
+        reference: Reference | None,
+        *,
+        start: State,
+        duration: float,
+        label: str,
+        drive: Drive = "effort",
+    ) -> Trajectory:
+        """Run a crane on the clocks of this world, with progress under a label."""
+        return simulate(
+            crane,
+            controller,
+            reference,
+            start=start,
+            duration=duration,
+            drive=drive,
+            dt=self.dt,
+            control_period=self.control_period,
+            progress=self.watcher.run(label, duration),
+        )
+
+    def judged(self, holds: bool) -> bool | None:
+        """Whether a claim about published numbers holds; None unless gravity is the article's 9.8 m/s² and all else is the default."""
+        return bool(holds) if self == replace(World(9.8), watcher=self.watcher) else None
+
+    def parameters(self) -> dict[str, object]:
+        """What this world is made of, with units in the names."""
+        return {"gravity_m_s2": self.gravity, "dt_s": self.dt, "control_period_s": self.control_period, **self.values}
+
+
+def _world(options: argparse.Namespace, watcher: Watcher) -> World:
+    if not hasattr(options, "gravity"):
+        return World(watcher=watcher)
+    return World(options.gravity, parse_values(options.values), options.dt, options.control_period, watcher)
+
+
+Experiment = Callable[[argparse.Namespace, World], Outcome]
 
 
 def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None = None) -> int:
@@ -130,7 +216,7 @@ def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequenc
     try:
         folder, recording = _targets(options)
         with _watcher() as watcher:
-            outcome = experiment(options, watcher)
+            outcome = experiment(options, _world(options, watcher))
         _print(outcome)
         _write(outcome, options, folder, recording)
     except RunError as error:
@@ -150,7 +236,14 @@ def _watcher() -> Iterator[Watcher]:
     if not console.is_terminal:
         yield Watcher(None)
         return
-    with Progress(TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[speed]}"), TimeElapsedColumn(), console=console, transient=True) as progress:
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[speed]}"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+    ) as progress:
         yield Watcher(progress)
 
 
@@ -201,7 +294,10 @@ def _write(outcome: Outcome, options: argparse.Namespace, folder: Path, recordin
     for name, figure in outcome.figures.items():
         save(figure, folder / f"{name}.png")
     with written(folder / "result.json") as file:
-        file.write_text(json.dumps(_result(outcome, options), indent=1, ensure_ascii=False, allow_nan=False, default=lambda number: number.item()), encoding="utf-8")
+        file.write_text(
+            json.dumps(_result(outcome, options), indent=1, ensure_ascii=False, allow_nan=False, default=lambda number: number.item()),
+            encoding="utf-8",
+        )
     if outcome.recording:
         _record(outcome, options, recording)
     print(f"Written to {folder}.")
@@ -227,7 +323,11 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
         "claims": [{"sentence": claim.sentence, "holds": claim.holds} for claim in outcome.claims],
         "parameters": dict(outcome.parameters),
         "tables": [
-            {"title": table.title, "note": table.note, "rows": [dict(zip([header for header, _ in table.columns], row, strict=True)) for row in table.rows]}
+            {
+                "title": table.title,
+                "note": table.note,
+                "rows": [dict(zip([header for header, _ in table.columns], row, strict=True)) for row in table.rows],
+            }
             for table in outcome.tables
         ],
         "versions": {"python": platform.python_version(), **{name: _version(name) for name in packages}},
@@ -248,8 +348,3 @@ def _broken_off(error: RunError, options: argparse.Namespace) -> int:
         folder = _made(_targets(options)[0])
         print(f"What was recorded up to then is in {error.trajectory.write(folder / 'broken_off.parquet')}.", file=sys.stderr)
     return INTERRUPTED if isinstance(error.__context__, KeyboardInterrupt) else FAILED
-
-
-def in_article_world(gravity: float, holds: bool) -> bool | None:
-    """Whether a claim about published numbers holds; None where gravity is not the article's 9.8 m/s² [m/s²]."""
-    return bool(holds) if gravity == 9.8 else None

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import Crane, load_crane
+from cranedyn.crane import Crane, State
 from cranedyn.dynamics import energy
 from cranedyn.figures import COLOURS, panels
-from cranedyn.simulate import simulate
 from cranedyn.trajectory import Trajectory
 from experiments import common
 
@@ -29,21 +30,23 @@ PUBLISHED = (1651.8, 19.3, -30.7, -1601.8)
 """The article's ledger while a plugin overwrote its passive joints [J]: energy at 0 and 6 s, work of the drives, unexplained."""
 
 
-def run(crane: Crane, *, duration: float, dt: float = 5e-4, watcher: common.Watcher | None = None) -> Trajectory:
-    """Let the load swing from rest with the drives held."""
-    progress = watcher.run(f"dt = {1000 * dt:g} ms", duration) if watcher else None
-    return simulate(crane, hold_controller(crane), start=crane.state(l=LENGTH, phi=SWING), duration=duration, dt=dt, progress=progress)
+def run(world: common.World, crane: Crane, swing: float, length: float, duration: float) -> Trajectory:
+    """Let the load swing from rest [rad] on a cable [m] with the drives held."""
+    start = crane.state(l=length, phi=swing)
+    return world.simulate(crane, hold_controller(crane), None, start=start, duration=duration, label=f"dt = {1000 * world.dt:g} ms")
 
 
 def swing_energy(crane: Crane, trajectory: Trajectory) -> np.ndarray:
     """Mechanical energy above that of the load hanging at rest where the drives started [J], shape (n,)."""
-    return trajectory.energy - energy(crane, crane.state(l=LENGTH))
+    rest = trajectory.q[0].copy()
+    rest[2:4] = 0.0
+    return trajectory.energy - energy(crane, State(rest, np.zeros(5)))
 
 
-def damped_share(crane: Crane, damping: float, t: float) -> float:
+def damped_share(crane: Crane, damping: float, length: float, t: float) -> float:
     """Energy left of a small swing from rest under joint damping d, drives fixed: the linear oscillator J φ̈ + d φ̇ + m g l φ = 0."""
-    inertia = crane.payload_mass * LENGTH**2 + crane.payload_inertia + crane.dummy_inertia[0]
-    omega2 = crane.payload_mass * crane.gravity * LENGTH / inertia
+    inertia = crane.payload_mass * length**2 + crane.payload_inertia + crane.dummy_inertia[0]
+    omega2 = crane.payload_mass * crane.gravity * length / inertia
     decay = damping / (2.0 * inertia)
     omega = math.sqrt(omega2 - decay**2)
     swing = math.exp(-decay * t) * (math.cos(omega * t) + decay / omega * math.sin(omega * t))
@@ -51,32 +54,44 @@ def damped_share(crane: Crane, damping: float, t: float) -> float:
     return swing**2 + rate**2 / omega2
 
 
-def experiment(options: argparse.Namespace, watcher: common.Watcher) -> common.Outcome:
+def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
     """Audit the swing, vary the damping, halve the step, look for a trend."""
     from cranedyn.recording import Run
 
-    cranes = {d: load_crane(gravity=options.gravity, damp_swing=d) for d in DAMPINGS}
+    swing, length = options.swing, options.length
+    cranes = {d: world.variant(damp_swing=d) for d in DAMPINGS}
     crane = cranes[1.0]
-    audits = {d: run(c, duration=AUDIT, watcher=watcher) for d, c in cranes.items()}
-    steps = {dt: run(crane, duration=LONG, dt=dt, watcher=watcher) for dt in STEPS}
+    audits = {d: run(world, c, swing, length, AUDIT) for d, c in cranes.items()}
+    steps = {dt: run(replace(world, dt=dt), crane, swing, length, LONG) for dt in STEPS}
     ripple = {dt: float(np.abs(r.unexplained).max()) for dt, r in steps.items()}
     trend = {dt: float(np.polyfit(r.t, r.unexplained, 1)[0]) * LONG for dt, r in steps.items()}
     ours = audits[1.0]
     worst = float(np.abs(ours.unexplained).max())
-    halving = [ripple[a] / ripple[b] for a, b in zip(STEPS, STEPS[1:], strict=False)]
+    halving = [ripple[a] / ripple[b] for a, b in itertools.pairwise(STEPS)]
     left = {d: float(swing_energy(cranes[d], r)[-1]) for d, r in audits.items()}
-    expected = {d: damped_share(c, d, AUDIT) for d, c in cranes.items()}
+    expected = {d: damped_share(c, d, length, AUDIT) for d, c in cranes.items()}
     first = float(swing_energy(crane, ours)[0])
     drained = abs(left[DAMPINGS[2]] - expected[DAMPINGS[2]] * first) / first
     return common.Outcome(
         tables=[_ledger(crane, ours), _dampings(audits, left, expected, first), _steps(ripple, trend)],
         claims=[
-            common.Claim(f"Nothing vanishes: at dt = 0.5 ms the ledger stays open by {worst:.2f} J at most, below 1 J of {first:.1f} J.", worst < 1.0),
-            common.Claim(f"What stays open halves with the step: ratios {halving[0]:.3f} and {halving[1]:.3f}, within 0.05 of 2.", max(abs(h - 2.0) for h in halving) < 0.05),
-            common.Claim(f"It has no trend: {trend[5e-4]:+.4f} J over {LONG:g} s, below a tenth of its ripple of {ripple[5e-4]:.2f} J.", abs(trend[5e-4]) < 0.1 * ripple[5e-4]),
-            common.Claim(f"Damping acts: with 2e5 N m s/rad the energy left after {AUDIT:g} s is the closed form's within 1 % of the start.", drained < 0.01),
+            common.Claim(
+                f"Nothing vanishes: at dt = 0.5 ms the ledger stays open by {worst:.2f} J at most, below 1 J of {first:.1f} J.", worst < 1.0
+            ),
+            common.Claim(
+                f"What stays open halves with the step: ratios {halving[0]:.3f} and {halving[1]:.3f}, within 0.05 of 2.",
+                max(abs(h - 2.0) for h in halving) < 0.05,
+            ),
+            common.Claim(
+                f"It has no trend: {trend[5e-4]:+.4f} J over {LONG:g} s, below a tenth of its ripple of {ripple[5e-4]:.2f} J.",
+                abs(trend[5e-4]) < 0.1 * ripple[5e-4],
+            ),
+            common.Claim(
+                f"Damping acts: with 2e5 N m s/rad the energy left after {AUDIT:g} s is the closed form's within 1 % of the start.",
+                drained < 0.01,
+            ),
         ],
-        parameters={"gravity_m_s2": crane.gravity, "swing_rad": SWING, "length_m": LENGTH},
+        parameters=world.parameters() | {"swing_rad": swing, "length_m": length},
         trajectories={f"energy_damp_{d:g}": r for d, r in audits.items()} | {f"energy_dt_{1e6 * dt:.0f}us": r for dt, r in steps.items()},
         figures={"ledger": _ledger_figure(crane, ours), "remainder": _remainder_figure(steps)},
         recording=[Run(f"damping {d:g} N m s/rad", cranes[d], r, (20.0 * i, 0.0, 0.0)) for i, (d, r) in enumerate(audits.items())],
@@ -94,19 +109,42 @@ def _ledger(crane: Crane, trajectory: Trajectory) -> common.Table:
         ("taken by joint damping", -float(trajectory.dissipated[-1]), None),
         ("unexplained", lost, PUBLISHED[3]),
     ]
-    note = "The article's column is its ledger while a plugin overwrote the passive joints."
-    return common.Table(f"Energy of a {SWING:g} rad swing on {LENGTH:g} m of cable", [("[J]", ""), ("ours", "+.2f"), ("article", "+.1f")], rows, note)
+    note = "The article's column is its ledger of a 0.15 rad swing on 15 m of cable, while a plugin overwrote the passive joints."
+    return common.Table(
+        f"Energy of a {trajectory.q[0, 2]:g} rad swing on {trajectory.q[0, 4]:g} m of cable",
+        [("[J]", ""), ("ours", "+.2f"), ("article", "+.1f")],
+        rows,
+        note,
+    )
 
 
-def _dampings(audits: Mapping[float, Trajectory], left: Mapping[float, float], expected: Mapping[float, float], first: float) -> common.Table:
-    rows = [(d, left[d], expected[d] * first, float(r.dissipated[-1]), float(r.work[-1].sum()), float(np.abs(r.unexplained).max())) for d, r in audits.items()]
-    columns = [("damp_swing [N m s/rad]", "g"), ("energy left [J]", ".2f"), ("closed form, fixed pivot [J]", ".2f"), ("dissipated [J]", ".3f"), ("drives [J]", "+.2f"), ("open, at most [J]", ".2f")]
-    return common.Table(f"Damping of the swing joints, after {AUDIT:g} s", columns, rows, "The closed form has no drives, whose hold takes the difference.")
+def _dampings(
+    audits: Mapping[float, Trajectory], left: Mapping[float, float], expected: Mapping[float, float], first: float
+) -> common.Table:
+    rows = [
+        (d, left[d], expected[d] * first, float(r.dissipated[-1]), float(r.work[-1].sum()), float(np.abs(r.unexplained).max()))
+        for d, r in audits.items()
+    ]
+    columns = [
+        ("damp_swing [N m s/rad]", "g"),
+        ("energy left [J]", ".2f"),
+        ("closed form, fixed pivot [J]", ".2f"),
+        ("dissipated [J]", ".3f"),
+        ("drives [J]", "+.2f"),
+        ("open, at most [J]", ".2f"),
+    ]
+    return common.Table(
+        f"Damping of the swing joints, after {AUDIT:g} s", columns, rows, "The closed form has no drives, whose hold takes the difference."
+    )
 
 
 def _steps(ripple: Mapping[float, float], trend: Mapping[float, float]) -> common.Table:
     rows = [(1000 * dt, ripple[dt], trend[dt]) for dt in ripple]
-    return common.Table(f"What the ledger leaves open over {LONG:g} s", [("dt [ms]", "g"), ("at most [J]", ".3f"), (f"trend over {LONG:g} s [J]", "+.4f")], rows)
+    return common.Table(
+        f"What the ledger leaves open over {LONG:g} s",
+        [("dt [ms]", "g"), ("at most [J]", ".3f"), (f"trend over {LONG:g} s [J]", "+.4f")],
+        rows,
+    )
 
 
 def _ledger_figure(crane: Crane, trajectory: Trajectory) -> Figure:
@@ -114,7 +152,9 @@ def _ledger_figure(crane: Crane, trajectory: Trajectory) -> Figure:
     kept = swing_energy(crane, trajectory)
     ax.plot(trajectory.t, kept, color=COLOURS["energy"], label="swing energy")
     for i, name in enumerate(("gamma", "x", "l")):
-        ax.plot(trajectory.t, trajectory.work[:, i], color=COLOURS[name], label=f"work of {dict(gamma='slew', x='trolley', l='hoist')[name]}")
+        ax.plot(
+            trajectory.t, trajectory.work[:, i], color=COLOURS[name], label=f"work of {dict(gamma='slew', x='trolley', l='hoist')[name]}"
+        )
     ax.plot(trajectory.t, trajectory.unexplained, "--", color=COLOURS["unexplained"], label="unexplained")
     ax.set(xlabel="time [s]", ylabel="energy [J]")
     ax.legend(ncols=2)
@@ -133,7 +173,9 @@ def _remainder_figure(steps: Mapping[float, Trajectory]) -> Figure:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = common.parser("energy", "The energy ledger of a free swing: drives, damping, and what is left open.")
-    common.add_gravity(made)
+    common.add_world(made)
+    made.add_argument("--swing", type=float, default=SWING, metavar="PHI", help="radial swing at the start [rad]")
+    made.add_argument("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
     return common.conduct(made, experiment, argv)
 
 

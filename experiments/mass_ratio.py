@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 from cranedyn import theory
 from cranedyn.analysis import zero_crossings
 from cranedyn.controllers import follow
-from cranedyn.crane import Crane, load_crane
+from cranedyn.crane import Crane
 from cranedyn.figures import COLOURS, panels
 from cranedyn.references import hold, ramp
-from cranedyn.simulate import simulate
 from cranedyn.trajectory import Trajectory
 from experiments import common
 
@@ -29,10 +28,13 @@ SWING, LENGTH, DURATION = 0.10, 15.0, 40.0
 """Swing at the start [rad], cable length [m], length of a run [s]."""
 
 
-def swing(crane: Crane, watcher: common.Watcher | None = None) -> Trajectory:
-    """Free swing from rest with the drives locked."""
-    progress = watcher.run(f"load {crane.payload_mass:g} kg", DURATION) if watcher else None
-    return simulate(crane, lambda t, state, wanted: np.zeros(3), start=crane.state(l=LENGTH, phi=SWING), duration=DURATION, drive="motion", progress=progress)
+def swing(world: common.World, link: float) -> Trajectory:
+    """Free swing from rest with the drives locked and dummy links of a given mass [kg]."""
+    crane = world.variant(dummy_mass=link, dummy_inertia=link, damp_swing=0)
+    start = crane.state(l=LENGTH, phi=SWING)
+    return world.simulate(
+        crane, lambda t, state, wanted: np.zeros(3), None, start=start, duration=DURATION, label=f"links of {link:g} kg", drive="motion"
+    )
 
 
 def period(trajectory: Trajectory) -> float:
@@ -41,43 +43,53 @@ def period(trajectory: Trajectory) -> float:
     return 2.0 * float(crossings[-1] - crossings[0]) / (len(crossings) - 1)
 
 
-def tour(crane: Crane, watcher: common.Watcher | None = None) -> Trajectory:
+def tour(world: common.World, crane: Crane) -> Trajectory:
     """All three drives in prescribed motion at once, with a swing at the start."""
     start = crane.state(x=8.0, l=LENGTH, phi=0.05, theta=-0.03)
     reference = ramp(ramp(ramp(hold(start), "x", 6.0, rate=0.8, at=1.0), "gamma", 0.4, rate=0.08, at=2.0), "l", -4.0, rate=0.5, at=3.0)
-    progress = watcher.run(f"load {crane.payload_mass:g} kg", 20.0) if watcher else None
-    return simulate(crane, follow(reference), reference, start=start, duration=20.0, drive="motion", progress=progress)
+    drives = follow(reference, world.control_period)
+    return world.simulate(crane, drives, reference, start=start, duration=20.0, label=f"load of {crane.payload_mass:g} kg", drive="motion")
 
 
-def experiment(options: argparse.Namespace, watcher: common.Watcher) -> common.Outcome:
+def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
     """Sweep the dummy links, then the load."""
-    runs = {m: swing(load_crane(gravity=options.gravity, dummy_mass=m, dummy_inertia=m, damp_swing=0), watcher) for m in LINKS}
+    from cranedyn.recording import Run
+
+    crane = world.crane
+    runs = {m: swing(world, m) for m in LINKS}
     periods = {m: period(r) for m, r in runs.items()}
-    theory_periods = {m: theory.rigid_period(LENGTH, options.gravity, 1000.0, 400.0 + 2.0 * m) * float(theory.amplitude_factor(SWING)) for m in LINKS}
+    theory_periods = {
+        m: theory.rigid_period(LENGTH, crane.gravity, crane.payload_mass, crane.payload_inertia + 2.0 * m)
+        * float(theory.amplitude_factor(SWING))
+        for m in LINKS
+    }
     finite = all(np.isfinite(r.q).all() for r in runs.values())
     off = max(abs(periods[m] / theory_periods[m] - 1.0) for m in LINKS)
     light = abs(periods[1e-6] / periods[0.0] - 1.0)
-    points = {m: tour(load_crane(gravity=options.gravity, payload_mass=m, payload_inertia=0, dummy_mass=0, dummy_inertia=0, damp_swing=0), watcher) for m in LOADS}
-    rigid = {m: tour(load_crane(gravity=options.gravity, payload_mass=m, damp_swing=0), watcher) for m in LOADS}
+    points = {m: tour(world, world.variant(payload_mass=m, payload_inertia=0, dummy_mass=0, dummy_inertia=0, damp_swing=0)) for m in LOADS}
+    rigid = {m: tour(world, world.variant(payload_mass=m, damp_swing=0)) for m in LOADS}
     spread, spread_rigid = _spread(points), _spread(rigid)
     return common.Outcome(
-        tables=[_links_table(periods, theory_periods), _loads_table(points, rigid)],
+        tables=[_links_table(crane, periods, theory_periods), _loads_table(points, rigid)],
         claims=[
-            common.Claim(f"Dummy links from 50 kg down to none run without trouble, and meet the compound pendulum within 1e-6 (worst {off:.1e}).", finite and off < 1e-6),
-            common.Claim(f"With links of 1e-6 kg beside a load of 1000 kg the period is that without links within 1e-9 ({light:.1e}).", light < 1e-9),
-            common.Claim(f"With exact drives a point load of 10 kg and one of 100 t swing alike within 1e-9 rad ({spread:.1e}); with inertia they do not ({spread_rigid:.1e}).", spread < 1e-9 < spread_rigid),
+            common.Claim(
+                f"Dummy links from 50 kg down to none run without trouble, and meet the compound pendulum within 1e-6 (worst {off:.1e}).",
+                finite and off < 1e-6,
+            ),
+            common.Claim(
+                f"With links of 1e-6 kg beside a load of 1000 kg the period is that without links within 1e-9 ({light:.1e}).", light < 1e-9
+            ),
+            common.Claim(
+                "With exact drives a point load of 10 kg and one of 100 t swing alike within 1e-9 rad "
+                f"({spread:.1e}); with inertia they do not ({spread_rigid:.1e}).",
+                spread < 1e-9 < spread_rigid,
+            ),
         ],
-        parameters={"gravity_m_s2": options.gravity, "swing_rad": SWING, "length_m": LENGTH},
-        trajectories={"links_50": runs[50.0], "links_1e-6": runs[1e-6], "tour_1000": points[1000.0]},
-        figures={"links": _links_figure(periods)},
-        recording=_recording(options.gravity, points[1000.0]),
+        parameters=world.parameters() | {"swing_rad": SWING, "length_m": LENGTH},
+        trajectories={"links_50": runs[50.0], "links_1e-6": runs[1e-6], "tour_1000": points[1.0e3]},
+        figures={"links": _links_figure(crane, periods)},
+        recording=[Run("all drives at once", crane, points[1.0e3])],
     )
-
-
-def _recording(gravity: float, trajectory: Trajectory) -> list:
-    from cranedyn.recording import Run
-
-    return [Run("all drives at once", load_crane(gravity=gravity), trajectory)]
 
 
 def _spread(runs: dict[float, Trajectory]) -> float:
@@ -86,24 +98,43 @@ def _spread(runs: dict[float, Trajectory]) -> float:
     return float(np.ptp(swings, axis=0).max())
 
 
-def _links_table(periods: dict[float, float], expected: dict[float, float]) -> common.Table:
-    rows = [(m, 1000.0 / m if m else None, T, expected[m], T / expected[m] - 1, T / periods[0.0] - 1) for m, T in periods.items()]
-    columns = [("link [kg]", "g"), ("load/link", ".0e"), ("T [s]", ".8f"), ("compound pendulum [s]", ".8f"), ("relative", "+.1e"), ("against no links", "+.1e")]
-    return common.Table("Free swing with ever lighter links between the swing joints", columns, rows, "The article's engine diverged at 1 kg.")
+def _links_table(crane: Crane, periods: dict[float, float], expected: dict[float, float]) -> common.Table:
+    rows = [
+        (m, crane.payload_mass / m if m else None, T, expected[m], T / expected[m] - 1, T / periods[0.0] - 1) for m, T in periods.items()
+    ]
+    columns = [
+        ("link [kg]", "g"),
+        ("load/link", ".0e"),
+        ("T [s]", ".8f"),
+        ("compound pendulum [s]", ".8f"),
+        ("relative", "+.1e"),
+        ("against no links", "+.1e"),
+    ]
+    return common.Table(
+        "Free swing with ever lighter links between the swing joints", columns, rows, "The article's engine diverged at 1 kg."
+    )
 
 
 def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]) -> common.Table:
     rows = [(m, *(float(np.abs(r[m][name]).max()) for r in (points, rigid) for name in ("phi_rad", "theta_rad"))) for m in points]
-    columns = [("load [kg]", "g"), ("point: max φ [rad]", ".9f"), ("max θ [rad]", ".9f"), ("400 kg m²: max φ [rad]", ".9f"), ("max θ [rad]", ".9f")]
+    columns = [
+        ("load [kg]", "g"),
+        ("point: max φ [rad]", ".9f"),
+        ("max θ [rad]", ".9f"),
+        ("400 kg m²: max φ [rad]", ".9f"),
+        ("max θ [rad]", ".9f"),
+    ]
     return common.Table("All drives in prescribed motion: swing of loads of different mass", columns, rows)
 
 
-def _links_figure(periods: dict[float, float]) -> Figure:
+def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
     figure, (ax,) = panels(1, height=3.4, width=7.0)
     masses = np.array([m for m in periods if m > 0])
     gain = np.array([periods[m] / periods[0.0] - 1 for m in masses])
     ax.loglog(masses, gain, "o", color=COLOURS["phi"], label="simulated")
-    ax.loglog(masses, 2.0 * masses / (2.0 * (1000.0 * LENGTH**2 + 400.0)), color=COLOURS["wanted"], label="I/(2 m l²), two links")
+    ax.loglog(
+        masses, masses / (crane.payload_mass * LENGTH**2 + crane.payload_inertia), color=COLOURS["wanted"], label="I/(2 m l²), two links"
+    )
     ax.axvline(1.0, linestyle=":", color=COLOURS["unexplained"])
     ax.annotate("the article's engine\ndiverged here", (1.0, gain.max()), xytext=(6, -14), textcoords="offset points")
     ax.set(xlabel="mass of each link [kg]", ylabel="gain in period over no links")
@@ -114,7 +145,7 @@ def _links_figure(periods: dict[float, float]) -> Figure:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = common.parser("mass_ratio", "Light links between the swing joints, and loads of any mass.")
-    common.add_gravity(made)
+    common.add_world(made)
     return common.conduct(made, experiment, argv)
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from cranedyn.crane import DRIVES, State
 from cranedyn.references import Reference, Wanted
 
 
-def follow(reference: Reference, control_period: float = 5e-3):  # noqa: ANN201
+def follow(reference: Reference, control_period: float = 5e-3) -> Callable[[float, State, Wanted], np.ndarray]:
     """Reach the reference's velocity at every control instant; for `simulate(..., drive="motion")`.
 
     Args:

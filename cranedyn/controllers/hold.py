@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,7 +43,7 @@ class Hold:
 
 
 def hold_controller(
-    crane: Crane, *, stiffness: tuple[float, float, float] = STIFFNESS, damping: tuple[float, float, float] = DAMPING, gravity: float = STANDARD_GRAVITY
+    crane: Crane, *, stiffness: Sequence[float] = STIFFNESS, damping: Sequence[float] = DAMPING, gravity: float = STANDARD_GRAVITY
 ) -> Hold:
     """The hold controller for a crane, which knows the payload's mass and believes in a gravity [m/s²] of its own."""
     return Hold(np.array(stiffness, dtype=float), np.array(damping, dtype=float), np.array([0.0, 0.0, -crane.payload_mass * gravity]))
