@@ -15,7 +15,15 @@ from cranedyn.figures import COLOURS, panels
 if TYPE_CHECKING:
     from experiments.a1 import Case
 
-_CAUSES = ("#0072B2", "#56B4E9", "#D55E00", "#F0E442", "#E69F00", "#CC79A7", "#009E73")
+_CAUSES = {
+    "payload inertia": ["payload inertia"],
+    "dummy inertia": ["dummy inertia"],
+    "give of the trolley": ["pivot spring", "pivot damper"],
+    "finite amplitude": ["amplitude"],
+    "gravity": ["gravity"],
+    "give of the hoist": ["hoist give"],
+}
+_COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#CC79A7", "#009E73")
 
 
 def waveform_figure(cases: Sequence[Case]) -> Figure:
@@ -60,8 +68,8 @@ def budget_figure(cases: Sequence[Case]) -> Figure:
     figure, (ax,) = panels(1, 1, height=4.0)
     places = np.arange(len(cases))
     floor = np.zeros(len(cases))
-    for cause, colour in zip(cases[0].budget, _CAUSES, strict=True):
-        parts = np.array([100 * case.budget[cause] for case in cases])
+    for (cause, names), colour in zip(_CAUSES.items(), _COLOURS, strict=True):
+        parts = np.array([100 * sum(case.budget[name] for name in names) for case in cases])
         ax.bar(places, parts, 0.5, bottom=floor, color=colour, label=cause)
         floor = floor + parts
     ax.plot(places, [100 * case.error for case in cases], "D", color="white", markeredgecolor="black", markersize=8, label="simulated")

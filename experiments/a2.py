@@ -204,7 +204,7 @@ def _phase_table(readings: dict[float, Reading]) -> common.Table:
     ]
     p = PUBLISHED
     columns = [
-        ("pulse at [s]", ".1f"),
+        ("pulse at [s]", ".2f"),
         ("mean [%]", "+.2f"),
         ("max [%]", ".2f"),
         ("exp. all", "+.3f"),

@@ -323,11 +323,7 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
         "claims": [{"sentence": claim.sentence, "holds": claim.holds} for claim in outcome.claims],
         "parameters": dict(outcome.parameters),
         "tables": [
-            {
-                "title": table.title,
-                "note": table.note,
-                "rows": [dict(zip([header for header, _ in table.columns], row, strict=True)) for row in table.rows],
-            }
+            {"title": table.title, "columns": [header for header, _ in table.columns], "rows": list(table.rows), "note": table.note}
             for table in outcome.tables
         ],
         "versions": {"python": platform.python_version(), **{name: _version(name) for name in packages}},

@@ -136,7 +136,7 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
         masses, masses / (crane.payload_mass * LENGTH**2 + crane.payload_inertia), color=COLOURS["wanted"], label="I/(2 m l²), two links"
     )
     ax.axvline(1.0, linestyle=":", color=COLOURS["unexplained"])
-    ax.annotate("the article's engine\ndiverged here", (1.0, gain.max()), xytext=(6, -14), textcoords="offset points")
+    ax.annotate("the article's engine\ndiverged here", (1.0, gain.min()), xytext=(6, 0), textcoords="offset points")
     ax.set(xlabel="mass of each link [kg]", ylabel="gain in period over no links")
     ax.legend()
     return figure

@@ -1,0 +1,1 @@
+"""What is fast, against whom: run with ``python -m benchmarks.NAME``."""

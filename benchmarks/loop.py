@@ -1,0 +1,64 @@
+"""The plain loop against Pinocchio alone: physics steps a second, with control and logging, over bare calls of ``pin.aba``."""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.controllers import hold_controller
+from cranedyn.crane import Crane, load_crane
+from cranedyn.simulate import simulate
+
+DURATION, STEPS = 20.0, 40_000
+"""Simulated time of one round [s], and its physics steps of 0.5 ms."""
+
+
+def bare(crane: Crane) -> None:
+    """As many calls of the articulated-body algorithm as a round has steps, and nothing else."""
+    aba, model, data, tau = pin.aba, crane.model, crane.data, np.array([0.0, 0.0, 0.0, 0.0, -9806.65])
+    q, v = crane.state(phi=0.1, theta=0.05, phi_dot=0.1)
+    for _ in range(STEPS):
+        aba(model, data, q, v, tau)
+
+
+def plain(crane: Crane) -> None:
+    """A round of free swing: hold control at 200 Hz, every control instant logged, the energy ledger made."""
+    simulate(crane, hold_controller(crane), start=crane.state(phi=0.1), duration=DURATION)
+
+
+def seconds(task: Callable[[Crane], None], crane: Crane) -> float:
+    """Processor time of one call."""
+    before = time.process_time()
+    task(crane)
+    return time.process_time() - before
+
+
+def measure(rounds: int) -> tuple[float, float, float]:
+    """Steps a second of bare calls and of the plain loop, and the median of their ratio, measured in turn."""
+    crane = load_crane()
+    pairs = [(seconds(bare, crane), seconds(plain, crane)) for _ in range(rounds)]
+    bare_rate, plain_rate = (STEPS / statistics.median(column) for column in zip(*pairs, strict=True))
+    return bare_rate, plain_rate, statistics.median(a / b for a, b in pairs)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure and print; 0 if the loop reaches the ratio asked for, 1 if not."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.loop", description=__doc__)
+    parser.add_argument("--rounds", type=int, default=7, help="pairs of measurements (default 7)")
+    parser.add_argument("--least", type=float, default=0.45, help="ratio to reach (default 0.45)")
+    options = parser.parse_args(argv)
+    bare_rate, plain_rate, ratio = measure(max(options.rounds, 1))
+    print(f"pin.aba from Python    {bare_rate:10,.0f} calls/s")
+    print(f"plain loop, all of it  {plain_rate:10,.0f} steps/s, {plain_rate * DURATION / STEPS:.0f} times real time")
+    print(f"ratio                  {ratio:10.3f} (asked for {options.least:g})")
+    return 0 if ratio >= options.least else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,119 @@
+"""A tour of several legs: move at limited rates, stand still, move on; again and again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from cranedyn.crane import DRIVES, State
+from cranedyn.errors import OutOfRange, number
+from cranedyn.references.wanted import Wanted
+
+
+class Leg(NamedTuple):
+    """Where to go next.
+
+    Attributes:
+        name: What the leg is called.
+        gamma: Slew angle to reach [rad], None to stay.
+        x: Trolley radius to reach [m], None to stay.
+        l: Cable length to reach [m], None to stay.
+    """
+
+    name: str
+    gamma: float | None = None
+    x: float | None = None
+    l: float | None = None  # noqa: E741
+
+
+class Stage(NamedTuple):
+    """A leg with its times since the start of a cycle.
+
+    Attributes:
+        leg: The leg.
+        origin: Where the drives come from, shape (3,).
+        target: Where they go, shape (3,).
+        begin: When they leave [s].
+        arrival: When the slowest of them is there [s].
+        end: When the next leg begins [s].
+    """
+
+    leg: Leg
+    origin: np.ndarray
+    target: np.ndarray
+    begin: float
+    arrival: float
+    end: float
+
+
+ARTICLE_TOUR = (
+    Leg("trolley out to the tip", x=20.0),
+    Leg("lower", l=24.0),
+    Leg("hoist", l=10.0),
+    Leg("trolley in to the mast", x=6.0),
+    Leg("slew right", gamma=0.6),
+    Leg("slew left, trolley out and lower together", gamma=-0.6, x=16.0, l=20.0),
+    Leg("back to the front", gamma=0.0, x=10.0, l=15.0),
+)
+"""The seven legs of the article's demonstration; the targets of the sixth are ours."""
+
+
+@dataclass(frozen=True, eq=False)
+class Itinerary:
+    """A reference that repeats its stages for ever; every drive moves at its rate until it is there.
+
+    Attributes:
+        stages: The stages of one cycle.
+        rates: Largest rate of slew [rad/s], trolley [m/s], hoist [m/s], shape (3,).
+    """
+
+    stages: tuple[Stage, ...]
+    rates: np.ndarray
+
+    @property
+    def duration(self) -> float:
+        """Length of one cycle [s]."""
+        return self.stages[-1].end
+
+    def stage(self, t: float) -> tuple[Stage, float]:
+        """The stage under way at a time [s], and the time at which its cycle began [s]."""
+        cycle = t // self.duration * self.duration
+        return next((stage for stage in self.stages if t - cycle < stage.end), self.stages[-1]), cycle
+
+    def __call__(self, t: float) -> Wanted:
+        """What is wanted at a time [s]."""
+        stage, cycle = self.stage(t)
+        path, gone = stage.target - stage.origin, self.rates * (t - cycle - stage.begin)
+        moving = gone < np.abs(path)
+        return Wanted(stage.origin + np.sign(path) * np.minimum(gone, np.abs(path)), np.sign(path) * self.rates * moving, np.zeros(3))
+
+
+def itinerary(start: State, legs: Sequence[Leg], *, rates: Sequence[float], dwell: float) -> Itinerary:
+    """Plan a tour that begins where the drives are.
+
+    Args:
+        start: Where the drives are.
+        legs: Where to go; the last should lead back to the start, else the repetition begins with a jump.
+        rates: Rate of slew [rad/s], trolley [m/s], hoist [m/s].
+        dwell: How long to stand still after each leg [s].
+
+    Raises:
+        OutOfRange: For a rate that is not positive, a negative dwell, no leg at all, or a tour that does not end where it began.
+    """
+    limits = np.array([number(f"rate of {name}", rate, unit, "> 0") for name, rate, unit in zip(("slew", "trolley", "hoist"), rates, ("rad/s", "m/s", "m/s"), strict=True)])
+    number("dwell", dwell, "s", ">= 0")
+    stages: list[Stage] = []
+    here, t = start.q[DRIVES], 0.0
+    for leg in legs:
+        target = np.array([old if new is None else number(f"target of leg {leg.name!r}", new) for old, new in zip(here, leg[1:], strict=True)])
+        arrival = t + float(np.max(np.abs(target - here) / limits))
+        stages.append(Stage(leg, here, target, t, arrival, arrival + dwell))
+        here, t = target, arrival + dwell
+    if not stages or t == 0.0:
+        raise OutOfRange("tour", "empty", "one leg at least that moves or dwells")
+    if not np.allclose(here, start.q[DRIVES]):
+        raise OutOfRange("end of the tour", here.tolist(), f"where it began, {start.q[DRIVES].tolist()}", "rad, m, m")
+    return Itinerary(tuple(stages), limits)
