@@ -1,0 +1,80 @@
+"""The layout that travels in a recording: the scene on the left, what it is about below, time series on the right."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from cranedyn.crane import DRIVES
+from cranedyn.dynamics import pivot_position
+from cranedyn.recording.run import TIMELINE, Run
+from cranedyn.recording.scene import BACKGROUND
+from cranedyn.recording.series import Table, plot
+from cranedyn.style import rgb
+
+
+def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
+    """The layout for these runs and what is recorded of them."""
+    busiest = _busiest_drive(runs)
+    drives = [plot(name, runs, tables) for name in ("gamma", "x", "l")]
+    efforts = [plot(name, runs, tables) for name in ("T_gamma", "F_x", "F_l", "speeds", "angular speeds")]
+    efforts.insert(0, efforts.pop(busiest))
+    titles = [f"Energy [J] · {run.name}" if len(runs) > 1 else "" for run in runs]
+    energies = [plot("energy", [run], [columns], title) for run, columns, title in zip(runs, tables, titles, strict=True)]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(_scene(runs), rrb.TextDocumentView(origin="text", name="About"), row_shares=[7, 2]),
+            rrb.Vertical(
+                rrb.Tabs(*drives, active_tab=busiest),
+                plot("swing", runs, tables),
+                rrb.Tabs(energies[0], *efforts, *energies[1:], active_tab=0),
+                row_shares=[3, 4, 4],
+            ),
+            column_shares=[11, 9],
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, loop_mode="all", play_state="playing"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _busiest_drive(runs: Sequence[Run]) -> int:
+    """The drive that moves furthest, slew counted along the arc of the trolley."""
+    travel = [np.ptp(run.trajectory.q[:, DRIVES], axis=0) * (run.trajectory.q[:, 1].max(), 1.0, 1.0) for run in runs]
+    return int(np.argmax(np.max(travel, axis=0)))
+
+
+def _scene(runs: Sequence[Run]) -> rrb.Spatial3DView:
+    return rrb.Spatial3DView(
+        name="Crane",
+        origin="/",
+        contents=[f"+ {run.entity('scene')}/**" for run in runs],
+        background=rrb.Background(color=rgb(BACKGROUND)),
+        line_grid=rrb.LineGrid3D(visible=True, spacing=5.0, color=rgb("#B4C0CC")),
+        eye_controls=_eye(runs),
+    )
+
+
+def _eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
+    """Where the scene is seen from: square to the middle of the sector that the jibs sweep, far enough for every crane to be seen whole.
+
+    Cranes that stand in a row across their jibs are seen from the side of the tips instead, so that none hides another.
+    """
+    slew = np.concatenate([run.trajectory.q[:, 0] for run in runs])
+    middle = (slew.min() + slew.max()) / 2
+    along, across = np.array([np.sin(middle), -np.cos(middle), 0.0]), np.array([np.cos(middle), np.sin(middle), 0.0])
+    height = max(pivot_position(run.crane, run.crane.start.q)[2] for run in runs)
+    reach = max(run.crane.upper[1] for run in runs)
+    feet = np.array([run.offset for run in runs])
+    in_a_row = np.ptp(feet @ across) > np.ptp(feet @ along)
+    turn, rise, middle_height = (np.radians(55.0), 0.3, 0.4) if in_a_row else (0.0, 0.12, 0.58)
+    towards, sideways = np.cos(turn) * across + np.sin(turn) * along, np.cos(turn) * along - np.sin(turn) * across
+    distance = 0.75 * (height + reach) + 0.55 * np.ptp(feet @ sideways) + 0.35 * np.ptp(feet @ towards)
+    up = np.array([0.0, 0.0, 1.0])
+    target = feet.mean(axis=0) + 0.26 * reach * along + middle_height * height * up
+    position = target + distance * (towards + rise * up)
+    return rrb.EyeControls3D(position=position, look_target=target, eye_up=up)

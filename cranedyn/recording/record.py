@@ -1,0 +1,99 @@
+"""Trajectories into one Rerun file: the moving crane, every number as a time series, and the layout that shows them."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.files import written
+from cranedyn.recording.dashboard import dashboard
+from cranedyn.recording.run import Run
+from cranedyn.recording.scene import PATH_SECONDS, log_scene, looks
+from cranedyn.recording.series import Table, log_series, table
+
+
+def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "") -> Path:
+    """Write runs into one ``.rrd`` file on one clock, with the layout inside.
+
+    The scene is drawn at 50 Hz in single precision. The numbers stand in it at full rate and to the bit, angles in degrees, energy since
+    the start: see `cranedyn.recording.series.table`.
+
+    Args:
+        path: The file, ending in ``.rrd``.
+        runs: One or several.
+        title: Heading of the recording.
+        text: What the recording shows, in Markdown.
+
+    Raises:
+        OutOfRange: If there is no run, one has no rows or holds a value that is not finite, or two share a name.
+        DataError: If the file cannot be written.
+        CraneError: If Rerun is switched off in the environment.
+    """
+    path = Path(path)
+    _check(path, runs)
+    tables = [_finite_table(run) for run in runs]
+    recording = rr.RecordingStream(_application(title, runs), send_properties=False)
+    if not rr.is_enabled(recording):
+        raise CraneError("Rerun is switched off by the environment variable RERUN; unset it to write a recording.")
+    memory = recording.memory_recording()
+    recording.send_blueprint(dashboard(runs, tables), make_active=False, make_default=True)
+    recording.send_recording_name(title)
+    recording.log("text", rr.TextDocument(describe(runs, title, text), media_type="text/markdown"), static=True)
+    recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    for run, look, columns in zip(runs, looks(runs), tables, strict=True):
+        log_scene(recording, run, look)
+        log_series(recording, run, columns)
+    with written(path) as draft:
+        draft.write_bytes(memory.drain_as_bytes())
+    return path
+
+
+def describe(runs: Sequence[Run], title: str, text: str) -> str:
+    """The words beside the pictures, in Markdown: title, text, parameters of the runs, and how to read the scene."""
+    names = dict.fromkeys(name for run in runs for name in run.trajectory.parameters)
+    rows = [[name, *(_shown(run.trajectory.parameters.get(name, "")) for run in runs)] for name in names]
+    lines = [["parameter", *(run.name for run in runs)], ["---"] * (len(runs) + 1), *rows]
+    scene = (
+        f"In the scene, dots show where the payload was in the last {PATH_SECONDS:g} s and the outline where "
+        "it is wanted. The arrows under the trolley "
+        f"point where it hangs off the plumb line, orange along the jib and blue across it, {looks(runs)[0].arrow:g} m for a degree."
+    )
+    if any("<mesh" in run.crane.urdf for run in runs):
+        scene += " Meshes of the URDF are not drawn."
+    parts = (f"## {title}", text, "\n".join(f"| {' | '.join(line)} |" for line in lines), scene)
+    return "\n\n".join(part for part in parts if part)
+
+
+def _shown(value: float | str) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value).replace("|", "\\|")
+
+
+def _check(path: Path, runs: Sequence[Run]) -> None:
+    if path.suffix != ".rrd":
+        raise DataError(f"Cannot write {path}: the ending must be .rrd.")
+    names = [run.name for run in runs]
+    if not names or not all(names) or len(set(names)) < len(names):
+        raise OutOfRange("names of the runs", names, "one name or more, each different")
+    for run in runs:
+        if not len(run.trajectory):
+            raise OutOfRange(f"number of rows of run {run.name}", 0, ">= 1")
+
+
+def _finite_table(run: Run) -> Table:
+    columns = table(run)
+    for name, values in columns.items():
+        if not np.isfinite(values).all():
+            raise OutOfRange(f"{name} of run {run.name}", values[~np.isfinite(values)][0], "a finite number")
+    return columns
+
+
+def _application(title: str, runs: Sequence[Run]) -> str:
+    """A name for the viewer, which keeps one layout per application: another for every other title or set of runs."""
+    key = repr([title, *((run.name, run.offset, len(run.trajectory), run.trajectory.q[-1].tolist()) for run in runs)])
+    return f"cranedyn-{re.sub(r'[^a-z0-9]+', '-', title.lower()).strip('-')[:40]}-{zlib.crc32(key.encode()):08x}"

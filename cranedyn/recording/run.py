@@ -1,0 +1,44 @@
+"""What a recording is made of, and how its parts are named."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import rerun as rr
+
+from cranedyn.crane import Crane
+from cranedyn.trajectory import Trajectory
+
+TIMELINE = "sim_time"
+"""The one clock of a recording."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One crane and what happened to it.
+
+    Attributes:
+        name: What the run is called; no two runs of a recording share a name.
+        crane: The crane.
+        trajectory: What it did.
+        offset: Where its foot stands in the scene [m]; cranes with the same offset are drawn into each other.
+    """
+
+    name: str
+    crane: Crane
+    trajectory: Trajectory
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def entity(self, *parts: str) -> str:
+        """Path of an entity of this run."""
+        return rr.new_entity_path([self.name, *parts])
+
+    def frame(self, name: str) -> str:
+        """Name of a coordinate frame of this run, from the name of a link."""
+        return f"{self.name}: {name}"
+
+
+def clock(t: np.ndarray) -> list[rr.TimeColumn]:
+    """Times [s] on the clock of a recording, to the nearest nanosecond (Rerun itself would cut the rest off)."""
+    return [rr.TimeColumn(TIMELINE, duration=np.round(1e9 * t).astype("timedelta64[ns]"))]

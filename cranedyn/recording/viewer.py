@@ -1,0 +1,108 @@
+"""A recording to look at: in a window, or in a browser on this machine."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import rerun as rr
+
+from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.recording.process import HOST, await_ready, end, free, start
+
+_INSTEAD = "write the recording with --save, or look at it in a browser with --serve"
+
+
+def check(path: str | Path) -> Path:
+    """The path, if a recording stands there that this version of Rerun shows.
+
+    Raises:
+        DataError: If the file cannot be read, is no recording, or was written by another version.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            head = file.read(8)
+    except OSError as error:
+        raise DataError(f"Cannot read {path}: {error.strerror}.") from error
+    if len(head) < 8 or head[:4] != b"RRF2":
+        raise DataError(f"{path} is not a Rerun recording.")
+    theirs, ours = f"{head[4]}.{head[5]}", ".".join(rr.__version__.split(".")[:2])
+    if theirs != ours:
+        raise DataError(f"{path} was written by Rerun {theirs} and this is Rerun {ours}; record it again.")
+    return path
+
+
+def open_viewer(path: str | Path) -> None:
+    """Show a recording in a window, which stays open when the program ends.
+
+    Raises:
+        DataError: If there is no recording there.
+        CraneError: If there is no display, or the viewer cannot be started.
+    """
+    path = check(path)
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise CraneError(f"There is no display to open a window on; {_INSTEAD}.")
+    process = start(str(path.resolve()), "--bind", HOST, "--new", own_session=True)
+    try:
+        code = process.wait(timeout=1.0)
+    except subprocess.TimeoutExpired:
+        return
+    if code:
+        raise CraneError(f"Rerun's viewer ended at once with exit code {code}; {_INSTEAD}.")
+
+
+@dataclass(frozen=True)
+class Server:
+    """A recording being served, until the context is left, `stop` is called, or the program is interrupted while it waits.
+
+    Attributes:
+        address: What to open in a browser on this machine.
+        process: The server.
+    """
+
+    address: str
+    process: subprocess.Popen[bytes]
+
+    def __enter__(self) -> Server:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.stop()
+
+    def wait(self) -> None:
+        """Return when the server has ended; an interrupt of this program ends it."""
+        try:
+            self.process.wait()
+        finally:
+            self.stop()
+
+    def stop(self) -> None:
+        """End the server."""
+        end(self.process)
+
+
+def serve(path: str | Path, *, port: int = 9090) -> Server:
+    """Serve a recording with its viewer to browsers on this machine alone.
+
+    Args:
+        path: The recording.
+        port: Where the page is; the data is at the next port.
+
+    Raises:
+        DataError: If there is no recording there.
+        OutOfRange: If there is no such port.
+        CraneError: If a port is in use, or the viewer cannot be started.
+    """
+    path = check(path)
+    if not 1 <= port <= 65534:
+        raise OutOfRange("port", port, "1 to 65534")
+    for taken in (port, port + 1):
+        if not free(taken):
+            raise CraneError(f"Port {taken} of {HOST} is in use; serving takes {port} and {port + 1}: choose another first port.")
+    process = start("--serve-web", "--bind", HOST, "--web-viewer-port", str(port), "--port", str(port + 1), str(path.resolve()))
+    await_ready(process, lambda: not free(port) and not free(port + 1), "It could not serve the recording.")
+    return Server(f"http://{HOST}:{port}/?url=rerun%2Bhttp%3A%2F%2F{HOST}%3A{port + 1}%2Fproxy", process)

@@ -1,0 +1,69 @@
+"""Pictures of a recording.
+
+``python -m experiments.snapshot RECORDING -t 0 8 -o DIR`` writes one PNG for each time [s],
+``python -m experiments.snapshot RECORDING --gif START END FILE`` a moving one. No display is needed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+
+from cranedyn.errors import CraneError, DataError, number
+from cranedyn.snapshot import animate, snapshot
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Exit code 0, or 2 for bad arguments, a file that is no recording, or where there is nothing to draw with."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.snapshot", description="Pictures of a recording, without a display.")
+    parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")
+    parser.add_argument("-t", "--times", metavar="T", type=float, nargs="+", default=[], help="when to take a picture [s]")
+    parser.add_argument(
+        "-o", "--out", metavar="DIR", type=Path, default=Path("out/snapshot"), help="where to put the pictures (default: %(default)s)"
+    )
+    parser.add_argument("--gif", metavar=("START", "END", "FILE"), nargs=3, help="write a moving picture of a span [s]")
+    parser.add_argument("--fps", type=float, default=10.0, help="pictures per second of the moving one (default: %(default)g)")
+    parser.add_argument("--view", choices=("dashboard", "3d"), default="dashboard", help="what to show (default: %(default)s)")
+    parser.add_argument("--size", metavar=("WIDTH", "HEIGHT"), type=int, nargs=2, default=(1280, 720), help="in pixels (default: 1280 720)")
+    given = parser.parse_args(arguments)
+    if not given.times and not given.gif:
+        parser.error("nothing to do: give times with -t or a span with --gif")
+    try:
+        for path in _pictures(given):
+            print(path)
+    except CraneError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+def _pictures(given: argparse.Namespace) -> list[Path]:
+    size, whole, paths = tuple(given.size), given.view == "dashboard", []
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("pictures", total=None)
+
+        def progress(done: int) -> None:
+            bar.update(task, completed=done, description=f"{done} pictures")
+
+        if given.times:
+            _folder(given.out)
+            paths += snapshot(given.recording, given.times, given.out, size=size, whole=whole, progress=progress)
+        if given.gif:
+            span = number("START", given.gif[0], "s"), number("END", given.gif[1], "s")
+            paths.append(animate(given.recording, span, given.gif[2], fps=given.fps, size=size, whole=whole, progress=progress))
+    return paths
+
+
+def _folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f"Cannot write to {folder}: {error.strerror}.") from error
+
+
+if __name__ == "__main__":
+    sys.exit(main())
