@@ -16,13 +16,13 @@ from cranedyn.style import rgb
 
 
 def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
-    """The layout for these runs and what is recorded of them."""
+    """The layout for these runs and what is recorded of them; without tables, for runs that are only beginning."""
     busiest = _busiest_drive(runs)
     drives = [plot(name, runs, tables) for name in ("gamma", "x", "l")]
     efforts = [plot(name, runs, tables) for name in ("T_gamma", "F_x", "F_l", "speeds", "angular speeds")]
     efforts.insert(0, efforts.pop(busiest))
     titles = [f"Energy [J] · {run.name}" if len(runs) > 1 else "" for run in runs]
-    energies = [plot("energy", [run], [columns], title) for run, columns, title in zip(runs, tables, titles, strict=True)]
+    energies = [plot("energy", [run], tables[i : i + 1], titles[i]) for i, run in enumerate(runs)]
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(_scene(runs), rrb.TextDocumentView(origin="text", name="About"), row_shares=[7, 2]),
@@ -36,7 +36,9 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
         ),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, loop_mode="all", play_state="playing"),
+        rrb.TimePanel(
+            state="collapsed", timeline=TIMELINE, loop_mode="all" if tables else "off", play_state="playing" if tables else "following"
+        ),
         auto_views=False,
         auto_layout=False,
     )

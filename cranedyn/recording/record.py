@@ -14,7 +14,7 @@ from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.files import written
 from cranedyn.recording.dashboard import dashboard
 from cranedyn.recording.run import Run
-from cranedyn.recording.scene import PATH_SECONDS, log_scene, looks
+from cranedyn.recording.scene import PATH_SECONDS, Scene, looks
 from cranedyn.recording.series import Table, log_series, table
 
 
@@ -42,12 +42,12 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
     if not rr.is_enabled(recording):
         raise CraneError("Rerun is switched off by the environment variable RERUN; unset it to write a recording.")
     memory = recording.memory_recording()
-    recording.send_blueprint(dashboard(runs, tables), make_active=False, make_default=True)
+    recording.send_blueprint(dashboard(runs, tables), make_active=True, make_default=True)
     recording.send_recording_name(title)
     recording.log("text", rr.TextDocument(describe(runs, title, text), media_type="text/markdown"), static=True)
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for run, look, columns in zip(runs, looks(runs), tables, strict=True):
-        log_scene(recording, run, look)
+        Scene(recording, run, look).move(run)
         log_series(recording, run, columns)
     with written(path) as draft:
         draft.write_bytes(memory.drain_as_bytes())

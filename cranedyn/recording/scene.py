@@ -26,6 +26,7 @@ PATH_SECONDS = 4.0
 """How long the path of the payload stays [s]."""
 
 _PICTURES_PER_SECOND, _PATH_POINTS_PER_SECOND = 50.0, 10.0
+_PATH_POINTS = round(PATH_SECONDS * _PATH_POINTS_PER_SECOND)
 _PAYLOADS = ("#F22B05", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 _CABLE, _GREY = "#202020", "#8C8C8C"
 _CABLE_RADIUS, _PATH_RADIUS, _ARROW_RADIUS = 0.05, 0.16, 0.12
@@ -72,19 +73,28 @@ def looks(runs: Sequence[Run]) -> list[Look]:
     return found
 
 
-def log_scene(recording: rr.RecordingStream, run: Run, look: Look) -> None:
-    """Draw one run, 50 pictures a second."""
-    tree = _tree(run)
-    rows = _every(run.trajectory.t, 1 / _PICTURES_PER_SECOND)
-    ground = run.frame(tree.root_link().name)
-    times = _Times(run.trajectory.t[rows], run.trajectory.q[rows], run.trajectory.wanted[rows], ground)
-    foot = rr.Transform3D(translation=run.offset, parent_frame="tf#/", child_frame=ground)
-    recording.log(run.entity("joints", "ground"), foot, static=True)
-    _log_joints(recording, run, tree, times)
-    body = _log_links(recording, run, tree, look)
-    _log_load(recording, run, times, look)
-    _log_wanted(recording, run, times, body)
-    _log_swing(recording, run, times, look, _child(tree, "trolley_joint"))
+class Scene:
+    """One crane in a recording: what stands still is drawn at once, what moves with every call of `move`."""
+
+    def __init__(self, recording: rr.RecordingStream, run: Run, look: Look) -> None:
+        self._recording, self._look, self._tree = recording, look, _tree(run)
+        self._ground = run.frame(self._tree.root_link().name)
+        foot = rr.Transform3D(translation=run.offset, parent_frame="tf#/", child_frame=self._ground)
+        recording.log(run.entity("joints", "ground"), foot, static=True)
+        self._body = _log_links(recording, run, self._tree, look)
+        _log_styles(recording, run, look, self._ground, _child(self._tree, "trolley_joint"), self._body)
+
+    def move(self, run: Run, since: float = -math.inf) -> None:
+        """Draw the rows of a run from a time on [s], 50 pictures a second; earlier rows are the past that the path shows."""
+        t = run.trajectory.t
+        rows = _every(t, 1 / _PICTURES_PER_SECOND)
+        fresh = rows[t[rows] >= since]
+        times = _Times(t[fresh], run.trajectory.q[fresh], run.trajectory.wanted[fresh], self._ground)
+        _move_joints(self._recording, run, self._tree, times)
+        _move_load(self._recording, run, times)
+        _move_path(self._recording, run, since)
+        _move_wanted(self._recording, run, times)
+        _move_swing(self._recording, run, times, self._look)
 
 
 def _tree(run: Run) -> UrdfTree:
@@ -105,19 +115,20 @@ def _every(t: np.ndarray, seconds: float) -> np.ndarray:
     return np.unique(np.searchsorted(t, np.append(np.arange(t[0], t[-1], seconds), t[-1]) - 1e-9))
 
 
-def _log_joints(recording: rr.RecordingStream, run: Run, tree: UrdfTree, times: _Times) -> None:
+def _move_joints(recording: rr.RecordingStream, run: Run, tree: UrdfTree, times: _Times) -> None:
     moving = [joint.name for joint in JOINTS]
     for joint in tree.joints():
-        path = run.entity("joints", joint.name)
         if joint.name in moving:
             columns = joint.compute_transform_columns(times.q[:, moving.index(joint.name)].tolist(), clamp=False)
-            recording.send_columns(path, clock(times.t), columns)
-        else:
-            recording.log(path, joint.compute_transform(0.0, clamp=False), static=True)
+            recording.send_columns(run.entity("joints", joint.name), clock(times.t), columns)
 
 
 def _log_links(recording: rr.RecordingStream, run: Run, tree: UrdfTree, look: Look) -> Shape:
-    """The links as they look; returns the body of the payload, its largest shape."""
+    """The links as they look, on their fixed joints; returns the body of the payload, its largest shape."""
+    moving = [joint.name for joint in JOINTS]
+    for joint in tree.joints():
+        if joint.name not in moving:
+            recording.log(run.entity("joints", joint.name), joint.compute_transform(0.0, clamp=False), static=True)
     payload = _child(tree, "hoist_joint")
     by_link = shapes(run.crane.urdf)
     by_link[payload] = by_link[payload] or [Shape("box", (1.0, 1.0, 1.0))]
@@ -136,47 +147,64 @@ def _log_links(recording: rr.RecordingStream, run: Run, tree: UrdfTree, look: Lo
     return body
 
 
-def _log_load(recording: rr.RecordingStream, run: Run, times: _Times, look: Look) -> None:
-    """The cable from the pivot to the payload, and the path of the payload: as many points at any time, older ones paler and smaller."""
-    ends = np.array([(pivot_position(run.crane, q), payload_position(run.crane, q)) for q in times.q])
-    path = run.entity("scene", "cable")
-    recording.log(path, rr.CoordinateFrame(times.ground), rr.LineStrips3D.from_fields(colors=rgb(_CABLE), radii=_CABLE_RADIUS), static=True)
-    recording.send_columns(path, clock(times.t), rr.LineStrips3D.columns(strips=list(ends)))
+def _log_styles(recording: rr.RecordingStream, run: Run, look: Look, ground: str, trolley: str, body: Shape) -> None:
+    """Frames, colours and sizes of what moves: cable, path, the outline of where the payload is wanted, swing arrows."""
+    age = np.linspace(0.0, 1.0, _PATH_POINTS, endpoint=False)
+    faded = [rgb(mixed(look.colour, BACKGROUND, a)) for a in age]
+    arrows = rr.Arrows3D.from_fields(
+        origins=[[0.0, 0.0, -_ARROWS_BELOW_PIVOT]] * 2, colors=[rgb(COLOURS["phi"]), rgb(COLOURS["theta"])], radii=_ARROW_RADIUS
+    )
+    styles = {
+        "cable": (ground, rr.LineStrips3D.from_fields(colors=rgb(_CABLE), radii=_CABLE_RADIUS)),
+        "path": (ground, rr.Points3D.from_fields(colors=faded, radii=_PATH_RADIUS * (1 - age))),
+        "wanted/cable": (ground, rr.LineStrips3D.from_fields(colors=rgb(_GREY), radii=_CABLE_RADIUS / 2)),
+        "swing": (run.frame(trolley), arrows),
+    }
+    for name, (frame, style) in styles.items():
+        recording.log(f"{run.entity('scene')}/{name}", rr.CoordinateFrame(frame), style, static=True)
+    outline = replace(body, colour=(0.3, 0.3, 0.3, 0.5))
+    log_shapes(recording, run.entity("scene", "wanted"), run.frame("wanted"), [outline], "transparentfillmajorwireframe")
 
-    some, n = _every(times.t, 1 / _PATH_POINTS_PER_SECOND), round(PATH_SECONDS * _PATH_POINTS_PER_SECOND)
-    past = ends[some, 1][np.clip(np.arange(len(some))[:, None] - np.arange(n), 0, None)]
-    age = np.arange(n) / n
-    points = rr.Points3D.from_fields(colors=[rgb(mixed(look.colour, BACKGROUND, a)) for a in age], radii=_PATH_RADIUS * (1 - age))
-    path = run.entity("scene", "path")
-    recording.log(path, rr.CoordinateFrame(times.ground), points, static=True)
-    recording.send_columns(path, clock(times.t[some]), rr.Points3D.columns(positions=past.reshape(-1, 3)).partition(np.full(len(some), n)))
+
+def _ends(run: Run, q: np.ndarray) -> np.ndarray:
+    """Pivot and payload in the world [m], shape (n, 2, 3)."""
+    return np.array([(pivot_position(run.crane, row), payload_position(run.crane, row)) for row in q]).reshape(-1, 2, 3)
 
 
-def _log_wanted(recording: rr.RecordingStream, run: Run, times: _Times, body: Shape) -> None:
+def _move_load(recording: rr.RecordingStream, run: Run, times: _Times) -> None:
+    """The cable from the pivot to the payload."""
+    recording.send_columns(run.entity("scene", "cable"), clock(times.t), rr.LineStrips3D.columns(strips=list(_ends(run, times.q))))
+
+
+def _move_path(recording: rr.RecordingStream, run: Run, since: float) -> None:
+    """The path of the payload: as many points at any time, older ones paler and smaller."""
+    t = run.trajectory.t
+    some = _every(t, 1 / _PATH_POINTS_PER_SECOND)
+    fresh = np.flatnonzero(t[some] >= since)
+    payload = _ends(run, run.trajectory.q[some])[:, 1]
+    past = payload[np.clip(fresh[:, None] - np.arange(_PATH_POINTS), 0, None)]
+    columns = rr.Points3D.columns(positions=past.reshape(-1, 3)).partition(np.full(len(fresh), _PATH_POINTS))
+    recording.send_columns(run.entity("scene", "path"), clock(t[some][fresh]), columns)
+
+
+def _move_wanted(recording: rr.RecordingStream, run: Run, times: _Times) -> None:
     """An outline of the payload hanging at rest below the trolley where the drives are wanted; rows only where that changes."""
     rows = np.append(True, np.any(np.diff(times.wanted, axis=0) != 0, axis=1))
     q = np.zeros((np.count_nonzero(rows), 5))
     q[:, DRIVES] = times.wanted[rows]
-    ends = np.array([(pivot_position(run.crane, row), payload_position(run.crane, row)) for row in q])
+    ends, n = _ends(run, q), len(q)
     turned = np.stack([0 * q[:, 0], 0 * q[:, 0], np.sin(q[:, 0] / 2), np.cos(q[:, 0] / 2)], axis=1)
-    frame, path, n = run.frame("wanted"), run.entity("scene", "wanted"), len(q)
-    moved = rr.Transform3D.columns(translation=ends[:, 1], quaternion=turned, parent_frame=[times.ground] * n, child_frame=[frame] * n)
+    moved = rr.Transform3D.columns(
+        translation=ends[:, 1], quaternion=turned, parent_frame=[times.ground] * n, child_frame=[run.frame("wanted")] * n
+    )
     recording.send_columns(run.entity("joints", "wanted"), clock(times.t[rows]), moved)
-    outline = replace(body, colour=(0.3, 0.3, 0.3, 0.5))
-    log_shapes(recording, path, frame, [outline], "transparentfillmajorwireframe")
-    look = rr.LineStrips3D.from_fields(colors=rgb(_GREY), radii=_CABLE_RADIUS / 2)
-    recording.log(f"{path}/cable", rr.CoordinateFrame(times.ground), look, static=True)
-    recording.send_columns(f"{path}/cable", clock(times.t[rows]), rr.LineStrips3D.columns(strips=list(ends)))
+    recording.send_columns(run.entity("scene", "wanted", "cable"), clock(times.t[rows]), rr.LineStrips3D.columns(strips=list(ends)))
 
 
-def _log_swing(recording: rr.RecordingStream, run: Run, times: _Times, look: Look, trolley: str) -> None:
+def _move_swing(recording: rr.RecordingStream, run: Run, times: _Times, look: Look) -> None:
     """Two arrows below the trolley that point where the load hangs off the plumb line: along the jib, and across it."""
     phi, theta = look.arrow * np.degrees(times.q[:, 2:4]).T
     vectors = np.zeros((len(phi), 2, 3))
     vectors[:, 0, 1], vectors[:, 1, 0] = phi, -theta
-    arrows = rr.Arrows3D.from_fields(
-        origins=[[0.0, 0.0, -_ARROWS_BELOW_PIVOT]] * 2, colors=[rgb(COLOURS["phi"]), rgb(COLOURS["theta"])], radii=_ARROW_RADIUS
-    )
-    path = run.entity("scene", "swing")
-    recording.log(path, rr.CoordinateFrame(run.frame(trolley)), arrows, static=True)
-    recording.send_columns(path, clock(times.t), rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3)).partition(np.full(len(phi), 2)))
+    columns = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3)).partition(np.full(len(phi), 2))
+    recording.send_columns(run.entity("scene", "swing"), clock(times.t), columns)

@@ -92,7 +92,10 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
 
 
 def plot(name: str, runs: Sequence[Run], tables: Sequence[Table], title: str = "") -> rrb.TimeSeriesView:
-    """The view of one plot: the same curves of each run, paler for later runs; the legend names a run at its curve on top."""
+    """The view of one plot: the same curves of each run, paler for later runs; the legend names a run at its curve on top.
+
+    Without tables the axes find their own ranges, as they must while a run is under way.
+    """
     shown = PLOTS[name]
     overrides: dict[Any, Any] = {}
     for i, run in enumerate(runs):
@@ -106,15 +109,15 @@ def plot(name: str, runs: Sequence[Run], tables: Sequence[Table], title: str = "
         origin="/",
         contents=[f"+ {path}" for path in overrides],
         overrides=overrides,
-        axis_x=rrb.TimeAxis(view_range=_whole_time(runs)),
-        axis_y=rrb.ScalarAxis(range=_span(shown, tables)),
+        axis_x=rrb.TimeAxis(view_range=_whole_time(runs)) if tables else None,
+        axis_y=rrb.ScalarAxis(range=_span(shown, tables)) if tables else None,
         plot_legend=rrb.PlotLegend(corner="RightTop"),
     )
 
 
 def _line(curve: Curve, label: str, paler: float) -> rrb.visualizers.Visualizer:
     """A curve; where many rows fall on one pixel, efforts and energies show their extremes, all else the mean."""
-    ink = COLOURS[curve.quantity].replace("#000000", "#FFFFFF")
+    ink = COLOURS[curve.quantity].replace("#000000", "#9A9A9A")
     colour = rgb(mixed(ink, "#FFFFFF", paler))
     policy: Literal["MinMax", "Average"] = "MinMax" if curve.column.split("_")[0] in ("T", "F", "W", "energy") else "Average"
     source = VisualizerComponentMapping("Scalars:scalars", "SourceComponent", source_component="Run:row", selector=f".{curve.column}")

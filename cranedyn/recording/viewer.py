@@ -7,11 +7,12 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
 import rerun as rr
 
 from cranedyn.errors import CraneError, DataError, OutOfRange
-from cranedyn.recording.process import HOST, await_ready, end, free, start
+from cranedyn.recording.process import HOST, await_ready, end, free, free_port, start
 
 _INSTEAD = "write the recording with --save, or look at it in a browser with --serve"
 
@@ -36,23 +37,30 @@ def check(path: str | Path) -> Path:
     return path
 
 
-def open_viewer(path: str | Path) -> None:
+def open_viewer(path: str | Path | None = None) -> str:
     """Show a recording in a window, which stays open when the program ends.
+
+    Args:
+        path: The recording; None for a window that waits for a live one.
+
+    Returns:
+        Where the window takes live data.
 
     Raises:
         DataError: If there is no recording there.
         CraneError: If there is no display, or the viewer cannot be started.
     """
-    path = check(path)
+    shown = [] if path is None else [str(check(path).resolve())]
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise CraneError(f"There is no display to open a window on; {_INSTEAD}.")
-    process = start(str(path.resolve()), "--bind", HOST, "--new", own_session=True)
-    try:
-        code = process.wait(timeout=1.0)
-    except subprocess.TimeoutExpired:
-        return
-    if code:
-        raise CraneError(f"Rerun's viewer ended at once with exit code {code}; {_INSTEAD}.")
+    port = free_port()
+    process = start(*shown, "--bind", HOST, "--port", str(port), own_session=True)
+    await_ready(process, lambda: not free(port), f"Instead, {_INSTEAD}.")
+    return _data(port)
+
+
+def _data(port: int) -> str:
+    return f"rerun+http://{HOST}:{port}/proxy"
 
 
 @dataclass(frozen=True)
@@ -61,10 +69,12 @@ class Server:
 
     Attributes:
         address: What to open in a browser on this machine.
+        data: Where it takes live data.
         process: The server.
     """
 
     address: str
+    data: str
     process: subprocess.Popen[bytes]
 
     def __enter__(self) -> Server:
@@ -85,11 +95,11 @@ class Server:
         end(self.process)
 
 
-def serve(path: str | Path, *, port: int = 9090) -> Server:
+def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
     """Serve a recording with its viewer to browsers on this machine alone.
 
     Args:
-        path: The recording.
+        path: The recording; None for a page that waits for a live one.
         port: Where the page is; the data is at the next port.
 
     Raises:
@@ -97,12 +107,13 @@ def serve(path: str | Path, *, port: int = 9090) -> Server:
         OutOfRange: If there is no such port.
         CraneError: If a port is in use, or the viewer cannot be started.
     """
-    path = check(path)
+    shown = [] if path is None else [str(check(path).resolve())]
     if not 1 <= port <= 65534:
         raise OutOfRange("port", port, "1 to 65534")
     for taken in (port, port + 1):
         if not free(taken):
             raise CraneError(f"Port {taken} of {HOST} is in use; serving takes {port} and {port + 1}: choose another first port.")
-    process = start("--serve-web", "--bind", HOST, "--web-viewer-port", str(port), "--port", str(port + 1), str(path.resolve()))
+    process = start("--serve-web", "--bind", HOST, "--web-viewer-port", str(port), "--port", str(port + 1), *shown)
     await_ready(process, lambda: not free(port) and not free(port + 1), "It could not serve the recording.")
-    return Server(f"http://{HOST}:{port}/?url=rerun%2Bhttp%3A%2F%2F{HOST}%3A{port + 1}%2Fproxy", process)
+    data = _data(port + 1)
+    return Server(f"http://{HOST}:{port}/?url={quote(data, safe='')}", data, process)
