@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import curve_fit
+from scipy.optimize import least_squares
 from scipy.stats import linregress
 
 from cranedyn.errors import DataError
@@ -60,7 +60,11 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
     Raises:
         DataError: If the record holds fewer than two swings, or the fit does not converge.
     """
-    crossings = zero_crossings(t, swing - swing.mean())
+    if len(t) == 0:
+        raise DataError("The record holds no row where a swing is to be fitted.")
+    centred = swing - swing.mean()
+    clear = np.abs(centred) > 0.25 * centred.std()  # so that noise about zero makes no crossings
+    crossings = zero_crossings(t[clear], centred[clear])
     if len(crossings) < 5:
         raise DataError(
             f"The record from {t[0]:g} to {t[-1]:g} s holds {max(len(crossings) - 1, 0)} half swings; at least four are needed for a fit."
@@ -68,22 +72,24 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
     half = (crossings[-1] - crossings[0]) / (len(crossings) - 1)
     middle = 0.5 * (t[0] + t[-1])
 
-    def model(s: np.ndarray, a: float, b: float, decay: float, omega: float, c: float) -> np.ndarray:
-        return np.exp(-decay * s) * (a * np.cos(omega * s) + b * np.sin(omega * s)) + c
+    def misfit(parameters: np.ndarray) -> np.ndarray:
+        a, b, decay, omega, c = parameters
+        s = t - middle
+        return np.exp(-decay * s) * (a * np.cos(omega * s) + b * np.sin(omega * s)) + c - swing
 
     basis = np.stack([np.cos(math.pi / half * (t - middle)), np.sin(math.pi / half * (t - middle)), np.ones_like(t)], axis=1)
     a, b, c = np.linalg.lstsq(basis, swing, rcond=None)[0]
-    try:
-        (a, b, decay, omega, c), _ = curve_fit(model, t - middle, swing, p0=(a, b, 0.0, math.pi / half, c))
-    except RuntimeError as error:
-        raise DataError(f"The record from {t[0]:g} to {t[-1]:g} s does not fit a decaying cosine: {error}") from error
+    fit = least_squares(misfit, (a, b, 0.0, math.pi / half, c), method="lm", x_scale="jac")
+    if not fit.success:
+        raise DataError(f"The record from {t[0]:g} to {t[-1]:g} s does not fit a decaying cosine: {fit.message}")
+    a, b, decay, omega, c = fit.x.tolist()
     return SwingFit(
         period=2.0 * math.pi / omega,
         damping_ratio=decay / math.hypot(decay, omega),
         amplitude=math.hypot(a, b) * math.exp(decay * middle),
         phase=(math.atan2(-b, a) - omega * middle) % (2.0 * math.pi),
         offset=c,
-        rms=float(np.sqrt(np.mean((model(t - middle, a, b, decay, omega, c) - swing) ** 2))),
+        rms=float(np.sqrt(np.mean(fit.fun**2))),
     )
 
 
@@ -159,7 +165,14 @@ class Agreement:
 
 
 def agreement(measured: np.ndarray, modelled: np.ndarray) -> Agreement:
-    """Compare two signals of the same times, shape (n,) each."""
+    """Compare two signals of the same times, shape (n,) each.
+
+    Raises:
+        DataError: If one of them does not move.
+    """
+    for name, signal in (("measured", measured), ("modelled", modelled)):
+        if len(signal) == 0 or np.ptp(signal) == 0.0:
+            raise DataError(f"The {name} signal does not move, so there is nothing to compare.")
     return Agreement(
         measured=float(np.abs(measured).max()),
         modelled=float(np.abs(modelled).max()),

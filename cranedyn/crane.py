@@ -96,6 +96,11 @@ class Crane:
         return float(self.model.inertias[2].mass)
 
     @property
+    def slewing_inertia(self) -> float:
+        """Rotational inertia of the upper structure about the slew axis [kg m²], trolley and payload not counted."""
+        return float(self.model.inertias[1].matrix()[5, 5])
+
+    @property
     def payload_inertia(self) -> float:
         """Rotational inertia of the payload about its own X axis [kg m²]."""
         return float(self.model.inertias[5].inertia[0, 0])
@@ -145,6 +150,7 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
         UnknownName: If an argument is not declared in the xacro file.
         DataError: If the file cannot be read.
     """
+    g = number("gravity", gravity, "m/s²", "> 0")
     path = XACRO if urdf is None else Path(urdf)
     if path.suffix == ".xacro":
         text = describe(path, values)
@@ -152,7 +158,6 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
         raise UnknownName("argument", next(iter(values)), ["none in a plain URDF"])
     else:
         text = _read(path)
-    g = number("gravity", gravity, "m/s²", "> 0")
     model = _model(text, path)
     model.gravity.linear = np.array([0.0, 0.0, -g])
     _check_joints(model, path, check_axes)
@@ -188,10 +193,19 @@ def _read(path: Path) -> str:
 
 def _model(text: str, path: Path) -> pin.Model:
     try:
-        ET.fromstring(text)
+        _check_inertials(ET.fromstring(text), path)
         return pin.buildModelFromXML(text)
     except (ET.ParseError, ValueError, RuntimeError) as error:
         raise ModelError(f"{path} is not a URDF that can be loaded: {str(error).strip().rstrip('.')}.") from error
+
+
+def _check_inertials(robot: ET.Element, path: Path) -> None:
+    """Pinocchio's parser drops an inertial with an unreadable number and carries on without it."""
+    for link in robot.iterfind("link"):
+        for element in link.iterfind("inertial/*"):
+            for name, words in element.items():
+                for word in words.split():
+                    number(f"{name} in the inertial of {link.get('name')} in {path}", word)
 
 
 def _check_joints(model: pin.Model, path: Path, check_axes: bool) -> None:

@@ -66,6 +66,8 @@ def _semi_implicit_euler(
 semi_implicit_euler = Integrator("semi-implicit Euler", _semi_implicit_euler, lead=0.5)
 """Velocities first, then positions with the new velocities, on any Pinocchio model.
 
-Order 1. For forces that depend on position alone it is symplectic: the energy error stays bounded, halves with the step, and does not
-drift. A frequency ω is met with a relative period error of -(ω dt)²/24, because velocities are those of half a step earlier.
+Order 1. Where forces depend on position alone and the mass matrix is constant, as in the swing of a load on locked drives in one plane,
+it is symplectic: the energy error stays bounded, halves with the step, and does not drift. Where inertia depends on the posture, as in
+a robot's arm, the energy may drift, at a rate that halves with the step. A frequency ω is met with a relative period error of
+-(ω dt)²/24, because velocities are those of half a step earlier.
 """

@@ -1,4 +1,4 @@
-"""The linear crane about a rest: what a small motion does, step by step, under a held command and in a closed loop.
+"""The linear crane about a rest or a motion: what a small motion does, step by step, under a held command and in a closed loop.
 
 Deviations are stacked as z = (coordinates, rates), shape (10,).
 """
@@ -32,22 +32,22 @@ class Sampled:
         return self.a - self.b @ gain
 
 
-def sampled(crane: Crane, rest: State, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
-    """Linearise a crane about a state at rest and step it exactly as `simulate` does: semi-implicit Euler under a held effort.
+def sampled(crane: Crane, state: State, effort: np.ndarray | None = None, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
+    """Linearise a crane about a state and step it exactly as `simulate` does: semi-implicit Euler under a held effort.
 
     Args:
         crane: The crane.
-        rest: Where it hangs at rest.
+        state: Where it hangs at rest, or passes by in a motion.
+        effort: What the drives exert there, shape (3,); None for what balances gravity.
         dt: Physics step [s].
         control_period: Time over which efforts are held [s], a multiple of `dt`.
     """
-    by_state, by_effort = linearise(crane, rest, holding_effort(crane, rest.q))
+    by_state, by_effort = linearise(crane, state, holding_effort(crane, state.q) if effort is None else effort)
     step_v = np.hstack([np.zeros((5, 5)), np.eye(5)]) + dt * by_state
     step = np.vstack([np.eye(5, 10) + dt * step_v, step_v])
     push = np.vstack([dt * dt * by_effort, dt * by_effort])
-    a, b = np.eye(10), np.zeros((10, 3))
-    for _ in range(round(control_period / dt)):
-        a, b = step @ a, step @ b + push
+    held = np.linalg.matrix_power(np.block([[step, push], [np.zeros((3, 10)), np.eye(3)]]), round(control_period / dt))
+    a, b = held[:10, :10], held[:10, 10:]
     return Sampled(a, b, control_period)
 
 
@@ -85,11 +85,10 @@ class Mode:
 
 
 def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
-    """The slowest oscillation of a sampled closed loop, shape (10, 10), in which a coordinate (2 for φ, 3 for θ) takes most part."""
+    """The oscillation of a sampled closed loop, shape (10, 10), in which a coordinate (2 for φ, 3 for θ) has the largest share."""
     values, vectors = np.linalg.eig(loop)
     rates = np.log(values.astype(complex)) / period
-    share = np.abs(vectors[coordinate]) / np.linalg.norm(vectors[[0, 1, 2, 3, 4]], axis=0)
-    candidates = [i for i in range(10) if rates[i].imag > 1e-3 and share[i] > 0.05]
-    i = min(candidates, key=lambda i: rates[i].imag)
+    share = np.abs(vectors[coordinate]) / np.linalg.norm(vectors[:5], axis=0)
+    i = int(np.argmax(np.where(rates.imag > 1e-3, share, 0.0)))
     scale = vectors[coordinate, i]
     return Mode(complex(rates[i]), vectors[:, i] / scale, np.linalg.inv(vectors)[i] * scale)

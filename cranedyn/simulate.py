@@ -33,6 +33,7 @@ def simulate(
     reference: Reference | None = None,
     *,
     start: State | None = None,
+    since: float = 0.0,
     duration: float,
     dt: float = 5e-4,
     control_period: float = 5e-3,
@@ -50,6 +51,7 @@ def simulate(
         controller: What commands the drives.
         reference: Where the drives should be at each time. None holds the drives where they are first observed.
         start: Where it starts; by default hanging at rest where its URDF says.
+        since: Time at the start [s], when a run goes on from an earlier one.
         duration: How long to run [s], a multiple of the control period.
         dt: Physics step [s].
         control_period: Time between calls of the controller [s], a multiple of `dt`; one row is logged each time.
@@ -59,7 +61,7 @@ def simulate(
         progress: Called at every control instant with the time [s].
 
     Returns:
-        What happened, from 0 to `duration`.
+        What happened, from `since` on.
 
     Raises:
         OutOfRange: If a time is not positive, or one does not divide the other.
@@ -76,17 +78,17 @@ def simulate(
 
     def recorded() -> Trajectory:
         parameters: dict[str, float | str] = {"dt_s": dt, "control_period_s": control_period, "drive": drive, "integrator": integrator.name}
-        return _trajectory(crane, log, control_period, integrator.lead * dt, parameters)
+        return _trajectory(crane, log, since, control_period, integrator.lead * dt, parameters)
 
-    t = 0.0
+    t = since
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             for k in range(periods + 1):
-                t = k * control_period
+                t = since + k * control_period
                 _check_finite(t, state, recorded)
                 wanted = reference(t)
                 before = drives.effort(state)
-                command = np.asarray(controller(t, state, wanted), dtype=float)
+                command = np.array(controller(t, state, wanted), dtype=float)
                 if command.shape != (3,) or not math.isfinite(sum(command.tolist())):
                     raise _bad_command(t, command, recorded)
                 command, effort = drives.take(command, state)
@@ -194,7 +196,7 @@ def _check_finite(t: float, state: State, recorded: Callable[[], Trajectory]) ->
 
 
 def _trajectory(
-    crane: Crane, log: list[tuple[np.ndarray, ...]], period: float, lead: float, parameters: dict[str, float | str]
+    crane: Crane, log: list[tuple[np.ndarray, ...]], since: float, period: float, lead: float, parameters: dict[str, float | str]
 ) -> Trajectory:
     """The log as arrays, with its energy ledger.
 
@@ -211,4 +213,4 @@ def _trajectory(
     dissipated = np.zeros(len(q))
     np.cumsum((power[:-1] + power[1:]) / 2 * period, out=dissipated[1:])
     energies = np.array([pin.computeMechanicalEnergy(crane.model, crane.data, *row[:2]) for row in log])
-    return Trajectory(period * np.arange(len(q)), q, v, wanted, command, effort, energies, work, dissipated, parameters)
+    return Trajectory(since + period * np.arange(len(q)), q, v, wanted, command, effort, energies, work, dissipated, parameters)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -81,13 +82,20 @@ class Trajectory:
 
     def since(self, t: float) -> Trajectory:
         """The rows from a time on [s]."""
-        late = self.t >= t
-        return replace(self, **{name: getattr(self, name)[late] for name in COLUMNS})
+        return self._rows(self.t >= t)
+
+    def between(self, first: float, last: float) -> Trajectory:
+        """The rows from one time to another [s], both included."""
+        return self._rows((self.t >= first - 1e-9) & (self.t <= last + 1e-9))
+
+    def _rows(self, chosen: np.ndarray) -> Trajectory:
+        return replace(self, **{name: getattr(self, name)[chosen] for name in COLUMNS})
 
     @property
     def unexplained(self) -> np.ndarray:
-        """What the energy ledger leaves open since the start [J], shape (n,): energy gained less work done plus energy dissipated."""
-        return self.energy - self.energy[0] - self.work.sum(axis=1) + self.dissipated
+        """What the energy ledger leaves open since the first row [J], shape (n,): energy gained less work done plus energy dissipated."""
+        ledger = self.energy - self.work.sum(axis=1) + self.dissipated
+        return ledger - ledger[0]
 
     def table(self) -> pa.Table:
         """All columns as an Arrow table, the parameters in its metadata."""
@@ -117,7 +125,7 @@ def read(path: str | Path) -> Trajectory:
     Raises:
         DataError: If the file cannot be read, a column is missing, or a value is not a finite number.
     """
-    table = _read_table(path)
+    table = _read_table(path, [column for columns in COLUMNS.values() for column in columns])
     arrays = {name: _columns(table, columns, path) for name, columns in COLUMNS.items()}
     parameters = json.loads((table.schema.metadata or {}).get(b"cranedyn", b"{}"))
     return Trajectory(
@@ -132,16 +140,19 @@ def read_columns(path: str | Path, columns: Sequence[str]) -> dict[str, np.ndarr
     Raises:
         DataError: If the file cannot be read, a column is missing, a value is not a finite number, or time does not increase.
     """
-    found = _columns(_read_table(path), columns, path)
+    found = _columns(_read_table(path, columns), columns, path)
     if "t_s" in found and not (len(found["t_s"]) > 1 and (np.diff(found["t_s"]) > 0).all()):
         raise DataError(f"{path}: t_s must increase from row to row, over two rows at least.")
     return found
 
 
-def _read_table(path: str | Path) -> pa.Table:
+def _read_table(path: str | Path, numbers: Sequence[str]) -> pa.Table:
     path = Path(path)
     try:
-        return pyarrow.parquet.read_table(path) if path.suffix == ".parquet" else pyarrow.csv.read_csv(path)
+        if path.suffix == ".parquet":
+            return pyarrow.parquet.read_table(path)
+        options = pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(numbers, pa.float64()))
+        return pyarrow.csv.read_csv(path, convert_options=options)
     except (OSError, pa.ArrowException) as error:
         raise DataError(f"Cannot read {path}: {str(error).splitlines()[0].rstrip('.')}.") from error
 
@@ -162,3 +173,25 @@ def _columns(table: pa.Table, columns: Sequence[str], path: str | Path) -> dict[
             )
         found[name] = values
     return found
+
+
+def join(pieces: Sequence[Trajectory]) -> Trajectory:
+    """One trajectory from pieces of a run, each beginning at the time and state at which the one before ended.
+
+    Work and dissipation go on from piece to piece; parameters are those of the first.
+
+    Raises:
+        DataError: If there is no piece, or one does not begin where the one before ended.
+    """
+    if not pieces:
+        raise DataError("There are no pieces to join.")
+    for one, next_one in itertools.pairwise(pieces):
+        if one.t[-1] != next_one.t[0] or not np.array_equal(one.q[-1], next_one.q[0]):
+            raise DataError(f"A piece that begins at t = {next_one.t[0]:g} s does not go on from one that ends at t = {one.t[-1]:g} s.")
+    ends = [-1] * (len(pieces) - 1) + [None]
+    whole = {name: np.concatenate([getattr(piece, name)[:end] for piece, end in zip(pieces, ends, strict=True)]) for name in COLUMNS}
+    for name in ("work", "dissipated"):
+        before = np.cumsum([getattr(piece, name)[-1] for piece in pieces[:-1]], axis=0)
+        on = [getattr(piece, name) + (before[k - 1] if k else 0.0) for k, piece in enumerate(pieces)]
+        whole[name] = np.concatenate([values[:end] for values, end in zip(on, ends, strict=True)])
+    return Trajectory(**whole, parameters=pieces[0].parameters)

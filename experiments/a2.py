@@ -15,8 +15,9 @@ from cranedyn.analysis import PowerLaw, fit_power_law, peaks, zero_crossings
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.crane import STANDARD_GRAVITY, Crane, State
+from cranedyn.errors import DataError
 from cranedyn.references import Reference, hold, pulse, ramp
-from cranedyn.trajectory import Trajectory, read_columns
+from cranedyn.trajectory import Trajectory
 from experiments import common
 
 LENGTH, TARGET, RATE, HOIST_AT, DURATION = 20.0, 8.0, 0.5, 30.0, 110.0
@@ -77,6 +78,10 @@ def read(t: np.ndarray, phi: np.ndarray, length: np.ndarray, *, since: float = A
     when, amplitudes = peaks(t[late], phi[late])
     lengths = np.interp(when, t, length)
     hoisting = np.abs(np.interp(when, t, np.gradient(length, t))) > RATE / 2.0
+    if hoisting.sum() < 3:
+        raise DataError(
+            f"From {since:g} s on the swing has {hoisting.sum()} peaks while the cable runs at {RATE / 2:g} m/s or more; three are needed."
+        )
     return Reading(
         middle,
         errors,
@@ -268,8 +273,12 @@ def _read_run(trajectory: Trajectory) -> Reading:
 
 
 def _from_files(files: Sequence[str]) -> common.Outcome:
-    data = {file: read_columns(file, ("t_s", "phi_rad", "l_m")) for file in files}
-    return common.Outcome([_summary({file: read(d["t_s"], d["phi_rad"], d["l_m"]) for file, d in data.items()})], [])
+    readings = {}
+    for file in files:
+        data = common.recorded(file, ("t_s", "phi_rad", "l_m"))
+        with common.analysing(file):
+            readings[file] = read(data["t_s"], data["phi_rad"], data["l_m"])
+    return common.Outcome([_summary(readings)], [])
 
 
 def main(argv: Sequence[str] | None = None) -> int:

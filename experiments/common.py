@@ -14,6 +14,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as RichTable
@@ -24,7 +25,7 @@ from cranedyn.errors import CraneError, DataError, RunError
 from cranedyn.files import written
 from cranedyn.references import Reference
 from cranedyn.simulate import Controller, Drive, simulate
-from cranedyn.trajectory import Trajectory
+from cranedyn.trajectory import Trajectory, read_columns
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
 
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130
 """Exit codes: a claim does not hold or a run failed; bad arguments; stopped by the user."""
+
+
+_MARKS = {True: "holds", False: "FAILS", None: "not judged"}
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,12 @@ class Table:
         return [
             ["-" if value is None else format(value, form) for value, (_, form) in zip(row, self.columns, strict=True)] for row in self.rows
         ]
+
+    def markdown(self) -> str:
+        """The table in Markdown."""
+        head = [[header for header, _ in self.columns], ["---:" if form else "---" for _, form in self.columns]]
+        lines = "\n".join(f"| {' | '.join(row)} |" for row in [*head, *self.shown()])
+        return "\n\n".join(part for part in (f"**{self.title}**", lines, self.note) if part)
 
 
 @dataclass(frozen=True)
@@ -96,7 +106,7 @@ def parser(name: str, description: str) -> argparse.ArgumentParser:
     made.add_argument("--save", metavar="FILE.rrd", help="write the recording here instead of into the folder", default=argparse.SUPPRESS)
     made.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
     made.add_argument("--serve", action="store_true", help="serve the recording to a browser on this machine until Ctrl-C")
-    made.set_defaults(experiment=name)
+    made.set_defaults(experiment=name, live=False)
     return made
 
 
@@ -173,6 +183,7 @@ class World:
         start: State,
         duration: float,
         label: str,
+        since: float = 0.0,
         drive: Drive = "effort",
     ) -> Trajectory:
         """Run a crane on the clocks of this world, with progress under a label."""
@@ -181,6 +192,7 @@ class World:
             controller,
             reference,
             start=start,
+            since=since,
             duration=duration,
             drive=drive,
             dt=self.dt,
@@ -203,6 +215,27 @@ def _world(options: argparse.Namespace, watcher: Watcher) -> World:
     return World(options.gravity, parse_values(options.values), options.dt, options.control_period, watcher)
 
 
+def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
+    """Columns of a file recorded elsewhere, the cable length `l_m` among them.
+
+    Raises:
+        DataError: As `read_columns`, and if a cable length is not positive.
+    """
+    data = read_columns(file, columns)
+    if not data["l_m"].min() > 0.0:
+        raise DataError(f"{file}: l_m is {data['l_m'].min():g} m in some row; allowed is > 0.")
+    return data
+
+
+@contextmanager
+def analysing(file: str) -> Iterator[None]:
+    """Name the file in what is wrong with its content."""
+    try:
+        yield
+    except DataError as error:
+        raise DataError(f"{file}: {error}") from error
+
+
 Experiment = Callable[[argparse.Namespace, World], Outcome]
 
 
@@ -213,8 +246,9 @@ def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequenc
         0 if every claim that could be judged holds, 1 if one does not or a run failed, 2 for bad arguments, 130 if interrupted.
     """
     options = made.parse_args(argv)
+    options.about, options.words = made.description, sys.argv[1:] if argv is None else argv
     try:
-        folder, recording = _targets(options)
+        folder, recording = options.folder, options.recording = _targets(options)
         with _watcher() as watcher:
             outcome = experiment(options, _world(options, watcher))
         _print(outcome)
@@ -227,7 +261,7 @@ def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequenc
     except KeyboardInterrupt:
         print("Interrupted.", file=sys.stderr)
         return INTERRUPTED
-    return FAILED if any(claim.holds is False for claim in outcome.claims) else 0
+    return FAILED if any(claim.holds is not None and not claim.holds for claim in outcome.claims) else 0
 
 
 @contextmanager
@@ -262,7 +296,12 @@ def _targets(options: argparse.Namespace) -> tuple[Path, Path]:
     return folder, recording
 
 
-def _made(folder: Path) -> Path:
+def make_folder(folder: Path) -> Path:
+    """The folder, made if it is not there.
+
+    Raises:
+        DataError: If it cannot be made.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -281,13 +320,13 @@ def _print(outcome: Outcome) -> None:
         console.print(shown)
         console.print()
     for claim in outcome.claims:
-        console.print({True: "holds      ", False: "FAILS      ", None: "not judged "}[claim.holds] + claim.sentence, markup=False)
+        console.print(f"{_MARKS[claim.holds]:11}{claim.sentence}", markup=False)
 
 
 def _write(outcome: Outcome, options: argparse.Namespace, folder: Path, recording: Path) -> None:
     from cranedyn.figures import save
 
-    _made(folder)
+    make_folder(folder)
     for name, trajectory in outcome.trajectories.items():
         for ending in (".csv", ".parquet"):
             trajectory.write(folder / f"{name}{ending}")
@@ -306,11 +345,15 @@ def _write(outcome: Outcome, options: argparse.Namespace, folder: Path, recordin
 def _record(outcome: Outcome, options: argparse.Namespace, path: Path) -> None:
     from cranedyn import recording
 
-    text = "\n\n".join(claim.sentence for claim in outcome.claims)
-    recording.record(path, outcome.recording, title=f"Experiment {options.experiment}", text=text)
-    if options.view:
+    text = [
+        options.about,
+        *(f"**{_MARKS[claim.holds]}**: {claim.sentence}" for claim in outcome.claims),
+        *(table.markdown() for table in outcome.tables),
+    ]
+    recording.record(path, outcome.recording, title=f"Experiment {options.experiment}", text="\n\n".join(text))
+    if options.view and not options.live:
         recording.open_viewer(path)
-    if options.serve:
+    if options.serve and not options.live:
         with recording.serve(path) as served:
             print(f"Serving at {served.address} until Ctrl-C.")
             served.wait()
@@ -320,10 +363,18 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
     packages = ("cranedyn", "pin", "numpy", "scipy", "rerun-sdk")
     return {
         "experiment": options.experiment,
+        "about": options.about,
+        "command": " ".join(["python -m", f"experiments.{options.experiment}", *options.words]),
         "claims": [{"sentence": claim.sentence, "holds": claim.holds} for claim in outcome.claims],
         "parameters": dict(outcome.parameters),
         "tables": [
-            {"title": table.title, "columns": [header for header, _ in table.columns], "rows": list(table.rows), "note": table.note}
+            {
+                "title": table.title,
+                "columns": [h for h, _ in table.columns],
+                "formats": [f for _, f in table.columns],
+                "rows": list(table.rows),
+                "note": table.note,
+            }
             for table in outcome.tables
         ],
         "versions": {"python": platform.python_version(), **{name: _version(name) for name in packages}},
@@ -341,6 +392,6 @@ def _version(package: str) -> str | None:
 def _broken_off(error: RunError, options: argparse.Namespace) -> int:
     print(f"error: {error}", file=sys.stderr)
     if error.trajectory is not None and len(error.trajectory) > 0:
-        folder = _made(_targets(options)[0])
+        folder = make_folder(_targets(options)[0])
         print(f"What was recorded up to then is in {error.trajectory.write(folder / 'broken_off.parquet')}.", file=sys.stderr)
     return INTERRUPTED if isinstance(error.__context__, KeyboardInterrupt) else FAILED

@@ -103,12 +103,19 @@ def itinerary(start: State, legs: Sequence[Leg], *, rates: Sequence[float], dwel
     Raises:
         OutOfRange: For a rate that is not positive, a negative dwell, no leg at all, or a tour that does not end where it began.
     """
-    limits = np.array([number(f"rate of {name}", rate, unit, "> 0") for name, rate, unit in zip(("slew", "trolley", "hoist"), rates, ("rad/s", "m/s", "m/s"), strict=True)])
+    limits = np.array(
+        [
+            number(f"rate of {name}", rate, unit, "> 0")
+            for name, rate, unit in zip(("slew", "trolley", "hoist"), rates, ("rad/s", "m/s", "m/s"), strict=True)
+        ]
+    )
     number("dwell", dwell, "s", ">= 0")
     stages: list[Stage] = []
     here, t = start.q[DRIVES], 0.0
     for leg in legs:
-        target = np.array([old if new is None else number(f"target of leg {leg.name!r}", new) for old, new in zip(here, leg[1:], strict=True)])
+        target = np.array(
+            [old if new is None else number(f"target of leg {leg.name!r}", new) for old, new in zip(here, leg[1:], strict=True)]
+        )
         arrival = t + float(np.max(np.abs(target - here) / limits))
         stages.append(Stage(leg, here, target, t, arrival, arrival + dwell))
         here, t = target, arrival + dwell

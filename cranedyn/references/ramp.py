@@ -28,7 +28,7 @@ def ramp(base: Reference, drive: str, by: float, *, rate: float, at: float) -> R
 
     def reference(t: float) -> Wanted:
         wanted = base(t)
-        if t <= first:
+        if t < first:
             return wanted
         moved = wanted._replace(position=wanted.position + speed * (min(t, last) - first) * direction)
         return moved._replace(velocity=wanted.velocity + speed * direction) if t < last else moved

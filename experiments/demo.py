@@ -1,0 +1,176 @@
+"""The demo: seven legs at limited rates, again and again, and the swing that is left while the drives stand still."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from cranedyn.controllers import hold_controller
+from cranedyn.errors import RunError, number
+from cranedyn.figures import COLOURS, panels
+from cranedyn.references import ARTICLE_TOUR, Itinerary, itinerary
+from cranedyn.references.itinerary import Stage
+from cranedyn.trajectory import Trajectory, join
+from experiments import common
+
+PIECE = 0.5
+"""Length of the pieces in which the demo is simulated, shown and written [s]."""
+
+
+def residual(trajectory: Trajectory) -> float:
+    """Amplitude of the swing over a stretch without drive motion [rad]: half the longest way across, radial and tangential together."""
+    return float(math.hypot(*(np.ptp(trajectory.q[:, 2:4], axis=0) / 2.0)))
+
+
+def pieces(world: common.World, tour: Itinerary, until: float) -> Iterator[Trajectory]:
+    """Simulate the tour piece by piece up to a time [s], which may be infinite."""
+    crane, state, now = world.crane, world.crane.start, 0.0
+    brake = hold_controller(crane)
+    while until - now > world.control_period / 2.0:
+        stage, cycle = tour.stage(now + world.control_period / 2.0)
+        length = world.control_period * max(1, round(min(PIECE, until - now, cycle + stage.end - now) / world.control_period))
+        piece = world.simulate(crane, brake, tour, start=state, since=now, duration=length, label="")
+        state, now = piece.state(-1), float(piece.t[-1])
+        yield piece
+
+
+def dwelt(stage: Stage, cycle: float, run: Trajectory) -> tuple[str, float, float, float] | None:
+    """What is left after a leg: its name, arrival [s], swing [mrad] and way at the hook [mm]; None before its dwell is over."""
+    arrival, end = cycle + stage.arrival, cycle + stage.end
+    rest = run.between(arrival, end)
+    if run.t[-1] < end - 1e-6 or len(rest) < 2:
+        return None
+    swing = 1000.0 * residual(rest)
+    return stage.leg.name, arrival, swing, swing * float(rest.q[-1, 4])
+
+
+def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+    """Run until the cycles are done or the user interrupts; either way everything so far is kept."""
+    from cranedyn.recording import Run
+
+    world = replace(world, watcher=common.Watcher(None))
+    if options.payload_mass is not None:
+        world = replace(world, values={**world.values, "payload_mass": options.payload_mass})
+    pace = options.pace if options.pace is not None else (1.0 if options.view or options.serve else None)
+    tour = itinerary(world.crane.start, ARTICLE_TOUR, rates=(options.rate_slew, options.rate_x, options.rate_hoist), dwell=options.dwell)
+    until = math.inf if options.cycles is None else number("cycles", options.cycles, "", "> 0") * tour.duration
+    run = _show(options, world, tour, until, None if pace is None else number("pace", pace, "", "> 0"))
+    rows = _dwells(tour, run)
+    columns = [("leg", ""), ("arrives [s]", ".1f"), ("residual swing [mrad]", ".1f"), ("at the hook [mm]", ".0f")]
+    swings = [row[2] for row in rows if isinstance(row[2], float)]
+    claim = common.Claim(
+        f"Without swing control the load keeps swinging in every dwell: {min(swings, default=0):.1f} mrad at least.",
+        bool(swings) and min(swings) > 1.0,
+    )
+    return common.Outcome(
+        tables=[common.Table("Swing that is left in the dwells", columns, rows, "Half the way across, radial and tangential together.")],
+        claims=[claim] if swings else [],
+        parameters=world.parameters() | {"rates": tour.rates.tolist(), "dwell_s": options.dwell},
+        trajectories={"demo": run},
+        figures={"swing": _figure(tour, run)},
+        recording=[Run("demo", world.crane, run)],
+    )
+
+
+def _dwells(tour: Itinerary, run: Trajectory) -> list[tuple[str, float, float, float]]:
+    cycles = tour.duration * np.arange(math.ceil(run.t[-1] / tour.duration))
+    return [row for cycle in cycles for stage in tour.stages if (row := dwelt(stage, float(cycle), run)) is not None]
+
+
+def _figure(tour: Itinerary, run: Trajectory) -> Figure:
+    """Swing over time, the dwells shaded: the drives stand still there, the load does not."""
+    figure, (drives, swing) = panels(2, height=2.4, sharex=True)
+    drives.plot(run.t, run["x_m"], color=COLOURS["x"], label="x [m]")
+    drives.plot(run.t, run["l_m"], color=COLOURS["l"], label="l [m]")
+    drives.plot(run.t, np.degrees(run["gamma_rad"]), color=COLOURS["gamma"], label="γ [°]")
+    swing.plot(run.t, np.degrees(run["phi_rad"]), color=COLOURS["phi"], label="φ radial")
+    swing.plot(run.t, np.degrees(run["theta_rad"]), color=COLOURS["theta"], label="θ tangential")
+    for cycle in tour.duration * np.arange(math.ceil(run.t[-1] / tour.duration)):
+        for stage in tour.stages:
+            if cycle + stage.arrival < run.t[-1]:
+                swing.axvspan(cycle + stage.arrival, min(cycle + stage.end, run.t[-1]), color=COLOURS["wanted"], alpha=0.25, linewidth=0)
+    swing.set(xlabel="time [s], dwells shaded", ylabel="swing [°]")
+    drives.legend(ncols=3, loc="upper left")
+    swing.legend(ncols=2, loc="upper left")
+    return figure
+
+
+def _show(options: argparse.Namespace, world: common.World, tour: Itinerary, until: float, pace: float | None) -> Trajectory:
+    """Simulate, announce, stream; returns what happened until the end or the interruption."""
+    console = Console(highlight=False)
+    done: list[Trajectory] = []
+    leg: list[Trajectory] = []
+    with ExitStack() as stack:
+        append = _sinks(options, world, stack)
+        began = time.monotonic()
+        try:
+            for piece in pieces(world, tour, until):
+                stage, cycle = tour.stage(float(piece.t[0]) + world.control_period / 2.0)
+                if not leg:
+                    console.print(f"{piece.t[0]:8.1f} s  {stage.leg.name}")
+                done.append(piece)
+                leg.append(piece)
+                append(piece)
+                if row := dwelt(stage, cycle, join(leg)):
+                    console.print(f"            the load still swings {row[2]:.1f} mrad, {row[3]:.0f} mm at the hook")
+                    leg.clear()
+                if pace:
+                    time.sleep(max(0.0, float(piece.t[-1]) / pace - (time.monotonic() - began)))
+        except (KeyboardInterrupt, RunError) as error:
+            if isinstance(error, RunError) and not isinstance(error.__context__, KeyboardInterrupt):
+                raise
+            console.print("Interrupted; what was recorded so far is kept.")
+    if not done:
+        raise RunError("Interrupted before the first half second was over.", t=0.0)
+    return join(done)
+
+
+def _sinks(options: argparse.Namespace, world: common.World, stack: ExitStack) -> Callable[[Trajectory], None]:
+    """Where the pieces go while the run is under way: the recording's file, readable at any time, and a viewer if one is asked for."""
+    from cranedyn import recording
+
+    viewer = ""
+    if options.view:
+        viewer = recording.open_viewer()
+    elif options.serve:
+        server = stack.enter_context(recording.serve())
+        viewer = server.data
+        print(f"Serving at {server.address} until Ctrl-C.")
+    common.make_folder(options.folder)
+    return stack.enter_context(
+        recording.Live(world.crane, "demo", title="The demo under way", file=options.recording, viewer=viewer)
+    ).append
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    made = common.parser("demo", "The seven legs of the article's demonstration, until Ctrl-C, and the swing that is left in every dwell.")
+    common.add_world(made)
+    made.set_defaults(live=True)
+    made.add_argument("--cycles", type=float, metavar="N", help="stop after so many cycles")
+    made.add_argument("--rate-x", type=float, default=0.8, metavar="V", help="rate of the trolley [m/s]")
+    made.add_argument("--rate-slew", type=float, default=0.08, metavar="W", help="rate of the slew [rad/s]")
+    made.add_argument("--rate-hoist", type=float, default=0.8, metavar="V", help="rate of the hoist [m/s]")
+    made.add_argument("--dwell", type=float, default=6.0, metavar="T", help="time at rest after each leg [s]")
+    made.add_argument(
+        "--pace",
+        type=float,
+        default=None,
+        metavar="FACTOR",
+        help="times real time; 1 with --view or --serve if not given, else as fast as it goes",
+    )
+    made.add_argument("--payload-mass", type=float, default=None, metavar="M", help="payload [kg], short for --set payload_mass:=M")
+    return common.conduct(made, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

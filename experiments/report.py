@@ -1,0 +1,130 @@
+"""All experiments on one page: claims, tables beside the published numbers, figures, and how to make each again."""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import importlib
+import json
+import sys
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from cranedyn.errors import CraneError, DataError, UnknownName
+from cranedyn.files import written
+from experiments import common
+
+EXPERIMENTS = {
+    "a1": ["--gravity", "9.8"],
+    "a2": ["--gravity", "9.8"],
+    "a3": ["--gravity", "9.8"],
+    "energy": [],
+    "mass_ratio": [],
+    "demo": ["--cycles", "1"],
+}
+"""What the report is made of, in its order, and the arguments with which missing results are made."""
+
+_STYLE = """
+:root { color-scheme: light dark; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 0 auto; padding: 1rem; }
+h1, h2 { line-height: 1.2; } h2 { margin-top: 3rem; border-top: 1px solid #8888; padding-top: 1rem; }
+nav a { margin-right: 1rem; }
+.table { overflow-x: auto; margin: 1rem 0; } table { border-collapse: collapse; font-size: 0.9rem; }
+caption { text-align: left; font-weight: 600; padding: 0.3rem 0; }
+th, td { border-bottom: 1px solid #8885; padding: 0.25rem 0.6rem; text-align: right; white-space: nowrap; }
+th:first-child, td:first-child { text-align: left; }
+.note { font-size: 0.85rem; opacity: 0.8; }
+li::marker { content: attr(data-mark) "  "; }
+img { max-width: 100%; height: auto; background: white; border-radius: 4px; margin: 0.5rem 0; }
+code, pre { background: #8882; border-radius: 4px; padding: 0.1rem 0.3rem; overflow-x: auto; }
+"""
+
+
+def page(folders: Sequence[Path]) -> str:
+    """The report as one HTML document that needs nothing else.
+
+    Args:
+        folders: Folders of results, each with a ``result.json`` and figures.
+
+    Raises:
+        DataError: If a result cannot be read.
+    """
+    results = [(folder, _result(folder)) for folder in folders]
+    links = " ".join(f'<a href="#{escape(r["experiment"])}">{escape(r["experiment"])}</a>' for _, r in results)
+    sections = "\n".join(_section(folder, result) for folder, result in results)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<link rel="icon" href="data:,">'
+        f"<title>cranedyn: experiments</title><style>{_STYLE}</style></head><body>"
+        f"<h1>cranedyn: experiments</h1><nav>{links}</nav>\n{sections}\n</body></html>\n"
+    )
+
+
+def _result(folder: Path) -> dict[str, Any]:
+    file = folder / "result.json"
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise DataError(f"Cannot read {file}: {getattr(error, 'strerror', None) or 'it is not JSON'}.") from error
+
+
+def _section(folder: Path, result: dict[str, Any]) -> str:
+    marks = {True: "✔", False: "✘", None: "–"}
+    claims = "".join(f'<li data-mark="{marks[c["holds"]]}">{escape(c["sentence"])}</li>' for c in result["claims"])
+    figures = "".join(_figure(file) for file in sorted(folder.glob("*.png")))
+    versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items() if version)
+    name = escape(result["experiment"])
+    return (
+        f'<section id="{name}"><h2>{name}</h2><p>{escape(result["about"])}</p><ul>{claims}</ul>'
+        f"{''.join(map(_table, result['tables']))}{figures}"
+        f"<p>Again: <code>{escape(result['command'])}</code></p>"
+        "<details><summary>Parameters and "
+        f"versions</summary><pre>{escape(json.dumps(result['parameters'], indent=1, ensure_ascii=False))}</pre>"
+        f'<p class="note">{escape(versions)}; {escape(result["machine"])}</p></details></section>'
+    )
+
+
+def _table(table: dict[str, Any]) -> str:
+    made = common.Table(table["title"], list(zip(table["columns"], table["formats"], strict=True)), table["rows"], table["note"])
+    head = "".join(f"<th>{escape(header)}</th>" for header in table["columns"])
+    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in made.shown())
+    note = f'<p class="note">{escape(made.note)}</p>' if made.note else ""
+    rows = f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody>"
+    return f'<div class="table"><table><caption>{escape(made.title)}</caption>{rows}</table></div>{note}'
+
+
+def _figure(file: Path) -> str:
+    data = base64.b64encode(file.read_bytes()).decode("ascii")
+    return f'<img alt="{escape(file.stem)}" src="data:image/png;base64,{data}">'
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run what is missing, write the page; 0, or the first code of an experiment that is not 0."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.report", description="All experiments on one page, report.html.")
+    parser.add_argument(
+        "--out", metavar="DIR", default="out", help="folder of all results, one folder inside for each experiment (default out)"
+    )
+    parser.add_argument("--only", nargs="+", metavar="NAME", default=list(EXPERIMENTS), help="which experiments (default all)")
+    parser.add_argument("--again", action="store_true", help="run experiments whose results are there already, too")
+    options = parser.parse_args(argv)
+    folder, codes = Path(options.out), []
+    try:
+        for name in options.only:
+            if name not in EXPERIMENTS:
+                raise UnknownName("experiment", name, EXPERIMENTS)
+            if options.again or not (folder / name / "result.json").is_file():
+                common.make_folder(folder)
+                codes.append(importlib.import_module(f"experiments.{name}").main([*EXPERIMENTS[name], "--out", str(folder / name)]))
+        with written(folder / "report.html") as file:
+            file.write_text(page([folder / name for name in options.only]), encoding="utf-8")
+    except CraneError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return common.REFUSED
+    print(f"Written to {folder / 'report.html'}.")
+    return max(codes, default=0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,105 @@
+"""What several test modules share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from cranedyn.crane import Crane, State, load_crane
+from cranedyn.dynamics import prescribed_acceleration
+from cranedyn.references import Wanted
+from cranedyn.simulate import simulate
+from cranedyn.trajectory import Trajectory
+
+G = 9.81
+"""Gravity of the closed forms [m/s²], so that none of them meets the default by chance."""
+
+
+@cache
+def crane(**values: float) -> Crane:
+    """The crane with some numbers changed, in the gravity of the closed forms; expanded once a session."""
+    return load_crane(gravity=G, **values)
+
+
+@cache
+def big_crane(**values: float) -> Crane:
+    """A point load on a massless, frictionless rope, with a jib and a hook path as long as those of real cranes."""
+    point = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
+    return load_crane(gravity=G, **point, trolley_max=80.0, hoist_max=60.0, **values)
+
+
+def locked(t: float, state: State, wanted: Wanted) -> np.ndarray:
+    """Drives of prescribed motion that do not accelerate."""
+    return np.zeros(3)
+
+
+def constant(*command: float) -> Callable[[float, State, Wanted], np.ndarray]:
+    """A controller with one answer."""
+    return lambda t, state, wanted: np.array(command, dtype=float)
+
+
+def flow(
+    crane: Crane, start: State, times: np.ndarray, drive: Callable[[float], np.ndarray] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates and rates at given times, shape (n, 5) each, under prescribed drive accelerations; by DOP853 to 1e-10."""
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        given = np.zeros(3) if drive is None else drive(t)
+        return np.concatenate([y[5:], prescribed_acceleration(crane, State(y[:5], y[5:]), given)[0]])
+
+    y = solve_ivp(rates, (0.0, times[-1]), np.concatenate(start), method="DOP853", t_eval=times, rtol=1e-10, atol=1e-12, max_step=0.5).y.T
+    return y[:, :5], y[:, 5:]
+
+
+def extrapolated(run: Callable[[float], np.ndarray | float], dt: float) -> np.ndarray:
+    """The limit dt → 0 of a quantity with an error of order dt, from dt, dt/2, dt/4; what is left is of order dt³."""
+    one, two, four = (np.asarray(run(dt / n)) for n in (1, 2, 4))
+    return (one - 6.0 * two + 8.0 * four) / 3.0
+
+
+def moved(crane: Crane, start: State, duration: float, dt: float, controller: Callable = locked, period: float | None = None) -> Trajectory:
+    """A run with drives of prescribed motion."""
+    return simulate(crane, controller, start=start, duration=duration, dt=dt, control_period=period or dt, drive="motion")
+
+
+def turned(old: str, new: str, text: str) -> str:
+    """Text with one thing replaced that must be there exactly once."""
+    assert text.count(old) == 1, f"{old!r} occurs {text.count(old)} times"
+    return text.replace(old, new)
+
+
+def files(folder: Path) -> list[str]:
+    """Everything below a folder."""
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def pendulum_period(length: float, gravity: float, amplitude: float = 0.0) -> float:
+    """Gauss: 2π√(l/g) / AGM(1, cos(A/2)), by the arithmetic-geometric mean itself."""
+    a, b = 1.0, math.cos(amplitude / 2.0)
+    for _ in range(8):
+        a, b = (a + b) / 2.0, math.sqrt(a * b)
+    return 2.0 * math.pi * math.sqrt(length / gravity) / a
+
+
+def _vector(*ranges: tuple[float, float]) -> st.SearchStrategy[np.ndarray]:
+    return st.tuples(*(st.floats(low, high) for low, high in ranges)).map(np.array)
+
+
+states = st.builds(
+    State,
+    _vector((-3, 3), (2, 22), (-1.2, 1.2), (-1.2, 1.2), (3.4, 26.4)),
+    _vector((-0.5, 0.5), (-2, 2), (-0.5, 0.5), (-0.5, 0.5), (-2, 2)),
+)
+"""Any state in the ranges of the crane, swings up to 69°."""
+
+efforts = _vector((-1e5, 1e5), (-1e4, 1e4), (-2e4, 0))
+"""Slew torque [N m], trolley and hoist force [N]."""
+
+accelerations = _vector((-0.2, 0.2), (-1, 1), (-1, 1))
+"""Of slew, trolley and hoist."""

@@ -1,0 +1,317 @@
+"""Loading: what is a crane, what is not, and what the numbers of it are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from numpy.testing import assert_allclose
+
+from cranedyn import dynamics
+from cranedyn.crane import COORDINATES, DRIVES, JOINTS, PASSIVE, STANDARD_GRAVITY, Crane, State, load_crane
+from cranedyn.description import XACRO, describe
+from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName
+from tests.helpers import G, crane, efforts, states, turned
+
+Load = Callable[..., Crane]
+
+
+@pytest.fixture(scope="module")
+def urdf() -> str:
+    return describe()
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Load:
+    """Loads a text as a file of the user's own."""
+
+    def load(text: str | bytes, **arguments: bool) -> Crane:
+        path = tmp_path / "mine.urdf"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return load_crane(path, **arguments)
+
+    return load
+
+
+# --- what a crane knows ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_default_crane_has_the_numbers_of_the_article() -> None:
+    c = load_crane()
+    assert list(c.model.names)[1:] == [joint.name for joint in JOINTS]
+    assert (c.payload_mass, c.payload_inertia, c.trolley_mass, c.dummy_inertia) == (1000.0, 400.0, 500.0, (100.0, 50.0))
+    assert c.gravity == STANDARD_GRAVITY == 9.80665
+    assert c.damping.tolist() == [0.0, 0.0, 1.0, 1.0, 0.0]
+    assert c.lower[[1, 2, 4]].tolist() == [2.0, -1.5708, 3.4]
+    assert c.upper[[1, 2, 4]].tolist() == [22.0, 1.5708, 26.4]
+    assert c.effort_limit.tolist() == [1e6, 1e6, 1e5]
+
+
+def test_drives_and_swing_joints_share_out_the_five_coordinates() -> None:
+    assert [COORDINATES[i] for i in DRIVES] == ["gamma", "x", "l"]
+    assert [COORDINATES[i] for i in PASSIVE] == ["phi", "theta"]
+
+
+def test_arguments_reach_the_crane() -> None:
+    c = crane(
+        payload_mass=2000, payload_inertia=0, dummy_inertia=7, damp_hoist=3, damp_slew=4, hoist_init=20, slew_init=0.5, hoist_effort=9e4
+    )
+    assert (c.payload_mass, c.payload_inertia, c.dummy_inertia) == (2000.0, 0.0, (14.0, 7.0))
+    assert c.damping.tolist() == [4.0, 0.0, 1.0, 1.0, 3.0]
+    assert c.effort_limit.tolist() == [1e6, 1e6, 9e4]
+    assert c.start.q.tolist() == [0.5, 10.0, 0.0, 0.0, 20.0]
+    assert not c.start.v.any()
+
+
+@pytest.mark.parametrize("gravity", [0.0, -9.81, math.nan, math.inf, "down"])
+def test_a_gravity_that_is_none_is_refused(gravity: float) -> None:
+    with pytest.raises(OutOfRange, match=r"gravity is .* m/s²; allowed is .*> 0"):
+        load_crane(gravity=gravity)
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"trolley_min": 30}, "range of trolley_joint is 30 to 22 m; allowed is finite, lower below upper"),
+        ({"hoist_init": 50}, "hoist_joint at the start is 50.0 m; allowed is 3.4 to 26.4"),
+        ({"payload_mass": 0}, "payload_mass is 0 kg; allowed is > 0"),
+    ],
+)
+def test_numbers_that_make_no_crane_are_refused(values: dict[str, float], sentence: str) -> None:
+    with pytest.raises(OutOfRange, match=sentence):
+        load_crane(**values)
+
+
+# --- states ------------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_state_is_the_start_with_the_named_values_changed() -> None:
+    state = crane().state(x=5, phi=-0.1, theta_dot=0.3)
+    assert state.q.tolist() == [0.0, 5.0, -0.1, 0.0, 15.0]
+    assert state.v.tolist() == [0.0, 0.0, 0.0, 0.3, 0.0]
+    assert crane().start.q.tolist() == [0.0, 10.0, 0.0, 0.0, 15.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("l", 3.0),
+        ("l", 27.0),
+        ("x", 1.9),
+        ("x", 23.0),
+        ("phi", 1.58),
+        ("theta", -1.58),
+        ("gamma", math.nan),
+        ("l_dot", math.inf),
+        ("x", "far"),
+    ],
+)
+def test_a_start_outside_of_the_joints_is_refused(name: str, value: float) -> None:
+    with pytest.raises(OutOfRange, match=f"{name} at the start is {value} .*; allowed is "):
+        crane().state(**{name: value})
+
+
+def test_an_unknown_coordinate_is_refused_and_the_known_are_named() -> None:
+    with pytest.raises(UnknownName, match="no coordinate 'length'; there are gamma, x, phi, theta, l, gamma_dot"):
+        crane().state(length=10)
+
+
+# --- a URDF of one's own -----------------------------------------------------------------------------------------------------------
+
+
+def _own(frames: np.random.Generator) -> str:
+    """The same crane by another hand: every frame turned at random, more links bolted on, other names, no xacro."""
+    turn = np.eye(3)
+    parts = ['<robot name="mine">', '<link name="ground"/>']
+    parent = "ground"
+    body = {
+        "yaw_joint": (3000.0, 1e6, (0.0, 0.0, 25.99), (0.0, 0.0, 2.01)),
+        "trolley_joint": (500.0, 50.0, (0.0, 0.0, 2.01), (0.0, 0.0, 0.0)),
+        "swing_radial_joint": (50.0, 50.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        "swing_tangential_joint": (50.0, 50.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+        "hoist_joint": (800.0, 400.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    }
+    limits = {"yaw_joint": (-31.4, 31.4), "trolley_joint": (2, 22), "hoist_joint": (3.4, 26.4)}
+    for joint in JOINTS:
+        mass, inertia, at, centre = body[joint.name]
+        own = pin.exp3(frames.normal(size=3))
+        xyz, rpy = turn.T @ at, pin.rpy.matrixToRpy(turn.T @ own)
+        axis, com = own.T @ np.array(joint.axis, dtype=float), own.T @ centre
+        low, high = limits.get(joint.name, (-1.5, 1.5))
+        texts = [" ".join(repr(float(number)) for number in vector) for vector in (xyz, rpy, axis, com)]
+        parts.append(
+            f'<joint name="{joint.name}" type="{joint.kind}"><parent link="{parent}"/><child link="of_{joint.name}"/>'
+            f'<origin xyz="{texts[0]}" rpy="{texts[1]}"/><axis xyz="{texts[2]}"/>'
+            f'<limit lower="{low}" upper="{high}" effort="1e6" velocity="9"/></joint>'
+            f'<link name="of_{joint.name}"><inertial><origin xyz="{texts[3]}"/><mass value="{mass}"/>'
+            f'<inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
+        parent, turn = f"of_{joint.name}", own
+    parts.append(
+        '<link name="hook_block"><inertial><mass value="200"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<joint name="bolts" type="fixed"><parent link="{parent}"/><child link="hook_block"/></joint>'
+        '<link name="camera"/><joint name="glue" type="fixed"><parent link="of_trolley_joint"/><child link="camera"/></joint></robot>'
+    )
+    return "".join(parts)
+
+
+def test_a_urdf_by_another_hand_moves_alike(load: Load) -> None:
+    mine = load(_own(np.random.default_rng(1)))
+    mine.model.gravity.linear = np.array([0.0, 0.0, -G])
+    ours = crane(damp_swing=0)
+    assert (mine.payload_mass, mine.trolley_mass) == (1000.0, 500.0)
+
+    @given(states, efforts)
+    def alike(state: State, effort: np.ndarray) -> None:
+        # the digits of roll, pitch, yaw: 1e-16, through accelerations of up to 1e2
+        assert_allclose(dynamics.acceleration(mine, state, effort), dynamics.acceleration(ours, state, effort), atol=1e-10, rtol=1e-9)
+        assert_allclose(dynamics.payload_position(mine, state.q), dynamics.payload_position(ours, state.q), atol=1e-12)
+
+    alike()
+
+
+def test_a_crane_without_initial_values_starts_hanging_in_the_middle_of_its_ranges(load: Load) -> None:
+    start = load(_own(np.random.default_rng(2))).start
+    assert_allclose(start.q, [0.0, 12.0, 0.0, 0.0, 14.9], atol=1e-12)  # rounding
+    assert not start.v.any()
+
+
+def test_our_own_urdf_loads_as_a_plain_file(urdf: str, load: Load) -> None:
+    c, default = load(urdf), load_crane()
+    assert c.urdf == default.urdf
+    assert c.start.q.tolist() == default.start.q.tolist()
+    assert list(c.model.inertias) == list(default.model.inertias)
+
+
+def test_a_plain_urdf_takes_no_arguments(urdf: str, tmp_path: Path) -> None:
+    (tmp_path / "mine.urdf").write_text(urdf)
+    with pytest.raises(UnknownName, match="no argument 'payload_mass'"):
+        load_crane(tmp_path / "mine.urdf", payload_mass=2)
+
+
+def _hoist_from_trolley(text: str) -> str:
+    return turned('<parent link="swing_t_link"/>', '<parent link="trolley_link"/>', text)
+
+
+def _swapped(text: str) -> str:
+    return (
+        text.replace("swing_radial_joint", "@")
+        .replace("swing_tangential_joint", "swing_radial_joint")
+        .replace("@", "swing_tangential_joint")
+    )
+
+
+def _vane(text: str) -> str:
+    vane = '<link name="vane"/><joint name="vane_joint" type="revolute"><parent link="trolley_link"/><child link="vane"/>'
+    vane += '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    return turned("</robot>", vane, text)
+
+
+def _typed(joint: str, old: str, new: str) -> tuple[str, str]:
+    return f'<joint name="{joint}" type="{old}">', f'<joint name="{joint}" type="{new}">'
+
+
+REFUSALS = {
+    "missing joint": (
+        lambda u: u.replace("yaw_joint", "slew_joint"),
+        "has no moving joint yaw_joint; a crane has yaw_joint, trolley_joint",
+    ),
+    "joint made fixed": (lambda u: turned(*_typed("hoist_joint", "prismatic", "fixed"), u), "has no moving joint hoist_joint"),
+    "wrong type": (
+        lambda u: turned(*_typed("trolley_joint", "prismatic", "revolute"), u),
+        "has a revolute trolley_joint; it must be prismatic",
+    ),
+    "continuous slew": (lambda u: turned(*_typed("yaw_joint", "revolute", "continuous"), u), "has a yaw_joint without limits"),
+    "floating load": (
+        lambda u: turned(*_typed("hoist_joint", "prismatic", "floating"), u),
+        "has a hoist_joint without limits or with several axes",
+    ),
+    "wrong order": (_swapped, "chains its joints as yaw_joint, trolley_joint, swing_tangential_joint, swing_radial_joint, hoist_joint"),
+    "branch": (_hoist_from_trolley, "chains its joints as"),
+    "extra joint": (_vane, "has a further moving joint vane_joint; .* make it fixed"),
+    "flipped theta": (
+        lambda u: turned('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>', u),
+        r"has swing_tangential_joint along \[0.0, -1.0, 0.0\] of the world; it must be \[0, 1, 0\]",
+    ),
+    "flipped phi": (
+        lambda u: turned('<axis xyz="1 0 0"/>', '<axis xyz="-1 0 0"/>', u),
+        r"has swing_radial_joint along \[-1.0, 0.0, 0.0\] of the world; it must be \[1, 0, 0\]",
+    ),
+    "not XML": (lambda u: "solid crane", "is not a URDF that can be loaded"),
+    "half a file": (lambda u: u[:5000], "is not a URDF that can be loaded"),
+    "no robot": (lambda u: "<sdf/>", "is not a URDF that can be loaded"),
+    "empty": (lambda u: "", "is not a URDF that can be loaded"),
+}
+
+
+@pytest.mark.parametrize(("change", "sentence"), REFUSALS.values(), ids=REFUSALS)
+def test_what_is_no_crane_is_refused_in_a_sentence(change: Callable[[str], str], sentence: str, urdf: str, load: Load) -> None:
+    with pytest.raises(ModelError, match=sentence) as caught:
+        load(change(urdf))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('<mass value="500.0"/>', '<mass value="nan"/>', "value in the inertial of trolley_link .* is nan"),
+        ('ixx="400.0"', 'ixx="4OO"', "ixx in the inertial of hook_link .* is 4OO; allowed is a number"),
+        ('ixx="400.0"', 'ixx="-400.0"', "inertia moved by hoist_joint .* positive semidefinite"),
+        ('<mass value="1000.0"/>', '<mass value="0"/>', "payload mass is 0.0 kg; allowed is > 0"),
+        ('effort="1.0e5"', 'effort="0"', "effort limit of hoist_joint is 0.0 N; allowed is > 0"),
+        ('lower="3.4"', 'lower="0"', "shortest cable is 0.0 m; allowed is > 0"),
+        (
+            '<param name="initial_value">15.0<',
+            '<param name="initial_value">99<',
+            "hoist_joint at the start is 99 m; allowed is 3.4 to 26.4",
+        ),
+        ('<param name="initial_value">15.0<', '<param name="initial_value">up<', "hoist_joint at the start is up m; allowed is a number"),
+    ],
+)
+def test_numbers_that_no_crane_has_are_refused_in_a_urdf_too(old: str, new: str, sentence: str, urdf: str, load: Load) -> None:
+    with pytest.raises(OutOfRange, match=sentence):
+        load(turned(old, new, urdf))
+
+
+def test_negative_damping_is_refused(urdf: str, load: Load) -> None:
+    with pytest.raises(OutOfRange, match=r"damping of swing_radial_joint is -1.0; allowed is >= 0"):
+        load(urdf.replace('damping="1.0"', 'damping="-1.0"'))
+
+
+@pytest.mark.parametrize("name", ["missing.urdf", "missing.xacro", "."])
+def test_a_file_that_is_not_there_is_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="Cannot read "):
+        load_crane(tmp_path / name)
+
+
+def test_a_binary_file_is_refused(load: Load) -> None:
+    with pytest.raises(DataError, match=r"Cannot read .*it is not text"):
+        load(bytes(range(256)))
+
+
+@pytest.mark.parametrize(("joint", "axis", "mirror"), [("swing_radial_joint", "1 0 0", 2), ("swing_tangential_joint", "0 1 0", 3)])
+def test_a_flipped_axis_is_refused_from_xacro_and_mirrors_the_swing_when_unchecked(
+    joint: str, axis: str, mirror: int, tmp_path: Path, load: Load
+) -> None:
+    folder = tmp_path / "urdf"
+    folder.mkdir()
+    for path in XACRO.parent.glob("*.xacro"):
+        (folder / path.name).write_text(path.read_text())
+    own = folder / XACRO.name
+    own.write_text(
+        turned(f'<axis xyz="{axis}"/>', f'<axis xyz="{" ".join("-1" if n == "1" else n for n in axis.split())}"/>', own.read_text())
+    )
+    text = describe(own)
+    with pytest.raises(CraneError, match=f"has {joint} along"):
+        load(text)
+    flipped = load(text, check_axes=False)
+    q = np.array([0.3, 10.0, 0.2, 0.1, 15.0])
+    mirrored = q.copy()
+    mirrored[mirror] *= -1.0
+    # rounding
+    assert_allclose(dynamics.payload_position(flipped, mirrored), dynamics.payload_position(crane(), q), atol=1e-12)

@@ -1,0 +1,173 @@
+"""The demo: legs, dwells, streaming, and that nothing is lost when it is stopped or killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from cranedyn.references import ARTICLE_TOUR, Leg, itinerary
+from cranedyn.trajectory import Trajectory, join, read
+from experiments import common, demo
+from tests.helpers import crane
+
+RATES = (0.08, 0.8, 0.8)
+"""Of the article: slew [rad/s], trolley and hoist [m/s]."""
+
+
+def times(file: Path) -> np.ndarray:
+    """Every time at which numbers stand in a recording [s], increasing."""
+    found = [np.zeros(0)]
+    for chunk in RrdReader(str(file)).stream():
+        batch = chunk.to_record_batch()
+        if "Run:row" in "".join(batch.schema.names):
+            column = next(i for i, name in enumerate(batch.schema.names) if "sim_time" in name)
+            found.append(batch.column(column).cast("int64").to_numpy() / 1e9)
+    return np.unique(np.concatenate(found).round(9))
+
+
+def test_the_tour_visits_the_published_targets_and_returns() -> None:
+    tour = itinerary(crane().start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    arrivals = [tour(stage.arrival).position for stage in tour.stages]
+    assert [a[1] for a in arrivals[:4]] == [20.0, 20.0, 20.0, 6.0]
+    assert [a[2] for a in arrivals[:4]] == [15.0, 24.0, 10.0, 10.0]
+    assert arrivals[4][0] == 0.6
+    np.testing.assert_allclose(arrivals[-1], crane().start.q[[0, 1, 4]])
+
+
+def test_no_drive_exceeds_its_rate_or_jumps_over_two_cycles() -> None:
+    tour = itinerary(crane().start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    t = np.arange(0.0, 2 * tour.duration, 0.05)
+    position = np.array([tour(s).position for s in t])
+    # 1e-9: rounding of the differences
+    assert (np.abs(np.diff(position, axis=0) / 0.05).max(axis=0) <= np.array(RATES) * (1 + 1e-9)).all()
+
+
+def test_every_dwell_stands_still_as_long_as_asked_for() -> None:
+    tour = itinerary(crane().start, ARTICLE_TOUR, rates=RATES, dwell=2.5)
+    for stage in tour.stages:
+        assert stage.end - stage.arrival == pytest.approx(2.5)
+        np.testing.assert_array_equal(tour(stage.arrival + 0.1).position, tour(stage.end - 0.1).position)
+        assert not tour(stage.arrival + 0.1).velocity.any()
+
+
+@pytest.mark.parametrize(
+    ("legs", "rates", "dwell", "words"),
+    [
+        ((Leg("away", x=15.0),), RATES, 6.0, "end of the tour"),
+        ((), RATES, 6.0, "tour is empty"),
+        (ARTICLE_TOUR, (0.08, 0.0, 0.8), 6.0, "rate of trolley is 0.0 m/s"),
+        (ARTICLE_TOUR, RATES, -1.0, "dwell is -1.0 s"),
+        ((Leg("nowhere", x=float("nan")), Leg("back", x=10.0)), RATES, 6.0, "target of leg 'nowhere'"),
+    ],
+)
+def test_an_impossible_tour_is_refused_with_a_sentence(legs: tuple[Leg, ...], rates: tuple[float, ...], dwell: float, words: str) -> None:
+    with pytest.raises(common.CraneError, match=words):
+        itinerary(crane().start, legs, rates=rates, dwell=dwell)
+
+
+def test_pieces_joined_are_the_run_in_one_go_to_the_bit() -> None:
+    world = common.World()
+    tour = itinerary(world.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    joined = join(list(demo.pieces(world, tour, 3.0)))
+    whole = world.simulate(world.crane, demo.hold_controller(world.crane), tour, start=world.crane.start, duration=3.0, label="")
+    # velocities pass through the unit of the step at every seam: one rounding each, 1e-16 of values up to 1, grown over 3 s
+    np.testing.assert_allclose(joined.q, whole.q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(joined.work, whole.work, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(joined.t, whole.t, rtol=0, atol=1e-12)
+
+
+def test_residual_is_the_amplitude_of_a_known_swing() -> None:
+    t = np.linspace(0.0, 20.0, 4001)
+    q = np.zeros((4001, 5))
+    q[:, 2], q[:, 3] = 0.03 * np.cos(t), 0.04 * np.sin(t)
+    empty = np.zeros((4001, 3))
+    run = Trajectory(t, q, 0 * q, empty, empty, empty, 0 * t, empty, 0 * t)
+    assert demo.residual(run) == pytest.approx(0.05, rel=1e-5)  # 4001 samples meet the tops within 1e-6
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("demo")
+    assert demo.main(["--cycles", "1", "--dwell", "3", "--out", str(folder / "demo")]) == 0
+    return folder / "demo"
+
+
+def test_the_load_keeps_swinging_in_every_dwell_and_the_table_says_how_much(done: Path) -> None:
+    result = json.loads((done / "result.json").read_text())
+    rows = result["tables"][0]["rows"]
+    assert [row[0] for row in rows] == [leg.name for leg in ARTICLE_TOUR]
+    assert min(row[2] for row in rows) > 1.0
+    run = read(done / "demo.parquet")
+    last = run.between(run.t[-1] - 3.0, run.t[-1])
+    assert 1000 * demo.residual(last) == pytest.approx(rows[-1][2], rel=1e-6)
+
+
+def test_the_recording_of_a_finished_demo_holds_every_instant(done: Path) -> None:
+    run = read(done / "demo.parquet")
+    np.testing.assert_allclose(times(done / "demo.rrd"), run.t, rtol=0, atol=1e-9)
+
+
+def start(folder: Path) -> subprocess.Popen[bytes]:
+    """A demo in a process of its own, already writing."""
+    command = [sys.executable, "-m", "experiments.demo", "--pace", "20", "--out", str(folder)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=Path(__file__).parents[1])
+    for _ in range(600):
+        if (folder / "demo.rrd").is_file() and (folder / "demo.rrd").stat().st_size > 200_000:
+            return process
+        time.sleep(0.05)
+    process.kill()
+    raise AssertionError("the demo did not begin to write within 30 s")
+
+
+def test_ctrl_c_leaves_everything_complete(tmp_path: Path) -> None:
+    process = start(tmp_path / "demo")
+    process.send_signal(signal.SIGINT)
+    assert process.wait(30) == 0
+    run = read(tmp_path / "demo" / "demo.parquet")
+    assert run.t[-1] >= 0.5  # the first piece at least
+    np.testing.assert_allclose(times(tmp_path / "demo" / "demo.rrd"), run.t, rtol=0, atol=1e-9)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kill -9 is a signal of POSIX")
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_killed_demo_leaves_a_file_that_opens(tmp_path: Path) -> None:
+    process = start(tmp_path / "demo")
+    process.send_signal(signal.SIGKILL)
+    process.wait(30)
+    t = times(tmp_path / "demo" / "demo.rrd")
+    assert t[0] == 0.0
+    assert t[-1] >= 0.5  # the first piece at least
+    # no gap: rows every 5 ms, times to the nanosecond
+    np.testing.assert_allclose(np.diff(t), 0.005, rtol=0, atol=2e-9)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--rate-x", "0"], "rate of trolley is 0.0 m/s"),
+        (["--dwell", "-1"], "dwell is -1.0 s"),
+        (["--cycles", "0"], "cycles is 0.0"),
+        (["--pace", "-2", "--cycles", "1"], "pace is -2.0"),
+        (["--payload-mass", "0"], "payload_mass is 0.0 kg"),
+        (["--view", "--cycles", "1"], "--serve"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_nothing_written(
+    words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    assert demo.main([*words, "--out", str(tmp_path / "demo")]) == 2
+    error = capsys.readouterr().err
+    assert sentence in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "demo").exists()

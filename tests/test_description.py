@@ -1,0 +1,215 @@
+"""From xacro to a plain URDF: arguments checked, comments gone, and never a silent guess."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+from cranedyn.description import XACRO, arguments, describe, main, parse_values
+from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName
+from tests.helpers import files
+
+SMALL = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <!-- colon: space -->
+  <xacro:arg name="size" default="2.0"/>  <!-- [m] > 0: how big -->
+  <xacro:arg name="word" default="w"/>
+  <link name="$(arg word)"><visual><geometry><sphere radius="$(arg size)"/></geometry></visual></link>
+</robot>
+"""
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    path = tmp_path / "small.xacro"
+    path.write_text(SMALL)
+    return path
+
+
+@pytest.fixture(scope="module")
+def urdf() -> str:
+    return describe()
+
+
+def test_every_argument_is_documented_with_unit_and_range_and_its_default_is_allowed() -> None:
+    text = XACRO.read_text()
+    found = arguments()
+    assert list(found) == re.findall(r'<xacro:arg name="(\w+)"', text)
+    for name, argument in found.items():
+        assert argument.allowed in ("any", "> 0", ">= 0"), name
+        assert argument.unit, name
+        assert len(argument.meaning) > 10, name
+        low = {"any": -1e99, ">= 0": 0.0, "> 0": 1e-99}[argument.allowed]
+        assert float(argument.default) >= low, name
+
+
+def test_every_argument_is_used() -> None:
+    text = "".join(path.read_text() for path in XACRO.parent.glob("*.xacro"))
+    assert [name for name in arguments() if f"$(arg {name})" not in text] == []
+
+
+def test_the_arguments_of_the_article_are_there_with_its_numbers() -> None:
+    published = {
+        "payload_mass": 1000,
+        "payload_inertia": 400,
+        "dummy_mass": 50,
+        "dummy_inertia": 50,
+        "trolley_mass": 500,
+        "slewing_inertia": 1e6,
+        "upper_mass": 3000,
+        "damp_swing": 1,
+        "trolley_min": 2,
+        "trolley_max": 22,
+        "hoist_min": 3.4,
+        "hoist_max": 26.4,
+        "swing_limit": 1.5708,
+        "mast_height": 25.99,
+        "total_height": 33.45,
+    }
+    assert {name: float(arguments()[name].default) for name in published} == published
+    assert "hoist_init" in arguments()
+
+
+def test_the_urdf_is_plain(urdf: str) -> None:
+    assert "<!--" not in urdf
+    assert "xacro:" not in urdf
+    assert "$" not in urdf
+    assert ET.fromstring(urdf).tag == "robot"
+
+
+def test_the_same_arguments_give_the_same_bytes(urdf: str) -> None:
+    assert describe() == urdf
+
+
+def test_a_comment_never_reaches_the_urdf(small: Path) -> None:
+    assert "colon" in small.read_text()
+    assert "colon" not in describe(small)
+
+
+def test_every_digit_of_a_value_arrives(small: Path) -> None:
+    value = 0.1 + 0.2
+    sphere = ET.fromstring(describe(small, {"size": value})).find(".//sphere")
+    assert sphere is not None
+    assert float(sphere.get("radius", "")) == value
+
+
+def test_a_value_reaches_the_mass_of_the_load() -> None:
+    mass = ET.fromstring(describe(values={"payload_mass": "2500"})).find("link[@name='hook_link']/inertial/mass")
+    assert mass is not None
+    assert float(mass.get("value", "")) == 2500.0
+
+
+def test_an_unknown_argument_is_refused_and_the_known_are_named() -> None:
+    with pytest.raises(UnknownName, match="no argument 'payload_mas'") as caught:
+        describe(values={"payload_mas": 1})
+    assert caught.value.given == "payload_mas"
+    assert caught.value.known == tuple(arguments())
+    assert all(name in str(caught.value) for name in arguments())
+
+
+@pytest.mark.parametrize("value", [0, -1, "nan", float("nan"), float("inf"), "-inf", "heavy", "", None, [1.0]])
+def test_a_mass_that_is_none_is_refused_with_its_unit_and_range(value: object) -> None:
+    with pytest.raises(OutOfRange, match=r"payload_mass is .*kg; allowed is .*> 0") as caught:
+        describe(values={"payload_mass": value})
+    assert (caught.value.name, caught.value.unit) == ("payload_mass", "kg")
+
+
+@pytest.mark.parametrize(("name", "value"), [("damp_swing", -1), ("dummy_mass", -1e-9), ("slew_init", "nan"), ("hoist_min", 0)])
+def test_every_documented_range_is_watched(name: str, value: object) -> None:
+    with pytest.raises(OutOfRange, match=f"{name} is "):
+        describe(values={name: value})
+
+
+def test_zero_is_allowed_where_the_comment_says_so(small: Path) -> None:
+    assert {n: a.allowed for n, a in arguments().items()}["dummy_mass"] == ">= 0"
+    assert '<mass value="0.0"/>' in describe(values={"dummy_mass": 0})
+
+
+def test_text_is_allowed_where_no_range_is_documented(small: Path) -> None:
+    assert '<link name="arm">' in describe(small, {"word": "arm"})
+    with pytest.raises(OutOfRange, match="size is 0 m; allowed is > 0"):
+        describe(small, {"size": 0})
+
+
+@pytest.mark.parametrize(
+    ("content", "error", "sentence"),
+    [
+        (None, DataError, "Cannot read .*No such file"),
+        ("<robot>", ModelError, "is not XML"),
+        (SMALL.replace("$(arg size)", "${1/0}"), ModelError, "cannot be expanded: .*division by zero"),
+        (SMALL.replace("$(arg size)", "$(arg sighs)"), ModelError, "cannot be expanded: .*sighs"),
+    ],
+    ids=["not there", "not XML", "wrong expression", "undeclared argument"],
+)
+def test_a_file_that_is_no_xacro_is_refused(
+    tmp_path: Path, content: str | None, error: type[Exception], sentence: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.xacro"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(error, match=sentence):
+        describe(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_word_without_mark_is_refused() -> None:
+    assert parse_values(["a:=1", "b:=x:=y"]) == {"a": "1", "b": "x:=y"}
+    with pytest.raises(DataError, match="'payload_mass=2' is not of the form name:=value"):
+        parse_values(["payload_mass=2"])
+
+
+# --- command line ------------------------------------------------------------------------------------------------------------------
+
+
+def test_the_command_writes_the_urdf_to_standard_output_or_to_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str], urdf: str) -> None:
+    assert main([]) == 0
+    assert capsys.readouterr().out == urdf
+    assert main(["-o", str(tmp_path / "crane.urdf")]) == 0
+    assert (tmp_path / "crane.urdf").read_text() == urdf
+    assert files(tmp_path) == ["crane.urdf"]
+    assert capsys.readouterr() == ("", "")
+
+
+def test_the_command_lists_every_argument(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--list"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(arguments())
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["payload_mas:=1", "-o", "new.urdf"],
+        ["payload_mass:=0", "-o", "new.urdf"],
+        ["payload_mass:=nan", "-o", "new.urdf"],
+        ["payload_mass", "-o", "new.urdf"],
+        ["-o", "missing/new.urdf"],
+        ["-o", "."],
+    ],
+    ids=" ".join,
+)
+def test_bad_input_is_one_sentence_exit_code_2_and_no_file(
+    argv: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(argv) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.fullmatch(r"error: .+\.\n", err)
+    assert files(tmp_path) == []
+
+
+def test_an_older_file_survives_a_refusal(tmp_path: Path) -> None:
+    path = tmp_path / "crane.urdf"
+    path.write_text("old")
+    assert main(["payload_mass:=-3", "-o", str(path)]) == 2
+    assert path.read_text() == "old"
+
+
+def test_the_module_runs_as_a_command() -> None:
+    run = subprocess.run([sys.executable, "-m", "cranedyn.description", "hoist_init:=-1"], capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr == "error: hoist_init is -1 m; allowed is > 0.\n"

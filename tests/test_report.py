@@ -1,0 +1,98 @@
+"""The report: one page that needs nothing else, looked at in a real browser."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from experiments import report
+
+selenium = pytest.importorskip("selenium.webdriver", reason="extra browser (selenium) is not installed")
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+browser = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="Chromium and its driver are not installed")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report of two experiments, run by the report itself."""
+    folder = tmp_path_factory.mktemp("report") / "out"
+    assert report.main(["--out", str(folder), "--only", "energy", "mass_ratio"]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """The report in a browser of a phone's width."""
+    options = selenium.ChromeOptions()
+    options.binary_location = CHROMIUM
+    profile = tmp_path_factory.mktemp("profile")
+    words = (
+        "--headless=new --no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-component-update --disable-sync"
+    )
+    for word in (*words.split(), "--window-size=400,800", f"--user-data-dir={profile}"):
+        options.add_argument(word)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = selenium.Chrome(options=options, service=selenium.ChromeService(DRIVER))
+    try:
+        driver.get((made / "report.html").as_uri())
+        yield driver
+    finally:
+        driver.quit()
+
+
+@browser
+def test_every_table_is_there_with_its_rows(made: Path, page: Any) -> None:
+    for name in ("energy", "mass_ratio"):
+        tables = json.loads((made / name / "result.json").read_text())["tables"]
+        shown = page.find_elements("css selector", f"#{name} table")
+        assert [t.find_element("css selector", "caption").text for t in shown] == [t["title"] for t in tables]
+        assert [len(t.find_elements("css selector", "tbody tr")) for t in shown] == [len(t["rows"]) for t in tables]
+
+
+@browser
+def test_every_figure_is_loaded(made: Path, page: Any) -> None:
+    widths = page.execute_script("return Array.from(document.images, i => i.complete ? i.naturalWidth : 0)")
+    assert len(widths) == sum(1 for _ in made.glob("*/*.png"))
+    assert min(widths) > 100
+
+
+@browser
+def test_the_page_fits_a_phone_and_leaves_no_error_in_the_console(page: Any) -> None:
+    assert page.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    assert [entry for entry in page.get_log("browser") if entry["level"] == "SEVERE"] == []
+
+
+@browser
+def test_nothing_is_fetched_from_anywhere(page: Any) -> None:
+    fetched = page.execute_script("return performance.getEntriesByType('resource').map(e => e.name)")
+    assert [name for name in fetched if not name.startswith("data:")] == []
+
+
+def test_claims_and_the_command_that_repeats_them_are_on_the_page(made: Path) -> None:
+    text = (made / "report.html").read_text(encoding="utf-8")
+    for name in ("energy", "mass_ratio"):
+        result = json.loads((made / name / "result.json").read_text())
+        assert all(claim["sentence"].split("(")[0].strip()[:40] in text for claim in result["claims"])
+        assert f"python -m experiments.{name}" in text
+
+
+def test_results_that_are_there_are_collected_not_run_again(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(report.importlib, "import_module", lambda name: pytest.fail(f"{name} was run"))
+    assert report.main(["--out", str(made), "--only", "mass_ratio"]) == 0
+
+
+def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert report.main(["--out", str(tmp_path / "out"), "--only", "a9"]) == 2
+    (tmp_path / "a1").mkdir()
+    (tmp_path / "a1" / "result.json").write_text("{", encoding="utf-8")
+    assert report.main(["--out", str(tmp_path), "--only", "a1"]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert len(errors) == 2
+    assert "a9" in errors[0]
+    assert "it is not JSON" in errors[1]
+    assert not (tmp_path / "report.html").exists()

@@ -1,0 +1,189 @@
+"""The closed forms, against numerical integration, series and tables: theory must not be tested by what it is there to test."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+
+from cranedyn import dynamics, theory
+from cranedyn.crane import State
+from tests.helpers import G, accelerations, big_crane, pendulum_period, states
+
+
+def _solve(rates, y: list[float], times: np.ndarray) -> np.ndarray:
+    return solve_ivp(rates, (0.0, times[-1]), y, "DOP853", times, rtol=1e-12, atol=1e-14).y
+
+
+def _crossings(t: np.ndarray, y: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Zero crossings by Newton from the sample before."""
+    i = np.flatnonzero(y[:-1] * y[1:] < 0)
+    return t[i] - y[i] / v[i]
+
+
+def test_the_period_of_a_point_load_is_the_published() -> None:
+    # the article's column, three decimals
+    assert_allclose(theory.point_period(np.array([5.0, 10.0, 15.0, 20.0]), 9.80665), [4.487, 6.345, 7.771, 8.973], atol=6e-4)
+
+
+def test_the_period_of_a_rigid_load_is_the_published() -> None:
+    found = [theory.rigid_period(length, 9.80665, 1000.0, 400.0) for length in (5.0, 10.0, 15.0, 20.0)]
+    assert_allclose(found, [4.522, 6.358, 7.778, 8.978], atol=6e-4)  # three decimals
+    assert theory.rigid_period(7.0, G, 3.0, 0.0) == pytest.approx(theory.point_period(7.0, G), rel=1e-15)
+
+
+@given(st.floats(1e-3, 3.0))
+def test_the_factor_of_finite_amplitude_is_that_of_the_arithmetic_geometric_mean(amplitude: float) -> None:
+    expected = pendulum_period(1.0, 1.0, amplitude) / (2.0 * math.pi)
+    assert theory.amplitude_factor(amplitude) == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_factor_of_finite_amplitude_begins_as_its_series() -> None:
+    a = 0.1
+    assert theory.amplitude_factor(a) == pytest.approx(1 + a**2 / 16 + 11 * a**4 / 3072 + 173 * a**6 / 737280, abs=1e-12)  # next a⁸/1e4
+
+
+@pytest.mark.parametrize("length", [5.0, 20.0])
+@pytest.mark.parametrize(("stiffness", "damping"), [(3e5, 5e4), (3e5, 0.0), (3e4, 1.2e4)])
+def test_the_give_of_the_pivot_is_the_eigenvalue_of_trolley_and_load(length: float, stiffness: float, damping: float) -> None:
+    m, trolley = 1000.0, 600.0
+    # trolley x, lag φ: M ẍ + k_d ẋ + k_p x = -m g φ, l φ̈ + g φ = ẍ
+    mass = np.array([[trolley, 0.0], [-1.0, length]])
+    spring, damper = np.array([[stiffness, m * G], [0.0, G]]), np.diag([damping, 0.0])
+    inverse = np.linalg.inv(mass)
+    values = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ spring, -inverse @ damper]]))
+    value = min(values[values.imag > 1e-3], key=lambda v: abs(v - 1j * math.sqrt(G / length)))
+    gain = 2.0 * math.pi / abs(value) / float(theory.point_period(length, G)) - 1.0
+    found = theory.pivot_give(length, G, m, stiffness, damping, trolley)
+    first = m * G / (2.0 * stiffness * length)
+    # first order in the give: the next is three times its square
+    assert found[0] == pytest.approx(gain, abs=4.0 * first**2)
+    assert found[1] == pytest.approx(-value.real / abs(value), abs=4.0 * first**2)
+
+
+@pytest.mark.parametrize(("length", "percent"), [(5.0, 0.33), (10.0, 0.16), (15.0, 0.11), (20.0, 0.08)])
+def test_the_give_of_a_spring_is_the_published(length: float, percent: float) -> None:
+    gain, ratio = theory.pivot_give(length, 9.80665, 1000.0, 3e5)
+    assert 100.0 * gain == pytest.approx(percent, abs=5e-3)  # two decimals
+    assert ratio == 0.0
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(3e4, 2e4), (1e5, 1e3)])
+def test_the_give_of_the_hoist_is_that_of_an_elastic_pendulum(stiffness: float, damping: float) -> None:
+    m, length, amplitude = 1000.0, 10.0, 0.1
+    omega, turns = math.sqrt(G / length), 20
+
+    def rates(_: float, y: np.ndarray) -> list[float]:
+        phi, rate, give, speed = y
+        rope = length + give
+        return [
+            rate,
+            -(G * math.sin(phi) + 2 * speed * rate) / rope,
+            speed,
+            rope * rate**2 + G * (math.cos(phi) - 1) - (stiffness * give + damping * speed) / m,
+        ]
+
+    times = np.linspace(0.0, (turns + 12) * 2 * math.pi / omega, 60001)
+    phi, rate, *_ = _solve(rates, [amplitude, 0.0, 0.0, 0.0], times)
+    crossings = _crossings(times, phi, rate)[20:]  # the hoist's own transient is over
+    half = [np.abs(phi[(times > a) & (times <= b)]).max() for a, b in itertools.pairwise(crossings)]
+    size = float(np.sqrt(np.mean(np.square(half))))
+    period = 2.0 * (crossings[-1] - crossings[0]) / (len(crossings) - 1)
+    decay = math.log(half[0] / half[-1]) / (math.pi * (len(half) - 1))
+    gain, ratio = theory.hoist_give(size, length, G, m, stiffness, damping)
+    measured = period / (pendulum_period(length, G, size)) - 1.0
+    # to order A² = 0.01 of itself, and the second order of the give, 1e-3 of itself
+    assert measured == pytest.approx(gain, rel=0.02)
+    assert decay == pytest.approx(ratio, rel=0.02)
+
+
+@pytest.mark.parametrize(("length", "rate", "expected"), [(10.0, 0.5, -0.0169789144434), (40.0, -0.8, -0.106873470578)])
+def test_constant_hoisting_has_the_tabulated_values(length: float, rate: float, expected: float) -> None:
+    assert theory.constant_hoisting(np.array([40.0]), length, rate, G, 0.05, 0.0)[0] == pytest.approx(expected, rel=1e-11)  # digits given
+
+
+@pytest.mark.parametrize(("length", "rate"), [(10.0, 0.5), (20.0, -0.5)])
+def test_constant_hoisting_solves_its_equation_and_its_envelope_encloses_it(length: float, rate: float) -> None:
+    times = np.linspace(0.0, 20.0, 4001)
+    swing, swing_rate = 0.04, -0.03
+    expected = _solve(lambda t, y: [y[1], -(2 * rate * y[1] + G * y[0]) / (length + rate * t)], [swing, swing_rate], times)[0]
+    found = theory.constant_hoisting(times, length, rate, G, swing, swing_rate)
+    assert_allclose(found, expected, atol=1e-11)  # the integration's 1e-12
+    envelope = theory.constant_hoisting_envelope(times, length, rate, G, swing, swing_rate)
+    share = np.abs(found) / envelope
+    assert share.max() < 1.0 + 1e-12
+    tops = share[1:-1][(share[1:-1] > share[:-2]) & (share[1:-1] > share[2:])]
+    assert len(tops) >= 4
+    assert_allclose(tops, 1.0, atol=1e-5)  # samples 5 ms apart: (ω dt)²/8
+
+
+def test_the_bessel_envelope_of_slow_hoisting_is_the_adiabatic_law() -> None:
+    times = np.array([0.0, 300.0])
+    a = theory.constant_hoisting_envelope(times, 20.0, -0.04, G, 0.05, 0.0)
+    assert a[1] / a[0] == pytest.approx((8.0 / 20.0) ** -0.75, rel=1e-4)  # (v/ω l)² = 1e-5
+
+
+# --- swing with the drives moving --------------------------------------------------------------------------------------------------
+
+
+@given(states, accelerations)
+def test_small_swing_is_the_limit_of_the_full_equations(state: State, push: np.ndarray) -> None:
+    c, size = big_crane(), 1e-4
+    q, v = state.q.copy(), state.v.copy()
+    q[2:4] *= size
+    v[2:4] *= size
+    found = theory.small_swing(
+        q[2:4],
+        v[2:4],
+        length=q[4],
+        length_rate=v[4],
+        gravity=G,
+        x=q[1],
+        x_rate=v[1],
+        x_acceleration=push[1],
+        slew_rate=v[0],
+        slew_acceleration=push[0],
+    )
+    full = dynamics.prescribed_acceleration(c, State(q, v), push)[0][2:4]
+    # what is dropped is of second order in the swing, and φ tan θ times pushes of up to 5 m/s² over 3.4 m
+    assert_allclose(found, full, atol=20.0 * size**2)
+
+
+def test_the_papers_equation_is_small_swing_without_rates() -> None:
+    still = dict(length_rate=0.0, x_rate=0.0, x_acceleration=0.0, slew_rate=0.0)
+    found = theory.small_swing(np.array([0.0, 0.03]), np.zeros(2), length=15.0, gravity=G, x=20.0, slew_acceleration=0.01, **still)
+    assert theory.tangential_paper(0.03, length=15.0, gravity=G, push=20.0 * 0.01) == pytest.approx(found[1], rel=1e-14)
+    # positive when the load lags: at rest on θ = x γ̈/g
+    assert theory.tangential_paper(20.0 * 0.01 / G, length=15.0, gravity=G, push=0.2) == pytest.approx(0.0, abs=1e-16)
+
+
+# --- slow hoisting -----------------------------------------------------------------------------------------------------------------
+
+
+def test_a_small_swing_grows_with_the_three_quarter_power() -> None:
+    found = theory.adiabatic_amplitude(np.array([20.0, 12.0, 5.0]), 20.0, 1e-3)
+    assert_allclose(found, 1e-3 * np.array([1.0, 0.6, 0.25]) ** -0.75, rtol=1e-6)  # the next order is amplitude², 8e-6 at 5 m / 16
+
+
+@pytest.mark.parametrize("amplitude", [1.0, 1.5])
+def test_a_large_swing_keeps_its_action_when_the_cable_runs_slowly(amplitude: float) -> None:
+    rate, length, target = -0.01, 20.0, 14.0
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        return [y[1], -(2 * rate * y[1] + G * math.sin(y[0])) / (length + rate * t)]
+
+    duration = (target - length) / rate
+    times = np.linspace(0.0, duration, 120001)
+    phi, _ = solve_ivp(rates, (0.0, duration), [amplitude, 0.0], "DOP853", times, rtol=1e-9, atol=1e-10).y
+    last = np.abs(phi[-2000:]).max()
+    at = length + rate * times[-2000 + int(np.abs(phi[-2000:]).argmax())]
+    # the hoisting speed over that of the swing, ε = v/(ω l) = 1e-3: amplitudes at the turning points are off by about ε
+    assert last == pytest.approx(float(theory.adiabatic_amplitude(np.array([at]), length, amplitude)[0]), rel=1e-3)
+    assert last > amplitude * 1.2
+    assert abs(last / (amplitude * (at / length) ** -0.75) - 1) > 0.015  # the power law of small swings has ended
