@@ -106,6 +106,7 @@ def parser(name: str, description: str) -> argparse.ArgumentParser:
     made.add_argument("--save", metavar="FILE.rrd", help="write the recording here instead of into the folder", default=argparse.SUPPRESS)
     made.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
     made.add_argument("--serve", action="store_true", help="serve the recording to a browser on this machine until Ctrl-C")
+    made.add_argument("--port", type=int, default=9090, metavar="P", help="where --serve has its page; the data is at the next port")
     made.set_defaults(experiment=name, live=False)
     return made
 
@@ -249,6 +250,7 @@ def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequenc
     options.about, options.words = made.description, sys.argv[1:] if argv is None else argv
     try:
         folder, recording = options.folder, options.recording = _targets(options)
+        _check_viewer(options)
         with _watcher() as watcher:
             outcome = experiment(options, _world(options, watcher))
         _print(outcome)
@@ -294,6 +296,17 @@ def _targets(options: argparse.Namespace) -> tuple[Path, Path]:
     if hasattr(options, "save") and not recording.absolute().parent.is_dir():
         raise DataError(f"Cannot save the recording as {recording}: its folder does not exist.")
     return folder, recording
+
+
+def _check_viewer(options: argparse.Namespace) -> None:
+    """Say before a run, not after it, that it cannot be shown."""
+    if options.view or options.serve:
+        from cranedyn import recording
+
+        if options.view:
+            recording.check_display()
+        if options.serve:
+            recording.check_port(options.port)
 
 
 def make_folder(folder: Path) -> Path:
@@ -354,7 +367,7 @@ def _record(outcome: Outcome, options: argparse.Namespace, path: Path) -> None:
     if options.view and not options.live:
         recording.open_viewer(path)
     if options.serve and not options.live:
-        with recording.serve(path) as served:
+        with recording.serve(path, port=options.port) as served:
             print(f"Serving at {served.address} until Ctrl-C.")
             served.wait()
 

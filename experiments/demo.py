@@ -142,7 +142,7 @@ def _sinks(options: argparse.Namespace, world: common.World, stack: ExitStack) -
     if options.view:
         viewer = recording.open_viewer()
     elif options.serve:
-        server = stack.enter_context(recording.serve())
+        server = stack.enter_context(recording.serve(port=options.port))
         viewer = server.data
         print(f"Serving at {server.address} until Ctrl-C.")
     common.make_folder(options.folder)

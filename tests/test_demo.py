@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from cranedyn.recording import Live
 from cranedyn.references import ARTICLE_TOUR, Leg, itinerary
 from cranedyn.trajectory import Trajectory, join, read
 from experiments import common, demo
@@ -171,3 +172,25 @@ def test_bad_input_is_one_sentence_and_nothing_written(
     assert sentence in error
     assert error.count("\n") == 1
     assert not (tmp_path / "demo").exists()
+
+
+def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(tmp_path: Path) -> None:
+    world = common.World()
+    tour = itinerary(world.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    pieces = list(demo.pieces(world, tour, 2.0))
+    with Live(world.crane, "demo", title="Live", file=tmp_path / "live.rrd") as live:
+        for piece in pieces:
+            live.append(piece)
+    rows = {}
+    for chunk in RrdReader(str(tmp_path / "live.rrd")).stream():
+        batch = chunk.to_record_batch()
+        names = batch.schema.names
+        if "Run:row" in names:
+            t = batch.column(next(i for i, n in enumerate(names) if "sim_time" in n)).cast("int64").to_pylist()
+            rows |= dict(zip(t, [row[0] for row in batch.column(names.index("Run:row")).to_pylist()], strict=True))
+    whole = join(pieces)
+    shown = [rows[t] for t in sorted(rows)]
+    np.testing.assert_allclose([row["W_x_J"] for row in shown], whole["W_x_J"], rtol=0, atol=1e-9)
+    # 1e-7: energies of 2e5 J are sums that round at 3e-11
+    np.testing.assert_allclose([row["unexplained_J"] for row in shown], whole.unexplained, rtol=0, atol=1e-7)
+    np.testing.assert_allclose([row["energy_J"] for row in shown], whole.energy - whole.energy[0], rtol=0, atol=1e-9)

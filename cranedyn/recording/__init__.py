@@ -3,6 +3,6 @@
 from cranedyn.recording.live import Live
 from cranedyn.recording.record import record
 from cranedyn.recording.run import Run
-from cranedyn.recording.viewer import Server, open_viewer, serve
+from cranedyn.recording.viewer import Server, check_display, check_port, open_viewer, serve
 
-__all__ = ["Live", "Run", "Server", "open_viewer", "record", "serve"]
+__all__ = ["Live", "Run", "Server", "check_display", "check_port", "open_viewer", "record", "serve"]

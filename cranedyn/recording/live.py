@@ -52,6 +52,7 @@ class Live:
             raise DataError(f"Cannot write {file}: {error}.") from error
         self._scene: Scene | None = None
         self._past: Trajectory | None = None
+        self._start_energy = 0.0
 
     def append(self, piece: Trajectory) -> None:
         """Add what happened since the last piece.
@@ -61,11 +62,11 @@ class Live:
         """
         first = float(piece.t[0])
         shown = piece if self._past is None else join([self._past, piece])
-        run, fresh = Run(self._name, self._crane, shown), Run(self._name, self._crane, piece)
+        run, fresh = Run(self._name, self._crane, shown), Run(self._name, self._crane, shown.since(first))
         if self._scene is None:
-            self._scene = self._begin(run)
+            self._scene, self._start_energy = self._begin(run), float(piece.energy[0])
         self._scene.move(run, since=first)
-        log_series(self._recording, fresh, table(fresh))
+        log_series(self._recording, fresh, table(fresh, self._start_energy))
         self._past = shown.since(float(piece.t[-1]) - PATH_SECONDS)
         try:
             self._recording.flush(timeout_sec=_PATIENCE)

@@ -73,12 +73,17 @@ PLOTS = {
 """The plots by name."""
 
 
-def table(run: Run) -> Table:
-    """What is recorded of a run: its columns with angles in degrees and energy since the start, and the limits of the drives."""
+def table(run: Run, start_energy: float | None = None) -> Table:
+    """What is recorded of a run: its columns with angles in degrees and energy since the start, and the limits of the drives.
+
+    Where the trajectory goes on from earlier pieces, the energy at their start [J] is given.
+    """
     trajectory, columns = run.trajectory, {}
+    start = trajectory.energy[0] if start_energy is None else start_energy
+    ledger = trajectory.energy - trajectory.work.sum(axis=1) + trajectory.dissipated
     for name in (name for key in ("q", "v", "wanted", "effort", "work", "dissipated") for name in COLUMNS[key]):
         columns[name.replace("_rad", "_deg")] = np.degrees(trajectory[name]) if "_rad" in name else trajectory[name]
-    columns |= {"energy_J": trajectory.energy - trajectory.energy[0], "unexplained_J": trajectory.unexplained}
+    columns |= {"energy_J": trajectory.energy - start, "unexplained_J": ledger - start}
     for name, limit in zip(COLUMNS["effort"], run.crane.effort_limit, strict=True):
         columns |= {f"{name}_lower": np.full(len(trajectory), -limit), f"{name}_upper": np.full(len(trajectory), limit)}
     return columns

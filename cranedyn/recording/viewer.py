@@ -37,6 +37,16 @@ def check(path: str | Path) -> Path:
     return path
 
 
+def check_display() -> None:
+    """Return if a window can be opened.
+
+    Raises:
+        CraneError: If there is no display.
+    """
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise CraneError(f"There is no display to open a window on; {_INSTEAD}.")
+
+
 def open_viewer(path: str | Path | None = None) -> str:
     """Show a recording in a window, which stays open when the program ends.
 
@@ -51,8 +61,7 @@ def open_viewer(path: str | Path | None = None) -> str:
         CraneError: If there is no display, or the viewer cannot be started.
     """
     shown = [] if path is None else [str(check(path).resolve())]
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise CraneError(f"There is no display to open a window on; {_INSTEAD}.")
+    check_display()
     port = free_port()
     process = start(*shown, "--bind", HOST, "--port", str(port), own_session=True)
     await_ready(process, lambda: not free(port), f"Instead, {_INSTEAD}.")
@@ -95,6 +104,22 @@ class Server:
         end(self.process)
 
 
+def check_port(port: int) -> None:
+    """Return if a port and the next are free on this machine.
+
+    Raises:
+        OutOfRange: If there is no such port.
+        CraneError: If one of the two is in use.
+    """
+    if not 1 <= port <= 65534:
+        raise OutOfRange("port", port, "1 to 65534")
+    for taken in (port, port + 1):
+        if not free(taken):
+            raise CraneError(
+                f"Port {taken} of {HOST} is in use; serving takes {port} and {port + 1}: choose another first port with --port."
+            )
+
+
 def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
     """Serve a recording with its viewer to browsers on this machine alone.
 
@@ -108,11 +133,7 @@ def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
         CraneError: If a port is in use, or the viewer cannot be started.
     """
     shown = [] if path is None else [str(check(path).resolve())]
-    if not 1 <= port <= 65534:
-        raise OutOfRange("port", port, "1 to 65534")
-    for taken in (port, port + 1):
-        if not free(taken):
-            raise CraneError(f"Port {taken} of {HOST} is in use; serving takes {port} and {port + 1}: choose another first port.")
+    check_port(port)
     process = start("--serve-web", "--bind", HOST, "--web-viewer-port", str(port), "--port", str(port + 1), *shown)
     await_ready(process, lambda: not free(port) and not free(port + 1), "It could not serve the recording.")
     data = _data(port + 1)
