@@ -179,3 +179,29 @@ def agreement(measured: np.ndarray, modelled: np.ndarray) -> Agreement:
         correlation=float(np.corrcoef(measured, modelled)[0, 1]),
         rms=float(np.sqrt(np.mean((measured - modelled) ** 2))),
     )
+
+
+def swing_amplitude(swing: np.ndarray, rates: np.ndarray, length: np.ndarray | float, gravity: float) -> np.ndarray:
+    """Amplitude that a small swing would keep if the drives stood still from now on [rad], shape (n,).
+
+    Args:
+        swing: φ and θ [rad], shape (n, 2).
+        rates: Their rates [rad/s], shape (n, 2).
+        length: Cable length [m].
+        gravity: Gravity [m/s²].
+    """
+    return np.sqrt(np.sum(swing**2, axis=1) + np.sum(rates**2, axis=1) * length / gravity)
+
+
+def settling_time(t: np.ndarray, distance: np.ndarray, within: float) -> float:
+    """When a distance has come within a bound for good [s]; inf if it has not by the end.
+
+    Args:
+        t: Times [s], shape (n,).
+        distance: Distances, not negative, shape (n,).
+        within: The bound.
+    """
+    outside = np.flatnonzero(~(distance <= within))
+    if not len(outside):
+        return float(t[0])
+    return float(t[outside[-1] + 1]) if outside[-1] + 1 < len(t) else math.inf

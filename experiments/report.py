@@ -22,6 +22,7 @@ EXPERIMENTS = {
     "a3": ["--gravity", "9.8"],
     "energy": [],
     "mass_ratio": [],
+    "b1": [],
     "demo": ["--cycles", "1"],
 }
 """What the report is made of, in its order, and the arguments with which missing results are made."""

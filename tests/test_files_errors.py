@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, UnknownName, number
+from cranedyn.figures import panels, save
 from cranedyn.files import written
 from tests.helpers import files
 
@@ -54,6 +55,16 @@ def test_a_folder_is_no_file(tmp_path: Path) -> None:
     (tmp_path / "a.csv").mkdir()
     with pytest.raises(DataError, match="it is a folder"), written(tmp_path / "a.csv"):
         pytest.fail("must not get here")
+
+
+def test_a_figure_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    figure, axes = panels(2, 2)
+    assert len(axes) == 4
+    axes[0].plot([0, 1], [0, 1])
+    assert save(figure, tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(DataError, match="does not exist"):
+        save(figure, tmp_path / "missing" / "a.png")
+    assert files(tmp_path) == ["a.png"]
 
 
 # --- numbers -----------------------------------------------------------------------------------------------------------------------

@@ -2,5 +2,8 @@
 
 from cranedyn.controllers.follow import follow
 from cranedyn.controllers.hold import Hold, hold_controller
+from cranedyn.controllers.lqr import lqr
+from cranedyn.controllers.paper import paper_controller
+from cranedyn.controllers.tracking import Tracking
 
-__all__ = ["Hold", "follow", "hold_controller"]
+__all__ = ["Hold", "Tracking", "follow", "hold_controller", "lqr", "paper_controller"]

@@ -1,9 +1,36 @@
 """Where the drives should be at a time. A reference is a plain callable from time [s] to `Wanted`."""
 
+from cranedyn.references.flat import flat
 from cranedyn.references.hold import hold
 from cranedyn.references.itinerary import ARTICLE_TOUR, Itinerary, Leg, itinerary
+from cranedyn.references.motion import Motion, plumb
+from cranedyn.references.operator import Push, operator
 from cranedyn.references.pulse import pulse
 from cranedyn.references.ramp import ramp
+from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
+from cranedyn.references.spline import shortest, spline
 from cranedyn.references.wanted import Reference, Wanted
 
-__all__ = ["ARTICLE_TOUR", "Itinerary", "Leg", "Reference", "Wanted", "hold", "itinerary", "pulse", "ramp"]
+__all__ = [
+    "ARTICLE_TOUR",
+    "Itinerary",
+    "Leg",
+    "Motion",
+    "Push",
+    "Reference",
+    "Wanted",
+    "ei",
+    "flat",
+    "hold",
+    "itinerary",
+    "operator",
+    "plumb",
+    "pulse",
+    "ramp",
+    "shaped",
+    "shaped_hoisting",
+    "shortest",
+    "spline",
+    "zv",
+    "zvd",
+]

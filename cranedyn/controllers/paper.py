@@ -1,0 +1,121 @@
+"""The control of Muddassir et al. (ISARC 2024), as far as it is described.
+
+One LQR for trolley and radial swing, one for slew and tangential swing, both time-varying through cable length and radius, and a PID with
+gravity feed-forward for the hoist.
+
+The planes are the paper's Eqs. (7)-(10). Its weights and gains are not public: those here are ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import expm, solve_discrete_are
+
+from cranedyn.controllers.riccati import riccati
+from cranedyn.controllers.tracking import Tracking
+from cranedyn.crane import STANDARD_GRAVITY, Crane, State
+from cranedyn.errors import OutOfRange
+from cranedyn.references import Wanted
+from cranedyn.references.motion import Motion
+
+TROLLEY_WEIGHTS = (np.diag([10.0, 2.0, 100.0, 100.0]) ** 2, np.diag([1.0 / 1.0e3]) ** 2)
+"""Q for x, ẋ, φ, φ̇ and R for F_x; Bryson's rule, ours."""
+
+SLEW_WEIGHTS = (np.diag([100.0, 20.0, 100.0, 100.0]) ** 2, np.diag([1.0 / 2.0e4]) ** 2)
+"""Q for γ, γ̇, θ, θ̇ and R for T_γ; Bryson's rule, ours."""
+
+HOIST = (4.0e4, 1.0e4, 1.2e4)
+"""k_p [N/m], k_i [N/(m s)] and k_d [N s/m] of the hoist, ours."""
+
+_TROLLEY, _SLEW = [1, 6, 2, 7], [0, 5, 3, 8]
+
+
+def trolley_plane(mass: float, trolley: float, length: float, gravity: float) -> tuple[np.ndarray, np.ndarray]:
+    """Eqs. (7), (8): M ẍ = F_x - m g φ and l φ̈ = ẍ - g φ, for [x, ẋ, φ, φ̇]."""
+    drive = np.array([0.0, 0.0, -mass * gravity / trolley, 0.0])
+    a = np.array([[0, 1, 0, 0], drive, [0, 0, 0, 1], (drive - [0, 0, gravity, 0]) / length])
+    return a, np.array([[0.0], [1.0 / trolley], [0.0], [1.0 / (trolley * length)]])
+
+
+def slew_plane(mass: float, inertia: float, radius: float, length: float, gravity: float) -> tuple[np.ndarray, np.ndarray]:
+    """Eqs. (9), (10): J γ̈ = T_γ - m g x θ and l θ̈ = x γ̈ - g θ, for [γ, γ̇, θ, θ̇]; J is that of structure and trolley."""
+    drive = np.array([0.0, 0.0, -mass * gravity * radius / inertia, 0.0])
+    a = np.array([[0, 1, 0, 0], drive, [0, 0, 0, 1], (radius * drive - [0, 0, gravity, 0]) / length])
+    return a, np.array([[0.0], [1.0 / inertia], [0.0], [radius / (inertia * length)]])
+
+
+@dataclass(eq=False)
+class HoistPID:
+    """A tracking controller whose hoist has an integrator besides; it stops integrating at the limit of the drive (anti-windup).
+
+    Attributes:
+        tracking: What it does without the integrator.
+        integral_gain: k_i of the hoist [N/(m s)].
+        limit: Largest hoist force [N].
+        integral: What has been integrated so far [m s].
+    """
+
+    tracking: Tracking
+    integral_gain: float
+    limit: float
+    integral: float = field(default=0.0)
+
+    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+        """Efforts [N m, N, N], shape (3,)."""
+        effort = self.tracking(t, state, wanted)
+        error = float(wanted.position[2] - state.q[4])
+        integral = self.integral + error * self.tracking.period
+        if abs(effort[2] + self.integral_gain * integral) <= self.limit:
+            self.integral = integral
+        effort[2] += self.integral_gain * self.integral
+        return effort
+
+
+def paper_controller(
+    crane: Crane, motion: Motion, *, gravity: float = STANDARD_GRAVITY, hoist: tuple[float, float, float] = HOIST, every: int = 10
+) -> HoistPID:
+    """The paper's controller about a motion with the load hanging plumb; make a new one for each run, its integrator remembers.
+
+    Args:
+        crane: The crane.
+        motion: What to track; its period is the control period.
+        gravity: Gravity that the controller believes in [m/s²].
+        hoist: k_p, k_i, k_d of the hoist.
+        every: Control instants between linearisations.
+
+    Raises:
+        OutOfRange: If a gain of the hoist is negative.
+    """
+    if min(hoist) < 0.0:
+        raise OutOfRange("gains of the hoist", hoist, ">= 0")
+    mass, trolley, n = crane.payload_mass, crane.trolley_mass, len(motion.q)
+    radius, length = motion.q[:, 1], motion.q[:, 4]
+    inertia = crane.slewing_inertia + trolley * radius**2
+    gain = np.zeros((n, 3, 10))
+    gain[:, 1, _TROLLEY] = _plane_gains(
+        [trolley_plane(mass, trolley, length[k], gravity) for k in range(0, n, every)], TROLLEY_WEIGHTS, motion.period, n, every
+    )
+    gain[:, 0, _SLEW] = _plane_gains(
+        [slew_plane(mass, inertia[k], radius[k], length[k], gravity) for k in range(0, n, every)], SLEW_WEIGHTS, motion.period, n, every
+    )
+    gain[:, 2, [4, 9]] = hoist[0], hoist[2]
+    feed_forward = np.stack(
+        [(inertia + mass * radius**2) * motion.a[:, 0], (trolley + mass) * motion.a[:, 1], mass * (motion.a[:, 4] - gravity)], axis=1
+    )
+    return HoistPID(Tracking(motion.period, feed_forward, gain, np.hstack([motion.q, motion.v])), hoist[1], float(crane.effort_limit[2]))
+
+
+def _plane_gains(
+    planes: list[tuple[np.ndarray, np.ndarray]], weights: tuple[np.ndarray, np.ndarray], period: float, n: int, every: int
+) -> np.ndarray:
+    """Gains of the finite-horizon sweep for one plane, zero-order hold, shape (n, 4)."""
+    block = np.zeros((len(planes), 5, 5))
+    for slot, (a, b) in zip(block, planes, strict=True):
+        slot[:4, :4], slot[:4, 4:] = a, b
+    held = expm(period * block)
+    a, b = held[:, :4, :4], held[:, :4, 4:]
+    nearest = np.arange(n) // every
+    final = solve_discrete_are(a[-1], b[-1], *weights)
+    return riccati(a[nearest], b[nearest], *weights, final)[:, 0]

@@ -1,0 +1,32 @@
+"""The common form of controllers that are affine in the state: a table of feed-forward, wanted state and gain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.crane import State
+from cranedyn.references import Wanted
+
+
+@dataclass(frozen=True, eq=False)
+class Tracking:
+    """effort = feed_forward[k] - gain[k] (z - wanted[k]) with z = (coordinates, rates); beyond its end the last row holds.
+
+    Attributes:
+        period: Time between rows [s], the control period.
+        feed_forward: Efforts of slew [N m], trolley [N], hoist [N], shape (n, 3).
+        gain: Shape (n, 3, 10).
+        wanted: The motion to track, shape (n, 10).
+    """
+
+    period: float
+    feed_forward: np.ndarray
+    gain: np.ndarray
+    wanted: np.ndarray
+
+    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+        """Efforts [N m, N, N], shape (3,); what the reference wants is in the table already."""
+        k = min(round(t / self.period), len(self.feed_forward) - 1)
+        return self.feed_forward[k] - self.gain[k] @ (np.concatenate(state) - self.wanted[k])

@@ -1,0 +1,79 @@
+"""Plan the payload, not the drives: a path of the payload tells where pivot, cable and swing must be.
+
+The payload of a crane is a flat output (Fliess, Lévine, Martin, Rouchon 1995): the rope points along p̈ + g ẑ.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from cranedyn.crane import Crane, State
+from cranedyn.dynamics import pivot_position
+from cranedyn.errors import OutOfRange, number
+from cranedyn.references.motion import Motion
+
+_MARGIN = 6
+
+
+def smoothstep(s: np.ndarray) -> np.ndarray:
+    """From 0 at s = 0 to 1 at s = 1 with four derivatives zero at both ends: 126 s⁵ - 420 s⁶ + 540 s⁷ - 315 s⁸ + 70 s⁹."""
+    s = np.clip(s, 0.0, 1.0)
+    return s**5 * (126.0 + s * (-420.0 + s * (540.0 + s * (-315.0 + s * 70.0))))
+
+
+def flat(crane: Crane, start: State, goal: State, duration: float, *, period: float = 5e-3) -> Motion:
+    """Carry the payload from one rest to another along a smooth path, in cylindrical coordinates about the slew axis.
+
+    A payload with rotational inertia I swings as a point at its centre of oscillation, I/(m l) below it; the path is that of this
+    point. This is exact on a cable of constant length and to first order in the hoisting otherwise.
+
+    Args:
+        crane: The crane.
+        start: Where it hangs at rest.
+        goal: Where it shall hang at rest.
+        duration: Time for the move [s], a multiple of the period.
+        period: Time between rows [s].
+
+    Raises:
+        OutOfRange: If the duration is not positive, or the path would slacken the rope.
+    """
+    number("duration", duration, "s", "> 0")
+    inertia = (crane.payload_inertia + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
+    height = float(pivot_position(crane, start.q)[2])
+    ends = np.array([(s.q[0], s.q[1], height - s.q[4] - inertia / s.q[4]) for s in (start, goal)])
+    t = period * np.arange(-_MARGIN, round(duration / period) + 1 + _MARGIN)
+    gamma, radius, z = (ends[0] + (ends[1] - ends[0]) * smoothstep(t / duration)[:, None]).T
+    path = np.stack([radius * np.sin(gamma), -radius * np.cos(gamma), z], axis=1)
+    rope = make_interp_spline(t, path, k=7).derivative(2)(t) + np.array([0.0, 0.0, crane.gravity])
+    if rope[:, 2].min() <= 0.0:
+        raise OutOfRange("duration", duration, "longer: the payload would fall faster than gravity and slacken the rope", "s")
+    q = recover(path, rope / np.linalg.norm(rope, axis=1)[:, None], height, inertia)
+    curve = make_interp_spline(t, q, k=7)
+    inside = slice(_MARGIN, -_MARGIN)
+    v, a = (curve.derivative(order)(t)[inside] for order in (1, 2))
+    v[[0, -1]] = a[[0, -1]] = 0.0
+    return Motion(period, q[inside], v, a)
+
+
+def recover(path: np.ndarray, rope: np.ndarray, height: float, inertia: float = 0.0) -> np.ndarray:
+    """Coordinates of the crane from a path of its payload.
+
+    Args:
+        path: Centre of oscillation of the payload in the world [m], shape (n, 3).
+        rope: Unit vectors along the rope from payload to pivot, shape (n, 3).
+        height: Of the pivot [m].
+        inertia: Rotational inertia over mass [m²].
+
+    Returns:
+        γ, x, φ, θ, l [rad or m], shape (n, 5).
+    """
+    reach = (height - path[:, 2]) / rope[:, 2]
+    pivot = path + rope * reach[:, None]
+    gamma = np.unwrap(np.arctan2(pivot[:, 0], -pivot[:, 1]))
+    outward = np.stack([np.sin(gamma), -np.cos(gamma), np.zeros_like(gamma)], axis=1)
+    tangent = np.stack([np.cos(gamma), np.sin(gamma), np.zeros_like(gamma)], axis=1)
+    theta = np.arcsin((rope * tangent).sum(axis=1))
+    phi = np.arctan2((rope * outward).sum(axis=1), rope[:, 2])
+    length = (reach + np.sqrt(reach**2 - 4.0 * inertia)) / 2.0
+    return np.stack([gamma, np.hypot(pivot[:, 0], pivot[:, 1]), phi, theta, length], axis=1)

@@ -1,0 +1,46 @@
+"""The motion of all five joints over time, not of the drives alone: what tracking controllers linearise about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.crane import DRIVES
+from cranedyn.references.wanted import Reference, Wanted
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A wanted motion at the control instants; before and after it stands still. Itself a reference for the drives.
+
+    Attributes:
+        period: Time between rows [s].
+        q: Coordinates γ, x, φ, θ, l [rad or m], shape (n, 5).
+        v: Their rates, shape (n, 5).
+        a: Their accelerations, shape (n, 5).
+    """
+
+    period: float
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+    @property
+    def arrival(self) -> float:
+        """When it ends [s]."""
+        return self.period * (len(self.q) - 1)
+
+    def __call__(self, t: float) -> Wanted:
+        """What is wanted of the drives at a time [s]."""
+        k = min(max(round(t / self.period), 0), len(self.q) - 1)
+        return Wanted(self.q[k, DRIVES], self.v[k, DRIVES], self.a[k, DRIVES])
+
+
+def plumb(reference: Reference, duration: float, period: float = 5e-3) -> Motion:
+    """The motion of a reference [s] with the load hanging plumb under the trolley all the way, sampled at a period [s]."""
+    times = period * np.arange(round(duration / period) + 1)
+    wanted = [reference(t) for t in times]
+    parts = np.zeros((3, len(times), 5))
+    parts[:, :, DRIVES] = [[w.position for w in wanted], [w.velocity for w in wanted], [w.acceleration for w in wanted]]
+    return Motion(period, *parts)

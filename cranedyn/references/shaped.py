@@ -1,0 +1,116 @@
+"""Input shaping: the same command in two or three parts, timed so that the swings they cause cancel.
+
+Singer & Seering 1990 (ZV, ZVD); Singhose, Seering & Singer 1994 (EI).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from cranedyn.errors import number
+from cranedyn.references.wanted import Reference, Wanted
+
+
+@dataclass(frozen=True, eq=False)
+class Shaper:
+    """A train of impulses whose amplitudes add up to one.
+
+    Attributes:
+        fractions: When each comes, in swing periods.
+        amplitudes: Share of the command that each carries.
+    """
+
+    fractions: np.ndarray
+    amplitudes: np.ndarray
+
+    def residual(self, ratio: float | np.ndarray) -> np.ndarray:
+        """Swing that is left, as a share of that without shaping, when the true frequency is `ratio` times the one shaped for; undamped."""
+        angles = 2.0 * math.pi * np.multiply.outer(np.asarray(ratio, dtype=float), self.fractions)
+        return np.abs(np.exp(1.0j * angles) @ self.amplitudes)
+
+
+def zv(damping_ratio: float = 0.0) -> Shaper:
+    """Zero vibration: two impulses, half a period apart."""
+    k = _decay(damping_ratio)
+    return Shaper(np.array([0.0, 0.5]), np.array([1.0, k]) / (1.0 + k))
+
+
+def zvd(damping_ratio: float = 0.0) -> Shaper:
+    """Zero vibration and derivative: three impulses, insensitive to small errors of the frequency."""
+    k = _decay(damping_ratio)
+    return Shaper(np.array([0.0, 0.5, 1.0]), np.array([1.0, 2.0 * k, k * k]) / (1.0 + k) ** 2)
+
+
+def ei(tolerance: float = 0.05) -> Shaper:
+    """Extra insensitive: leaves a share of the swing at the frequency shaped for, to stay below it over a wider range; undamped."""
+    v = number("tolerance", tolerance, "", "0 to 1")
+    return Shaper(np.array([0.0, 0.5, 1.0]), np.array([(1.0 + v) / 4.0, (1.0 - v) / 2.0, (1.0 + v) / 4.0]))
+
+
+def _decay(damping_ratio: float) -> float:
+    ratio = number("damping ratio", damping_ratio, "", "0 to 0.99")
+    return math.exp(-math.pi * ratio / math.sqrt(1.0 - ratio**2))
+
+
+def shaped(base: Reference, shaper: Shaper, period: float) -> Reference:
+    """Shape all drives of a reference for one swing period [s].
+
+    Raises:
+        OutOfRange: If the period is not positive.
+    """
+    delays = number("swing period", period, "s", "> 0") * shaper.fractions
+
+    def reference(t: float) -> Wanted:
+        parts = [base(t - delay) for delay in delays]
+        return Wanted(*(np.tensordot(shaper.amplitudes, column, 1) for column in zip(*parts, strict=True)))
+
+    return reference
+
+
+def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: float, *, step: float = 5e-3) -> Reference:
+    """Shape slew and trolley of a reference while its own hoisting changes the period; the hoist is left as it is.
+
+    Each small move is delayed by the period of the cable length at the time it was asked for, so the whole way is kept.
+
+    Args:
+        base: What is wanted.
+        shaper: The shaper.
+        gravity: Gravity [m/s²].
+        duration: Time over which the base moves [s].
+        step: Size of the small moves [s].
+
+    Raises:
+        OutOfRange: If the duration or gravity is not positive.
+    """
+    number("gravity", gravity, "m/s²", "> 0")
+    t = step * np.arange(round(number("duration", duration, "s", "> 0") / step) + 1)
+    wanted = np.array([base(s).position for s in t])
+    middle = (t[1:] + t[:-1]) / 2.0
+    lengths = (wanted[1:, 2] + wanted[:-1, 2]) / 2.0
+    delays = np.multiply.outer(shaper.fractions, 2.0 * math.pi * np.sqrt(lengths / gravity))
+    grid = step * np.arange(math.ceil((duration + delays.max()) / step) + 2)
+    moves = np.zeros((len(grid), 2))
+    for share, delay in zip(shaper.amplitudes, delays, strict=True):
+        at = (middle + delay) / step
+        cell = at.astype(int)
+        weight = (at - cell)[:, None]
+        way = share * np.diff(wanted[:, :2], axis=0)
+        np.add.at(moves, cell, (1.0 - weight) * way)
+        np.add.at(moves, cell + 1, weight * way)
+    curve = make_interp_spline(grid + step / 2.0, wanted[0, :2] + np.cumsum(moves, axis=0), k=3)
+    rate, acceleration = curve.derivative(), curve.derivative(2)
+
+    def reference(s: float) -> Wanted:
+        inside = min(max(s, float(grid[0] + step / 2.0)), float(grid[-1] + step / 2.0))
+        now = base(s)
+        return Wanted(
+            np.append(curve(inside), now.position[2]),
+            np.append(rate(inside), now.velocity[2]),
+            np.append(acceleration(inside), now.acceleration[2]),
+        )
+
+    return reference

@@ -1,0 +1,86 @@
+"""Quintic splines, rest to rest: position, velocity and acceleration of the drives without a jump."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BPoly
+
+from cranedyn.crane import DRIVES, State
+from cranedyn.errors import OutOfRange, number
+from cranedyn.references.wanted import Wanted
+
+PEAK_RATE, PEAK_ACCELERATION = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
+"""Of a quintic from 0 to 1 in unit time, rest to rest: its largest velocity and its largest acceleration."""
+
+_NAMES, _UNITS = ("slew", "trolley", "hoist"), ("rad", "m", "m")
+
+
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """A reference of one quintic for each drive and each section, at rest at every waypoint; before and after it stands still.
+
+    Attributes:
+        times: When the waypoints are reached, the first is the departure [s], shape (n,).
+        points: Slew [rad], trolley radius [m], cable length [m] at each of them, shape (n, 3).
+    """
+
+    times: np.ndarray
+    points: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Build the polynomials."""
+        rest = np.zeros_like(self.points)
+        curve = BPoly.from_derivatives(self.times, np.stack([self.points, rest, rest], axis=1))
+        object.__setattr__(self, "_curves", (curve, curve.derivative(), curve.derivative(2)))
+
+    @property
+    def arrival(self) -> float:
+        """When the last waypoint is reached [s]."""
+        return float(self.times[-1])
+
+    def __call__(self, t: float) -> Wanted:
+        """What is wanted at a time [s]."""
+        inside = min(max(t, self.times[0]), self.times[-1])
+        return Wanted(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
+
+
+def spline(start: State, waypoints: Sequence[Sequence[float]], durations: Sequence[float], *, at: float = 0.0) -> Spline:
+    """A spline from where the drives are through waypoints.
+
+    Args:
+        start: Where the drives are.
+        waypoints: Slew [rad], trolley radius [m], cable length [m] of each.
+        durations: Time for each section [s].
+        at: Departure [s].
+
+    Raises:
+        OutOfRange: If there is no waypoint, the numbers of waypoints and durations differ, or a number is not finite or not positive.
+    """
+    if not waypoints or len(waypoints) != len(durations):
+        raise OutOfRange("number of durations", len(durations), f"that of the waypoints, {len(waypoints)}, and one at least")
+    points = [start.q[DRIVES]]
+    for waypoint in waypoints:
+        points.append(np.array([number(f"waypoint of {n}", value, unit) for n, value, unit in zip(_NAMES, waypoint, _UNITS, strict=True)]))
+    steps = [number("duration of a section", duration, "s", "> 0") for duration in durations]
+    return Spline(number("departure", at, "s") + np.concatenate([[0.0], np.cumsum(steps)]), np.array(points))
+
+
+def shortest(start: State, waypoints: Sequence[Sequence[float]], *, rates: Sequence[float], accelerations: Sequence[float]) -> list[float]:
+    """Shortest durations of the sections [s] at which no drive exceeds its rate or acceleration.
+
+    Args:
+        start: Where the drives are.
+        waypoints: Slew [rad], trolley radius [m], cable length [m] of each.
+        rates: Limits of slew [rad/s], trolley [m/s], hoist [m/s].
+        accelerations: Limits of slew [rad/s²], trolley [m/s²], hoist [m/s²].
+
+    Raises:
+        OutOfRange: If a limit is not positive.
+    """
+    v = np.array([number(f"rate limit of {n}", r, f"{u}/s", "> 0") for n, r, u in zip(_NAMES, rates, _UNITS, strict=True)])
+    a = np.array([number(f"acceleration limit of {n}", r, f"{u}/s²", "> 0") for n, r, u in zip(_NAMES, accelerations, _UNITS, strict=True)])
+    paths = np.abs(np.diff(np.vstack([start.q[DRIVES], waypoints]), axis=0))
+    return [float(max((PEAK_RATE * path / v).max(), np.sqrt(PEAK_ACCELERATION * path / a).max())) for path in paths]

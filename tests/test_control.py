@@ -1,0 +1,293 @@
+"""Tracking control: splines, flat paths, LQR, the paper's planes, shapers, the operator; each against something independent."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_discrete_are
+
+from cranedyn.controllers import follow
+from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT, lqr
+from cranedyn.controllers.paper import SLEW_WEIGHTS, TROLLEY_WEIGHTS, paper_controller, slew_plane, trolley_plane
+from cranedyn.controllers.riccati import riccati
+from cranedyn.crane import DRIVES, State
+from cranedyn.dynamics import acceleration, holding_effort, linearise, payload_position
+from cranedyn.errors import CraneError
+from cranedyn.linear import sampled
+from cranedyn.references import hold, ramp
+from cranedyn.references.flat import flat, smoothstep
+from cranedyn.references.motion import plumb
+from cranedyn.references.operator import Push, operator
+from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
+from cranedyn.references.spline import shortest, spline
+from cranedyn.simulate import simulate
+from tests.helpers import G, big_crane, crane
+
+
+def swing_left(run: np.ndarray) -> float:
+    return float(np.ptp(run) / 2.0)
+
+
+# ------------------------------------------------------------------------------------------------------------------ splines
+
+
+def test_a_spline_is_at_rest_at_every_waypoint_and_passes_through_it() -> None:
+    start = crane().state(x=10.0, l=15.0)
+    reference = spline(start, [(0.3, 12.0, 14.0), (0.6, 20.0, 10.0)], [5.0, 8.0], at=1.0)
+    for t, point in ((1.0, start.q[DRIVES]), (6.0, (0.3, 12.0, 14.0)), (14.0, (0.6, 20.0, 10.0)), (99.0, (0.6, 20.0, 10.0))):
+        wanted = reference(t)
+        # 1e-12: rounding of polynomials of order one
+        np.testing.assert_allclose(wanted.position, point, atol=1e-12)
+        np.testing.assert_allclose([wanted.velocity, wanted.acceleration], 0.0, atol=1e-12)
+
+
+def test_rates_of_a_spline_are_the_derivatives_of_its_position() -> None:
+    reference = spline(crane().state(x=10.0, l=15.0), [(0.6, 20.0, 10.0)], [20.0])
+    h = 1e-4
+    for t in (2.0, 7.3, 19.0):
+        before, now, after = (reference(t + s) for s in (-h, 0.0, h))
+        # central differences: h² times the third derivative, below 1e-8 here, and rounding 1e-15/h² of the second
+        np.testing.assert_allclose((after.position - before.position) / (2 * h), now.velocity, atol=1e-7)
+        np.testing.assert_allclose((after.velocity - before.velocity) / (2 * h), now.acceleration, atol=1e-7)
+
+
+def test_the_shortest_spline_reaches_a_limit_and_exceeds_none() -> None:
+    start = crane().state(x=10.0, l=15.0)
+    rates, accelerations = (0.08, 0.8, 0.8), (0.02, 0.3, 0.4)
+    for goal in ((0.6, 12.0, 15.0), (0.0, 20.0, 14.0), (0.01, 10.2, 5.0)):
+        (duration,) = shortest(start, [goal], rates=rates, accelerations=accelerations)
+        wanted = [spline(start, [goal], [duration])(t) for t in np.linspace(0.0, duration, 4001)]
+        use = max(
+            (np.abs([w.velocity for w in wanted]).max(axis=0) / rates).max(),
+            (np.abs([w.acceleration for w in wanted]).max(axis=0) / accelerations).max(),
+        )
+        assert use == pytest.approx(1.0, abs=1e-6)  # 4001 samples meet the peak within 1e-7
+
+
+@pytest.mark.parametrize(("duration", "degrees"), [(10.0, 10.687330), (15.0, 1.395181)])
+def test_a_quintic_move_leaves_the_swing_of_the_closed_form(duration: float, degrees: float) -> None:
+    # A thousandth of the published 10 m, so that the swing is small and everything linear; dt and control period are halved away.
+    way = 0.01
+    point = big_crane()
+    start = point.state(x=10.0, l=20.0)
+    reference = spline(start, [(0.0, 10.0 + way, 20.0)], [duration])
+
+    def left(dt: float) -> float:
+        run = simulate(
+            point, follow(reference, dt), reference, start=start, duration=duration + 20.0, dt=dt, control_period=dt, drive="motion"
+        )
+        return swing_left(run["phi_rad"][run.t >= duration])
+
+    extrapolated = 2.0 * left(2.5e-3) - left(5e-3)
+    # second order in dt is left: (ω dt)² = 3e-6; the top of the swing is met by samples within (ω dt)²/8
+    assert math.degrees(extrapolated) * 10.0 / way == pytest.approx(degrees, rel=2e-5)
+
+
+# ------------------------------------------------------------------------------------------------------------------ flat paths
+
+
+def test_the_smoothstep_has_four_derivatives_zero_at_both_ends() -> None:
+    # Near an end it grows as 126 s⁵ to first order.
+    s = 1e-3
+    assert smoothstep(np.array([s]))[0] == pytest.approx(126.0 * s**5, rel=5e-3)
+    assert 1.0 - smoothstep(np.array([1.0 - s]))[0] == pytest.approx(126.0 * s**5, rel=5e-3)
+
+
+def test_a_flat_motion_of_a_point_load_obeys_the_equations_of_motion() -> None:
+    point = crane(payload_inertia=0.0, dummy_mass=0.0, dummy_inertia=0.0, damp_swing=0.0)
+    motion = flat(point, point.state(x=10.0, l=15.0), point.state(gamma=0.6, x=20.0, l=10.0), 20.0)
+    tracking = lqr(point, motion)
+    for k in range(200, 3800, 300):
+        a = acceleration(point, State(motion.q[k], motion.v[k]), tracking.feed_forward[k])
+        # two second derivatives of samples 5 ms apart: 1e-15 · 20 m / (5 ms)² = 1e-9 m/s², a pivot of that over g times l, again / (5 ms)²
+        np.testing.assert_allclose(a, motion.a[k], rtol=0, atol=1e-5)
+
+
+def test_a_flat_motion_starts_and_ends_with_the_load_at_rest_where_asked() -> None:
+    first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)
+    motion = flat(crane(), first, last, 20.0)
+    for q, v, end in ((motion.q[0], motion.v[0], first), (motion.q[-1], motion.v[-1], last)):
+        np.testing.assert_allclose(payload_position(crane(), q), payload_position(crane(), end.q), atol=1e-7)
+        np.testing.assert_allclose(v, 0.0, atol=1e-12)
+        np.testing.assert_allclose(q[2:4], 0.0, atol=1e-7)
+
+
+def test_a_path_that_falls_faster_than_gravity_is_refused() -> None:
+    with pytest.raises(CraneError, match="slacken the rope"):
+        flat(crane(), crane().state(l=4.0), crane().state(l=26.0), 2.0)
+
+
+# ------------------------------------------------------------------------------------------------------------------ LQR
+
+
+def test_the_finite_horizon_tends_to_the_algebraic_riccati_equation() -> None:
+    model = sampled(crane(), crane().state(l=10.0))
+    n = 6000
+    gains = riccati(np.repeat(model.a[None], n, 0), np.repeat(model.b[None], n, 0), STATE_WEIGHT, EFFORT_WEIGHT, np.zeros((10, 10)))
+    p = solve_discrete_are(model.a, model.b, STATE_WEIGHT, EFFORT_WEIGHT)
+    steady = np.linalg.solve(EFFORT_WEIGHT + model.b.T @ p @ model.b, model.b.T @ p @ model.a)
+    # 30 s are many time constants of the loop; the algebraic solution is good to about 1e-8 of its largest entry
+    np.testing.assert_allclose(gains[0], steady, rtol=1e-5, atol=1e-8 * np.abs(steady).max())
+
+
+def test_no_other_feedback_costs_less_than_the_riccati_sweep() -> None:
+    rng = np.random.default_rng(7)
+    n, nz, nu = 12, 4, 2
+    a, b = rng.normal(size=(n, nz, nz)) / 2, rng.normal(size=(n, nz, nu))
+    q, r, final = np.eye(nz), 0.3 * np.eye(nu), 2.0 * np.eye(nz)
+    gains = riccati(a, b, q, r, final)
+    start = rng.normal(size=nz)
+
+    def cost(inputs: np.ndarray) -> float:
+        z, total = start, 0.0
+        for k in range(n):
+            total += z @ q @ z + inputs[k] @ r @ inputs[k]
+            z = a[k] @ z + b[k] @ inputs[k]
+        return total + z @ final @ z
+
+    z, best = start, np.empty((n, nu))
+    for k in range(n):
+        best[k] = -gains[k] @ z
+        z = a[k] @ z + b[k] @ best[k]
+    for _ in range(50):
+        # a minimum of a quadratic: the change is second order and positive
+        assert cost(best + 1e-3 * rng.normal(size=best.shape)) > cost(best)
+
+
+@pytest.mark.parametrize(
+    ("state_weight", "effort_weight", "words"),
+    [
+        (np.diag([-1.0, 1.0]), np.eye(1), "state weight"),
+        (np.eye(2), np.zeros((1, 1)), "effort weight"),
+        (np.eye(2), np.diag([math.nan]), "effort weight"),
+        (np.array([[1.0, 0.5], [0.0, 1.0]]), np.eye(1), "state weight"),
+    ],
+)
+def test_weights_that_are_not_positive_definite_are_refused(state_weight: np.ndarray, effort_weight: np.ndarray, words: str) -> None:
+    with pytest.raises(CraneError, match=words):
+        riccati(np.eye(2)[None], np.ones((1, 2, 1)), state_weight, effort_weight, np.eye(2))
+
+
+def test_a_tracked_flat_motion_arrives_without_swing_and_half_the_payload_keeps_it_small() -> None:
+    first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)
+    motion = flat(crane(), first, last, 20.0)
+    controller = lqr(crane(), motion)
+    run = simulate(crane(), controller, motion, start=first, duration=30.0)
+    assert np.abs(run.since(20.0).q[:, 2:4]).max() < 5e-5
+    other = crane(payload_mass=500.0)
+    run = simulate(other, controller, motion, start=other.state(x=10.0, l=15.0), duration=40.0)
+    assert np.abs(run.since(39.0).q[:, 2:4]).max() < 1e-3
+
+
+# ------------------------------------------------------------------------------------------------------------------ the paper
+
+
+def test_the_papers_planes_are_the_linear_crane_where_inertia_is_left_out() -> None:
+    bare = crane(payload_inertia=0.0, dummy_mass=0.0, dummy_inertia=0.0, damp_swing=0.0, trolley_inertia=0.0)
+    state = bare.state(x=12.0, l=9.0)
+    by_state, by_effort = linearise(bare, state, holding_effort(bare, state.q))
+    inertia = bare.slewing_inertia + bare.trolley_mass * 12.0**2
+    planes = (
+        (trolley_plane(bare.payload_mass, bare.trolley_mass, 9.0, G), [1, 6, 2, 7], 1, (1, 2)),
+        (slew_plane(bare.payload_mass, inertia, 12.0, 9.0, G), [0, 5, 3, 8], 0, (0, 3)),
+    )
+    for (a, b), columns, drive, rows in planes:
+        # 1e-9: rounding of the mass matrix's inverse
+        np.testing.assert_allclose(a[[1, 3]], by_state[np.ix_(rows, columns)], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(b[[1, 3], 0], by_effort[list(rows), drive], rtol=1e-9)
+
+
+def test_the_papers_gains_end_as_the_stationary_ones_of_the_held_planes() -> None:
+    reference = spline(crane().state(x=10.0, l=15.0), [(0.6, 20.0, 10.0)], [20.0])
+    gain = paper_controller(crane(), plumb(reference, 20.0)).tracking.gain[-1]
+    inertia = crane().slewing_inertia + crane().trolley_mass * 20.0**2
+    g = 9.80665
+    for (a, b), weights, row, columns in (
+        (trolley_plane(1000.0, 500.0, 10.0, g), TROLLEY_WEIGHTS, 1, [1, 6, 2, 7]),
+        (slew_plane(1000.0, inertia, 20.0, 10.0, g), SLEW_WEIGHTS, 0, [0, 5, 3, 8]),
+    ):
+        held = expm(0.005 * np.block([[a, b], [np.zeros((1, 5))]]))
+        p = solve_discrete_are(held[:4, :4], held[:4, 4:], *weights)
+        steady = np.linalg.solve(weights[1] + held[:4, 4:].T @ p @ held[:4, 4:], held[:4, 4:].T @ p @ held[:4, :4])
+        # the last linearisation is up to ten control instants before the end, where the reference is 1e-9 m from it
+        np.testing.assert_allclose(gain[row, columns], steady[0], rtol=1e-6)
+
+
+def test_the_hoist_pid_takes_away_a_wrong_weight_and_does_not_wind_up() -> None:
+    heavy = crane(payload_mass=1100.0)
+    start = heavy.state(l=15.0)
+    reference = spline(start, [(0.0, 10.0, 15.0)], [1.0])
+    controller = paper_controller(crane(), plumb(reference, 1.0))
+    run = simulate(heavy, controller, reference, start=start, duration=40.0)
+    assert abs(run["l_m"][-1] - 15.0) < 1e-3
+    weak = crane(hoist_effort=9000.0)
+    stalled = paper_controller(weak, plumb(reference, 1.0))
+    simulate(weak, stalled, reference, start=start, duration=0.5)
+    assert stalled.integral == 0.0
+
+
+# ------------------------------------------------------------------------------------------------------------------ shapers
+
+
+@pytest.mark.parametrize(
+    ("shaper", "formula", "insensitivity"),
+    [
+        (zv(), lambda r: np.abs(np.cos(np.pi * r / 2)), 0.06369),
+        (zvd(), lambda r: np.cos(np.pi * r / 2) ** 2, 0.28713),
+        (ei(), lambda r: np.abs((1 - 0.05) / 2 + (1 + 0.05) / 2 * np.cos(np.pi * r)), 0.39945),
+    ],
+)
+def test_shapers_have_the_sensitivity_of_the_literature(shaper: object, formula: object, insensitivity: float) -> None:
+    ratio = np.linspace(0.5, 1.5, 100_001)
+    residual = shaper.residual(ratio)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(residual, formula(ratio), atol=1e-12)  # type: ignore[operator]
+    inside = ratio[residual <= 0.05 + 1e-12]
+    assert inside[-1] - inside[0] == pytest.approx(insensitivity, abs=3e-5)  # steps of 1e-5 at both ends, five digits published
+
+
+def test_a_shaped_move_leaves_almost_no_swing_where_the_bare_one_does() -> None:
+    point = big_crane()
+    start = point.state(x=10.0, l=15.0)
+    base = ramp(hold(start), "x", 0.5, rate=0.25, at=1.0)
+    period = 2.0 * math.pi * math.sqrt(15.0 / G)
+    left = {}
+    for name, reference in (("bare", base), ("zv", shaped(base, zv(), period)), ("zvd", shaped(base, zvd(), period))):
+        run = simulate(point, follow(reference), reference, start=start, duration=25.0, drive="motion")
+        left[name] = swing_left(run["phi_rad"][run.t > 15.0])
+        assert run["x_m"][-1] == pytest.approx(10.5, abs=2e-3)  # positions lead velocities by half a step
+    # small angles and 5 ms of sampling leave a thousandth
+    assert left["zv"] < 3e-3 * left["bare"]
+    assert left["zvd"] < 3e-3 * left["bare"]
+
+
+def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_a_fixed_cable() -> None:
+    point = big_crane()
+    start = point.state(x=10.0, l=20.0)
+    base = ramp(ramp(hold(start), "l", -10.0, rate=0.5, at=0.0), "x", 6.0, rate=0.5, at=3.0)
+    fixed = shaped(base, zv(), 2.0 * math.pi * math.sqrt(20.0 / G))
+    moving = shaped_hoisting(base, zv(), G, 25.0)
+    left = {}
+    for name, reference in (("bare", base), ("fixed", fixed), ("moving", moving)):
+        run = simulate(point, follow(reference), reference, start=start, duration=45.0, drive="motion")
+        left[name] = swing_left(run["phi_rad"][run.t > 35.0])
+        assert run["x_m"][-1] == pytest.approx(16.0, abs=5e-3)
+    assert left["moving"] < 0.5 * left["fixed"]
+    assert left["moving"] < 0.5 * left["bare"]
+
+
+# ------------------------------------------------------------------------------------------------------------------ the operator
+
+
+def test_an_operators_push_is_a_trapezoid_within_the_limit() -> None:
+    start = crane().state(x=10.0)
+    reference = operator(start, [Push("x", 0.8, 1.0, 5.0), Push("x", -0.8, 8.0, 1.0)], accelerations=(0.02, 0.4, 0.4))
+    assert reference(4.0).velocity[1] == pytest.approx(0.8)
+    assert reference(8.0).position[1] == pytest.approx(10.0 + 0.8 * 5.0)  # a trapezoid covers rate times hold
+    assert reference(20.0).velocity[1] == pytest.approx(0.0)
+    # held for 1 s, the acceleration of 0.4 reaches 0.4 m/s and covers 0.4 m
+    assert reference(20.0).position[1] == pytest.approx(14.0 - 0.4)
+    t = np.linspace(0.0, 12.0, 1201)
+    velocity = np.array([reference(s).velocity[1] for s in t])
+    assert np.abs(np.diff(velocity) / np.diff(t)).max() <= 0.4 + 1e-9
