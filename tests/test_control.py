@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from cranedyn.errors import CraneError
 from cranedyn.linear import sampled
 from cranedyn.references import hold, ramp
 from cranedyn.references.flat import flat, smoothstep
+from cranedyn.references.limits import Limits, check, fastest, use
 from cranedyn.references.motion import plumb
 from cranedyn.references.operator import Push, operator
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
@@ -291,3 +293,33 @@ def test_an_operators_push_is_a_trapezoid_within_the_limit() -> None:
     t = np.linspace(0.0, 12.0, 1201)
     velocity = np.array([reference(s).velocity[1] for s in t])
     assert np.abs(np.diff(velocity) / np.diff(t)).max() <= 0.4 + 1e-9
+
+
+# ------------------------------------------------------------------------------------------------------------------ limits
+
+
+def test_the_fastest_flat_motion_uses_one_limit_fully_and_no_other_more() -> None:
+    first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)
+    limits = Limits((0.08, 0.8, 0.8), (0.05, 0.5, 0.5))
+    plan = partial(flat, crane(), first, last, period=0.05)
+    duration = fastest(crane(), plan, limits)
+    shares = use(crane(), plan(duration), limits)
+    # the duration is found to a thousandth of a second of some thirty, and rounded up to rows 50 ms apart
+    assert max(shares.values()) == pytest.approx(1.0, abs=5e-3)
+    assert max(use(crane(), plan(0.95 * duration), limits).values()) > 1.0
+
+
+def test_a_duration_too_short_names_the_limit_and_the_shortest_possible() -> None:
+    first, last = crane().state(x=10.0, l=15.0), crane().state(x=20.0, l=15.0)
+    limits = Limits((0.08, 0.8, 0.8), (0.05, 0.5, 0.5))
+    plan = partial(flat, crane(), first, last, period=0.05)
+    with pytest.raises(CraneError, match=r"duration is 15\.0 s; allowed is at least \d+\.\d\d s to keep the rate of the trolley"):
+        check(crane(), plan(15.0), limits, plan)
+    check(crane(), plan(60.0), limits, plan)
+
+
+def test_limits_that_no_duration_keeps_are_refused() -> None:
+    weak = crane(hoist_effort=5000.0)
+    plan = partial(flat, weak, weak.state(x=10.0), weak.state(x=12.0), period=0.5)
+    with pytest.raises(CraneError, match="limits of the drives"):
+        fastest(weak, plan, Limits((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)))

@@ -298,6 +298,15 @@ def test_what_the_ledger_leaves_open_halves_with_the_step(drive: Any) -> None:
     assert ratio == pytest.approx(2.0, abs=0.1)  # order 1; steps of the reference and stiff drives put a few percent of order 2 on top
 
 
+def test_efforts_that_change_within_a_control_period_are_counted_at_both_ends() -> None:
+    c = crane()
+    push = constant(0.02, 0.5, -0.1)
+    found = simulate(c, push, start=c.state(phi=0.2, theta=0.1), duration=4.0, dt=1e-3, control_period=0.1, drive="motion")
+    assert np.abs(found.work).max(axis=0).min() > 1000.0  # J
+    # trapezoidal rule: (ω T)²/12 = 5e-4 of some kJ, and the ledger's own order dt; by the first end alone it would be some hundred
+    assert np.abs(found.unexplained).max() < 10.0
+
+
 def test_dissipation_is_what_damping_takes() -> None:
     c = crane(damp_swing=2e3)
     found = moved(c, c.state(phi=0.1), 60.0, 2e-3)

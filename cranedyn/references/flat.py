@@ -5,6 +5,8 @@ The payload of a crane is a flat output (Fliess, Lévine, Martin, Rouchon 1995):
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
@@ -32,7 +34,7 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, period: fl
         crane: The crane.
         start: Where it hangs at rest.
         goal: Where it shall hang at rest.
-        duration: Time for the move [s], a multiple of the period.
+        duration: Time for the move [s]; the last row is the first at or after it.
         period: Time between rows [s].
 
     Raises:
@@ -42,7 +44,7 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, period: fl
     inertia = (crane.payload_inertia + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
     height = float(pivot_position(crane, start.q)[2])
     ends = np.array([(s.q[0], s.q[1], height - s.q[4] - inertia / s.q[4]) for s in (start, goal)])
-    t = period * np.arange(-_MARGIN, round(duration / period) + 1 + _MARGIN)
+    t = period * np.arange(-_MARGIN, math.ceil(duration / period - 1e-9) + 1 + _MARGIN)
     gamma, radius, z = (ends[0] + (ends[1] - ends[0]) * smoothstep(t / duration)[:, None]).T
     path = np.stack([radius * np.sin(gamma), -radius * np.cos(gamma), z], axis=1)
     rope = make_interp_spline(t, path, k=7).derivative(2)(t) + np.array([0.0, 0.0, crane.gravity])

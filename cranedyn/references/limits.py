@@ -1,0 +1,90 @@
+"""How much of their limits the drives use in a motion, and the shortest duration at which they use them fully."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from cranedyn.crane import DRIVES, Crane
+from cranedyn.dynamics import inverse_dynamics
+from cranedyn.errors import OutOfRange, number
+from cranedyn.references.motion import Motion
+
+_NAMES, _LONGEST = ("slew", "trolley", "hoist"), 3600.0
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """What the drives may do besides the effort limits of the crane.
+
+    Attributes:
+        rates: Of slew [rad/s], trolley [m/s], hoist [m/s].
+        accelerations: Of slew [rad/s²], trolley [m/s²], hoist [m/s²].
+    """
+
+    rates: Sequence[float]
+    accelerations: Sequence[float]
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for kind, values in (("rate", self.rates), ("acceleration", self.accelerations)):
+            for name, value in zip(_NAMES, values, strict=True):
+                number(f"{kind} limit of {name}", value, "", "> 0")
+
+
+def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
+    """The largest share of each limit that a motion uses, by the name of the limit; 1 is all of it."""
+    efforts = np.array(
+        [inverse_dynamics(crane.model, crane.data, *row, crane.damping) for row in zip(motion.q, motion.v, motion.a, strict=True)]
+    )
+    shares = {
+        "rate": np.abs(motion.v[:, DRIVES]).max(axis=0) / np.asarray(limits.rates),
+        "acceleration": np.abs(motion.a[:, DRIVES]).max(axis=0) / np.asarray(limits.accelerations),
+        "effort": np.abs(efforts).max(axis=0) / crane.effort_limit,
+    }
+    return {f"{kind} of the {name}": float(share) for kind, of_kind in shares.items() for name, share in zip(_NAMES, of_kind, strict=True)}
+
+
+def check(crane: Crane, motion: Motion, limits: Limits, plan: Callable[[float], Motion]) -> None:
+    """Return if a motion keeps the limits.
+
+    Raises:
+        OutOfRange: If it does not: which limit, and the shortest duration that does.
+    """
+    shares = use(crane, motion, limits)
+    worst = max(shares, key=lambda name: shares[name])
+    if shares[worst] > 1.0 + 1e-9:
+        raise OutOfRange(
+            "duration", motion.arrival, f"at least {fastest(crane, plan, limits):.2f} s to keep the {worst} within its limit", "s"
+        )
+
+
+def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> float:
+    """Shortest duration [s] at which a plan keeps the limits, to a thousandth of a second.
+
+    Args:
+        crane: The crane.
+        plan: The motion for a duration [s].
+        limits: The limits.
+
+    Raises:
+        OutOfRange: If no duration up to an hour keeps them.
+    """
+
+    def excess(duration: float) -> float:
+        try:
+            return max(use(crane, plan(duration), limits).values()) - 1.0
+        except OutOfRange:
+            return np.inf
+
+    low, high = 0.25, 0.5
+    while (over := excess(high)) > 0.0:
+        low, high = high, 2.0 * high
+        if high > _LONGEST:
+            raise OutOfRange(
+                "limits of the drives", limits, f"such that some duration up to {_LONGEST:g} s keeps them, not {over:g} beyond"
+            )
+    return float(brentq(lambda t: min(excess(t), 1e3), low, high, xtol=1e-3)) + 1e-3
