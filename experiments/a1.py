@@ -51,6 +51,10 @@ SWING, PULSE_AT, DURATION, FIT_FROM = 0.10, 2.0, 70.0, 12.0
 """Swing aimed at [rad], start of the pulse, duration of a run, start of the fit [s]."""
 
 
+COLUMNS = ("t_s", "phi_rad", "l_m")
+"""What a file recorded elsewhere must have."""
+
+
 @dataclass(frozen=True)
 class Case:
     """One run of A1.
@@ -159,15 +163,16 @@ def outcome(world: common.World, cases: Sequence[Case], soft: Case) -> common.Ou
     """Tables, claims, figures and files of the cable lengths and the soft trolley."""
     from cranedyn.recording import Run
     from experiments.a1_figures import budget_figure, period_figure, waveform_figure
+    from experiments.a1_tables import article_table, budget_table, damping_table, prediction_table
 
     listed = [(case, case.published) for case in cases if case.published]
     missed = max(abs(100 * (case.fit.period / case.predicted.period - 1)) for case in cases)
     return common.Outcome(
         tables=[
-            _article_table(world.crane, cases),
-            _budget_table([*cases, soft]),
-            _damping_table(world.crane, cases),
-            _prediction_table([*cases, soft]),
+            article_table(world.crane, cases),
+            budget_table([*cases, soft]),
+            damping_table(world.crane, cases),
+            prediction_table([*cases, soft]),
         ],
         claims=[
             _met(world, "error", 0.03, "percentage points", [100 * case.error - p.point for case, p in listed]),
@@ -191,138 +196,16 @@ def _met(world: common.World, column: str, allowed: float, unit: str, misses: Se
     return common.Claim(f"{sentence} (worst {worst:.5f}).", world.judged(worst < allowed))
 
 
-def _article_table(crane: Crane, cases: Sequence[Case]) -> common.Table:
-    rows: list[tuple[float | None, ...]] = []
-    for case in cases:
-        p = case.published or Published(None, math.nan, None, None, None)
-        point, rigid = _pendulums(crane, case.length)
-        published, diff = (p.point, 100 * case.error - p.point) if case.published else (None, None)
-        rows.append(
-            (
-                case.length,
-                case.fit.period,
-                p.period,
-                point,
-                100 * case.error,
-                published,
-                diff,
-                100 * (case.fit.period / rigid - 1),
-                p.rigid,
-                case.fit.damping_ratio,
-                p.zeta,
-                case.fit.amplitude,
-                p.amplitude,
-            )
-        )
-    columns = [
-        ("l [m]", "g"),
-        ("T [s]", ".4f"),
-        ("art.", ".3f"),
-        ("T point", ".3f"),
-        ("error [%]", "+.3f"),
-        ("art.", "+.2f"),
-        ("diff", "+.3f"),
-        ("rigid [%]", "+.3f"),
-        ("art.", "+.2f"),
-        ("ζ", ".6f"),
-        ("art.", ".5f"),
-        ("A [rad]", ".5f"),
-        ("art.", ".4f"),
-    ]
-    note = (
-        "Errors against the point and the rigid pendulum (payload inertia alone) in standard gravity, as "
-        "published. The article's world had 9.8 m/s²: --gravity 9.8."
-    )
-    return common.Table("Free swing beside the article (art.)", columns, rows, note)
-
-
-def _pendulums(crane: Crane, length: float) -> tuple[float, float]:
-    """Periods of point and rigid pendulum in standard gravity [s]."""
-    return float(theory.point_period(length, STANDARD_GRAVITY)), theory.rigid_period(
-        length, STANDARD_GRAVITY, crane.payload_mass, crane.payload_inertia
-    )
-
-
-def _budget_table(cases: Sequence[Case]) -> common.Table:
-    causes = list(cases[0].budget)
-    rows = []
-    for case in cases:
-        parts = [100 * case.budget[cause] for cause in causes]
-        published = case.published.point if case.published else None
-        rows.append((case.length, case.stiffness, *parts, sum(parts), 100 * case.error, 100 * case.error - sum(parts), published))
-    columns = [
-        ("l [m]", "g"),
-        ("k_p", ".0e"),
-        *((cause, "+.3f") for cause in causes),
-        ("sum", "+.3f"),
-        ("simulated", "+.3f"),
-        ("residual", "+.3f"),
-        ("article", "+.2f"),
-    ]
-    return common.Table("Error budget [% of the point pendulum's period]", columns, rows)
-
-
-def _damping_table(crane: Crane, cases: Sequence[Case]) -> common.Table:
-    g, m, rows = crane.gravity, crane.payload_mass, []
-    for case in cases:
-        length = case.length + (crane.payload_inertia + crane.dummy_inertia[0]) / (m * case.length)
-        pivot = theory.pivot_give(length, g, m, STIFFNESS[1], DAMPING[1], crane.trolley_mass)[1]
-        hoist = theory.hoist_give(case.predicted.amplitude, length, g, m, STIFFNESS[2], DAMPING[2])[1]
-        joint = float(crane.damping[2]) / (2.0 * m * length**2 * math.sqrt(g / length))
-        zeta = case.fit.damping_ratio
-        published = case.published.zeta if case.published else None
-        rows.append((case.length, pivot, hoist, joint, pivot + hoist + joint, zeta, published, zeta - published if published else None))
-    columns = [
-        ("l [m]", "g"),
-        ("trolley k_d", ".6f"),
-        ("hoist give", ".6f"),
-        ("damp_swing", ".6f"),
-        ("sum", ".6f"),
-        ("simulated", ".6f"),
-        ("article", ".5f"),
-        ("simulated less article", "+.6f"),
-    ]
-    return common.Table(
-        "Where the damping ratio ζ comes from",
-        columns,
-        rows,
-        "By closed forms for the reduced length l + I/(m l). The give of the hoist is the part that no trolley k_d explains.",
-    )
-
-
-def _prediction_table(cases: Sequence[Case]) -> common.Table:
-    columns = [
-        ("l [m]", "g"),
-        ("k_p [N/m]", ".0e"),
-        ("T predicted [s]", ".5f"),
-        ("T simulated [s]", ".5f"),
-        ("diff [%]", "+.4f"),
-        ("ζ predicted", ".6f"),
-        ("ζ simulated", ".6f"),
-    ]
-    rows = [
-        (
-            c.length,
-            c.stiffness,
-            c.predicted.period,
-            c.fit.period,
-            100 * (c.fit.period / c.predicted.period - 1),
-            c.predicted.damping_ratio,
-            c.fit.damping_ratio,
-        )
-        for c in cases
-    ]
-    return common.Table("Predicted: eigenvalue of the sampled linear loop, times the factors of finite amplitude", columns, rows)
-
-
 def _from_files(files: Sequence[str], crane: Crane) -> common.Outcome:
+    from experiments.a1_tables import pendulums
+
     rows = []
     for file in files:
-        data = common.recorded(file, ("t_s", "phi_rad", "l_m"))
+        data = common.recorded(file, COLUMNS)
         late = data["t_s"] >= FIT_FROM
         with common.analysing(file):
             fit, length = fit_swing(data["t_s"][late], data["phi_rad"][late]), float(data["l_m"][late].mean())
-        point, rigid = _pendulums(crane, length)
+        point, rigid = pendulums(crane, length)
         rows.append(
             (
                 file,
@@ -356,13 +239,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     made.add_argument("--length", type=float, nargs="+", default=list(PUBLISHED), metavar="L", help="cable lengths [m]")
     made.add_argument("--swing", type=float, default=SWING, metavar="PHI", help="swing to aim at [rad]")
     made.add_argument("--identify", action="store_true", help="find the unpublished gains of trolley and hoist from the published columns")
-    made.add_argument(
-        "--from",
-        dest="files",
-        nargs="+",
-        metavar="FILE",
-        help="analyse CSV or Parquet files with columns t_s, phi_rad, l_m instead of simulating",
-    )
+    common.add_files(made, COLUMNS)
     return common.conduct(made, experiment, argv)
 
 

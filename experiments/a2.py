@@ -44,6 +44,10 @@ BESSEL, SMALL = "this speed, small swing: Bessel envelope", "exact drives, point
 STIFF = ((STIFFNESS[0], STIFFNESS[1], 1.0e6), (DAMPING[0], DAMPING[1], 6.0e4))
 
 
+COLUMNS = ("t_s", "phi_rad", "l_m")
+"""What a file recorded elsewhere must have."""
+
+
 @dataclass(frozen=True)
 class Reading:
     """What a record of t, φ, l says.
@@ -275,7 +279,7 @@ def _read_run(trajectory: Trajectory) -> Reading:
 def _from_files(files: Sequence[str]) -> common.Outcome:
     readings = {}
     for file in files:
-        data = common.recorded(file, ("t_s", "phi_rad", "l_m"))
+        data = common.recorded(file, COLUMNS)
         with common.analysing(file):
             readings[file] = read(data["t_s"], data["phi_rad"], data["l_m"])
     return common.Outcome([_summary(readings)], [])
@@ -285,13 +289,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = common.parser("a2", "Hoisting while swinging: period and amplitude against cable length.")
     common.add_world(made)
-    made.add_argument(
-        "--from",
-        dest="files",
-        nargs="+",
-        metavar="FILE",
-        help="analyse CSV or Parquet files with columns t_s, phi_rad, l_m instead of simulating",
-    )
+    common.add_files(made, COLUMNS)
     return common.conduct(made, experiment, argv)
 
 

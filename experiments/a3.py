@@ -248,13 +248,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     common.add_world(made)
     made.add_argument("--radius", type=float, default=RADIUS, metavar="X", help="trolley radius [m]")
     made.add_argument("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
-    made.add_argument(
-        "--from",
-        dest="files",
-        nargs="+",
-        metavar="FILE",
-        help=f"analyse CSV or Parquet files with columns {', '.join(COLUMNS)} instead of simulating",
-    )
+    common.add_files(made, COLUMNS)
     return common.conduct(made, experiment, argv)
 
 

@@ -1,0 +1,94 @@
+"""What an experiment leaves behind: tables and claims, as printed and as kept."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from cranedyn.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from cranedyn.recording import Run
+
+MARKS = {True: "holds", False: "FAILS", None: "not judged"}
+"""What is said of a claim."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as printed and as kept.
+
+    Attributes:
+        title: What it shows.
+        columns: Header and format of each column, for example ``("T [s]", ".3f")``; an empty format is for text.
+        rows: The values; None is shown as a dash.
+        note: What to know about it.
+    """
+
+    title: str
+    columns: Sequence[tuple[str, str]]
+    rows: Sequence[Sequence[float | str | None]]
+    note: str = ""
+
+    def shown(self) -> list[list[str]]:
+        """The rows as text."""
+        return [
+            ["-" if value is None else format(value, form) for value, (_, form) in zip(row, self.columns, strict=True)] for row in self.rows
+        ]
+
+    def markdown(self) -> str:
+        """The table in Markdown."""
+        head = [[header for header, _ in self.columns], ["---:" if form else "---" for _, form in self.columns]]
+        lines = "\n".join(f"| {' | '.join(row)} |" for row in [*head, *self.shown()])
+        return "\n\n".join(part for part in (f"**{self.title}**", lines, self.note) if part)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A sentence that holds or does not, or could not be judged (None) under the arguments given."""
+
+    sentence: str
+    holds: bool | None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an experiment leaves behind.
+
+    Attributes:
+        tables: In the order to print.
+        claims: What it set out to show.
+        parameters: What it was made with.
+        trajectories: Runs to keep, by file name without ending.
+        figures: Figures to keep, by file name without ending.
+        recording: Runs to record for the viewer.
+    """
+
+    tables: Sequence[Table]
+    claims: Sequence[Claim]
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    trajectories: Mapping[str, Trajectory] = field(default_factory=dict)
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+    recording: Sequence[Run] = ()
+
+
+def show(outcome: Outcome) -> None:
+    """Print tables and claims."""
+    console = Console(width=None if sys.stdout.isatty() else 150, highlight=False)
+    for table in outcome.tables:
+        shown = RichTable(title=table.title, title_justify="left", caption=table.note or None, caption_justify="left")
+        for header, form in table.columns:
+            shown.add_column(header, justify="right" if form else "left")
+        for row in table.shown():
+            shown.add_row(*row)
+        console.print(shown)
+        console.print()
+    for claim in outcome.claims:
+        console.print(f"{MARKS[claim.holds]:11}{claim.sentence}", markup=False)

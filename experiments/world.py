@@ -1,0 +1,171 @@
+"""Where an experiment takes place: gravity, clocks and crane from the command line, data from elsewhere, and who watches."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from cranedyn.crane import STANDARD_GRAVITY, Crane, State, load_crane
+from cranedyn.description import parse_values
+from cranedyn.errors import DataError
+from cranedyn.references import Reference
+from cranedyn.simulate import Controller, Drive, simulate
+from cranedyn.trajectory import Trajectory, read_columns
+
+
+def add_world(made: argparse.ArgumentParser) -> None:
+    """Add the arguments of the world: gravity, the two clocks, and the numbers of the crane."""
+    made.add_argument(
+        "--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help="gravity of the world [m/s²]; the article's was 9.8"
+    )
+    made.add_argument("--dt", type=float, default=5e-4, help="physics step [s]")
+    made.add_argument("--control-period", type=float, default=5e-3, metavar="T", help="time between control instants [s], a multiple of dt")
+    made.add_argument(
+        "--set",
+        dest="values",
+        nargs="+",
+        default=[],
+        metavar="name:=value",
+        help="numbers of the crane, see python -m cranedyn.description --list",
+    )
+
+
+def add_files(made: argparse.ArgumentParser, columns: Sequence[str]) -> None:
+    """Add the argument for files recorded elsewhere."""
+    text = f"analyse CSV or Parquet files with columns {', '.join(columns)} instead of simulating"
+    made.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=text)
+
+
+@dataclass(frozen=True)
+class Watcher:
+    """Shows how far a run is, on a terminal only."""
+
+    progress: Progress | None
+
+    def run(self, name: str, duration: float) -> Callable[[float], None] | None:
+        """A callback for `simulate`, or None where nobody watches."""
+        progress = self.progress
+        if progress is None:
+            return None
+        task = progress.add_task(name, total=duration, speed="")
+
+        def update(t: float) -> None:
+            elapsed = progress.tasks[task].elapsed or 0.0
+            progress.update(task, completed=t, speed=f"{t:6.1f} s, {t / elapsed:.0f}x real time" if elapsed > 0.1 else "")
+
+        return lambda t: update(t) if round(t * 200) % 100 == 0 or t >= duration else None
+
+
+@contextmanager
+def watching() -> Iterator[Watcher]:
+    """A watcher for as long as the context lasts."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield Watcher(None)
+        return
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[speed]}"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+    ) as progress:
+        yield Watcher(progress)
+
+
+@dataclass(frozen=True)
+class World:
+    """Where an experiment takes place.
+
+    Attributes:
+        gravity: Gravity [m/s²].
+        values: Numbers of the crane that differ from its defaults, by name.
+        dt: Physics step [s].
+        control_period: Time between control instants [s].
+        watcher: Shows progress.
+    """
+
+    gravity: float = STANDARD_GRAVITY
+    values: Mapping[str, object] = field(default_factory=dict)
+    dt: float = 5e-4
+    control_period: float = 5e-3
+    watcher: Watcher = field(default_factory=lambda: Watcher(None))
+
+    @cached_property
+    def crane(self) -> Crane:
+        """The crane of this world."""
+        return self.variant()
+
+    def variant(self, **values: object) -> Crane:
+        """The crane of this world with some more numbers changed."""
+        return load_crane(gravity=self.gravity, **{**self.values, **values})  # type: ignore[arg-type]
+
+    def simulate(
+        self,
+        crane: Crane,
+        controller: Controller,
+        reference: Reference | None,
+        *,
+        start: State,
+        duration: float,
+        label: str,
+        since: float = 0.0,
+        drive: Drive = "effort",
+    ) -> Trajectory:
+        """Run a crane on the clocks of this world, with progress under a label."""
+        return simulate(
+            crane,
+            controller,
+            reference,
+            start=start,
+            since=since,
+            duration=duration,
+            drive=drive,
+            dt=self.dt,
+            control_period=self.control_period,
+            progress=self.watcher.run(label, duration),
+        )
+
+    def judged(self, holds: bool) -> bool | None:
+        """Whether a claim about published numbers holds; None unless gravity is the article's 9.8 m/s² and all else is the default."""
+        return bool(holds) if self == replace(World(9.8), watcher=self.watcher) else None
+
+    def parameters(self) -> dict[str, object]:
+        """What this world is made of, with units in the names."""
+        return {"gravity_m_s2": self.gravity, "dt_s": self.dt, "control_period_s": self.control_period, **self.values}
+
+
+def world_of(options: argparse.Namespace, watcher: Watcher) -> World:
+    """The world that the command line describes."""
+    if not hasattr(options, "gravity"):
+        return World(watcher=watcher)
+    return World(options.gravity, parse_values(options.values), options.dt, options.control_period, watcher)
+
+
+def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
+    """Columns of a file recorded elsewhere, the cable length `l_m` among them.
+
+    Raises:
+        DataError: As `read_columns`, and if a cable length is not positive.
+    """
+    data = read_columns(file, columns)
+    if not data["l_m"].min() > 0.0:
+        raise DataError(f"{file}: l_m is {data['l_m'].min():g} m in some row; allowed is > 0.")
+    return data
+
+
+@contextmanager
+def analysing(file: str) -> Iterator[None]:
+    """Name the file in what is wrong with its content."""
+    try:
+        yield
+    except DataError as error:
+        raise DataError(f"{file}: {error}") from error
