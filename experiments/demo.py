@@ -62,6 +62,8 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
         world = replace(world, values={**world.values, "payload_mass": options.payload_mass})
     pace = options.pace if options.pace is not None else (1.0 if options.view or options.serve else None)
     tour = itinerary(world.crane.start, ARTICLE_TOUR, rates=(options.rate_slew, options.rate_x, options.rate_hoist), dwell=options.dwell)
+    for stage in tour.stages:
+        world.crane.state(gamma=stage.target[0], x=stage.target[1], l=stage.target[2])  # refuses a target out of range
     until = math.inf if options.cycles is None else number("cycles", options.cycles, "", "> 0") * tour.duration
     run = _show(options, world, tour, until, None if pace is None else number("pace", pace, "", "> 0"))
     rows = _dwells(tour, run)

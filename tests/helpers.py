@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from cranedyn.crane import Crane, State, load_crane
 from cranedyn.dynamics import prescribed_acceleration
+from cranedyn.errors import CraneError
 from cranedyn.references import Wanted
 from cranedyn.simulate import simulate
 from cranedyn.trajectory import Trajectory
@@ -22,16 +23,25 @@ G = 9.81
 
 
 @cache
+def _loaded(**values: float) -> Crane | CraneError:
+    try:
+        return load_crane(gravity=G, **values)
+    except CraneError as error:
+        return error
+
+
 def crane(**values: float) -> Crane:
-    """The crane with some numbers changed, in the gravity of the closed forms; expanded once a session."""
-    return load_crane(gravity=G, **values)
+    """The crane with some numbers changed, in the gravity of the closed forms; loaded, or refused, once a session."""
+    found = _loaded(**values)
+    if isinstance(found, CraneError):
+        raise found
+    return found
 
 
-@cache
 def big_crane(**values: float) -> Crane:
     """A point load on a massless, frictionless rope, with a jib and a hook path as long as those of real cranes."""
     point = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
-    return load_crane(gravity=G, **point, trolley_max=80.0, hoist_max=60.0, **values)
+    return crane(**point, trolley_max=80.0, hoist_max=60.0, **values)
 
 
 def locked(t: float, state: State, wanted: Wanted) -> np.ndarray:

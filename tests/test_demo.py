@@ -158,6 +158,7 @@ def test_a_killed_demo_leaves_a_file_that_opens(tmp_path: Path) -> None:
         (["--dwell", "-1"], "dwell is -1.0 s"),
         (["--cycles", "0"], "cycles is 0.0"),
         (["--pace", "-2", "--cycles", "1"], "pace is -2.0"),
+        (["--set", "trolley_max:=15"], "x at the start is 20.0 m; allowed is 2 to 15"),
         (["--payload-mass", "0"], "payload_mass is 0.0 kg"),
         (["--view", "--cycles", "1"], "--serve"),
     ],
