@@ -120,7 +120,7 @@ class Crane:
 
         Raises:
             UnknownName: For a name that is none of these.
-            OutOfRange: For a value outside the joint's range, a swing of 90° or more among them, or one that is not finite.
+            OutOfRange: For a value outside the joint's range, a swing beyond ±90° among them, or one that is not finite.
         """
         q, v = self.start.q.copy(), np.zeros(5)
         for name, value in values.items():
