@@ -29,6 +29,9 @@ PASSIVE = np.array([2, 3])
 """Where radial and tangential swing stand among the coordinates."""
 
 
+_UPRIGHT = float(np.nextafter(np.pi / 2, 0.0))
+
+
 class _Joint(NamedTuple):
     name: str
     kind: str
@@ -129,7 +132,12 @@ class Crane:
                 raise UnknownName("coordinate", name, [*COORDINATES, *(f"{c}_dot" for c in COORDINATES)])
             i = COORDINATES.index(coordinate)
             if name == coordinate:
-                q[i] = number(f"{name} at the start", value, UNITS[i], f"{self.lower[i]:g} to {self.upper[i]:g}")
+                low, high = self.lower[i], self.upper[i]
+                if i in PASSIVE:
+                    low, high = max(low, -_UPRIGHT), min(high, _UPRIGHT)
+                q[i] = number(f"{name} at the start", value, UNITS[i], f"{low:g} to {high:g}")
+                if not low <= q[i] <= high:
+                    raise OutOfRange(f"{name} at the start", value, f"{low:.9g} to {high:.9g}", UNITS[i])
             else:
                 v[i] = number(f"{name} at the start", value, f"{UNITS[i]}/s")
         return State(q, v)

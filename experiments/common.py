@@ -66,8 +66,11 @@ def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequenc
         _check_viewer(options)
         with watching() as watcher:
             outcome = experiment(options, world_of(options, watcher))
-        show(outcome)
         _write(outcome, options, folder, recording)
+        show(outcome)
+        print(f"Written to {folder}.")
+        if outcome.recording:
+            _look(options, recording)
     except RunError as error:
         return _broken_off(error, options)
     except CraneError as error:
@@ -134,7 +137,6 @@ def _write(outcome: Outcome, options: argparse.Namespace, folder: Path, recordin
         )
     if outcome.recording:
         _record(outcome, options, recording)
-    print(f"Written to {folder}.")
 
 
 def _record(outcome: Outcome, options: argparse.Namespace, path: Path) -> None:
@@ -146,9 +148,17 @@ def _record(outcome: Outcome, options: argparse.Namespace, path: Path) -> None:
         *(table.markdown() for table in outcome.tables),
     ]
     recording.record(path, outcome.recording, title=f"Experiment {options.experiment}", text="\n\n".join(text))
-    if options.view and not options.live:
+
+
+def _look(options: argparse.Namespace, path: Path) -> None:
+    """Show the recording as asked for; the demo has shown it already."""
+    if options.live or not (options.view or options.serve):
+        return
+    from cranedyn import recording
+
+    if options.view:
         recording.open_viewer(path)
-    if options.serve and not options.live:
+    if options.serve:
         with recording.serve(path, port=options.port) as served:
             print(f"Serving at {served.address} until Ctrl-C.")
             served.wait()
@@ -162,6 +172,7 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
         "command": " ".join(["python -m", f"experiments.{options.experiment}", *options.words]),
         "claims": [{"sentence": claim.sentence, "holds": claim.holds} for claim in outcome.claims],
         "parameters": dict(outcome.parameters),
+        "figures": [f"{name}.png" for name in outcome.figures],
         "tables": [
             {
                 "title": table.title,

@@ -37,7 +37,7 @@ def pieces(world: common.World, tour: Itinerary, until: float) -> Iterator[Traje
     brake = hold_controller(crane)
     while until - now > world.control_period / 2.0:
         stage, cycle = tour.stage(now + world.control_period / 2.0)
-        length = world.control_period * max(1, round(min(PIECE, until - now, cycle + stage.end - now) / world.control_period))
+        length = world.control_period * max(1, math.ceil(min(PIECE, until - now, cycle + stage.end - now) / world.control_period - 1e-6))
         piece = world.simulate(crane, brake, tour, start=state, since=now, duration=length, label="")
         state, now = piece.state(-1), float(piece.t[-1])
         yield piece
@@ -129,6 +129,8 @@ def _show(options: argparse.Namespace, world: common.World, tour: Itinerary, unt
                     time.sleep(max(0.0, float(piece.t[-1]) / pace - (time.monotonic() - began)))
         except (KeyboardInterrupt, RunError) as error:
             if isinstance(error, RunError) and not isinstance(error.__context__, KeyboardInterrupt):
+                if error.trajectory is not None and len(error.trajectory):
+                    error.trajectory = join([*done, error.trajectory])
                 raise
             console.print("Interrupted; what was recorded so far is kept.")
     if not done:

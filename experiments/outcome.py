@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table as RichTable
+from rich.text import Text
 
 from cranedyn.trajectory import Trajectory
 
@@ -83,11 +84,12 @@ def show(outcome: Outcome) -> None:
     """Print tables and claims."""
     console = Console(width=None if sys.stdout.isatty() else 150, highlight=False)
     for table in outcome.tables:
-        shown = RichTable(title=table.title, title_justify="left", caption=table.note or None, caption_justify="left")
+        note = Text(table.note) if table.note else None
+        shown = RichTable(title=Text(table.title), title_justify="left", caption=note, caption_justify="left")
         for header, form in table.columns:
-            shown.add_column(header, justify="right" if form else "left")
+            shown.add_column(Text(header), justify="right" if form else "left")
         for row in table.shown():
-            shown.add_row(*row)
+            shown.add_row(*map(Text, row))
         console.print(shown)
         console.print()
     for claim in outcome.claims:

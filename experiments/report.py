@@ -74,7 +74,7 @@ def _result(folder: Path) -> dict[str, Any]:
 def _section(folder: Path, result: dict[str, Any]) -> str:
     marks = {True: "✔", False: "✘", None: "–"}
     claims = "".join(f'<li data-mark="{marks[c["holds"]]}">{escape(c["sentence"])}</li>' for c in result["claims"])
-    figures = "".join(_figure(file) for file in sorted(folder.glob("*.png")))
+    figures = "".join(_figure(file) for file in (folder / name for name in result["figures"]))
     versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items() if version)
     name = escape(result["experiment"])
     return (
@@ -117,7 +117,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                 raise UnknownName("experiment", name, EXPERIMENTS)
             if options.again or not (folder / name / "result.json").is_file():
                 common.make_folder(folder)
-                codes.append(importlib.import_module(f"experiments.{name}").main([*EXPERIMENTS[name], "--out", str(folder / name)]))
+                code = importlib.import_module(f"experiments.{name}").main([*EXPERIMENTS[name], "--out", str(folder / name)])
+                if code == common.INTERRUPTED:
+                    return code
+                codes.append(code)
         with written(folder / "report.html") as file:
             file.write_text(page([folder / name for name in options.only]), encoding="utf-8")
     except CraneError as error:

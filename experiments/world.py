@@ -31,6 +31,7 @@ def add_world(made: argparse.ArgumentParser) -> None:
         "--set",
         dest="values",
         nargs="+",
+        action="extend",
         default=[],
         metavar="name:=value",
         help="numbers of the crane, see python -m cranedyn.description --list",

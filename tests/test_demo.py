@@ -195,3 +195,13 @@ def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(tm
     # 1e-7: energies of 2e5 J are sums that round at 3e-11
     np.testing.assert_allclose([row["unexplained_J"] for row in shown], whole.unexplained, rtol=0, atol=1e-7)
     np.testing.assert_allclose([row["energy_J"] for row in shown], whole.energy - whole.energy[0], rtol=0, atol=1e-9)
+
+
+def test_a_rate_that_ends_between_control_instants_loses_no_leg_and_units_are_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert demo.main(["--cycles", "1", "--rate-x", "0.7", "--dwell", "1", "--out", str(tmp_path / "demo")]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("the load still swings") == len(ARTICLE_TOUR)
+    assert "residual swing [mrad]" in printed
+    assert len(json.loads((tmp_path / "demo" / "result.json").read_text())["tables"][0]["rows"]) == len(ARTICLE_TOUR)

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -34,6 +35,7 @@ from cranedyn.references import Wanted
 from cranedyn.simulate import simulate
 from cranedyn.trajectory import COLUMNS, Trajectory, read
 from experiments import a1, a1_identify, a2, a3, common, energy, mass_ratio
+from experiments import world as world_room
 from tests.helpers import files, turned
 
 EXPERIMENTS = {"a1": a1, "a2": a2, "a3": a3, "energy": energy, "mass_ratio": mass_ratio}
@@ -555,9 +557,13 @@ def _csv(path: Path, **columns: np.ndarray) -> None:
     np.savetxt(path, np.stack(list(columns.values()), axis=1), delimiter=",", header=",".join(columns), comments="", fmt="%.17g")
 
 
+_load_once = cache(load_crane)
+
+
 @pytest.fixture
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder to be in, with files that a user might bring."""
+    """A folder to be in, with files that a user might bring; cranes are expanded once for all tests that are here."""
+    monkeypatch.setattr(world_room, "load_crane", _load_once)
     monkeypatch.chdir(tmp_path)
     t = np.arange(0.0, 40.0, 0.01)
     still, swing = np.zeros_like(t), 0.1 * np.cos(t)
