@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.description import XACRO, describe
-from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName, number
+from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName, number, within
 
 STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²], exact by definition (CGPM 1901)."""
@@ -123,7 +123,7 @@ class Crane:
 
         Raises:
             UnknownName: For a name that is none of these.
-            OutOfRange: For a value outside the joint's range, a swing beyond ±90° among them, or one that is not finite.
+            OutOfRange: For a value outside the joint's range, a swing of 90° or more among them, or one that is not finite.
         """
         q, v = self.start.q.copy(), np.zeros(5)
         for name, value in values.items():
@@ -135,9 +135,7 @@ class Crane:
                 low, high = self.lower[i], self.upper[i]
                 if i in PASSIVE:
                     low, high = max(low, -_UPRIGHT), min(high, _UPRIGHT)
-                q[i] = number(f"{name} at the start", value, UNITS[i], f"{low:g} to {high:g}")
-                if not low <= q[i] <= high:
-                    raise OutOfRange(f"{name} at the start", value, f"{low:.9g} to {high:.9g}", UNITS[i])
+                q[i] = within(f"{name} at the start", value, low, high, UNITS[i])
             else:
                 v[i] = number(f"{name} at the start", value, f"{UNITS[i]}/s")
         return State(q, v)
@@ -174,7 +172,7 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
     initial = _initial(text)
     q = np.array(
         [
-            number(f"{j.name} at the start", initial[j.name], UNITS[i], f"{lower[i]:g} to {upper[i]:g}")
+            within(f"{j.name} at the start", initial[j.name], lower[i], upper[i], UNITS[i])
             if j.name in initial
             else (0.0 if lower[i] <= 0.0 <= upper[i] else (lower[i] + upper[i]) / 2)
             for i, j in enumerate(JOINTS)

@@ -91,6 +91,21 @@ def number(name: str, value: object, unit: str = "", allowed: str = "any") -> fl
     return x
 
 
+def within(name: str, value: object, low: float, high: float, unit: str = "") -> float:
+    """The value as a float, if it is finite and between two numbers, both of them allowed.
+
+    Raises:
+        OutOfRange: If it is no number, not finite, or not between them.
+    """
+    x = number(name, value, unit)
+    if not low <= x <= high:
+        ends = f"{low:g}", f"{high:g}"
+        if float(ends[0]) <= x <= float(ends[1]):  # rounded they would seem to allow it
+            ends = str(float(low)), str(float(high))
+        raise OutOfRange(name, value, " to ".join(ends), unit)
+    return x
+
+
 def _range(allowed: str) -> tuple[float, float, bool]:
     if allowed == "any":
         return -math.inf, math.inf, False

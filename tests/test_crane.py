@@ -116,6 +116,21 @@ def test_a_start_outside_of_the_joints_is_refused(name: str, value: float) -> No
         crane().state(**{name: value})
 
 
+@pytest.mark.parametrize("name", ["phi", "theta"])
+def test_a_start_of_ninety_degrees_is_refused_and_anything_less_is_not(name: str) -> None:
+    below = math.nextafter(math.pi / 2, 0.0)
+    assert crane().state(**{name: -below}).q.min() == -below
+    with pytest.raises(OutOfRange, match=r"at the start is 1.5707963267948966 rad; allowed is -1.5707963267948963 to 1.5707963267948963"):
+        crane().state(**{name: math.pi / 2})
+
+
+def test_a_limit_of_many_digits_is_a_limit_to_the_last_of_them() -> None:
+    c = crane(hoist_max=26.4567501, hoist_init=26.4567501)
+    assert c.start.q[4] == c.state(l=26.4567501).q[4] == 26.4567501
+    with pytest.raises(OutOfRange, match=r"l at the start is 26.45676 m; allowed is 3.4 to 26.4567501"):
+        c.state(l=26.45676)
+
+
 def test_an_unknown_coordinate_is_refused_and_the_known_are_named() -> None:
     with pytest.raises(UnknownName, match="no coordinate 'length'; there are gamma, x, phi, theta, l, gamma_dot"):
         crane().state(length=10)

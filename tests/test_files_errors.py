@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, UnknownName, number
+from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, UnknownName, number, within
 from cranedyn.figures import panels, save
 from cranedyn.files import written
 from tests.helpers import files
@@ -107,6 +107,19 @@ def test_a_number_out_of_its_range_is_refused_with_value_unit_and_range(value: o
     assert str(caught.value) == sentence
     assert (caught.value.name, caught.value.unit) == ("n", "m")
     assert caught.value.value is value
+
+
+def test_a_number_between_two_is_handed_back_and_any_other_refused_to_the_last_digit() -> None:
+    low, high = 0.1, 2 / 3
+    assert [within("n", x, low, high) for x in (low, "0.2", high)] == [low, 0.2, high]
+    for x, allowed in (
+        (0.0, "0.1 to 0.666667"),
+        (math.nextafter(high, 1.0), "0.1 to 0.6666666666666666"),
+        (math.nan, "a finite number"),
+    ):
+        with pytest.raises(OutOfRange) as caught:
+            within("n", x, low, high, "m")
+        assert str(caught.value) == f"n is {x} m; allowed is {allowed}."
 
 
 # --- errors ------------------------------------------------------------------------------------------------------------------------
