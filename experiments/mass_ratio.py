@@ -44,11 +44,12 @@ def period(trajectory: Trajectory) -> float:
 
 
 def tour(world: common.World, crane: Crane) -> Trajectory:
-    """All three drives in prescribed motion at once, with a swing at the start."""
+    """All three drives in prescribed motion at once, with a swing at the start; started and stopped at once, whatever a rope would do."""
     start = crane.state(x=8.0, l=LENGTH, phi=0.05, theta=-0.03)
     reference = ramp(ramp(ramp(hold(start), "x", 6.0, rate=0.8, at=1.0), "gamma", 0.4, rate=0.08, at=2.0), "l", -4.0, rate=0.5, at=3.0)
     drives = follow(reference, world.control_period)
-    return world.simulate(crane, drives, reference, start=start, duration=20.0, label=f"load of {crane.payload_mass:g} kg", drive="motion")
+    label = f"load of {crane.payload_mass:g} kg"
+    return world.simulate(crane, drives, reference, start=start, duration=20.0, label=label, drive="motion", watch="mark")
 
 
 def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:

@@ -92,7 +92,7 @@ def test_residual_is_the_amplitude_of_a_known_swing() -> None:
     q = np.zeros((4001, 5))
     q[:, 2], q[:, 3] = 0.03 * np.cos(t), 0.04 * np.sin(t)
     empty = np.zeros((4001, 3))
-    run = Trajectory(t, q, 0 * q, empty, empty, empty, 0 * t, empty, 0 * t)
+    run = Trajectory(t, q, 0 * q, empty, empty, empty, 0 * t, empty, 0 * t, np.zeros((4001, 6)), np.zeros((4001, 2)), 0 * t + 1)
     assert demo.residual(run) == pytest.approx(0.05, rel=1e-5)  # 4001 samples meet the tops within 1e-6
 
 

@@ -96,7 +96,10 @@ def test_the_same_run_twice_is_the_same_to_the_bit() -> None:
 
 def test_a_run_says_what_it_was_made_with() -> None:
     found = _held(crane(), duration=0.1, dt=1e-3, control_period=2e-3)
-    assert found.parameters == {"dt_s": 1e-3, "control_period_s": 2e-3, "drive": "effort", "integrator": "semi-implicit Euler"}
+    assert found.parameters == {"dt_s": 1e-3, "control_period_s": 2e-3, "drive": "effort", "integrator": "semi-implicit Euler"} | {
+        "gravity_m_s2": G,
+        "watch": "stop",
+    }
     assert len(found) == 51
 
 
@@ -275,7 +278,7 @@ def test_a_saturated_hoist_moves_by_the_limit() -> None:
 def test_under_a_constant_force_the_ledger_closes_to_rounding() -> None:
     # a trolley with next to no load: a constant acceleration, for which effort times displacement is exact once the lead is taken off
     c = crane(payload_mass=1e-9, payload_inertia=0)
-    found = simulate(c, constant(0.0, 600.0, 0.0), start=c.state(x=2.0), duration=2.0, dt=1e-3, control_period=1e-2)
+    found = simulate(c, constant(0.0, 600.0, 0.0), start=c.state(x=2.0), duration=2.0, dt=1e-3, control_period=1e-2, watch="mark")
     assert found.energy[-1] - found.energy[0] == pytest.approx(0.5 * 600.0 * 2.0**2, rel=1e-6)  # 600 kg at 2 m/s, the load 1e-9
     assert_allclose(found.unexplained, 0.0, atol=1e-6)  # the load; with the lead left in it would be 600 N · 2 m/s · dt/2 = 0.6 J
 
@@ -395,7 +398,7 @@ def test_a_run_that_diverges_says_when_and_where_and_keeps_what_it_has() -> None
     c = crane(hoist_effort=1e12)
     wild = hold_controller(c, damping=(1e6, 5e4, 1e6))  # k_d times the control period over the mass is 5, where 2 is too much
     with pytest.raises(RunError, match=r"The run diverged at t = .* s: hoist_joint moves at .* per second; a smaller dt") as caught:
-        simulate(c, wild, start=c.state(l_dot=0.1), duration=60.0)
+        simulate(c, wild, start=c.state(l_dot=0.1), duration=60.0, watch="mark")
     error = caught.value
     assert error.joint == "hoist_joint"
     assert not abs(error.value) < 1e6
