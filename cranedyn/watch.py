@@ -69,7 +69,7 @@ def _conditions(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, b
             low, high = max(low, -math.pi / 2), min(high, math.pi / 2)
         elif buffers:
             continue
-        words = f"{joint.name} is at {{value:.6g}} {UNITS[i]}, its range is {low:.6g} to {high:.6g}"
+        words = f"{joint.name} is at {{value:.6g}} {UNITS[i]}, its range is {low:.6g} to {high:.6g} {UNITS[i]}"
         yield _Condition(joint.name, q[:, i], (q[:, i] >= low) & (q[:, i] <= high), words)
     tension = crane.damping[4] * v[:, 4] - hoist
     yield _Condition(JOINTS[4].name, tension, tension > 0.0, "the rope would have to push, its tension is {value:.6g} N; a rope goes slack")

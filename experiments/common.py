@@ -14,6 +14,7 @@ from typing import Any
 from cranedyn.errors import CraneError, DataError, RunError
 from cranedyn.files import written
 from experiments.outcome import MARKS, Claim, Outcome, Table, show
+from experiments.watched import watched
 from experiments.world import Watcher, World, add_files, add_world, analysing, recorded, watching, world_of
 
 __all__ = [
@@ -65,7 +66,7 @@ def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequenc
         folder, recording = options.folder, options.recording = _targets(options)
         _check_viewer(options)
         with watching() as watcher:
-            outcome = experiment(options, world_of(options, watcher))
+            outcome = watched(experiment(options, world_of(options, watcher)))
         _write(outcome, options, folder, recording)
         show(outcome)
         print(f"Written to {folder}.")
