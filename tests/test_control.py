@@ -136,7 +136,7 @@ def test_a_path_that_falls_faster_than_gravity_is_refused() -> None:
 def test_the_finite_horizon_tends_to_the_algebraic_riccati_equation() -> None:
     model = sampled(crane(), crane().state(l=10.0))
     n = 6000
-    gains = riccati(np.repeat(model.a[None], n, 0), np.repeat(model.b[None], n, 0), STATE_WEIGHT, EFFORT_WEIGHT, np.zeros((10, 10)))
+    gains = riccati(np.repeat(model.a[None], n, 0), np.repeat(model.b[None], n, 0), STATE_WEIGHT, EFFORT_WEIGHT, np.zeros((10, 10))).gain
     p = solve_discrete_are(model.a, model.b, STATE_WEIGHT, EFFORT_WEIGHT)
     steady = np.linalg.solve(EFFORT_WEIGHT + model.b.T @ p @ model.b, model.b.T @ p @ model.a)
     # 30 s are many time constants of the loop; the algebraic solution is good to about 1e-8 of its largest entry
@@ -148,7 +148,7 @@ def test_no_other_feedback_costs_less_than_the_riccati_sweep() -> None:
     n, nz, nu = 12, 4, 2
     a, b = rng.normal(size=(n, nz, nz)) / 2, rng.normal(size=(n, nz, nu))
     q, r, final = np.eye(nz), 0.3 * np.eye(nu), 2.0 * np.eye(nz)
-    gains = riccati(a, b, q, r, final)
+    gains, costs = riccati(a, b, q, r, final)
     start = rng.normal(size=nz)
 
     def cost(inputs: np.ndarray) -> float:
@@ -162,6 +162,7 @@ def test_no_other_feedback_costs_less_than_the_riccati_sweep() -> None:
     for k in range(n):
         best[k] = -gains[k] @ z
         z = a[k] @ z + b[k] @ best[k]
+    assert cost(best) == pytest.approx(start @ costs[0] @ start, rel=1e-12)  # rounding
     for _ in range(50):
         # a minimum of a quadratic: the change is second order and positive
         assert cost(best + 1e-3 * rng.normal(size=best.shape)) > cost(best)

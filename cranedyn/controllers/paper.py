@@ -118,4 +118,4 @@ def _plane_gains(
     a, b = held[:, :4, :4], held[:, :4, 4:]
     nearest = np.arange(n) // every
     final = solve_discrete_are(a[-1], b[-1], *weights)
-    return riccati(a[nearest], b[nearest], *weights, final)[:, 0]
+    return riccati(a[nearest], b[nearest], *weights, final).gain[:, 0]
