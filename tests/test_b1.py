@@ -12,7 +12,8 @@ import pytest
 
 from cranedyn.analysis import settling_time, swing_amplitude
 from experiments import b1
-from experiments.moves import MOVES, WAYS
+from experiments.b1 import SHOWN as WAYS
+from experiments.moves import MOVES
 
 
 @pytest.fixture(scope="module")
