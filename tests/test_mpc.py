@@ -166,6 +166,16 @@ def test_the_combined_move_arrives_and_stays_without_swing() -> None:
 
 
 @needs_solver
+def test_a_plan_faster_than_the_drives_may_run_is_run_at_their_limits() -> None:
+    motion, limit = combined(crane()), np.array([0.055, 0.95, 0.5])
+    assert (np.abs(motion.v[:, DRIVES]).max(axis=0) > 1.1 * limit).all()
+    run = simulate(crane(), mpc(crane(), motion, rate_limit=limit), motion, start=crane().state(x=10.0, l=15.0), duration=40.0)
+    # met; the model is linear and that of the beginning of each 50 ms, in which the plan changes a rate by up to a hundredth of it
+    np.testing.assert_allclose(rates(run), limit, rtol=4e-3)
+    assert swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], G)[0] < 1e-3
+
+
+@needs_solver
 def test_efforts_stay_within_their_limits_between_the_optimisations_too() -> None:
     motion, start, limit = combined(crane()), crane().state(x=10.0, l=15.0, phi=0.05, theta=0.05), np.array([1.9e4, 5e2, 1.0e4])
     run = simulate(crane(), mpc(crane(), motion, effort_limit=limit), motion, start=start, duration=20.0)
@@ -191,11 +201,14 @@ def test_between_optimisations_the_correction_is_held_and_the_feed_forward_goes_
 
 
 @needs_solver
-def test_a_second_run_is_as_the_first() -> None:
-    motion, start = at_rest(crane(), x=10.0, l=15.0), crane().state(x=10.0, l=15.0, phi=0.1)
-    controller = mpc(crane(), motion, effort_limit=(4e4, 2e3, 1.2e4))
-    one, two = (simulate(crane(), controller, motion, start=start, duration=0.02) for _ in range(2))
-    assert (one.command == two.command).all()
+def test_a_second_run_does_not_begin_with_what_the_first_held() -> None:
+    motion = at_rest(crane(), x=10.0, l=15.0)
+    used, other = (mpc(crane(), motion, effort_limit=(4e4, 2e3, 1.2e4)) for _ in range(2))
+    simulate(crane(), used, motion, start=crane().state(x=10.0, l=15.0, phi=-0.1), duration=0.02)
+    second, first = (
+        simulate(crane(), controller, motion, start=crane().state(x=10.0, l=15.0, phi=0.1), duration=0.02) for controller in (used, other)
+    )
+    assert (second.command == first.command).all()
 
 
 @needs_solver

@@ -28,8 +28,8 @@ BOUNDED = np.concatenate([5 + DRIVES, PASSIVE])
 """What of coordinates and rates has a bound: γ̇, ẋ, l̇, φ, θ."""
 
 PENALTY = 1e6
-"""Cost of exceeding a bound by as much as the bound itself. It is far more than the LQR's cost of anything a crane does, so that a bound
-is exceeded only where the efforts cannot keep it."""
+"""Cost of exceeding a bound by as much as the bound itself: linear, and far more than what the LQR would pay, so that a bound is
+exceeded only where the efforts cannot keep it."""
 
 _DRIVES = (("slew", "N m", "rad/s"), ("trolley", "N", "m/s"), ("hoist", "N", "m/s"))
 _FAILURES = {-1: "its limits contradict each other", -2: "it goes in circles", -4: "it takes too many iterations"}
