@@ -28,8 +28,7 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.max_iter": 300,
 }
 
-GAP = float(np.diff(_RADAU, prepend=0.0).max())
-"""Largest share of a step between neighbouring points of it."""
+_GAPS = np.diff(_RADAU, append=1.0 + _RADAU[0])
 
 
 class Unsolved(CraneError):
@@ -47,15 +46,15 @@ class Unsolved(CraneError):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What moves, what it costs, and what is allowed; expressions are in the symbols x, u and h.
+    """What moves, what it costs, and what is allowed; expressions are in the symbols x, u and gap.
 
     Attributes:
         x: State, shape (nx,).
         u: Control, shape (nu,).
-        h: Length of a step [s].
+        gap: Time to the next point [s], as if the next interval lasted as long as this one.
         rates: dx/dt in x and u, shape (nx,).
         cost: Cost per second in x and u; 1 for least time.
-        path: What stays within `path_bounds` at every point but the first, in x, u and h, shape (np,).
+        path: What stays within `path_bounds` at every point but the first, in x, u and gap, shape (np,).
         bounds: Least and largest state, shape (2, nx).
         control_bounds: Least and largest control, finite, shape (2, nu).
         path_bounds: Shape (2, np).
@@ -64,7 +63,7 @@ class Problem:
 
     x: ca.SX
     u: ca.SX
-    h: ca.SX
+    gap: ca.SX
     rates: ca.SX
     cost: ca.SX
     path: ca.SX
@@ -150,12 +149,13 @@ def _program(problem: Problem, guess: Plan, equal: bool, scale: np.ndarray) -> t
     for k in range(0, points, _POINTS):
         slopes[k : k + _POINTS + 1, k : k + _POINTS] = _SLOPES
     flow = ca.Function("flow", [problem.x, problem.u], [problem.rates, problem.cost], {"cse": True}).map(points)
-    path = ca.Function("path", [problem.x, problem.u, problem.h], [problem.path], {"cse": True}).map(points)
+    path = ca.Function("path", [problem.x, problem.u, problem.gap], [problem.path], {"cse": True}).map(points)
     rates, cost = flow(x[:, 1:], u)
     defects = ca.vec((x @ ca.sparsify(ca.DM(slopes)) - rates * ca.repmat(h, x.shape[0], 1)) / ca.repmat(problem.scale, 1, points))
     unequal = durations[1:] - durations[:-1] if equal else ca.MX(0, 1)
     low, high = (
         np.concatenate([np.zeros(defects.numel()), np.tile(bound, points), np.zeros(unequal.numel())]) for bound in problem.path_bounds
     )
-    total = ca.dot(cost * h, np.tile(_WEIGHTS.ravel(), points // _POINTS)[None])
-    return {"x": unknown, "f": total, "g": ca.vertcat(defects, ca.vec(path(x[:, 1:], u, h)), unequal)}, low, high
+    gaps, weights = (ca.DM(np.tile(shares.ravel(), points // _POINTS)).T for shares in (_GAPS, _WEIGHTS))
+    constraints = ca.vertcat(defects, ca.vec(path(x[:, 1:], u, gaps * h)), unequal)
+    return {"x": unknown, "f": ca.dot(cost * h, weights), "g": constraints}, low, high

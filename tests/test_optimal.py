@@ -119,7 +119,7 @@ def bridge(intervals: int, steps: int, *, equal: bool = False, way: float = 15.0
     problem = transcription.Problem(
         x=x,
         u=u,
-        h=ca.SX.sym("h"),
+        gap=ca.SX.sym("gap"),
         rates=ca.vertcat(x[1], u, x[3], -0.98 * x[2] + 0.1 * u),
         cost=ca.SX(1.0),
         path=ca.SX(0, 1),
@@ -154,10 +154,10 @@ def test_equal_intervals_cost_the_bridge_crane_less_the_more_there_are() -> None
 
 
 def test_what_cannot_be_reached_is_unsolved_and_the_status_is_told() -> None:
-    x, u, h = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("h")
+    x, u, gap = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("gap")
     none, one = ca.SX(0, 1), np.ones(1)
     forward = transcription.Problem(
-        x, u, h, u, ca.SX(1.0), none, np.array([-9 * one, 9 * one]), np.array([0 * one, one]), np.zeros((2, 0)), one
+        x, u, gap, u, ca.SX(1.0), none, np.array([-9 * one, 9 * one]), np.array([0 * one, one]), np.zeros((2, 0)), one
     )
     backward = transcription.Plan(np.ones(2), np.zeros((2, 1)), -transcription.times(np.ones(2))[:, None])
     with pytest.raises(transcription.Unsolved, match="IPOPT ends with Infeasible_Problem_Detected") as failure:
@@ -285,12 +285,12 @@ def test_an_optimal_motion_begins_and_ends_with_the_load_at_rest_where_asked(mov
     assert np.abs(motion.v[-2]).max() < jerk * h**2 / 2.0 + 1e-6
 
 
-def test_a_slew_at_the_end_of_the_jib_keeps_the_trolley_on_it() -> None:
-    at = {"x": 22.0, "l": 10.0}
-    motion = optimal(crane(), crane().state(**at), crane().state(gamma=0.3, **at), LIMITS)
-    # the optimiser's 1e-8 of 10 m; the trolley has to leave its end inward and to come back to it
-    assert motion.q[:, 1].max() <= 22.0 + 1e-6
-    assert motion.q[:, 1].min() < 21.9
+def test_a_slew_near_the_mast_keeps_the_trolley_in_its_range() -> None:
+    at = {"x": 2.0, "l": 15.0}
+    motion = optimal(crane(), crane().state(**at), crane().state(gamma=0.6, **at), LIMITS)
+    # between points 1/8 s apart an acceleration of 0.4 m/s² leaves the range by a t²/8
+    assert 2.0 - 0.4 / 8.0**3 < motion.q[:, 1].min() < 2.0 + 1e-6
+    assert motion.q[:, 1].max() > 2.1
 
 
 def test_a_tighter_bound_of_the_swing_costs_time() -> None:

@@ -145,15 +145,16 @@ def _problem(move: _Move) -> transcription.Problem:
     """State: φ, θ, their rates, then positions, rates, accelerations of the drives that move. Control: jerks of these drives."""
     crane, m = move.crane, len(move.drives)
     drives, passive = DRIVES[move.drives].tolist(), PASSIVE.tolist()
-    x, u, h = ca.SX.sym("x", 4 + 3 * m), ca.SX.sym("u", m), ca.SX.sym("h")
+    x, u, gap = ca.SX.sym("x", 4 + 3 * m), ca.SX.sym("u", m), ca.SX.sym("gap")
     angle, angle_rate, position, rate, acceleration = ca.vertsplit(x, [0, 2, 4, 4 + m, 4 + 2 * m, 4 + 3 * m])
     q, v, a = ca.SX(move.start.q), ca.SX(5, 1), ca.SX(3, 1)
     q[passive], v[passive], q[drives], v[drives], a[move.drives.tolist()] = angle, angle_rate, position, rate, acceleration
     full, effort = symbolic.prescribed_acceleration(crane, q, v, a)
     swing = ca.sumsqr(angle) + ca.sumsqr(_ACCELERATION * acceleration / move.acceleration) + ca.sumsqr(_JERK * u / move.jerk)
     # Between two points a parabola stays below the higher of them or the crossing of its tangents, half a gap ahead.
-    ahead = transcription.GAP / 2.0 * h
-    shares = ca.vertcat((angle + ahead * angle_rate) / move.swing, (rate + ahead * acceleration) / move.rate, effort / crane.effort_limit)
+    shares = ca.vertcat(
+        (angle + gap / 2.0 * angle_rate) / move.swing, (rate + gap / 2.0 * acceleration) / move.rate, effort / crane.effort_limit
+    )
     tension = (crane.damping[4] * v[4] - effort[2]) / (crane.payload_mass * crane.gravity)
     ones = np.ones(shares.numel())
     free = np.full(2, np.inf)
@@ -162,7 +163,7 @@ def _problem(move: _Move) -> transcription.Problem:
     return transcription.Problem(
         x=x,
         u=u,
-        h=h,
+        gap=gap,
         rates=ca.vertcat(angle_rate, full[passive], rate, acceleration, u),
         cost=1.0 + _WORTH * swing,
         path=ca.vertcat(shares, tension),
