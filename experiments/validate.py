@@ -6,6 +6,7 @@ import argparse
 import itertools
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 
 from cranedyn.crane import Crane
 from cranedyn.description import parse_values
@@ -49,6 +50,7 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
         "oval swing": (build(), swing.oval(build(), *swing.OVALS[1]), 90.0),
         "steady slewing": (*slewing.turning(build, *slewing.STEADY[0]), 75.0),
     }
+    world = replace(world, dt=1e-3)
     runs = {
         name: (crane, world.simulate(crane, locked, None, start=start, duration=duration, label=name, drive="motion"))
         for name, (crane, start, duration) in telling.items()
