@@ -23,6 +23,7 @@ from cranedyn.simulate import simulate
 from experiments import validate
 from experiments.oracles import conserved, hoisting, moves, reading, slewing, swing
 from experiments.oracles.check import LARGE, POINT, Build, G, Oracle, check, point_crane
+from experiments.oracles.document import BEGIN, END
 from tests.helpers import files, turned
 from tests.lagrangian import Lagrangian
 
@@ -42,12 +43,10 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, An
 
 
 def _rows(document: Path) -> list[list[str]]:
-    """Cells of the tables of a Markdown document, heads and rules among them."""
-    return [
-        [cell.strip() for cell in line.strip("|\n").split("|")]
-        for line in document.read_text(encoding="utf-8").splitlines()
-        if line[:1] == "|"
-    ]
+    """Cells of the tables between the marks of a document, heads and rules among them."""
+    text = document.read_text(encoding="utf-8")
+    between = text[text.index(BEGIN) : text.index(END)].splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in between if line.startswith("|")]
 
 
 # --- the command -------------------------------------------------------------------------------------------------------------------
@@ -77,7 +76,7 @@ def test_the_document_shows_the_rows_of_the_command_and_their_closed_forms(resul
 
 def test_the_document_keeps_its_text(result: tuple[Path, dict[str, Any]]) -> None:
     texts = [path.read_text(encoding="utf-8") for path in (DOCUMENT, result[0] / "validation.md")]
-    one, two = ((text[: text.index("<!-- tables")], text[text.index("<!-- end") :]) for text in texts)
+    one, two = ((text[: text.index(BEGIN)], text[text.index(END) :]) for text in texts)
     assert one == two
 
 
