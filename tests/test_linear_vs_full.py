@@ -137,24 +137,42 @@ _TERMS = {
 """States in which one term alone tells the paper's equations from those with all rates."""
 
 
+def _two_rows(state: State, push: tuple[float, float, float]) -> Trajectory:
+    """A state, and what drives that accelerate so make of its rates 20 ms later."""
+    later, nothing, h = state.v.copy(), np.zeros((2, 3)), 0.02
+    later[DRIVES] += h * np.array(push)
+    q, v = np.stack([state.q, state.q]), np.stack([state.v, later])
+    return Trajectory(np.array([0.0, h]), q, v, nothing, nothing, nothing, np.zeros(2), nothing, np.zeros(2))
+
+
 @pytest.mark.parametrize("name", _TERMS)
 def test_what_is_dropped_is_what_the_equations_differ_by(name: str) -> None:
-    values, push, h = dict(_TERMS[name]), 0.4, 0.02
+    values, push = dict(_TERMS[name]), 0.4
     slew = values.pop("slew", 0.0)
-    q, v = big_crane(trolley_min=0.0).state(**{"x": 0.0, "l": 15.0, **values})
-    later = v.copy()
-    later[DRIVES] += h * np.array([slew, push, 0.0])
-    nothing = np.zeros((2, 3))
-    run = Trajectory(
-        np.array([0.0, h]), np.stack([q, q]), np.stack([v, later]), nothing, nothing, nothing, np.zeros(2), nothing, np.zeros(2)
-    )
-    drives = Drives(q[1], v[1], push, v[0], slew, q[4], v[4])
-    difference = q[4] * np.abs(all_rates(q[2:4], v[2:4], drives, G) - paper(q[2:4], v[2:4], drives, G)).max()
-    kept, shares = dropped(run)
+    state = big_crane(trolley_min=0.0).state(**{"x": 0.0, "l": 15.0, **values})
+    (_, x, phi, theta, length), (slew_rate, x_rate, phi_rate, theta_rate, length_rate) = state
+    drives = Drives(x, x_rate, push, slew_rate, slew, length, length_rate)
+    swing, rates = np.array([phi, theta]), np.array([phi_rate, theta_rate])
+    difference = length * np.abs(all_rates(swing, rates, drives, G) - paper(swing, rates, drives, G)).max()
+    kept, shares = dropped(_two_rows(state, (slew, push, 0.0)))
     assert kept == pytest.approx(push, rel=1e-12)
     assert shares[name] * kept == pytest.approx(difference, rel=1e-12)
     assert difference > 1e-3
     assert [other for other, share in shares.items() if share > 1e-12 and other != name] == []
+
+
+def test_what_is_dropped_follows_the_cable_too() -> None:
+    state = big_crane().state(x=20.0, l=15.0, phi=0.1, theta=-0.2, gamma_dot=0.1, x_dot=0.3, phi_dot=0.05, theta_dot=0.04, l_dot=0.5)
+    kept, shares = dropped(_two_rows(state, (0.03, 0.4, 0.0)))
+
+    def rate(swing: float, swing_rate: float, s: float = 1e-6) -> float:
+        return ((15.0 + s * 0.5) * (swing + s * swing_rate) - (15.0 - s * 0.5) * (swing - s * swing_rate)) / (2.0 * s)
+
+    assert kept == pytest.approx(20.0 * 0.03, rel=1e-12)
+    # central differences of a quadratic: rounding 1e-16/1e-6 of 3 m
+    assert shares["2γ̇ (lθ)˙"] * kept == pytest.approx(abs(0.2 * rate(-0.2, 0.04)), rel=1e-8)
+    assert shares["2γ̇ (ẋ - (lφ)˙)"] * kept == pytest.approx(abs(0.2 * (0.3 - rate(0.1, 0.05))), rel=1e-8)
+    assert shares["γ̇² (x - lφ)"] * kept == pytest.approx(0.01 * (20.0 - 1.5), rel=1e-12)
 
 
 def test_a_miss_is_a_share_of_the_largest_swing() -> None:
