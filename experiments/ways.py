@@ -17,7 +17,6 @@ from cranedyn.controllers.paper import paper_controller
 from cranedyn.references.flat import flat
 from cranedyn.references.motion import Motion, plumb
 from cranedyn.references.operator import Push, operator
-from cranedyn.references.optimal import optimal
 from cranedyn.references.shaped import Shaper, ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import Spline, spline
 from cranedyn.references.wanted import Reference
@@ -135,10 +134,14 @@ def _mpc(world: common.World, move: Move) -> Plan:
 
 
 def _least_time(world: common.World, move: Move) -> Plan:
+    from cranedyn.references.optimal import optimal
+
     return _tracked(world, optimal(world.crane, *move.ends(world.crane), LIMITS, period=world.control_period))
 
 
 def _least_swing(world: common.World, move: Move) -> Plan:
+    from cranedyn.references.optimal import optimal
+
     return _tracked(world, optimal(world.crane, *move.ends(world.crane), LIMITS, duration=move.duration, period=world.control_period))
 
 
