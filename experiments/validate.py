@@ -52,7 +52,7 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     }
     world = replace(world, dt=1e-3)
     runs = {
-        name: (crane, world.simulate(crane, locked, None, start=start, duration=duration, label=name, drive="motion"))
+        name: (crane, world.simulate(crane, locked, None, start=start, duration=duration, label=name, drive="motion", watch="mark"))
         for name, (crane, start, duration) in telling.items()
     }
     found = checks(build, halvings)

@@ -27,8 +27,8 @@ def locked(t: float, state: State, wanted: Wanted) -> np.ndarray:
 def run(
     crane: Crane, start: State, duration: float, dt: float, controller: Controller = locked, *, every: int = EVERY, drive: Drive = "motion"
 ) -> Trajectory:
-    """A run of an oracle, with drives in prescribed motion unless said otherwise."""
-    return simulate(crane, controller, start=start, duration=duration, dt=dt, control_period=every * dt, drive=drive)
+    """A run of an oracle, with drives in prescribed motion unless said otherwise; mechanics goes on where a rope or a range would end."""
+    return simulate(crane, controller, start=start, duration=duration, dt=dt, control_period=every * dt, drive=drive, watch="mark")
 
 
 def moved(crane: Crane, start: State, reference: Reference, duration: float, dt: float, *, every: int = EVERY) -> Trajectory:
