@@ -112,7 +112,7 @@ def _rolling(crane: Crane) -> list[Oracle]:
 
 def _ledgers(build: Build) -> list[Oracle]:
     """Energy gained less work of the drives plus dissipation, over the energy that was moved; all joints damped."""
-    crane = build(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0, slew_effort=1e9)
+    crane = build(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
     start = crane.state(x=15.0, l=LENGTH, phi=0.2, theta=-0.1, gamma_dot=0.03)
     hold = MASS * G
 
