@@ -13,6 +13,7 @@ from typing import Any
 
 from cranedyn.errors import CraneError, DataError, RunError
 from cranedyn.files import written
+from experiments.document import read_document
 from experiments.outcome import MARKS, Claim, Outcome, Table, show
 from experiments.watched import watched
 from experiments.world import Watcher, World, add_files, add_world, analysing, recorded, watching, world_of
@@ -44,6 +45,9 @@ def parser(name: str, description: str) -> argparse.ArgumentParser:
     )
     made.add_argument("--out", metavar="DIR", help=f"folder for results, default out/{name}", default=argparse.SUPPRESS)
     made.add_argument("--save", metavar="FILE.rrd", help="write the recording here instead of into the folder", default=argparse.SUPPRESS)
+    made.add_argument(
+        "--document", metavar="FILE.md", help="put the tables between their marks in this document, too", default=argparse.SUPPRESS
+    )
     made.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
     made.add_argument("--serve", action="store_true", help="serve the recording to a browser on this machine until Ctrl-C")
     made.add_argument("--port", type=int, default=9090, metavar="P", help="where --serve has its page; the data is at the next port")
@@ -65,9 +69,12 @@ def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequenc
     try:
         folder, recording = options.folder, options.recording = _targets(options)
         _check_viewer(options)
+        document = read_document(options.document, options.experiment) if hasattr(options, "document") else None
         with watching() as watcher:
             outcome = watched(experiment(options, world_of(options, watcher)))
         _write(outcome, options, folder, recording)
+        if document is not None:
+            document.write(outcome.tables)
         show(outcome)
         print(f"Written to {folder}.")
         if outcome.recording:

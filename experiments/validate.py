@@ -14,7 +14,6 @@ from cranedyn.errors import number
 from experiments import common
 from experiments.oracles import conserved, hoisting, moves, slewing, swing
 from experiments.oracles.check import STEP, Build, Check, G, check, point_crane
-from experiments.oracles.document import read_document
 from experiments.oracles.reading import locked
 
 PARTS = {
@@ -41,7 +40,6 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     from experiments.oracles.figures import convergence_figure, oval_figure, ripple_figure
 
     halvings, spoilt = int(number("halvings", options.halvings, "", "3 to 6")), parse_values(options.spoil)
-    document = None if options.document is None else read_document(options.document)
 
     def build(**values: object) -> Crane:
         return point_crane(**{**values, **spoilt})
@@ -58,8 +56,6 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     found = checks(build, halvings)
     every = list(itertools.chain(*found.values()))
     tables = [table(title, rows) for title, rows in found.items()]
-    if document is not None:
-        document.write(tables)
     return common.Outcome(
         tables=tables,
         claims=[*map(_claim, every), _order(every)],
@@ -124,7 +120,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="name:=value",
         help="change the cranes but not the closed forms, to see which rows notice; see python -m cranedyn.description --list",
     )
-    made.add_argument("--document", metavar="FILE.md", help="write the tables into this document, too", default=None)
     return common.conduct(made, experiment, argv)
 
 

@@ -23,7 +23,6 @@ from cranedyn.simulate import simulate
 from experiments import validate
 from experiments.oracles import conserved, hoisting, moves, reading, slewing, swing
 from experiments.oracles.check import LARGE, POINT, Build, G, Oracle, check, point_crane
-from experiments.oracles.document import BEGIN, END
 from tests.helpers import files, turned
 from tests.lagrangian import Lagrangian
 
@@ -40,6 +39,9 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, An
     words = ["--halvings", str(HALVINGS), "--document", str(folder / "validation.md"), "--out", str(folder / "out")]
     assert validate.main(words) == 0
     return folder, json.loads((folder / "out" / "result.json").read_text(encoding="utf-8"))
+
+
+BEGIN, END = "<!-- validate: -->\n", "<!-- end -->\n"
 
 
 def _rows(document: Path) -> list[list[str]]:
@@ -93,7 +95,7 @@ def test_trajectories_figures_and_recording_are_written(result: tuple[Path, dict
         ("--spoil payload_mas:=5", "There is no argument 'payload_mas'"),
         ("--spoil payload_mass", "'payload_mass' is not of the form name:=value"),
         ("--document missing.md", "Cannot read missing.md: No such file or directory"),
-        ("--document plain.md", "plain.md must have the lines <!-- tables --> and <!-- end of tables --> once each"),
+        ("--document plain.md", "plain.md has no lines <!-- validate: --> and <!-- end -->"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(
