@@ -14,14 +14,18 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from cranedyn.crane import STANDARD_GRAVITY, Crane, State, load_crane
 from cranedyn.description import parse_values
-from cranedyn.errors import DataError
+from cranedyn.errors import DataError, OutOfRange
 from cranedyn.references import Reference
 from cranedyn.simulate import Controller, Drive, simulate
 from cranedyn.trajectory import Trajectory, read_columns
+from experiments.arguments import add_mode
+
+_MOST_ROWS, _MOST_STEPS, _LARGEST = 1e7, 1e9, 1e6
 
 
-def add_world(made: argparse.ArgumentParser) -> None:
-    """Add the arguments of the world: gravity, the two clocks, and the numbers of the crane."""
+def add_world(made: argparse.ArgumentParser, *fixed: str) -> None:
+    """Add the arguments of the world: gravity, the two clocks, and the numbers of the crane but those fixed by the experiment itself."""
+    made.set_defaults(fixed=fixed)
     made.add_argument(
         "--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help="gravity of the world [m/s²]; the article's was 9.8"
     )
@@ -38,8 +42,9 @@ def add_world(made: argparse.ArgumentParser) -> None:
     )
 
 
-def add_files(made: argparse.ArgumentParser, columns: Sequence[str]) -> None:
-    """Add the argument for files recorded elsewhere."""
+def add_files(made: argparse.ArgumentParser, columns: Sequence[str], *uses: str) -> None:
+    """Add the argument for files recorded elsewhere, and say which others their analysis uses."""
+    add_mode(made, "files", *uses)
     text = f"analyse CSV or Parquet files with columns {', '.join(columns)} instead of simulating"
     made.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=text)
 
@@ -121,7 +126,15 @@ class World:
         since: float = 0.0,
         drive: Drive = "effort",
     ) -> Trajectory:
-        """Run a crane on the clocks of this world, with progress under a label."""
+        """Run a crane on the clocks of this world, with progress under a label.
+
+        Raises:
+            OutOfRange: As `simulate`, and if the run would have more than ten million control instants or 100 times as many physics steps.
+            RunError: As `simulate`.
+        """
+        for name, step, most in (("control_period", self.control_period, _MOST_ROWS), ("dt", self.dt, _MOST_STEPS)):
+            if 0.0 < step < duration / most:
+                raise OutOfRange(name, step, f">= {duration / most:g} s in a run of {duration:g} s", "s")
         return simulate(
             crane,
             controller,
@@ -145,21 +158,32 @@ class World:
 
 
 def world_of(options: argparse.Namespace, watcher: Watcher) -> World:
-    """The world that the command line describes."""
+    """The world that the command line describes.
+
+    Raises:
+        DataError: If a number of the crane is given twice, or would be overridden by the experiment.
+    """
     if not hasattr(options, "gravity"):
         return World(watcher=watcher)
-    return World(options.gravity, parse_values(options.values), options.dt, options.control_period, watcher)
+    values = parse_values(options.values)
+    for name in options.fixed:
+        if name in values:
+            raise DataError(f"{name} is set by the experiment {options.experiment} itself; leave it out of --set.")
+    return World(options.gravity, values, options.dt, options.control_period, watcher)
 
 
 def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
     """Columns of a file recorded elsewhere, the cable length `l_m` among them.
 
     Raises:
-        DataError: As `read_columns`, and if a cable length is not positive.
+        DataError: As `read_columns`, if a cable is shorter than a millimetre, or a number is beyond a million of its unit.
     """
     data = read_columns(file, columns)
-    if not data["l_m"].min() > 0.0:
-        raise DataError(f"{file}: l_m is {data['l_m'].min():g} m in some row; allowed is > 0.")
+    for name, values in data.items():
+        low = 1e-3 if name == "l_m" else -_LARGEST
+        for extreme in (values.min(), values.max()):
+            if not low <= extreme <= _LARGEST:
+                raise DataError(f"{file}: {name} is {extreme:g} in some row; allowed is {low:g} to {_LARGEST:g}.")
     return data
 
 
