@@ -79,14 +79,17 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
 
     basis = np.stack([np.cos(math.pi / half * (t - middle)), np.sin(math.pi / half * (t - middle)), np.ones_like(t)], axis=1)
     a, b, c = np.linalg.lstsq(basis, swing, rcond=None)[0]
-    fit = least_squares(misfit, (a, b, 0.0, math.pi / half, c), method="lm", x_scale="jac")
-    if not fit.success:
-        raise DataError(f"The record from {t[0]:g} to {t[-1]:g} s does not fit a decaying cosine: {fit.message}")
-    a, b, decay, omega, c = fit.x.tolist()
+    with np.errstate(all="ignore"):
+        fit = least_squares(misfit, (a, b, 0.0, math.pi / half, c), method="lm", x_scale="jac")
+        a, b, decay, omega, c = fit.x.tolist()
+        amplitude = float(math.hypot(a, b) * np.exp(decay * middle))
+    if not (fit.success and math.isfinite(amplitude) and omega > 0.0 and abs(decay) < omega):
+        reason = fit.message if not fit.success else f"its best decay is {decay:g} 1/s at {omega:g} rad/s."
+        raise DataError(f"The record from {t[0]:g} to {t[-1]:g} s does not fit a decaying cosine: {reason}")
     return SwingFit(
         period=2.0 * math.pi / omega,
         damping_ratio=decay / math.hypot(decay, omega),
-        amplitude=math.hypot(a, b) * math.exp(decay * middle),
+        amplitude=amplitude,
         phase=(math.atan2(-b, a) - omega * middle) % (2.0 * math.pi),
         offset=c,
         rms=float(np.sqrt(np.mean(fit.fun**2))),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,9 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.description import XACRO, describe
-from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName, number, within
+from cranedyn.errors import ModelError, OutOfRange, UnknownName, number, within
+from cranedyn.files import read_text
+from cranedyn.urdf import check, parse, skeleton
 
 STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²], exact by definition (CGPM 1901)."""
@@ -30,6 +33,7 @@ PASSIVE = np.array([2, 3])
 
 
 _UPRIGHT = float(np.nextafter(np.pi / 2, 0.0))
+_SINGULAR = 1e-10
 
 
 class _Joint(NamedTuple):
@@ -145,7 +149,8 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
     """Load a crane.
 
     Args:
-        urdf: A ``.xacro`` file to expand (one runs Python from it), any other file as plain URDF, or None for the crane of this project.
+        urdf: A ``.xacro`` file to expand, which runs Python expressions in it: only from those whose programs you would run, too. Any
+            other file is plain URDF: nothing in it is run, fetched or read from elsewhere. None is the crane of this project.
         gravity: Gravity [m/s²] along -Z.
         check_axes: Whether the joint axes must be those of `JOINTS`. False is for showing what a wrong axis does.
         values: Arguments of the xacro file, for example ``payload_mass=2000``.
@@ -163,13 +168,15 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
     elif values:
         raise UnknownName("argument", next(iter(values)), ["none in a plain URDF"])
     else:
-        text = _read(path)
-    model = _model(text, path)
+        text = read_text(path)
+    robot = parse(text, path)
+    check(robot, path)
+    model = _model(skeleton(robot), path)
     model.gravity.linear = np.array([0.0, 0.0, -g])
     _check_joints(model, path, check_axes)
     _check_numbers(model)
     lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
-    initial = _initial(text)
+    initial = _initial(robot)
     q = np.array(
         [
             within(f"{j.name} at the start", initial[j.name], lower[i], upper[i], UNITS[i])
@@ -178,6 +185,7 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
             for i, j in enumerate(JOINTS)
         ]
     )
+    _check_solvable(model, q, path)
     return Crane(
         urdf=text,
         model=model,
@@ -190,28 +198,11 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
     )
 
 
-def _read(path: Path) -> str:
+def _model(skeleton: str, path: Path) -> pin.Model:
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or 'it is not text'}.") from error
-
-
-def _model(text: str, path: Path) -> pin.Model:
-    try:
-        _check_inertials(ET.fromstring(text), path)
-        return pin.buildModelFromXML(text)
-    except (ET.ParseError, ValueError, RuntimeError) as error:
+        return pin.buildModelFromXML(skeleton)
+    except (ValueError, RuntimeError) as error:
         raise ModelError(f"{path} is not a URDF that can be loaded: {str(error).strip().rstrip('.')}.") from error
-
-
-def _check_inertials(robot: ET.Element, path: Path) -> None:
-    """Pinocchio's parser drops an inertial with an unreadable number and carries on without it."""
-    for link in robot.iterfind("link"):
-        for element in link.iterfind("inertial/*"):
-            for name, words in element.items():
-                for word in words.split():
-                    number(f"{name} in the inertial of {link.get('name')} in {path}", word)
 
 
 def _check_joints(model: pin.Model, path: Path, check_axes: bool) -> None:
@@ -250,15 +241,30 @@ def _check_numbers(model: pin.Model) -> None:
         number(f"damping of {joint.name}", model.damping[i], allowed=">= 0")
         inertia = model.inertias[i + 1]
         number(f"mass moved by {joint.name}", inertia.mass, "kg", ">= 0")
-        if not np.linalg.eigvalsh(inertia.inertia).min() >= 0.0:
+        if not np.isfinite(inertia.inertia).all() or np.linalg.eigvalsh(inertia.inertia).min() < -1e-9 * np.abs(inertia.inertia).max():
             raise OutOfRange(f"inertia moved by {joint.name}", inertia.inertia.tolist(), "positive semidefinite", "kg m²")
     number("payload mass", model.inertias[5].mass, "kg", "> 0")
     number("shortest cable", model.lowerPositionLimit[4], "m", "> 0")
 
 
-def _initial(text: str) -> dict[str, str]:
+def _check_solvable(model: pin.Model, q: np.ndarray, path: Path) -> None:
+    """The mass matrix, scaled to a unit diagonal, must be far enough from singular for its inverse to keep some digits of a double."""
+    data = model.createData()
+    mass = np.triu(pin.crba(model, data, q))
+    mass += np.triu(mass, 1).T
+    own = np.diag(mass)
+    if not (np.isfinite(mass).all() and math.isfinite(pin.computePotentialEnergy(model, data, q)) and (own > 0.0).all()):
+        raise ModelError(
+            f"{path} cannot be simulated: masses, lengths or gravity are beyond what a number holds, or a joint moves nothing."
+        )
+    share = float(np.linalg.eigvalsh(mass / np.sqrt(own) / np.sqrt(own)[:, None])[0])
+    if not share > _SINGULAR:
+        raise OutOfRange("smallest eigenvalue of the scaled mass matrix", f"{share:.1e}", f"> {_SINGULAR:g}: masses differ too much")
+
+
+def _initial(robot: ET.Element) -> dict[str, str]:
     found = {}
-    for joint in ET.fromstring(text).iterfind("ros2_control/joint"):
+    for joint in robot.iterfind("ros2_control/joint"):
         value = joint.find("state_interface[@name='position']/param[@name='initial_value']")
         if value is not None:
             found[joint.get("name", "")] = value.text or ""

@@ -14,12 +14,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.dom import Node, minidom
-from xml.parsers.expat import ExpatError
 
 import xacro
 
-from cranedyn.errors import CraneError, DataError, ModelError, UnknownName, number
-from cranedyn.files import written
+from cranedyn.command import command
+from cranedyn.errors import DataError, ModelError, UnknownName, number
+from cranedyn.files import read_text, written
+from cranedyn.urdf import parse
 
 _HERE = Path(__file__).resolve().parent
 XACRO = next(folder / "urdf" / "tower_crane.urdf.xacro" for folder in (_HERE, _HERE.parent) if (folder / "urdf").is_dir())
@@ -66,7 +67,8 @@ def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
 def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = None) -> str:
     """Expand a xacro file into a plain URDF without comments.
 
-    A xacro file can run Python expressions while it is expanded: expand only files you would also run.
+    A xacro file is a program: its ``${}`` are Python expressions, and it can read other files. Expand only files that you would also
+    run; from anyone else take a plain URDF.
 
     Args:
         path: The xacro file.
@@ -88,34 +90,33 @@ def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = Non
     try:
         with contextlib.redirect_stderr(io.StringIO()):
             document = xacro.process_file(str(path), mappings=mappings)
+        _strip_comments(document)
+        return "\n".join(line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()) + "\n"
     except Exception as error:
         raise ModelError(f"{path} cannot be expanded: {error}.") from error
-    _strip_comments(document)
-    return "\n".join(line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()) + "\n"
 
 
 def parse_values(pairs: Iterable[str]) -> dict[str, str]:
     """Values by name from words like ``payload_mass:=2000``.
 
     Raises:
-        DataError: If a word is not of that form.
+        DataError: If a word is not of that form, or two have the same name.
     """
-    values = {}
+    values: dict[str, str] = {}
     for pair in pairs:
         name, mark, value = pair.partition(":=")
         if not mark:
             raise DataError(f"{pair!r} is not of the form name:=value.")
+        if name in values:
+            raise DataError(f"{name} is given twice, as {values[name]!r} and as {value!r}.")
         values[name] = value
     return values
 
 
 def _parse(path: str | Path) -> minidom.Document:
-    try:
-        return minidom.parse(str(path))
-    except OSError as error:
-        raise DataError(f"Cannot read {path}: {error.strerror}.") from error
-    except ExpatError as error:
-        raise ModelError(f"{path} is not XML: {error}.") from error
+    text = read_text(path)
+    parse(text, path)
+    return minidom.parseString(text)
 
 
 def _strip_comments(node: minidom.Node) -> None:
@@ -132,21 +133,20 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("values", nargs="*", metavar="name:=value", help="arguments of the xacro file")
     parser.add_argument("-o", "--output", metavar="FILE", help="write to this file instead of standard output")
     parser.add_argument("--list", action="store_true", help="list the arguments with default, unit, range and meaning")
-    options = parser.parse_args(argv)
-    try:
-        if options.list:
-            for name, a in arguments().items():
-                print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
-            return 0
-        urdf = describe(values=parse_values(options.values))
-        if options.output:
-            with written(options.output) as file:
-                file.write_text(urdf, encoding="utf-8")
-        else:
-            sys.stdout.write(urdf)
-    except CraneError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    return command(lambda: _main(parser.parse_args(argv)))
+
+
+def _main(options: argparse.Namespace) -> int:
+    if options.list:
+        for name, a in arguments().items():
+            print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")
+        return 0
+    urdf = describe(values=parse_values(options.values))
+    if options.output:
+        with written(options.output) as file:
+            file.write_text(urdf, encoding="utf-8")
+    else:
+        sys.stdout.write(urdf)
     return 0
 
 

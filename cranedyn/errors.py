@@ -10,8 +10,29 @@ if TYPE_CHECKING:
     from cranedyn.trajectory import Trajectory
 
 
+_LONGEST = 2000
+
+
 class CraneError(Exception):
-    """Base of every error that cranedyn raises on purpose; its text is one clear sentence."""
+    """Base of every error that cranedyn raises on purpose; its text is one clear sentence.
+
+    Whatever names and values from elsewhere it quotes, it is one line of printable characters and not endless.
+    """
+
+    def __init__(self, sentence: str) -> None:
+        """Keep the sentence."""
+        cut = sentence if len(sentence) <= _LONGEST else f"{sentence[: _LONGEST // 2]} … {sentence[-_LONGEST // 2 :]}"
+        super().__init__("".join(c if c.isprintable() else " " for c in cut))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Come back from another process as what it was, although each kind is made from values of its own."""
+        return _again, (type(self), self.args, self.__dict__)
+
+
+def _again(kind: type[CraneError], sentence: tuple[str], values: dict[str, object]) -> CraneError:
+    error = kind.__new__(kind, *sentence)
+    error.__dict__.update(values)
+    return error
 
 
 class OutOfRange(CraneError):
@@ -83,7 +104,7 @@ def number(name: str, value: object, unit: str = "", allowed: str = "any") -> fl
     """
     try:
         x = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise OutOfRange(name, value, "a number" if allowed == "any" else f"a number {allowed}", unit) from None
     low, high, strict = _range(allowed)
     if not math.isfinite(x) or x < low or x > high or (strict and x == low):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -39,6 +40,9 @@ COLUMNS = {
     "valid": ("valid",),
 }
 """Column names behind each array of a trajectory."""
+
+LARGEST = 1_000_000_000
+"""Most bytes that are read: of a CSV file itself, of a Parquet file the numbers in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,14 +147,17 @@ def read(path: str | Path) -> Trajectory:
     """Read a whole trajectory back from what `Trajectory.write` wrote.
 
     Raises:
-        DataError: If the file cannot be read, a column is missing, or a value is not a finite number.
+        DataError: If the file cannot be read or is larger than `LARGEST`, a column is missing or double, a value is not a finite number,
+            there is no row, time does not increase, or the parameters are not a JSON object of numbers and words.
     """
     table = _read_table(path, [column for columns in COLUMNS.values() for column in columns])
     arrays = {name: _columns(table, columns, path) for name, columns in COLUMNS.items()}
-    parameters = json.loads((table.schema.metadata or {}).get(b"cranedyn", b"{}"))
+    t = arrays["t"]["t_s"]
+    if not (len(t) > 0 and (t[1:] > t[:-1]).all()):
+        raise DataError(f"{path}: t_s must increase from row to row, over one row at least.")
     return Trajectory(
         **{name: np.stack(list(a.values()), axis=1) if len(a) > 1 else next(iter(a.values())) for name, a in arrays.items()},
-        parameters=parameters,
+        parameters=_parameters(table, path),
     )
 
 
@@ -158,40 +165,72 @@ def read_columns(path: str | Path, columns: Sequence[str]) -> dict[str, np.ndarr
     """Read some columns of a ``.csv`` or ``.parquet`` file, ours or recorded elsewhere.
 
     Raises:
-        DataError: If the file cannot be read, a column is missing, a value is not a finite number, or time does not increase.
+        DataError: If the file cannot be read or is larger than `LARGEST`, a column is missing or double, a value is not a finite number,
+            or time does not increase.
     """
     found = _columns(_read_table(path, columns), columns, path)
-    if "t_s" in found and not (len(found["t_s"]) > 1 and (np.diff(found["t_s"]) > 0).all()):
+    t = found.get("t_s")
+    if t is not None and not (len(t) > 1 and (t[1:] > t[:-1]).all()):
         raise DataError(f"{path}: t_s must increase from row to row, over two rows at least.")
     return found
 
 
-def _read_table(path: str | Path, numbers: Sequence[str]) -> pa.Table:
+def _read_table(path: str | Path, columns: Sequence[str]) -> pa.Table:
+    """The table with these columns, each of them there once and of numbers; of a Parquet file nothing else is read."""
     path = Path(path)
     try:
-        if path.suffix == ".parquet":
-            return pyarrow.parquet.read_table(path)
-        options = pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(numbers, pa.float64()))
-        return pyarrow.csv.read_csv(path, convert_options=options)
-    except (OSError, pa.ArrowException) as error:
-        raise DataError(f"Cannot read {path}: {str(error).splitlines()[0].rstrip('.')}.") from error
+        with path.open("rb") as file:
+            if path.suffix == ".parquet":
+                source = pyarrow.parquet.ParquetFile(file)
+                _check_columns(source.schema_arrow, columns, path)
+                rows = [source.metadata.row_group(i).num_rows for i in range(source.metadata.num_row_groups)]
+                _check_size(8 * len(columns) * max(source.metadata.num_rows, sum(rows)), path)
+                return source.read(columns=list(columns))
+            _check_size(os.fstat(file.fileno()).st_size, path)
+            options = pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(columns, pa.float64()))
+            table = pyarrow.csv.read_csv(file, convert_options=options)
+            _check_columns(table.schema, columns, path)
+            return table
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise DataError(f"Cannot read {path}: {str(error).strip().partition(chr(10))[0].rstrip('.')}.") from error
+
+
+def _check_size(size: float, path: Path) -> None:
+    if size > LARGEST:
+        raise DataError(f"{path} holds {size / 1e6:.0f} MB to read; allowed are {LARGEST / 1e6:.0f}.")
+
+
+def _check_columns(schema: pa.Schema, columns: Sequence[str], path: Path) -> None:
+    missing = [name for name in columns if name not in schema.names]
+    if missing:
+        raise DataError(f"{path} has no column {', '.join(missing)}; needed are {', '.join(columns)}.")
+    for name in columns:
+        if (count := schema.names.count(name)) > 1:
+            raise DataError(f"{path} has {count} columns {name}; needed is one.")
+        kind = schema.field(name).type
+        if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
+            raise DataError(f"{path}: column {name} holds something that is not a number ({kind}).")
 
 
 def _columns(table: pa.Table, columns: Sequence[str], path: str | Path) -> dict[str, np.ndarray]:
-    missing = [name for name in columns if name not in table.column_names]
-    if missing:
-        raise DataError(f"{path} has no column {', '.join(missing)}; needed are {', '.join(columns)}.")
     found = {}
     for name in columns:
-        try:
-            values = table[name].cast(pa.float64()).to_numpy()
-        except pa.ArrowException:
-            raise DataError(f"{path}: column {name} holds something that is not a number.") from None
+        values = table[name].cast(pa.float64(), safe=False).to_numpy()
         if not np.isfinite(values).all():
             raise DataError(
                 f"{path}: column {name} holds a value that is not finite, in data row {int(np.argmin(np.isfinite(values))) + 1}."
             )
         found[name] = values
+    return found
+
+
+def _parameters(table: pa.Table, path: str | Path) -> dict[str, float | str]:
+    try:
+        found = json.loads((table.schema.metadata or {}).get(b"cranedyn", b"{}"))
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict) or not all(isinstance(value, float | int | str) for value in found.values()):
+        raise DataError(f"{path}: its parameters are not a JSON object of numbers and words.")
     return found
 
 
@@ -201,10 +240,12 @@ def join(pieces: Sequence[Trajectory]) -> Trajectory:
     Work and dissipation go on from piece to piece; parameters are those of the first.
 
     Raises:
-        DataError: If there is no piece, or one does not begin where the one before ended.
+        DataError: If there is no piece, one is empty, or one does not begin where the one before ended.
     """
     if not pieces:
         raise DataError("There are no pieces to join.")
+    if not all(len(piece) for piece in pieces):
+        raise DataError("A piece to join has no rows.")
     for one, next_one in itertools.pairwise(pieces):
         if one.t[-1] != next_one.t[0] or not np.array_equal(one.q[-1], next_one.q[0]):
             raise DataError(f"A piece that begins at t = {next_one.t[0]:g} s does not go on from one that ends at t = {one.t[-1]:g} s.")

@@ -235,11 +235,12 @@ def _from_files(files: Sequence[str], crane: Crane) -> common.Outcome:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = common.parser("a1", "Free swing at four cable lengths: the period, its error budget, and its prediction.")
-    common.add_world(made)
+    common.add_world(made, "hoist_init")
     made.add_argument("--length", type=float, nargs="+", default=list(PUBLISHED), metavar="L", help="cable lengths [m]")
     made.add_argument("--swing", type=float, default=SWING, metavar="PHI", help="swing to aim at [rad]")
     made.add_argument("--identify", action="store_true", help="find the unpublished gains of trolley and hoist from the published columns")
-    common.add_files(made, COLUMNS)
+    common.add_files(made, COLUMNS, "values")
+    common.add_mode(made, "identify", "gravity", "dt", "control_period", "values")
     return common.conduct(made, experiment, argv)
 
 

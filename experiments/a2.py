@@ -292,7 +292,7 @@ def _from_files(files: Sequence[str]) -> common.Outcome:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = common.parser("a2", "Hoisting while swinging: period and amplitude against cable length.")
-    common.add_world(made)
+    common.add_world(made, "hoist_init")
     common.add_files(made, COLUMNS)
     return common.conduct(made, experiment, argv)
 

@@ -245,7 +245,7 @@ def _table(rows: Sequence[Sequence[str | float]]) -> common.Table:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = common.parser("a3", "Tangential swing after a slew pulse, against Eq. (10) and the full equations.")
-    common.add_world(made)
+    common.add_world(made, "trolley_init", "hoist_init")
     made.add_argument("--radius", type=float, default=RADIUS, metavar="X", help="trolley radius [m]")
     made.add_argument("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
     common.add_files(made, COLUMNS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import platform
 import sys
 from collections.abc import Callable, Sequence
@@ -11,14 +12,19 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from cranedyn.command import FAILED, INTERRUPTED, REFUSED, command
 from cranedyn.errors import CraneError, DataError, RunError
-from cranedyn.files import written
+from cranedyn.files import make_folder, written
+from experiments.arguments import add_mode, parsed, parser
 from experiments.document import read_document
 from experiments.outcome import MARKS, Claim, Outcome, Table, show
 from experiments.watched import watched
 from experiments.world import Watcher, World, add_files, add_world, analysing, recorded, watching, world_of
 
 __all__ = [
+    "FAILED",
+    "INTERRUPTED",
+    "REFUSED",
     "Claim",
     "CraneError",
     "Outcome",
@@ -26,6 +32,7 @@ __all__ = [
     "Watcher",
     "World",
     "add_files",
+    "add_mode",
     "add_world",
     "analysing",
     "conduct",
@@ -33,27 +40,6 @@ __all__ = [
     "parser",
     "recorded",
 ]
-
-FAILED, REFUSED, INTERRUPTED = 1, 2, 130
-"""Exit codes: a claim does not hold or a run failed; bad arguments; stopped by the user."""
-
-
-def parser(name: str, description: str) -> argparse.ArgumentParser:
-    """A parser with the arguments that every experiment has."""
-    made = argparse.ArgumentParser(
-        prog=f"python -m experiments.{name}", description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
-    made.add_argument("--out", metavar="DIR", help=f"folder for results, default out/{name}", default=argparse.SUPPRESS)
-    made.add_argument("--save", metavar="FILE.rrd", help="write the recording here instead of into the folder", default=argparse.SUPPRESS)
-    made.add_argument(
-        "--document", metavar="FILE.md", help="put the tables between their marks in this document, too", default=argparse.SUPPRESS
-    )
-    made.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
-    made.add_argument("--serve", action="store_true", help="serve the recording to a browser on this machine until Ctrl-C")
-    made.add_argument("--port", type=int, default=9090, metavar="P", help="where --serve has its page; the data is at the next port")
-    made.set_defaults(experiment=name, live=False)
-    return made
-
 
 Experiment = Callable[[argparse.Namespace, World], Outcome]
 
@@ -64,90 +50,60 @@ def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequenc
     Returns:
         0 if every claim that could be judged holds, 1 if one does not or a run failed, 2 for bad arguments, 130 if interrupted.
     """
-    options = made.parse_args(argv)
+    return command(lambda: _conducted(made, experiment, argv))
+
+
+def _conducted(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None) -> int:
+    options = parsed(made, argv)
     options.about, options.words = made.description, sys.argv[1:] if argv is None else argv
     try:
-        folder, recording = options.folder, options.recording = _targets(options)
-        _check_viewer(options)
         document = read_document(options.document, options.experiment) if hasattr(options, "document") else None
         with watching() as watcher:
             outcome = watched(experiment(options, world_of(options, watcher)))
-        _write(outcome, options, folder, recording)
+        _write(outcome, options)
         if document is not None:
             document.write(outcome.tables)
-        show(outcome)
-        print(f"Written to {folder}.")
-        if outcome.recording:
-            _look(options, recording)
     except RunError as error:
-        return _broken_off(error, options)
-    except CraneError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return REFUSED
-    except KeyboardInterrupt:
-        print("Interrupted.", file=sys.stderr)
-        return INTERRUPTED
+        return _broken_off(error, options.folder)
+    show(outcome)
+    print(f"Written to {options.folder}.")
+    if outcome.recording:
+        _look(options)
     return FAILED if any(claim.holds is not None and not claim.holds for claim in outcome.claims) else 0
 
 
-def _targets(options: argparse.Namespace) -> tuple[Path, Path]:
-    given = getattr(options, "out", None)
-    folder = Path(given if given is not None else Path("out") / options.experiment)
-    if folder.exists() and not folder.is_dir():
-        raise DataError(f"Cannot write to {folder}: it is not a folder.")
-    if given is not None and not folder.absolute().parent.is_dir():
-        raise DataError(f"Cannot make the folder {folder}: its parent {folder.absolute().parent} does not exist.")
-    recording = Path(getattr(options, "save", folder / f"{options.experiment}.rrd"))
-    if recording.suffix != ".rrd":
-        raise DataError(f"Cannot save the recording as {recording}: the ending must be .rrd.")
-    if hasattr(options, "save") and not recording.absolute().parent.is_dir():
-        raise DataError(f"Cannot save the recording as {recording}: its folder does not exist.")
-    return folder, recording
-
-
-def _check_viewer(options: argparse.Namespace) -> None:
-    """Say before a run, not after it, that it cannot be shown."""
-    if options.view or options.serve:
-        from cranedyn import recording
-
-        if options.view:
-            recording.check_display()
-        if options.serve:
-            recording.check_port(options.port)
-
-
-def make_folder(folder: Path) -> Path:
-    """The folder, made if it is not there.
-
-    Raises:
-        DataError: If it cannot be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f"Cannot make the folder {folder}: {error.strerror}.") from error
-    return folder
-
-
-def _write(outcome: Outcome, options: argparse.Namespace, folder: Path, recording: Path) -> None:
+def _write(outcome: Outcome, options: argparse.Namespace) -> None:
     from cranedyn.figures import save
 
-    make_folder(folder)
+    result = _json(_result(outcome, options))
+    folder = make_folder(options.folder)
     for name, trajectory in outcome.trajectories.items():
         for ending in (".csv", ".parquet"):
             trajectory.write(folder / f"{name}{ending}")
     for name, figure in outcome.figures.items():
         save(figure, folder / f"{name}.png")
     with written(folder / "result.json") as file:
-        file.write_text(
-            json.dumps(_result(outcome, options), indent=1, ensure_ascii=False, allow_nan=False, default=lambda number: number.item()),
-            encoding="utf-8",
-        )
+        file.write_text(result, encoding="utf-8")
     if outcome.recording:
-        _record(outcome, options, recording)
+        _record(outcome, options)
 
 
-def _record(outcome: Outcome, options: argparse.Namespace, path: Path) -> None:
+def _json(result: dict[str, Any]) -> str:
+    """The result as text, refused before anything is written if there is a number in it that is none."""
+    try:
+        return json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False, default=lambda number: number.item())
+    except ValueError:
+        bad = [
+            f"{column} in row {i + 1} of the table {table['title']!r}"
+            for table in result["tables"]
+            for i, row in enumerate(table["rows"])
+            for column, value in zip(table["columns"], row, strict=True)
+            if not isinstance(value, str | None) and not math.isfinite(value)
+        ]
+        raise DataError(f"These arguments give a result that is not finite: {', '.join(bad) or 'one of its parameters'}.") from None
+
+
+def _record(outcome: Outcome, options: argparse.Namespace) -> None:
     from cranedyn import recording
 
     text = [
@@ -155,19 +111,19 @@ def _record(outcome: Outcome, options: argparse.Namespace, path: Path) -> None:
         *(f"**{MARKS[claim.holds]}**: {claim.sentence}" for claim in outcome.claims),
         *(table.markdown() for table in outcome.tables),
     ]
-    recording.record(path, outcome.recording, title=f"Experiment {options.experiment}", text="\n\n".join(text))
+    recording.record(options.recording, outcome.recording, title=f"Experiment {options.experiment}", text="\n\n".join(text))
 
 
-def _look(options: argparse.Namespace, path: Path) -> None:
+def _look(options: argparse.Namespace) -> None:
     """Show the recording as asked for; the demo has shown it already."""
     if options.live or not (options.view or options.serve):
         return
     from cranedyn import recording
 
     if options.view:
-        recording.open_viewer(path)
+        recording.open_viewer(options.recording)
     if options.serve:
-        with recording.serve(path, port=options.port) as served:
+        with recording.serve(options.recording, port=options.port) as served:
             print(f"Serving at {served.address} until Ctrl-C.")
             served.wait()
 
@@ -203,9 +159,12 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _broken_off(error: RunError, options: argparse.Namespace) -> int:
+def _broken_off(error: RunError, folder: Path) -> int:
     print(f"error: {error}", file=sys.stderr)
     if error.trajectory is not None and len(error.trajectory) > 0:
-        folder = make_folder(_targets(options)[0])
-        print(f"What was recorded up to then is in {error.trajectory.write(folder / 'broken_off.parquet')}.", file=sys.stderr)
+        try:
+            kept = error.trajectory.write(make_folder(folder) / "broken_off.parquet")
+            print(f"What was recorded up to then is in {kept}.", file=sys.stderr)
+        except CraneError as lost:
+            print(f"What was recorded up to then is lost: {lost}", file=sys.stderr)
     return INTERRUPTED if isinstance(error.__context__, KeyboardInterrupt) else FAILED

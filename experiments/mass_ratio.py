@@ -13,6 +13,7 @@ from cranedyn import theory
 from cranedyn.analysis import zero_crossings
 from cranedyn.controllers import follow
 from cranedyn.crane import Crane
+from cranedyn.errors import DataError
 from cranedyn.figures import COLOURS, panels
 from cranedyn.references import hold, ramp
 from cranedyn.trajectory import Trajectory
@@ -38,8 +39,14 @@ def swing(world: common.World, link: float) -> Trajectory:
 
 
 def period(trajectory: Trajectory) -> float:
-    """Mean period from zero crossings [s]."""
+    """Mean period from zero crossings [s].
+
+    Raises:
+        DataError: If the load does not swing through twice.
+    """
     crossings = zero_crossings(trajectory.t, trajectory["phi_rad"])
+    if len(crossings) < 2:
+        raise DataError(f"The load swings through {len(crossings)} times in {DURATION:g} s; a period needs two.")
     return 2.0 * float(crossings[-1] - crossings[0]) / (len(crossings) - 1)
 
 
@@ -146,7 +153,7 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = common.parser("mass_ratio", "Light links between the swing joints, and loads of any mass.")
-    common.add_world(made)
+    common.add_world(made, "dummy_mass", "dummy_inertia", "damp_swing", "hoist_init")
     return common.conduct(made, experiment, argv)
 
 

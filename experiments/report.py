@@ -6,14 +6,16 @@ import argparse
 import base64
 import importlib
 import json
+import re
 import sys
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from cranedyn.errors import CraneError, DataError, UnknownName
-from cranedyn.files import written
+from cranedyn.command import INTERRUPTED, command
+from cranedyn.errors import DataError, UnknownName
+from cranedyn.files import check_writable, make_folder, read_text, written
 from experiments import common
 
 EXPERIMENTS = {
@@ -26,6 +28,8 @@ EXPERIMENTS = {
     "demo": ["--cycles", "1"],
 }
 """What the report is made of, in its order, and the arguments with which missing results are made."""
+
+_FORMAT = re.compile(r"[+-]?(\.\d\d?)?[a-z%]?")
 
 _STYLE = """
 :root { color-scheme: light dark; }
@@ -52,29 +56,35 @@ def page(folders: Sequence[Path]) -> str:
     Raises:
         DataError: If a result cannot be read.
     """
-    results = [(folder, _result(folder)) for folder in folders]
-    links = " ".join(f'<a href="#{escape(r["experiment"])}">{escape(r["experiment"])}</a>' for _, r in results)
-    sections = "\n".join(_section(folder, result) for folder, result in results)
+    sections = [_result(folder) for folder in folders]
+    links = " ".join(f'<a href="#{name}">{name}</a>' for name, _ in sections)
+    texts = "\n".join(text for _, text in sections)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
         '<link rel="icon" href="data:,">'
         f"<title>cranedyn: experiments</title><style>{_STYLE}</style></head><body>"
-        f"<h1>cranedyn: experiments</h1><nav>{links}</nav>\n{sections}\n</body></html>\n"
+        f"<h1>cranedyn: experiments</h1><nav>{links}</nav>\n{texts}\n</body></html>\n"
     )
 
 
-def _result(folder: Path) -> dict[str, Any]:
+def _result(folder: Path) -> tuple[str, str]:
+    """The name of an experiment and its section of the page."""
     file = folder / "result.json"
     try:
-        return json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise DataError(f"Cannot read {file}: {getattr(error, 'strerror', None) or 'it is not JSON'}.") from error
+        result = json.loads(read_text(file))
+        return escape(result["experiment"]), _section(folder, result)
+    except json.JSONDecodeError as error:
+        raise DataError(f"Cannot read {file}: it is not JSON.") from error
+    except OSError as error:
+        raise DataError(f"Cannot read {error.filename}: {error.strerror}.") from error
+    except (LookupError, TypeError, AttributeError, ValueError, RecursionError) as error:
+        raise DataError(f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: {error}).") from error
 
 
 def _section(folder: Path, result: dict[str, Any]) -> str:
     marks = {True: "✔", False: "✘", None: "–"}
     claims = "".join(f'<li data-mark="{marks[c["holds"]]}">{escape(c["sentence"])}</li>' for c in result["claims"])
-    figures = "".join(_figure(file) for file in (folder / name for name in result["figures"]))
+    figures = "".join(_figure(folder, name) for name in result["figures"])
     versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items() if version)
     name = escape(result["experiment"])
     return (
@@ -88,6 +98,8 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
 
 
 def _table(table: dict[str, Any]) -> str:
+    if not all(_FORMAT.fullmatch(form) for form in table["formats"]):
+        raise ValueError(f"formats {table['formats']}")
     made = common.Table(table["title"], list(zip(table["columns"], table["formats"], strict=True)), table["rows"], table["note"])
     head = "".join(f"<th>{escape(header)}</th>" for header in table["columns"])
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in made.shown())
@@ -96,9 +108,11 @@ def _table(table: dict[str, Any]) -> str:
     return f'<div class="table"><table><caption>{escape(made.title)}</caption>{rows}</table></div>{note}'
 
 
-def _figure(file: Path) -> str:
-    data = base64.b64encode(file.read_bytes()).decode("ascii")
-    return f'<img alt="{escape(file.stem)}" src="data:image/png;base64,{data}">'
+def _figure(folder: Path, name: str) -> str:
+    if Path(name).name != name or Path(name).suffix != ".png":
+        raise ValueError(f"{name!r} is no figure in its folder")
+    data = base64.b64encode((folder / name).read_bytes()).decode("ascii")
+    return f'<img alt="{escape(Path(name).stem)}" src="data:image/png;base64,{data}">'
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -109,25 +123,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--only", nargs="+", metavar="NAME", default=list(EXPERIMENTS), help="which experiments (default all)")
     parser.add_argument("--again", action="store_true", help="run experiments whose results are there already, too")
-    options = parser.parse_args(argv)
-    folder, codes = Path(options.out), []
-    try:
-        for name in options.only:
-            if name not in EXPERIMENTS:
-                raise UnknownName("experiment", name, EXPERIMENTS)
-            if options.again or not (folder / name / "result.json").is_file():
-                common.make_folder(folder)
-                code = importlib.import_module(f"experiments.{name}").main([*EXPERIMENTS[name], "--out", str(folder / name)])
-                if code == common.INTERRUPTED:
-                    return code
-                codes.append(code)
-        with written(folder / "report.html") as file:
-            file.write_text(page([folder / name for name in options.only]), encoding="utf-8")
-    except CraneError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return common.REFUSED
+    return command(lambda: _main(parser.parse_args(argv)))
+
+
+def _main(options: argparse.Namespace) -> int:
+    folder, codes = Path(options.out), [0]
+    for name in options.only:
+        if name not in EXPERIMENTS:
+            raise UnknownName("experiment", name, EXPERIMENTS)
+    check_writable(folder / "report.html")
+    for name in options.only:
+        if options.again or not (folder / name / "result.json").is_file():
+            make_folder(folder)
+            code = importlib.import_module(f"experiments.{name}").main([*EXPERIMENTS[name], "--out", str(folder / name)])
+            if code == INTERRUPTED:
+                return code
+            codes.append(code)
+    with written(folder / "report.html") as file:
+        file.write_text(page([folder / name for name in options.only]), encoding="utf-8")
     print(f"Written to {folder / 'report.html'}.")
-    return max(codes, default=0)
+    return max(codes)
 
 
 if __name__ == "__main__":

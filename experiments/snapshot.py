@@ -13,7 +13,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from cranedyn.errors import CraneError, DataError, number
+from cranedyn.command import command
+from cranedyn.errors import number
 from cranedyn.snapshot import animate, snapshot
 
 
@@ -29,16 +30,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--fps", type=float, default=10.0, help="pictures per second of the moving one (default: %(default)g)")
     parser.add_argument("--view", choices=("dashboard", "3d"), default="dashboard", help="what to show (default: %(default)s)")
     parser.add_argument("--size", metavar=("WIDTH", "HEIGHT"), type=int, nargs=2, default=(1280, 720), help="in pixels (default: 1280 720)")
-    given = parser.parse_args(arguments)
-    if not given.times and not given.gif:
-        parser.error("nothing to do: give times with -t or a span with --gif")
-    try:
+
+    def run() -> int:
+        given = parser.parse_args(arguments)
+        if not given.times and not given.gif:
+            parser.error("nothing to do: give times with -t or a span with --gif")
         for path in _pictures(given):
             print(path)
-    except CraneError as error:
-        print(error, file=sys.stderr)
-        return 2
-    return 0
+        return 0
+
+    return command(run)
 
 
 def _pictures(given: argparse.Namespace) -> list[Path]:
@@ -50,19 +51,11 @@ def _pictures(given: argparse.Namespace) -> list[Path]:
             bar.update(task, completed=done, description=f"{done} pictures")
 
         if given.times:
-            _folder(given.out)
             paths += snapshot(given.recording, given.times, given.out, size=size, whole=whole, progress=progress)
         if given.gif:
             span = number("START", given.gif[0], "s"), number("END", given.gif[1], "s")
             paths.append(animate(given.recording, span, given.gif[2], fps=given.fps, size=size, whole=whole, progress=progress))
     return paths
-
-
-def _folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f"Cannot write to {folder}: {error.strerror}.") from error
 
 
 if __name__ == "__main__":

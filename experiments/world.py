@@ -19,10 +19,14 @@ from cranedyn.errors import DataError
 from cranedyn.references import Reference
 from cranedyn.simulate import Controller, Disturbance, Drive, Watch, simulate
 from cranedyn.trajectory import Trajectory, read_columns
+from experiments.arguments import add_mode
+
+_LARGEST = 1e6
 
 
-def add_world(made: argparse.ArgumentParser) -> None:
-    """Add the arguments of the world: gravity, the two clocks, and the numbers of the crane."""
+def add_world(made: argparse.ArgumentParser, *fixed: str) -> None:
+    """Add the arguments of the world: gravity, the two clocks, and the numbers of the crane but those fixed by the experiment itself."""
+    made.set_defaults(fixed=fixed)
     made.add_argument(
         "--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help="gravity of the world [m/s²]; the article's was 9.8"
     )
@@ -46,8 +50,9 @@ def add_world(made: argparse.ArgumentParser) -> None:
     )
 
 
-def add_files(made: argparse.ArgumentParser, columns: Sequence[str]) -> None:
-    """Add the argument for files recorded elsewhere."""
+def add_files(made: argparse.ArgumentParser, columns: Sequence[str], *uses: str) -> None:
+    """Add the argument for files recorded elsewhere, and say which others their analysis uses."""
+    add_mode(made, "files", *uses)
     text = f"analyse CSV or Parquet files with columns {', '.join(columns)} instead of simulating"
     made.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=text)
 
@@ -159,21 +164,32 @@ class World:
 
 
 def world_of(options: argparse.Namespace, watcher: Watcher) -> World:
-    """The world that the command line describes."""
+    """The world that the command line describes.
+
+    Raises:
+        DataError: If a number of the crane is given twice, or would be overridden by the experiment.
+    """
     if not hasattr(options, "gravity"):
         return World(watcher=watcher)
-    return World(options.gravity, parse_values(options.values), options.dt, options.control_period, options.watch, watcher)
+    values = parse_values(options.values)
+    for name in options.fixed:
+        if name in values:
+            raise DataError(f"{name} is set by the experiment {options.experiment} itself; leave it out of --set.")
+    return World(options.gravity, values, options.dt, options.control_period, options.watch, watcher)
 
 
 def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
     """Columns of a file recorded elsewhere, the cable length `l_m` among them.
 
     Raises:
-        DataError: As `read_columns`, and if a cable length is not positive.
+        DataError: As `read_columns`, if a cable is shorter than a millimetre, or a number is beyond a million of its unit.
     """
     data = read_columns(file, columns)
-    if not data["l_m"].min() > 0.0:
-        raise DataError(f"{file}: l_m is {data['l_m'].min():g} m in some row; allowed is > 0.")
+    for name, values in data.items():
+        low = 1e-3 if name == "l_m" else -_LARGEST
+        for extreme in (values.min(), values.max()):
+            if not low <= extreme <= _LARGEST:
+                raise DataError(f"{file}: {name} is {extreme:g} in some row; allowed is {low:g} to {_LARGEST:g}.")
     return data
 
 

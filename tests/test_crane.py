@@ -257,10 +257,10 @@ REFUSALS = {
         lambda u: turned('<axis xyz="1 0 0"/>', '<axis xyz="-1 0 0"/>', u),
         r"has swing_radial_joint along \[-1.0, 0.0, 0.0\] of the world; it must be \[1, 0, 0\]",
     ),
-    "not XML": (lambda u: "solid crane", "is not a URDF that can be loaded"),
-    "half a file": (lambda u: u[:5000], "is not a URDF that can be loaded"),
+    "not XML": (lambda u: "solid crane", "is not XML"),
+    "half a file": (lambda u: u[:5000], "is not XML"),
     "no robot": (lambda u: "<sdf/>", "is not a URDF that can be loaded"),
-    "empty": (lambda u: "", "is not a URDF that can be loaded"),
+    "empty": (lambda u: "", "is not XML"),
 }
 
 
@@ -274,8 +274,12 @@ def test_what_is_no_crane_is_refused_in_a_sentence(change: Callable[[str], str],
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ('<mass value="500.0"/>', '<mass value="nan"/>', "value in the inertial of trolley_link .* is nan"),
-        ('ixx="400.0"', 'ixx="4OO"', "ixx in the inertial of hook_link .* is 4OO; allowed is a number"),
+        (
+            '<mass value="500.0"/>',
+            '<mass value="nan"/>',
+            "value of mass in link trolley_link .* is 'nan'; allowed is a finite",
+        ),
+        ('ixx="400.0"', 'ixx="4OO"', "ixx of inertia in link hook_link .* is '4OO'; allowed is a finite decimal number"),
         ('ixx="400.0"', 'ixx="-400.0"', "inertia moved by hoist_joint .* positive semidefinite"),
         ('<mass value="1000.0"/>', '<mass value="0"/>', "payload mass is 0.0 kg; allowed is > 0"),
         ('effort="1.0e5"', 'effort="0"', "effort limit of hoist_joint is 0.0 N; allowed is > 0"),

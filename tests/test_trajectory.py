@@ -35,7 +35,9 @@ NASTY = np.array([0.1 + 0.2, 1 / 3, 5e-324, 1.7976931348623157e308, -0.0, np.nex
 
 @pytest.fixture
 def made() -> Trajectory:
-    return _made(np.random.default_rng(0).normal(size=(7, WIDTH)) * 10.0 ** np.arange(-14, WIDTH - 14))
+    numbers = np.random.default_rng(0).normal(size=(7, WIDTH)) * 10.0 ** np.arange(-14, WIDTH - 14)
+    numbers[:, 0] = np.arange(7) / 3.0
+    return _made(numbers)
 
 
 def _bits(trajectory: Trajectory) -> list[bytes]:
@@ -48,6 +50,7 @@ def _bits(trajectory: Trajectory) -> list[bytes]:
     numbers=arrays(float, (3, WIDTH), elements=st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(NASTY.tolist())))
 )
 def test_what_is_written_is_read_back_to_the_bit(ending: str, numbers: np.ndarray, tmp_path: Path) -> None:
+    numbers[:, 0] = -1e308, 5e-324, 1e308  # times must increase
     before = _made(numbers)
     assert _bits(read(before.write(tmp_path / f"a{ending}"))) == _bits(before)
 

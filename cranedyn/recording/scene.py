@@ -18,6 +18,7 @@ from cranedyn.dynamics import payload_position, pivot_position
 from cranedyn.recording.run import Run, clock
 from cranedyn.recording.shapes import Shape, log_shapes, shapes
 from cranedyn.style import COLOURS, mixed, rgb
+from cranedyn.urdf import parse, skeleton
 
 BACKGROUND = "#E1E8F0"
 """Colour behind the scene, into which the path of the payload fades."""
@@ -100,7 +101,7 @@ class Scene:
 def _tree(run: Run) -> UrdfTree:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "crane.urdf")
-        file.write_text(run.crane.urdf, encoding="utf-8")
+        file.write_text(skeleton(parse(run.crane.urdf, "the crane")), encoding="utf-8")
         return UrdfTree.from_file_path(file, frame_prefix=run.frame(""))
 
 

@@ -1,0 +1,94 @@
+"""How every command ends: one sentence for what went wrong, quietly when interrupted; whoever stops listening stops nothing."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from typing import Any
+
+from cranedyn.errors import CraneError
+
+FAILED, REFUSED, INTERRUPTED = 1, 2, 130
+"""Exit codes: a claim does not hold or a run failed; bad arguments or files; stopped by the user."""
+
+
+def command(run: Callable[[], int]) -> int:
+    """Run what stands behind a command line.
+
+    A pipe that is closed or a full disk behind standard output, and letters that a terminal does not have, cost words but no files.
+    SIGTERM is taken like Ctrl-C, so that drafts are removed and viewers ended.
+
+    Args:
+        run: Does it and returns the exit code.
+
+    Returns:
+        That code; `REFUSED` after a `CraneError`, whose sentence is printed; `INTERRUPTED` after Ctrl-C or SIGTERM.
+    """
+    with _interruptible(), _patient():
+        try:
+            return run()
+        except CraneError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return REFUSED
+        except KeyboardInterrupt:
+            print("Interrupted.", file=sys.stderr)
+            return INTERRUPTED
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    ours = [number for number, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)]
+    for number in ours:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, before[number])
+
+
+@contextmanager
+def _patient() -> Iterator[None]:
+    with ExitStack() as stack:
+        out, err = (_Patient(stream or stack.enter_context(open(os.devnull, "w"))) for stream in (sys.stdout, sys.stderr))
+        stack.enter_context(redirect_stdout(out))
+        stack.enter_context(redirect_stderr(err))
+        yield
+        out.flush()
+        err.flush()
+
+
+class _Patient:
+    """A stream that goes on when nobody takes what is written, as all of a stream but these two methods."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+
+    def write(self, text: str) -> int:
+        self._try(lambda: self._stream.write(text))
+        return len(text)
+
+    def flush(self) -> None:
+        self._try(self._stream.flush)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def _try(self, say: Callable[[], object]) -> None:
+        try:
+            say()
+        except OSError as error:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())
+            os.close(nowhere)
+            if not isinstance(error, BrokenPipeError):
+                print(f"Some words could not be written: {error.strerror}.", file=sys.stderr)

@@ -1,0 +1,86 @@
+"""The command line of an experiment, and all that can be refused before it runs."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from cranedyn.errors import DataError
+from cranedyn.files import check_writable
+
+
+def parser(name: str, description: str) -> argparse.ArgumentParser:
+    """A parser with the arguments that every experiment has."""
+    made = argparse.ArgumentParser(
+        prog=f"python -m experiments.{name}", description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    made.add_argument("--out", metavar="DIR", help=f"folder for results, default out/{name}", default=argparse.SUPPRESS)
+    made.add_argument("--save", metavar="FILE.rrd", help="write the recording here instead of into the folder", default=argparse.SUPPRESS)
+    made.add_argument(
+        "--document", metavar="FILE.md", help="put the tables between their marks in this document, too", default=argparse.SUPPRESS
+    )
+    made.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
+    made.add_argument("--serve", action="store_true", help="serve the recording to a browser on this machine until Ctrl-C")
+    made.add_argument("--port", type=int, default=9090, metavar="P", help="where --serve has its page; the data is at the next port")
+    made.set_defaults(experiment=name, live=False, modes={})
+    return made
+
+
+def add_mode(made: argparse.ArgumentParser, name: str, *uses: str) -> None:
+    """Say that with one argument of an experiment no other one but these has an effect, beside where things are written; others are refused."""
+    made.set_defaults(modes={**made.get_default("modes"), name: uses})
+
+
+def parsed(made: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.Namespace:
+    """The arguments, checked as far as they can be before a run, with the folder of the results and the file of the recording.
+
+    Raises:
+        DataError: If an argument would be ignored, or a file cannot be written.
+        CraneError: If a recording could not be shown as asked for.
+    """
+    options = made.parse_args(argv)
+    _check_effect(made, options)
+    _check_viewer(options)
+    options.folder, options.recording = _targets(options)
+    return options
+
+
+def _check_effect(made: argparse.ArgumentParser, options: argparse.Namespace) -> None:
+    given = [name for name, value in vars(options).items() if value != made.get_default(name)]
+    flags = {name: f"--{ {'files': 'from', 'values': 'set'}.get(name, name.replace('_', '-')) }" for name in given}
+    for mode, uses in options.modes.items():
+        if mode in given:
+            for name in given:
+                if name not in (mode, "out", "document", *uses):
+                    raise DataError(f"{flags[name]} has no effect beside {flags[mode]}; leave it out.")
+    if "port" in given and not options.serve:
+        raise DataError("--port has no effect without --serve; leave it out.")
+
+
+def _check_viewer(options: argparse.Namespace) -> None:
+    if options.view or options.serve:
+        from cranedyn import recording
+
+        if options.view:
+            recording.check_display()
+        if options.serve:
+            recording.check_port(options.port)
+
+
+def _targets(options: argparse.Namespace) -> tuple[Path, Path]:
+    given = getattr(options, "out", None)
+    folder = Path(given if given is not None else Path("out") / options.experiment)
+    if os.path.exists(folder) and not os.path.isdir(folder):
+        raise DataError(f"Cannot write to {folder}: it is not a folder.")
+    if given is not None and not os.path.isdir(folder.absolute().parent):
+        raise DataError(f"Cannot make the folder {folder}: its parent {folder.absolute().parent} does not exist.")
+    recording = Path(getattr(options, "save", folder / f"{options.experiment}.rrd"))
+    if recording.suffix != ".rrd":
+        raise DataError(f"Cannot save the recording as {recording}: the ending must be .rrd.")
+    if hasattr(options, "save") and not os.path.isdir(recording.absolute().parent):
+        raise DataError(f"Cannot save the recording as {recording}: its folder does not exist.")
+    for file in (folder / "result.json", recording):
+        check_writable(file)
+    return folder, recording
