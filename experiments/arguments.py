@@ -29,7 +29,7 @@ def parser(name: str, description: str) -> argparse.ArgumentParser:
 
 
 def add_mode(made: argparse.ArgumentParser, name: str, *uses: str) -> None:
-    """Say that with one argument of an experiment no other one but these has an effect, beside where things are written; others are refused."""
+    """Say that with one argument of an experiment only these have an effect, beside where things are written; others are refused."""
     made.set_defaults(modes={**made.get_default("modes"), name: uses})
 
 

@@ -733,4 +733,4 @@ def test_a_world_runs_on_its_own_clocks_and_numbers() -> None:
     same = simulate(world.crane, hold_controller(world.crane), duration=0.2, dt=1e-3, control_period=2e-2)
     assert isinstance(found, Trajectory)
     assert found.q.tolist() == same.q.tolist()
-    assert world.parameters() == {"gravity_m_s2": 3.7, "dt_s": 1e-3, "control_period_s": 2e-2, "payload_mass": "700"}
+    assert world.parameters() == {"gravity_m_s2": 3.7, "dt_s": 1e-3, "control_period_s": 2e-2, "watch": "stop", "payload_mass": "700"}
