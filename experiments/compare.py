@@ -168,7 +168,7 @@ def _reasons(results: Mapping[str, Result]) -> str:
 
 
 def _table(move: Move, found: Results) -> common.Table:
-    columns = [("way", ""), ("arrives [s]", ".2f"), ("peak [mrad]", ".1f"), ("at arrival [mrad]", ".3g"), ("hook [mm]", ".3g")]
+    columns = [("way", ""), ("arrives [s]", ".2f"), ("peak [mrad]", ".1f"), ("at arrival [mrad]", ".3g"), ("hook [mm]", ".4g")]
     columns += [("20 s later [mrad]", ".3g"), ("settled [s]", ".2f"), ("cycle [s]", ".2f")]
     nominal = {way: results[NOMINAL.name] for way, results in found.items()}
     rows = [
