@@ -176,7 +176,7 @@ def test_mujoco_makes_the_same_combined_move_of_30_s_under_the_recorded_efforts(
 def test_mujoco_makes_the_same_combined_move_of_30_s_in_a_loop_of_its_own(damping: dict[str, float]) -> None:
     c, reference, run = combined_move(**damping)
     brake = hold_controller(c, gravity=G)
-    # rounding, which the loop holds: 1e-15 of g over the square of the slowest frequency, (g/l)/g, is 2e-14
+    # rounding, which the loop holds: a push of 1e-15 g all the time would move a load on 15 m by 1e-15 l = 2e-14 m; ten times that
     assert _apart(Twin(c.urdf).run(lambda k, state: brake(run.t[k], state, reference(run.t[k])), run), run) < 2e-13
 
 
