@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.dynamics import follow_drives, inverse_dynamics, outside_effort
+from cranedyn.errors import OutOfRange
 from cranedyn.integrator import Acceleration, in_steps
 
 _STOP_FREQUENCY, _STOP_DAMPING = 20.0, 0.5
@@ -102,9 +103,15 @@ class MotionDrives:
         self._outside = outside
 
     def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Take a command until the next one; returns the effort that it costs at this state, twice, shape (3,) each."""
+        """Take a command until the next one; returns the effort that it costs at this state, twice, shape (3,) each.
+
+        Raises:
+            OutOfRange: If that is not finite.
+        """
         self._command[DRIVES] = self._dt**2 * command
         effort = self.effort(state)
+        if not np.isfinite(effort).all():
+            raise OutOfRange("effort that the motion costs", effort.tolist(), "finite numbers", "N m, N, N")
         return effort, effort
 
     def effort(self, state: State) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.crane import DRIVES, Crane, State
+from cranedyn.errors import OutOfRange
 
 
 def full(effort: np.ndarray) -> np.ndarray:
@@ -47,11 +48,16 @@ def follow_drives(
     """All five accelerations, shape (5,), when `a` holds those of the drives and zeros for the swing; for any unit of time.
 
     The passive rows of M a + b + d v = outside are two equations in the two swing accelerations.
+
+    Raises:
+        OutOfRange: If the swing has no inertia, as a point load on a cable of no length, or it is no number.
     """
     resisting = pin.rnea(model, data, q, v, a) + damping * v
     open_phi, open_theta = (resisting if outside is None else resisting - outside)[2:4].tolist()
     (m11, m12), (_, m22) = pin.crba(model, data, q)[2:4, 2:4].tolist()
     determinant = m11 * m22 - m12 * m12
+    if not determinant > 0.0:
+        raise OutOfRange("inertia against swing", f"{m11:g} and {m22:g}", "> 0; a load without rotational inertia needs a cable", "kg m²")
     solved = a.copy()
     solved[2:4] = (m12 * open_theta - m22 * open_phi) / determinant, (m12 * open_phi - m11 * open_theta) / determinant
     return solved

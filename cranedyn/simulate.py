@@ -9,7 +9,7 @@ import numpy as np
 
 from cranedyn.crane import COORDINATES, DRIVES, JOINTS, Crane, State
 from cranedyn.drives import EffortDrives, MotionDrives, Outside
-from cranedyn.errors import CraneError, OutOfRange, RunError, number
+from cranedyn.errors import CraneError, OutOfRange, RunError, number, within
 from cranedyn.integrator import Integrator, semi_implicit_euler
 from cranedyn.log import Log
 from cranedyn.references import Reference, Wanted, hold
@@ -31,6 +31,9 @@ Watch = Literal["stop", "buffers", "mark"]
 
 _DIVERGED = 1e6
 """No joint of a crane moves this fast [rad/s or m/s]."""
+
+_STEPS = 1e-9, 1e3
+"""Shortest and longest physics step [s]."""
 
 _MOST_STEPS = 1e10
 """A run of more physics steps than this would take most of a day."""
@@ -93,7 +96,7 @@ def simulate(
     if watch not in ("stop", "mark") and (watch, drive) != ("buffers", "effort"):
         raise OutOfRange("watch", watch, "stop or mark, or buffers where the drives take efforts")
     state = _checked(crane.start if start is None else start)
-    number("time at the start", since, "s")
+    number("time at the start", since, "s", "-1e9 to 1e9")
     outside = None if disturbance is None and watch != "buffers" else Outside(crane, dt, buffers=watch == "buffers")
     drives = (EffortDrives if drive == "effort" else MotionDrives)(crane, dt, outside)
     reference = hold(state) if reference is None else reference
@@ -153,6 +156,7 @@ def simulate(
 def _steps(duration: float, dt: float, control_period: float) -> tuple[int, int]:
     """Physics steps per control period and control periods in the run."""
     number("dt", dt, "s", "> 0")
+    within("dt", dt, *_STEPS, "s")
     number("control_period", control_period, "s", "> 0")
     number("duration", duration, "s", "> 0")
     if duration / dt > _MOST_STEPS:
@@ -182,7 +186,7 @@ def _checked(start: State) -> State:
 def _command(answer: object, t: float) -> np.ndarray:
     """Three finite numbers."""
     command = _array(answer, "command of the controller", (3,), "three numbers: slew, trolley, hoist")
-    if not command.dot(command) < np.inf:
+    if not command.dot(command) < np.inf and not np.isfinite(command).all():
         joint = JOINTS[DRIVES[int(np.argmin(np.isfinite(command)))]].name
         raise RunError(f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite number.", t=t, joint=joint)
     return command

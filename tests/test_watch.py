@@ -9,10 +9,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller
+from cranedyn.crane import State
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.references import hold, ramp
 from cranedyn.simulate import simulate
-from cranedyn.trajectory import Trajectory
+from cranedyn.trajectory import COLUMNS, Trajectory
 from cranedyn.watch import events
 from tests.helpers import G, big_crane, constant, crane, locked
 
@@ -127,7 +128,9 @@ def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> Non
         ({"start": "rest"}, "start is rest"),
         ({"since": math.nan}, "time at the start is nan"),
         ({"duration": 1e5}, r"s at most: its \d+ rows would take"),
-        ({"dt": 1e-14}, "steps"),
+        ({"dt": 1e-14}, "dt is 1e-14 s; allowed is 1e-09 to 1000"),
+        ({"dt": 1e-9, "control_period": 1e-9, "duration": 100.0}, "that is 1e[+]10 steps"),
+        ({"since": 1e17}, "time at the start is 1e[+]17 s; allowed is -1e9 to 1e9"),
         ({"disturbance": lambda t, state: np.zeros(3)}, r"force of the disturbance is an array of shape \(3,\)"),
         ({"disturbance": lambda t, state: np.full((2, 3), np.nan)}, "force of the disturbance is"),
         ({"controller": lambda t, state, wanted: "up"}, "command of the controller is 'up'"),
@@ -136,6 +139,30 @@ def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> Non
 def test_what_cannot_be_run_is_refused_at_once(arguments: dict, words: str) -> None:
     with pytest.raises(OutOfRange, match=words):
         simulate(crane(), **{"controller": hold_controller(crane(), gravity=G), "duration": 1.0} | arguments)
+
+
+def test_a_load_on_no_cable_is_refused_where_motion_is_prescribed() -> None:
+    point = crane(payload_inertia=0.0, dummy_mass=0.0, dummy_inertia=0.0)
+    with pytest.raises(CraneError, match="inertia against swing is 0 and 0 kg m²"):
+        simulate(point, locked, start=State(np.array([0.0, 10.0, 0.0, 0.0, 0.0]), np.zeros(5)), duration=0.1, drive="motion")
+
+
+@pytest.mark.parametrize("force", [1.5e308, 1e200])
+def test_a_motion_that_costs_no_finite_effort_keeps_a_finite_record(force: float) -> None:
+    def blow(t: float, state: State) -> np.ndarray:
+        return np.full((2, 3), force if t > 0.05 else 0.0)
+
+    with pytest.raises(RunError) as caught:
+        simulate(crane(), locked, duration=1.0, drive="motion", watch="mark", disturbance=blow)
+    assert caught.value.trajectory is not None
+    assert all(np.isfinite(getattr(caught.value.trajectory, name)).all() for name in COLUMNS)
+
+
+def test_a_huge_command_is_cut_to_the_limit_and_a_missing_one_is_named() -> None:
+    run = simulate(crane(), constant(0.0, 1e160, -1000.0 * G), duration=0.01, watch="mark")
+    assert run["F_x_N"][0] == 1e6
+    with pytest.raises(RunError, match="trolley_joint needs a finite number"):
+        simulate(crane(), constant(0.0, math.nan, 0.0), duration=0.01)
 
 
 def test_a_controller_cannot_change_the_state_it_is_given() -> None:
