@@ -45,6 +45,12 @@ class Outside:
             effort[DRIVES] += self._push
         return effort
 
+    def held(self, state: State) -> float:
+        """What the buffer at the end of the cable takes of the load [N], 0 or negative as the hoist that holds it."""
+        beyond = max(float(state.q[4] - self._upper[2]), 0.0)
+        push = -self._stiffness[2] * beyond - self._damping[2] * self._dt * float(state.v[4])
+        return min(push, 0.0) / self._dt**2 if beyond > 0.0 else 0.0
+
     def buffer_work(self, state: State) -> float:
         """Work done on the crane by the buffers up to this state [J]."""
         self._book(self._dt * state.v)

@@ -41,7 +41,7 @@ class Log:
         self._rows, self._looked = 0, 0
         self._q, self._v = np.empty((rows, 5)), np.empty((rows, 5))
         self._wanted, self._command, self._effort, self._before = (np.empty((rows, 3)) for _ in range(4))
-        self._force, self._buffer_work = np.zeros((rows, 6)), np.zeros(rows)
+        self._force, self._buffer_work, self._held = np.zeros((rows, 6)), np.zeros(rows), np.zeros(rows)
 
     def __len__(self) -> int:
         """Number of rows so far."""
@@ -54,14 +54,15 @@ class Log:
         self._wanted[k], self._command[k], self._effort[k], self._before[k] = wanted, command, effort, before
         self._rows = k + 1
 
-    def outside(self, force: np.ndarray, buffer_work: float) -> None:
-        """Add what acts from outside to the row that comes next."""
-        self._force[self._rows], self._buffer_work[self._rows] = force.ravel(), buffer_work
+    def outside(self, force: np.ndarray, buffer_work: float, held: float) -> None:
+        """Add what acts from outside to the row that comes next; held is what the buffer at the end of the cable takes of the load [N]."""
+        k = self._rows
+        self._force[k], self._buffer_work[k], self._held[k] = force.ravel(), buffer_work, held
 
     def fresh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coordinates, rates and hoist force of the rows not looked at before."""
+        """Coordinates, rates and what holds the load of the rows not looked at before."""
         rows = slice(self._looked, self._rows)
-        return self._q[rows], self._v[rows], self._effort[rows, 2]
+        return self._q[rows], self._v[rows], self._effort[rows, 2] + self._held[rows]
 
     def looked_at(self) -> None:
         """Have all rows looked at."""
@@ -98,7 +99,7 @@ class Log:
             dissipated=dissipated,
             force=force,
             outside=np.stack([self._work_of_forces(middle, force), self._buffer_work[:n]], axis=1),
-            valid=valid(crane, q, v, effort[:, 2], buffers=buffers).astype(float),
+            valid=valid(crane, q, v, effort[:, 2] + self._held[:n], buffers=buffers).astype(float),
             parameters=parameters,
         )
 

@@ -129,7 +129,7 @@ def simulate(
                 if outside is not None:
                     if disturbance is not None:
                         outside.force = _forces(disturbance(t, state))
-                    log.outside(outside.force, outside.buffer_work(state))
+                    log.outside(outside.force, outside.buffer_work(state), outside.held(state))
                 command, effort = drives.take(_command(controller(t, state, wanted), t), state)
                 log.row(state, wanted.position, command, effort, before)
                 if k % _LOOK_BACK == 0:

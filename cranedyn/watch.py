@@ -43,7 +43,7 @@ def first_event(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *
         crane: The crane.
         q: Coordinates, shape (n, 5).
         v: Their rates, shape (n, 5).
-        hoist: Force of the hoist [N], shape (n,).
+        hoist: Force of the hoist, and of the buffer at the end of the cable [N], shape (n,).
         buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little is no event.
     """
     found = [event for condition in _conditions(crane, q, v, hoist, buffers) for event in _beginnings(condition)[:1]]
@@ -54,7 +54,8 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
     """Every beginning of a stretch in which the model does not hold, in the order of time."""
     buffers = run.parameters.get("watch") == "buffers"
     conditions = _conditions(crane, run.q, run.v, run.effort[:, 2], buffers)
-    return sorted(event for condition in conditions for event in _beginnings(condition))
+    known = [condition._replace(holds=condition.holds | (run.valid == 1.0)) for condition in conditions]
+    return sorted(event for condition in known for event in _beginnings(condition))
 
 
 def valid(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buffers: bool = False) -> np.ndarray:

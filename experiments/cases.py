@@ -11,6 +11,7 @@ import numpy as np
 from cranedyn.controllers.observer import observed
 from cranedyn.controllers.sensed import NOISE, sensed
 from cranedyn.crane import Crane, State
+from cranedyn.errors import CraneError
 from cranedyn.references import Wanted
 from cranedyn.simulate import Controller, Disturbance
 from cranedyn.trajectory import Trajectory
@@ -26,20 +27,22 @@ class Case:
 
     Attributes:
         name: What it is called.
-        values: Numbers of the crane.
+        load: Mass of the payload over that planned for.
+        values: Further numbers of the crane.
         cable: By which share the cable is longer than measured.
         noise: Standard deviations of what the sensors add to coordinates and rates, shape (10,); None for none.
         delay: By how many control periods the sensors are late.
-        blow: What pushes from outside, for a crane.
+        blow: What pushes from outside, for a crane and the time at which it should arrive [s].
         observer: Whether the swing is estimated from the drives instead of measured.
     """
 
     name: str
+    load: float = 1.0
     values: Mapping[str, float] = field(default_factory=dict)
     cable: float = 0.0
     noise: np.ndarray | None = None
     delay: int = 0
-    blow: Callable[[Crane], Disturbance] | None = None
+    blow: Callable[[Crane, float], Disturbance] | None = None
     observer: bool = False
 
     @property
@@ -48,26 +51,26 @@ class Case:
         return self.noise is not None or self.delay > 0 or self.observer
 
 
-def _gust(crane: Crane) -> Disturbance:
-    """A gust across the jib of 12 m/s that is over as the move ends, on 5 m² of load."""
-    return wind(crane, cosine_gust(steady(0.0), 12.0, at=10.0, lasts=10.0), direction=0.0, payload_area=5.0)
+def _gust(crane: Crane, arrives: float) -> Disturbance:
+    """A gust of 12 m/s square to the jib at zero slew, in the last ten seconds before the arrival, on 5 m² of load."""
+    return wind(crane, cosine_gust(steady(0.0), 12.0, at=arrives - 10.0, lasts=10.0), direction=0.0, payload_area=5.0)
 
 
 NOMINAL = Case("as planned")
 
 CASES = (
     NOMINAL,
-    Case("load -50 %", {"payload_mass": 500.0}),
-    Case("load +50 %", {"payload_mass": 1500.0}),
+    Case("load -50 %", load=0.5),
+    Case("load +50 %", load=1.5),
     Case("cable -10 %", cable=-0.1),
     Case("cable +10 %", cable=0.1),
     Case("noise", noise=NOISE),
     Case("delay 5 ms", delay=1),
-    Case("damped swing", {"damp_swing": 5000.0}),
+    Case("damped swing", values={"damp_swing": 5000.0}),
     Case("gust", blow=_gust),
     Case("no swing sensor", observer=True),
 )
-"""Cases of the comparison; the planned crane has a load of 1000 kg. 5000 N m s/rad are about 2 % of critical damping."""
+"""Cases of the comparison. 5000 N m s/rad are about 2 % of critical damping."""
 
 
 def make(world: common.World, move: Move, plan: Plan, case: Case = NOMINAL, *, label: str = "") -> tuple[Trajectory, Score]:
@@ -76,13 +79,14 @@ def make(world: common.World, move: Move, plan: Plan, case: Case = NOMINAL, *, l
     Raises:
         CraneError: If the run breaks off, or the plan has no motion that an observer could go by.
     """
-    crane = world.variant(**case.values) if case.values else world.crane
+    values = {**case.values, **({} if case.load == 1.0 else {"payload_mass": case.load * world.crane.payload_mass})}
+    crane = world.variant(**values) if values else world.crane
     first, last = (_stretched(end, case.cable) for end in move.ends(world.crane))
     first.q[2:4] = move.swing
     controller = plan.controller()
     if case.observer:
         if plan.motion is None:
-            raise common.CraneError("Without a planned motion there is nothing to linearise an observer about.")
+            raise CraneError("Without a planned motion there is nothing to linearise an observer about.")
         controller = observed(controller, world.crane, plan.motion, dt=world.dt)
     if case.noise is not None or case.delay:
         noise = np.zeros(10) if case.noise is None else case.noise
@@ -98,7 +102,7 @@ def make(world: common.World, move: Move, plan: Plan, case: Case = NOMINAL, *, l
         duration=duration,
         label=label,
         drive=plan.drive,
-        disturbance=case.blow(crane) if case.blow else None,
+        disturbance=case.blow(crane, plan.arrives) if case.blow else None,
     )
     return run, score(crane, last, run, plan.arrives)
 

@@ -14,22 +14,18 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from cranedyn.errors import RunError, number
+from cranedyn.errors import CraneError, RunError, number
 from cranedyn.figures import COLOURS, panels
 from cranedyn.references.itinerary import Stage, Timetable
 from cranedyn.references.limits import Limits
 from cranedyn.simulate import Controller
 from cranedyn.trajectory import Trajectory, join
 from experiments import common
-from experiments.tours import ACCELERATIONS, CONTROLS
+from experiments.moves import DWELL, TOUR_LIMITS, residual
+from experiments.tours import CONTROLS
 
 PIECE = 0.5
 """Length of the pieces in which the demo is simulated, shown and written [s]."""
-
-
-def residual(trajectory: Trajectory) -> float:
-    """Amplitude of the swing over a stretch without drive motion [rad]: half the longest way across, radial and tangential together."""
-    return float(math.hypot(*(np.ptp(trajectory.q[:, 2:4], axis=0) / 2.0)))
 
 
 def pieces(world: common.World, tour: Timetable, controller: Controller, until: float) -> Iterator[Trajectory]:
@@ -59,36 +55,44 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
 
     world = replace(world, watcher=common.Watcher(None))
     if options.payload_mass is not None:
+        if "payload_mass" in world.values:
+            raise CraneError("payload_mass is given twice, by --payload-mass and by --set; leave one out.")
         world = replace(world, values={**world.values, "payload_mass": options.payload_mass})
     pace = options.pace if options.pace is not None else (1.0 if options.view or options.serve else None)
-    limits = Limits((options.rate_slew, options.rate_x, options.rate_hoist), ACCELERATIONS)
-    tour, controller = CONTROLS[options.control](world, limits, number("dwell", options.dwell, "s", ">= 0"))
+    limits = Limits((options.rate_slew, options.rate_x, options.rate_hoist), TOUR_LIMITS.accelerations)
+    tour, controller = CONTROLS[options.control](world, limits, number("dwell", options.dwell, "s", "> 0"))
     until = math.inf if options.cycles is None else number("cycles", options.cycles, "", "> 0") * tour.duration
     run = _show(options, world, (tour, controller), until, None if pace is None else number("pace", pace, "", "> 0"))
     rows = _dwells(tour, run)
-    tables, claims = [_table(rows, options.control)], [_claim(rows)] if rows else []
+    tables, claims = [_table(rows, options.control)], [_claim(rows)] if rows and options.control == "none" else []
     runs = {"demo": run}
     if options.control != "none":
         bare, brake = CONTROLS["none"](world, limits, options.dwell)
-        runs = {f"with {options.control}": run, "without control": _before(world, bare, brake, float(run.t[-1]))}
-        before = _dwells(bare, runs["without control"])
-        tables.append(_table(before, "none"))
-        claims = [_better(rows, before, options.control)] if rows and before else []
+        runs = {f"with {options.control}": run}
+        if (other := _before(world, bare, brake, float(run.t[-1]))) is not None:
+            runs["without control"] = other
+            before = _dwells(bare, other)
+            tables.append(_table(before, "none"))
+            claims = [_better(rows, before, options.control)] if rows and before else []
     return common.Outcome(
         tables=tables,
         claims=claims,
         parameters=world.parameters()
-        | {"rates": list(limits.rates), "accelerations": list(ACCELERATIONS), "dwell_s": options.dwell, "control": options.control},
+        | {"rates": list(limits.rates), "accelerations": list(limits.accelerations), "dwell_s": options.dwell, "control": options.control},
         trajectories={"demo": run} | ({"demo_before": runs["without control"]} if len(runs) > 1 else {}),
         figures={"swing": _figure(tour, run)},
         recording=[Run(name, world.crane, what) for name, what in runs.items()],
     )
 
 
-def _before(world: common.World, tour: Timetable, controller: Controller, until: float) -> Trajectory:
-    """The same time without swing control."""
+def _before(world: common.World, tour: Timetable, controller: Controller, until: float) -> Trajectory | None:
+    """The same time without swing control; None, with a word, if that breaks off."""
     start = world.crane.start
-    return world.simulate(world.crane, controller, tour, start=start, duration=until, label="without control")
+    try:
+        return world.simulate(world.crane, controller, tour, start=start, duration=until, label="without control")
+    except RunError as error:
+        print(f"There is no run without control to compare with: {error}", file=sys.stderr)
+        return None
 
 
 def _table(rows: Sequence[tuple[str, float, float, float]], control: str) -> common.Table:
@@ -155,8 +159,9 @@ def _show(
                 done.append(piece)
                 leg.append(piece)
                 append(piece)
-                if row := dwelt(stage, cycle, join(leg)):
-                    console.print(f"            the load still swings {row[2]:.1f} mrad, {row[3]:.0f} mm at the hook")
+                if piece.t[-1] > cycle + stage.end - world.control_period / 2.0:
+                    if row := dwelt(stage, cycle, join(leg)):
+                        console.print(f"            the load still swings {row[2]:.1f} mrad, {row[3]:.0f} mm at the hook")
                     leg.clear()
                 if pace:
                     time.sleep(max(0.0, float(piece.t[-1]) / pace - (time.monotonic() - began)))
@@ -201,10 +206,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         "full-model LQR; flat: paths of the payload. All but none are recorded over the same tour without control",
     )
     made.add_argument("--cycles", type=float, metavar="N", help="stop after so many cycles")
-    made.add_argument("--rate-x", type=float, default=0.8, metavar="V", help="rate of the trolley [m/s]")
-    made.add_argument("--rate-slew", type=float, default=0.08, metavar="W", help="rate of the slew [rad/s]")
-    made.add_argument("--rate-hoist", type=float, default=0.8, metavar="V", help="rate of the hoist [m/s]")
-    made.add_argument("--dwell", type=float, default=6.0, metavar="T", help="time at rest after each leg [s]")
+    made.add_argument("--rate-x", type=float, default=TOUR_LIMITS.rates[1], metavar="V", help="rate of the trolley [m/s]")
+    made.add_argument("--rate-slew", type=float, default=TOUR_LIMITS.rates[0], metavar="W", help="rate of the slew [rad/s]")
+    made.add_argument("--rate-hoist", type=float, default=TOUR_LIMITS.rates[2], metavar="V", help="rate of the hoist [m/s]")
+    made.add_argument("--dwell", type=float, default=DWELL, metavar="T", help="time at rest after each leg [s]")
     made.add_argument(
         "--pace",
         type=float,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,12 @@ AFTER = 20.0
 
 LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
 """What the drives may do: slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of hoisting; accelerations ours."""
+
+TOUR_LIMITS = Limits(rates=(0.08, 0.8, 0.8), accelerations=LIMITS.accelerations)
+"""The same in a tour: rates of the article's demonstration are not published, these are ours."""
+
+DWELL = 6.0
+"""How long a tour stands still after each leg [s]."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +78,8 @@ class Score:
         tracking: Largest distance of the drives from their reference: slew [mrad], trolley [mm], hoist [mm].
         effort: Largest effort of the drives beyond holding the load at rest [N m, N, N].
         rms: Root mean square of the same.
+        rate: Largest rate of a drive as a share of its limit.
+        acceleration: Largest acceleration of a drive as a share of its limit, between control instants.
         work: What the drives put in, not counting what they took back [J].
     """
 
@@ -83,12 +92,19 @@ class Score:
     tracking: np.ndarray
     effort: np.ndarray
     rms: np.ndarray
+    rate: float
+    acceleration: float
     work: float
 
     @property
     def cycle(self) -> float:
         """Time from the start until the payload stays within 10 mm of its goal [s]."""
         return self.arrives + self.settled
+
+
+def residual(trajectory: Trajectory) -> float:
+    """Amplitude of the swing over a stretch without drive motion [rad]: half the longest way across, radial and tangential together."""
+    return float(math.hypot(*(np.ptp(trajectory.q[:, 2:4], axis=0) / 2.0)))
 
 
 def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
@@ -108,5 +124,7 @@ def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
         tracking=1000.0 * np.abs(run.q[:, DRIVES] - run.wanted).max(axis=0),
         effort=np.abs(beyond).max(axis=0),
         rms=np.sqrt(np.mean(beyond**2, axis=0)),
+        rate=float((np.abs(run.v[:, DRIVES]) / LIMITS.rates).max()),
+        acceleration=float((np.abs(np.diff(run.v[:, DRIVES], axis=0)) / np.diff(run.t)[:, None] / LIMITS.accelerations).max()),
         work=float(np.maximum(np.diff(run.work, axis=0), 0.0).sum()),
     )

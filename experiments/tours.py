@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cranedyn.controllers import hold_controller, lqr, paper_controller
+from cranedyn.controllers import hold_controller, paper_controller
 from cranedyn.crane import DRIVES, State
 from cranedyn.errors import CraneError
 from cranedyn.references import ARTICLE_TOUR, itinerary, plumb, shaped_hoisting, shortest, spline, zv
@@ -17,9 +17,7 @@ from cranedyn.references.motion import Motion
 from cranedyn.references.tour import Tour, tour
 from cranedyn.simulate import Controller
 from experiments import common
-
-ACCELERATIONS = (0.02, 0.4, 0.4)
-"""What planned legs keep to: slew [rad/s²], trolley [m/s²], hoist [m/s²]; ours."""
+from experiments.ways import with_integral
 
 Way = tuple[Timetable, Controller]
 """A tour, which is the reference, and what drives it."""
@@ -60,7 +58,7 @@ def _flat(world: common.World, limits: Limits, dwell: float) -> Tour:
         ramp = float(gaining[(goal.q != start.q)[DRIVES]].max(initial=0.0))
 
         def lasting(duration: float, period: float = 10.0 * world.control_period) -> Motion:
-            return flat(world.crane, start, goal, duration, ramp=min(ramp, duration / 2.0), period=period)
+            return flat(world.crane, start, goal, duration, ramp=max(period, min(ramp, duration / 2.0)), period=period)
 
         duration = fastest(world.crane, lasting, limits)
         beyond = max(use(world.crane, lasting(duration, world.control_period), limits).values())  # between the samples of the search
@@ -82,7 +80,7 @@ CONTROLS: dict[str, Callable[[common.World, Limits, float], Way]] = {
     "none": _none,
     "shaped": _shaped,
     "paper": lambda world, limits, dwell: _tracked(made := _spline(world, limits, dwell), paper_controller(world.crane, made.motion)),
-    "lqr": lambda world, limits, dwell: _tracked(made := _spline(world, limits, dwell), lqr(world.crane, made.motion, dt=world.dt)),
-    "flat": lambda world, limits, dwell: _tracked(made := _flat(world, limits, dwell), lqr(world.crane, made.motion, dt=world.dt)),
+    "lqr": lambda world, limits, dwell: _tracked(made := _spline(world, limits, dwell), with_integral(world, made.motion)),
+    "flat": lambda world, limits, dwell: _tracked(made := _flat(world, limits, dwell), with_integral(world, made.motion)),
 }
 """By name: PD without swing control; the same with shaped commands; splines with the paper's control or the full-model LQR; flat paths."""

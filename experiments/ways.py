@@ -75,8 +75,13 @@ def _flat(world: common.World, move: Move) -> Plan:
 
 
 def _tracked(world: common.World, motion: Motion) -> Plan:
-    tracking, limit = lqr(world.crane, motion, dt=world.dt), float(world.crane.effort_limit[2])
-    return Plan(lambda: HoistIntegral(tracking, HOIST_INTEGRAL, limit), motion, "effort", motion.arrival, motion)
+    made = with_integral(world, motion)
+    return Plan(lambda: replace(made, integral=0.0), motion, "effort", motion.arrival, motion)
+
+
+def with_integral(world: common.World, motion: Motion) -> HoistIntegral:
+    """The full-model LQR about a motion with an integrator on the hoist."""
+    return HoistIntegral(lqr(world.crane, motion, dt=world.dt), HOIST_INTEGRAL, float(world.crane.effort_limit[2]))
 
 
 def joystick(world: common.World, move: Move) -> tuple[Reference, float]:
@@ -118,7 +123,7 @@ def _shaped_hoisting(world: common.World, move: Move) -> Plan:
 
 def _damped(world: common.World, move: Move) -> Plan:
     reference, end = joystick(world, move)
-    controller = damped(world.crane, reference, accelerations=LIMITS.accelerations, recovery=0.3, control_period=world.control_period)
+    controller = damped(world.crane, reference, limits=LIMITS, recovery=0.3, control_period=world.control_period)
     return Plan(lambda: controller, reference, "motion", _instant(world, end))
 
 
@@ -130,7 +135,11 @@ def _instant(world: common.World, t: float) -> float:
 def _mpc(world: common.World, move: Move) -> Plan:
     motion = flat(world.crane, *move.ends(world.crane), move.duration, period=world.control_period)
     return Plan(
-        lambda: mpc(world.crane, motion, dt=world.dt, period=MPC_PERIOD, rate_limit=LIMITS.rates), motion, "effort", motion.arrival, motion
+        lambda: mpc(world.crane, motion, dt=world.dt, period=mpc_period(world), rate_limit=LIMITS.rates),
+        motion,
+        "effort",
+        motion.arrival,
+        motion,
     )
 
 
@@ -150,8 +159,11 @@ PAPER, PD, LQR, FLAT, MPC = "paper's LQR + PID", "spline + PD", "full-model LQR"
 HOIST_INTEGRAL = 4.0e3
 """k_i of the hoist beside the LQR [N/(m s)], ours: with the LQR's k_p of about 1e4 N/m it takes 2.5 s."""
 
-MPC_PERIOD = 0.05
-"""Time between optimisations of the MPC [s]."""
+
+def mpc_period(world: common.World) -> float:
+    """Time between optimisations of the MPC [s], 50 ms or the multiple of the control period that is nearest."""
+    return world.control_period * max(1, round(0.05 / world.control_period))
+
 
 TIME, SWING = "least time + LQR", "least swing + LQR"
 

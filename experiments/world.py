@@ -76,6 +76,14 @@ class Watcher:
 
         return lambda t: update(t) if round(t * 200) % 100 == 0 or t >= duration else None
 
+    def count(self, name: str, total: int) -> Callable[[int], None]:
+        """A callback for how many of several tasks are done."""
+        progress = self.progress
+        if progress is None:
+            return lambda done: None
+        task = progress.add_task(name, total=total, speed="")
+        return lambda done: progress.update(task, completed=done, speed=f"{done} of {total}")
+
 
 @contextmanager
 def watching() -> Iterator[Watcher]:

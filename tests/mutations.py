@@ -129,6 +129,13 @@ MUTATIONS = (
         ("control",),
     ),
     Mutation(
+        "a shaper for a moving cable weighs its parts the wrong way round",
+        "cranedyn/references/shaped.py",
+        "phase, length) ** 0.25",
+        "phase, length) ** -0.25",
+        ("control",),
+    ),
+    Mutation(
         "a flat path takes the load for a point",
         "cranedyn/references/flat.py",
         "inertia = (crane.payload_inertia + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass",

@@ -277,7 +277,7 @@ def test_a_shaped_move_leaves_almost_no_swing_where_the_bare_one_does() -> None:
 def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_a_fixed_cable() -> None:
     point = big_crane()
     start = point.state(x=10.0, l=20.0)
-    base = ramp(ramp(hold(start), "l", -10.0, rate=0.5, at=0.0), "x", 6.0, rate=0.5, at=3.0)
+    base = operator(start, [Push("l", -0.5, 0.0, 20.0), Push("x", 0.5, 3.0, 12.0)], accelerations=(0.02, 0.4, 0.4))
     fixed = shaped(base, zv(), 2.0 * math.pi * math.sqrt(20.0 / G))
     moving = shaped_hoisting(base, zv(), G, 25.0)
     left = {}
@@ -287,8 +287,9 @@ def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_
         )  # a hoist stopped at once
         left[name] = swing_left(run["phi_rad"][run.t > 35.0])
         assert run["x_m"][-1] == pytest.approx(16.0, abs=5e-3)
-    assert left["moving"] < 0.5 * left["fixed"]
-    assert left["moving"] < 0.5 * left["bare"]
+    # slow hoisting: (l̇/ωl) is 0.04 to 0.05 here, its square what is neglected; parts of equal size would leave four times as much
+    assert left["moving"] < 0.02 * left["fixed"]
+    assert left["moving"] < 0.02 * left["bare"]
 
 
 # ------------------------------------------------------------------------------------------------------------------ the operator

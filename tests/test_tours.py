@@ -28,6 +28,9 @@ from tests.helpers import big_crane, crane
 LIMITS = Limits((0.08, 0.8, 0.8), ACCELERATIONS)
 
 
+FREE = Limits((10.0, 100.0, 100.0), (10.0, 100.0, 100.0))
+
+
 def in_ten_seconds(start: State, goal: State) -> Motion:
     return plumb(spline(start, [goal.q[DRIVES]], [10.0]), 10.0)
 
@@ -84,7 +87,7 @@ def test_tours_that_cannot_be_are_refused(legs: list[Leg], dwell: float, words: 
 def test_drives_that_yield_damp_the_swing_as_much_as_asked() -> None:
     point = big_crane()
     start = point.state(x=30.0, l=20.0, phi=0.01, theta=0.01)
-    controller = damped(point, hold(start), ratio=0.2, accelerations=(1.0, 10.0, 10.0))
+    controller = damped(point, hold(start), ratio=0.2, limits=FREE)
     run = simulate(point, controller, start=start, duration=40.0, drive="motion")
     for angle in ("phi_rad", "theta_rad"):
         swing = run[angle]
@@ -93,11 +96,12 @@ def test_drives_that_yield_damp_the_swing_as_much_as_asked() -> None:
         assert tops[1] / tops[0] == pytest.approx(math.exp(-2 * math.pi * 0.2 / math.sqrt(0.96)), rel=0.03)
 
 
-def test_drives_that_yield_keep_their_accelerations() -> None:
+def test_drives_that_yield_keep_their_rates_and_accelerations() -> None:
     start = crane().state(phi=0.3)
-    controller = damped(crane(), hold(start), accelerations=(0.02, 0.4, 0.4))
+    controller = damped(crane(), hold(start), limits=Limits((0.08, 0.1, 0.8), (0.02, 0.4, 0.4)))
     run = simulate(crane(), controller, start=start, duration=10.0, drive="motion")
     assert np.abs(np.diff(run["x_dot_m_s"])).max() <= 0.4 * 5e-3 * (1 + 1e-9)
+    assert np.abs(run["x_dot_m_s"]).max() == pytest.approx(0.1)
 
 
 def test_without_yielding_they_follow() -> None:
@@ -105,15 +109,15 @@ def test_without_yielding_they_follow() -> None:
     reference = spline(start, [(0.1, 12.0, 14.0)], [10.0])
     runs = [
         simulate(crane(), controller, reference, start=start, duration=10.0, drive="motion")
-        for controller in (follow(reference), damped(crane(), reference, ratio=0.0, accelerations=(1.0, 10.0, 10.0)))
+        for controller in (follow(reference), damped(crane(), reference, ratio=0.0, limits=FREE))
     ]
     assert_allclose(runs[0].q, runs[1].q, atol=1e-12)  # rounding
 
 
-@pytest.mark.parametrize("arguments", [{"ratio": -0.1}, {"ratio": 1.1}, {"accelerations": (0.0, 1.0, 1.0)}])
+@pytest.mark.parametrize("arguments", [{"ratio": -0.1}, {"ratio": 1.1}, {"recovery": -1.0}])
 def test_damping_that_cannot_be_is_refused(arguments: dict) -> None:
     with pytest.raises(OutOfRange):
-        damped(crane(), hold(crane().start), **{"accelerations": (1.0, 1.0, 1.0)} | arguments)
+        damped(crane(), hold(crane().start), limits=FREE, **arguments)
 
 
 @pytest.mark.parametrize("control", ["paper", "lqr", "flat"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,9 +14,9 @@ from cranedyn.references import Wanted
 
 @dataclass(eq=False)
 class HoistIntegral:
-    """A tracking controller whose hoist has an integrator besides; it stops integrating at the limit of the drive (anti-windup).
+    """A tracking controller whose hoist has an integrator besides; at the limit of the drive it integrates back only (anti-windup).
 
-    It remembers: make a new one for each run.
+    It remembers: make a new one for each run. Asked again for the same time it answers without integrating again.
 
     Attributes:
         tracking: What it does without the integrator.
@@ -28,13 +29,17 @@ class HoistIntegral:
     integral_gain: float
     limit: float
     integral: float = field(default=0.0)
+    _t: float = field(default=-math.inf, init=False)
 
     def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
         """Efforts [N m, N, N], shape (3,)."""
         effort = self.tracking(t, state, wanted)
         error = float(wanted.position[2] - state.q[4])
-        integral = self.integral + error * self.tracking.period
-        if abs(effort[2] + self.integral_gain * integral) <= self.limit:
-            self.integral = integral
+        if t > self._t:
+            integral = self.integral + error * self.tracking.period
+            pushed = float(effort[2]) + self.integral_gain * integral
+            if abs(pushed) <= self.limit or error * pushed < 0.0:
+                self.integral = integral
+            self._t = t
         effort[2] += self.integral_gain * self.integral
         return effort

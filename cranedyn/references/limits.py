@@ -31,6 +31,8 @@ class Limits:
     def __post_init__(self) -> None:
         """Check the numbers."""
         for kind, per, values in (("rate", "s", self.rates), ("acceleration", "s²", self.accelerations)):
+            if np.shape(values) != (3,):
+                raise OutOfRange(f"{kind} limits", values, "three numbers: slew, trolley, hoist", f"per {per}")
             for name, unit, value in zip(_NAMES, ("rad", "m", "m"), values, strict=True):
                 number(f"{kind} limit of {name}", value, f"{unit}/{per}", "> 0")
 
@@ -80,7 +82,9 @@ def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> fl
         except OutOfRange:
             return np.inf
 
-    low, high = 0.25, 0.5
+    low, high = 1e-3, 0.5
+    if excess(low) <= 0.0:
+        return low
     while (over := excess(high)) > 0.0:
         low, high = high, 2.0 * high
         if high > _LONGEST:

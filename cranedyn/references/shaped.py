@@ -76,8 +76,9 @@ def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: f
     """Shape slew and trolley of a reference while its own hoisting changes the period; the hoist is left as it is.
 
     Each part of a move comes when the swing that the move caused has gone on by the shaper's fraction of a turn, ∫ω dt = 2π fraction with
-    ω² = g/l(t), and is as large as that swing has become: a push at cable length l₁ leaves an amplitude in proportion to l₁^(1/4) l^(-3/4),
-    so the part at l₂ is (l₁/l₂)^(1/4) times that at l₁. The parts add up to the whole way. Slow hoisting and small swing are assumed.
+    ω² = g/l(t), and is as large as that swing has become: a way gone at cable length l₁ leaves an amplitude in proportion to
+    l₁^(-1/4) l^(-3/4), so the part at l₂ is (l₂/l₁)^(1/4) times that at l₁. The parts add up to the whole way. Slow hoisting and a small
+    swing are assumed. Where the cable shortens, parts are passed on faster than they were asked for, by up to (l₁/l₂)^(1/2).
 
     Args:
         base: What is wanted.
@@ -96,7 +97,7 @@ def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: f
     wanted = [base(s) for s in t]
     length = np.array([w.position[2] for w in wanted])
     phase = cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
-    parts = shaper.amplitudes[:, None] * np.interp(phase + 2.0 * math.pi * shaper.fractions[:, None], phase, length) ** -0.25
+    parts = shaper.amplitudes[:, None] * np.interp(phase + 2.0 * math.pi * shaper.fractions[:, None], phase, length) ** 0.25
     ways = cumulative_trapezoid((parts / parts.sum(axis=0))[:, :, None] * [w.velocity[:2] for w in wanted], t, axis=1, initial=0.0)
     moved = np.zeros((len(t), 2))
     for fraction, way in zip(shaper.fractions, ways, strict=True):
