@@ -124,7 +124,7 @@ def start(folder: Path) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "experiments.demo", "--pace", "20", "--out", str(folder)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=Path(__file__).parents[1])
     for _ in range(600):
-        with contextlib.suppress(RuntimeError):  # while its first bytes are being written it is no recording yet
+        with contextlib.suppress(RuntimeError, ValueError):  # while its first bytes are being written it is no recording yet
             if (folder / "demo.rrd").is_file() and len(times(folder / "demo.rrd")) > 100:
                 return process
         time.sleep(0.05)

@@ -22,11 +22,9 @@ from cranedyn.references.motion import Motion
 from cranedyn.references.tour import tour
 from cranedyn.simulate import simulate
 from experiments import common, demo
-from experiments.tours import ACCELERATIONS, CONTROLS
+from experiments.moves import TOUR_LIMITS as LIMITS
+from experiments.tours import CONTROLS
 from tests.helpers import big_crane, crane
-
-LIMITS = Limits((0.08, 0.8, 0.8), ACCELERATIONS)
-
 
 FREE = Limits((10.0, 100.0, 100.0), (10.0, 100.0, 100.0))
 
