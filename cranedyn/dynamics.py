@@ -41,12 +41,15 @@ def prescribed_acceleration(crane: Crane, state: State, drive_acceleration: np.n
     return a, inverse_dynamics(crane.model, crane.data, *state, a, crane.damping)
 
 
-def follow_drives(model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, a: np.ndarray, damping: np.ndarray) -> np.ndarray:
+def follow_drives(
+    model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, a: np.ndarray, damping: np.ndarray, outside: np.ndarray | None = None
+) -> np.ndarray:
     """All five accelerations, shape (5,), when `a` holds those of the drives and zeros for the swing; for any unit of time.
 
-    The passive rows of M a + b + d v = 0 are two equations in the two swing accelerations.
+    The passive rows of M a + b + d v = outside are two equations in the two swing accelerations.
     """
-    open_phi, open_theta = (pin.rnea(model, data, q, v, a) + damping * v)[2:4].tolist()
+    resisting = pin.rnea(model, data, q, v, a) + damping * v
+    open_phi, open_theta = (resisting if outside is None else resisting - outside)[2:4].tolist()
     (m11, m12), (_, m22) = pin.crba(model, data, q)[2:4, 2:4].tolist()
     determinant = m11 * m22 - m12 * m12
     solved = a.copy()
@@ -54,9 +57,33 @@ def follow_drives(model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray
     return solved
 
 
-def inverse_dynamics(model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, a: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    """Drive efforts that cause these accelerations, shape (3,); for any unit of time."""
-    return (pin.rnea(model, data, q, v, a) + damping * v)[DRIVES]
+def inverse_dynamics(
+    model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, a: np.ndarray, damping: np.ndarray, outside: np.ndarray | None = None
+) -> np.ndarray:
+    """Drive efforts that cause these accelerations against damping, with generalized forces from outside; shape (3,); any unit of time."""
+    needed = pin.rnea(model, data, q, v, a) + damping * v
+    return (needed if outside is None else needed - outside)[DRIVES]
+
+
+def outside_effort(model: pin.Model, data: pin.Data, q: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Generalized forces of a force on the centre of the payload and one on the trolley at the swing pivot, shape (5,).
+
+    Args:
+        model: A crane's model.
+        data: Its scratch memory.
+        q: Coordinates, shape (5,).
+        force: In the world [N], shape (2, 3): on the payload, on the trolley.
+    """
+    load, pivot = _jacobians(model, data, q)
+    return force[0] @ load + force[1] @ pivot
+
+
+def _jacobians(model: pin.Model, data: pin.Data, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity in the world per rate of the coordinates, of the centre of the payload and of the swing pivot, shape (3, 5) each."""
+    pin.computeJointJacobians(model, data, q)
+    load, pivot = (pin.getJointJacobian(model, data, i, pin.LOCAL_WORLD_ALIGNED) for i in (5, 3))
+    arm = data.oMi[5].rotation @ model.inertias[5].lever
+    return load[:3] + np.cross(load[3:].T, arm).T, pivot[:3]
 
 
 def energy(crane: Crane, state: State) -> float:
@@ -74,6 +101,16 @@ def pivot_position(crane: Crane, q: np.ndarray) -> np.ndarray:
     """Swing pivot at the trolley in the world [m], shape (3,)."""
     pin.forwardKinematics(crane.model, crane.data, q)
     return crane.data.oMi[3].translation.copy()
+
+
+def payload_velocity(crane: Crane, state: State) -> np.ndarray:
+    """Velocity of the centre of the payload in the world [m/s], shape (3,)."""
+    return _jacobians(crane.model, crane.data, state.q)[0] @ state.v
+
+
+def pivot_velocity(crane: Crane, state: State) -> np.ndarray:
+    """Velocity of the swing pivot at the trolley in the world [m/s], shape (3,)."""
+    return _jacobians(crane.model, crane.data, state.q)[1] @ state.v
 
 
 def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:

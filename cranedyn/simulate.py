@@ -2,29 +2,41 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-import pinocchio as pin
 
-from cranedyn.crane import DRIVES, JOINTS, Crane, State
-from cranedyn.dynamics import follow_drives, inverse_dynamics
+from cranedyn.crane import COORDINATES, DRIVES, JOINTS, Crane, State
+from cranedyn.drives import EffortDrives, MotionDrives, Outside
 from cranedyn.errors import CraneError, OutOfRange, RunError, number
-from cranedyn.integrator import Acceleration, Integrator, in_steps, semi_implicit_euler
+from cranedyn.integrator import Integrator, semi_implicit_euler
+from cranedyn.log import Log
 from cranedyn.references import Reference, Wanted, hold
 from cranedyn.trajectory import Trajectory
+from cranedyn.watch import first_event
 
 Controller = Callable[[float, State, Wanted], np.ndarray]
 """From time [s], state and what is wanted to three numbers for slew, trolley and hoist: efforts [N m, N, N], or accelerations
 [rad/s², m/s², m/s²] where the drives follow prescribed motion. The passive joints cannot be addressed."""
 
+Disturbance = Callable[[float, State], np.ndarray]
+"""From time [s] and state to outside forces in the world [N], on the centre of the payload and on the trolley, shape (2, 3)."""
+
 Drive = Literal["effort", "motion"]
 """How the drives take a command."""
 
+Watch = Literal["stop", "buffers", "mark"]
+"""What to do where the model ceases to hold: stop; let buffers end the ranges of the drives and stop at all else; go on and mark it."""
+
 _DIVERGED = 1e6
 """No joint of a crane moves this fast [rad/s or m/s]."""
+
+_MOST_STEPS = 1e10
+"""A run of more physics steps than this would take most of a day."""
+
+_LOOK_BACK = 100
+"""Control instants after which the log is looked through for what the model does not hold for."""
 
 
 def simulate(
@@ -38,13 +50,15 @@ def simulate(
     dt: float = 5e-4,
     control_period: float = 5e-3,
     drive: Drive = "effort",
+    disturbance: Disturbance | None = None,
+    watch: Watch = "stop",
     integrator: Integrator = semi_implicit_euler,
     progress: Callable[[float], object] | None = None,
 ) -> Trajectory:
     """Run a crane under a controller.
 
-    The controller is called once per control period and its answer is held until the next (zero-order hold). Efforts beyond the
-    limits of the drives are cut to them, which the log shows as a difference between command and effort.
+    The controller is called once per control period and its answer is held until the next (zero-order hold), as is the disturbance.
+    Efforts beyond the limits of the drives are cut to them, which the log shows as a difference between command and effort.
 
     Args:
         crane: The crane.
@@ -57,6 +71,10 @@ def simulate(
         control_period: Time between calls of the controller [s], a multiple of `dt`; one row is logged each time.
         drive: "effort": the controller commands efforts, as a force-controlled drive. "motion": it commands accelerations, which the
             drives follow exactly at the efforts this costs, as a stiff velocity-controlled drive.
+        disturbance: Forces from outside on payload and trolley, such as wind; see `cranedyn.wind`.
+        watch: What to do where a joint leaves its range, the rope would have to push, the load swings to 90° or touches the ground.
+            "stop" ends the run with an error that carries what was recorded. "buffers" catches slew, trolley and hoist at the ends of
+            their ranges, for drives that take efforts. "mark" goes on; the rows concerned are marked in the column `valid`.
         integrator: The stepping rule.
         progress: Called at every control instant with the time [s].
 
@@ -64,95 +82,72 @@ def simulate(
         What happened, from `since` on.
 
     Raises:
-        OutOfRange: If a time is not positive, or one does not divide the other.
-        RunError: If the state or the command stops being finite, or the run is interrupted; it carries what was recorded so far.
+        OutOfRange: If a time is not positive, one does not divide the other, or the log would not fit into 4 GB; if the start is not
+            five finite coordinates and rates, or the command not three numbers.
+        RunError: If the model ceases to hold, state or command stop being finite, the controller cannot answer, or the run is
+            interrupted; it carries what was recorded so far.
     """
     steps, periods = _steps(duration, dt, control_period)
     if drive not in ("effort", "motion"):
         raise OutOfRange("drive", drive, "effort or motion")
-    drives = (_EffortDrives if drive == "effort" else _MotionDrives)(crane, dt)
-    state = crane.start if start is None else start
+    if watch not in ("stop", "mark") and (watch, drive) != ("buffers", "effort"):
+        raise OutOfRange("watch", watch, "stop or mark, or buffers where the drives take efforts")
+    state = _checked(crane.start if start is None else start)
+    number("time at the start", since, "s")
+    outside = None if disturbance is None and watch != "buffers" else Outside(crane, dt, buffers=watch == "buffers")
+    drives = (EffortDrives if drive == "effort" else MotionDrives)(crane, dt, outside)
     reference = hold(state) if reference is None else reference
     q, u, per_second = state.q, dt * state.v, np.full(5, 1.0 / dt)
-    log: list[tuple[np.ndarray, ...]] = []
+    log = Log(crane, since, control_period, periods + 1, integrator.lead * dt)
 
     def recorded() -> Trajectory:
-        parameters: dict[str, float | str] = {"dt_s": dt, "control_period_s": control_period, "drive": drive, "integrator": integrator.name}
-        return _trajectory(crane, log, since, control_period, integrator.lead * dt, parameters)
+        clocks: dict[str, float | str] = {"dt_s": dt, "control_period_s": control_period, "gravity_m_s2": crane.gravity}
+        return log.trajectory({**clocks, "drive": drive, "integrator": integrator.name, "watch": watch}, buffers=watch == "buffers")
+
+    def look_back() -> None:
+        if watch == "mark":
+            return
+        event = first_event(crane, *log.fresh(), buffers=watch == "buffers")
+        if event is not None:
+            at = log.keep(event.row)
+            hint = "" if watch == "buffers" else "; watch = mark goes on all the same"
+            raise RunError(f"At t = {at:.4g} s {event.words}{hint}.", t=at, joint=event.joint, value=event.value, trajectory=recorded())
+        log.looked_at()
 
     t = since
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             for k in range(periods + 1):
                 t = since + k * control_period
-                _check_finite(t, state, recorded)
+                if not state.v.dot(state.v) < _DIVERGED**2:
+                    raise _diverged(t, state)
                 wanted = reference(t)
                 before = drives.effort(state)
-                command = np.array(controller(t, state, wanted), dtype=float)
-                if command.shape != (3,) or not math.isfinite(sum(command.tolist())):
-                    raise _bad_command(t, command, recorded)
-                command, effort = drives.take(command, state)
-                log.append((*state, wanted.position, command, effort, before))
+                if outside is not None:
+                    if disturbance is not None:
+                        outside.force = _forces(disturbance(t, state))
+                    log.outside(outside.force, outside.buffer_work(state))
+                command, effort = drives.take(_command(controller(t, state, wanted), t), state)
+                log.row(state, wanted.position, command, effort, before)
+                if k % _LOOK_BACK == 0:
+                    look_back()
                 if progress is not None:
                     progress(t)
                 if k < periods:
                     q, u = integrator.advance(drives.acceleration, drives.model, q, u, steps)
+                    q.flags.writeable = False
                     state = State(q, u * per_second)
+            look_back()
     except KeyboardInterrupt:
         raise RunError(f"Interrupted at t = {t:.3f} s.", t=t, trajectory=recorded()) from None
+    except CraneError as error:
+        if not len(log) or (isinstance(error, RunError) and error.trajectory is not None):
+            raise
+        look_back()
+        joint, value = (error.joint, error.value) if isinstance(error, RunError) else ("", float("nan"))
+        sentence = str(error) if isinstance(error, RunError) else f"At t = {t:.4g} s: {error}"
+        raise RunError(sentence, t=t, joint=joint, value=value, trajectory=recorded()) from error
     return recorded()
-
-
-class _EffortDrives:
-    """Drives that push with the effort commanded, within their limits. Inside, time is counted in steps."""
-
-    def __init__(self, crane: Crane, dt: float) -> None:
-        self.model = in_steps(crane.model, dt)
-        self._limit = crane.effort_limit
-        self._limits = tuple(crane.effort_limit.tolist())
-        self._dt2 = np.full(3, dt * dt)
-        self._effort = np.zeros(3)
-        self._tau = np.zeros(5)
-        self.acceleration = self._damped_aba(dt * crane.damping)
-
-    def _damped_aba(self, damping: np.ndarray) -> Acceleration:
-        aba, world = pin.aba, pin.Convention.WORLD
-        model, data, tau = self.model, self.model.createData(), self._tau
-        return lambda q, u: aba(model, data, q, u, tau - damping * u, world)
-
-    def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        slew, trolley, hoist = command.tolist()
-        a, b, c = self._limits
-        inside = -a <= slew <= a and -b <= trolley <= b and -c <= hoist <= c
-        self._effort = command if inside else command.clip(-self._limit, self._limit)
-        self._tau[DRIVES] = self._dt2 * self._effort
-        return command, self._effort
-
-    def effort(self, state: State) -> np.ndarray:
-        return self._effort
-
-
-class _MotionDrives:
-    """Drives that accelerate as commanded, whatever effort it costs. Inside, time is counted in steps."""
-
-    def __init__(self, crane: Crane, dt: float) -> None:
-        self.model = in_steps(crane.model, dt)
-        self._data = self.model.createData()
-        self._damping = dt * crane.damping
-        self._dt = dt
-        self._command = np.zeros(5)
-
-    def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        self._command[DRIVES] = self._dt**2 * command
-        effort = self.effort(state)
-        return effort, effort
-
-    def effort(self, state: State) -> np.ndarray:
-        u = self._dt * state.v
-        return inverse_dynamics(self.model, self._data, state.q, u, self.acceleration(state.q, u), self._damping) / self._dt**2
-
-    def acceleration(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return follow_drives(self.model, self._data, q, u, self._command, self._damping)
 
 
 def _steps(duration: float, dt: float, control_period: float) -> tuple[int, int]:
@@ -160,6 +155,8 @@ def _steps(duration: float, dt: float, control_period: float) -> tuple[int, int]
     number("dt", dt, "s", "> 0")
     number("control_period", control_period, "s", "> 0")
     number("duration", duration, "s", "> 0")
+    if duration / dt > _MOST_STEPS:
+        raise OutOfRange("dt", dt, f"{duration / _MOST_STEPS:g} or more for a run of {duration:g} s, that is {_MOST_STEPS:g} steps", "s")
     steps, periods = round(control_period / dt), round(duration / control_period)
     if steps < 1 or abs(steps * dt - control_period) > 1e-9 * control_period:
         raise OutOfRange("control_period", control_period, f"a multiple of dt = {dt:g} s", "s")
@@ -168,49 +165,53 @@ def _steps(duration: float, dt: float, control_period: float) -> tuple[int, int]
     return steps, periods
 
 
-def _bad_command(t: float, command: np.ndarray, recorded: Callable[[], Trajectory]) -> CraneError:
-    if command.shape != (3,):
-        return OutOfRange("command of the controller", f"an array of shape {command.shape}", "three numbers: slew, trolley, hoist")
-    joint = JOINTS[DRIVES[int(np.argmin(np.isfinite(command)))]].name
-    return RunError(
-        f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite number.",
-        t=t,
-        joint=joint,
-        trajectory=recorded(),
-    )
+def _checked(start: State) -> State:
+    try:
+        state = State(*(np.array(part, dtype=float) for part in start))
+    except (TypeError, ValueError):
+        raise OutOfRange("start", start, "five coordinates and five rates, all numbers") from None
+    for name, part in zip(("coordinates", "rates"), state, strict=True):
+        if part.shape != (5,):
+            raise OutOfRange(f"{name} at the start", f"an array of shape {part.shape}", f"five numbers: {', '.join(COORDINATES)}")
+        for coordinate, value in zip(COORDINATES, part, strict=True):
+            number(f"{coordinate} among the {name} at the start", value)
+        part.flags.writeable = False
+    return state
 
 
-def _check_finite(t: float, state: State, recorded: Callable[[], Trajectory]) -> None:
-    if abs(sum(state.v.tolist())) < _DIVERGED:
-        return
+def _command(answer: object, t: float) -> np.ndarray:
+    """Three finite numbers."""
+    command = _array(answer, "command of the controller", (3,), "three numbers: slew, trolley, hoist")
+    if not command.dot(command) < np.inf:
+        joint = JOINTS[DRIVES[int(np.argmin(np.isfinite(command)))]].name
+        raise RunError(f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite number.", t=t, joint=joint)
+    return command
+
+
+def _forces(answer: object) -> np.ndarray:
+    """Two finite vectors."""
+    forces = _array(answer, "force of the disturbance", (2, 3), "two vectors: on the payload and on the trolley")
+    if not np.isfinite(forces).all():
+        raise OutOfRange("force of the disturbance", forces.tolist(), "finite numbers", "N")
+    return forces
+
+
+def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> np.ndarray:
+    try:
+        array = np.array(answer, dtype=float)
+    except (TypeError, ValueError):
+        raise OutOfRange(name, repr(answer), allowed) from None
+    if array.shape != shape:
+        raise OutOfRange(name, f"an array of shape {array.shape}", allowed)
+    return array
+
+
+def _diverged(t: float, state: State) -> RunError:
     i = int(np.argmax(np.nan_to_num(np.abs(state.v), nan=np.inf)))
-    value = float(state.v[i])
-    if not abs(value) < _DIVERGED:
-        raise RunError(
-            f"The run diverged at t = {t:.4f} s: {JOINTS[i].name} moves at {value:g} per second; a smaller dt or softer gains may help.",
-            t=t,
-            joint=JOINTS[i].name,
-            value=value,
-            trajectory=recorded(),
-        )
-
-
-def _trajectory(
-    crane: Crane, log: list[tuple[np.ndarray, ...]], since: float, period: float, lead: float, parameters: dict[str, float | str]
-) -> Trajectory:
-    """The log as arrays, with its energy ledger.
-
-    Work is effort times the displacement that belongs to the velocities, so a lead of the positions [s] is taken off. Where motion is
-    prescribed the mean of the efforts at both ends of a period stands for them. Dissipation is integrated by the trapezoidal rule.
-    """
-    q, v, wanted, command, effort, before = (
-        (np.array(column) for column in zip(*log, strict=True)) if log else [np.empty((0, w)) for w in (5, 5, 3, 3, 3, 3)]
+    name, value = JOINTS[i].name, float(state.v[i])
+    return RunError(
+        f"The run diverged at t = {t:.4f} s: {name} moves at {value:g} per second; a smaller dt or softer gains may help.",
+        t=t,
+        joint=name,
+        value=value,
     )
-    work = np.zeros_like(effort)
-    displacement = np.diff((q - lead * v)[:, DRIVES], axis=0)
-    np.cumsum((effort[:-1] + before[1:]) / 2 * displacement, axis=0, out=work[1:])
-    power = v**2 @ crane.damping
-    dissipated = np.zeros(len(q))
-    np.cumsum((power[:-1] + power[1:]) / 2 * period, out=dissipated[1:])
-    energies = np.array([pin.computeMechanicalEnergy(crane.model, crane.data, *row[:2]) for row in log])
-    return Trajectory(since + period * np.arange(len(q)), q, v, wanted, command, effort, energies, work, dissipated, parameters)

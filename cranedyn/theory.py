@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk, jv, yv
 
@@ -96,6 +97,11 @@ def _hoisting_constants(length: float, rate: float, gravity: float, swing: float
     return float(a), float(b)
 
 
+def radial_paper(phi: float, *, length: float, gravity: float, push: float) -> float:
+    """φ̈ [rad/s²] by Eq. (8) of Muddassir et al., ISARC 2024: l φ̈ + g φ - ẍ = 0, where push is ẍ [m/s²]."""
+    return (push - gravity * phi) / length
+
+
 def tangential_paper(theta: float, *, length: float, gravity: float, push: float) -> float:
     """θ̈ [rad/s²] by Eq. (10) of Muddassir et al., ISARC 2024: l θ̈ + g θ - x γ̈ = 0, where push is x γ̈ [m/s²]."""
     return (push - gravity * theta) / length
@@ -155,3 +161,96 @@ def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) ->
 
     goal = action(amplitude)
     return np.array([brentq(lambda a, ratio=ratio: action(a) * ratio**1.5 - goal, 1e-9, 3.1) for ratio in np.atleast_1d(lengths) / length])
+
+
+def apsidal_precession(length: float, far: float, near: float) -> float:
+    """Angle by which the orbit of a spherical pendulum turns in one revolution [rad], from 4 times the apsidal angle ψ.
+
+    The load is let go at the distance a from the vertical [m], with a horizontal speed across of b √(g/l). With u the cosine of the
+    angle from the vertical, ψ = ∫ h du / ((1-u²) √f) between two roots of the cubic f = 2 (ε + u) (1 - u²) - h², where ε and h are
+    energy and angular momentum in units of m g l and m √(g l³) (Landau & Lifshitz, Mechanics, §14). Gravity drops out.
+
+    Args:
+        length: Cable length [m].
+        far: a [m], below the cable length.
+        near: b [m].
+    """
+    u0 = math.sqrt(1.0 - (far / length) ** 2)
+    h = far * near / length**2
+    energy = (near / length) ** 2 / 2.0 - u0
+    # u0 is one root, since the start is an apse; sum and product of the other two follow from the cubic's coefficients
+    half_sum, product = -(energy + u0) / 2.0, (energy - h**2 / 2.0) / u0
+    spread = math.sqrt(half_sum**2 - product)
+    u1, u2 = half_sum + spread, half_sum - spread
+
+    def turned(s: float) -> float:
+        u = (u0 + u1) / 2.0 + (u1 - u0) / 2.0 * math.sin(s)
+        return h / ((1.0 - u**2) * math.sqrt(2.0 * (u - u2)))
+
+    return float(4.0 * quad(turned, -math.pi / 2.0, math.pi / 2.0, epsabs=1e-13, epsrel=1e-13)[0] - 2.0 * math.pi)
+
+
+def airy_precession(length: float, far: float, near: float) -> float:
+    """The same to lowest order in the half axes a and b of the orbit [rad]: 3π a b/(4 l²) (Airy, Memoirs of the RAS 20, 1851)."""
+    return 3.0 * math.pi * far * near / (4.0 * length**2)
+
+
+def slewing_swing(radius: float, length: float, rate: float, gravity: float) -> float:
+    """φ [rad] at which a point load hangs while the jib turns steadily [rad/s]; negative, because the load swings out.
+
+    tan|φ| = Ω² (x + l sin|φ|)/g, the balance of weight, rope and circular motion at the radius x + l sin|φ|.
+    """
+
+    def short(out: float) -> float:
+        return gravity * math.sin(out) - rate**2 * (radius + length * math.sin(out)) * math.cos(out)
+
+    return -float(brentq(short, 0.0, math.pi / 2.0, xtol=1e-15))
+
+
+def slewing_tension(radius: float, length: float, rate: float, gravity: float, mass: float) -> float:
+    """Tension of the rope then [N]: m √(g² + Ω⁴ r²) with r the radius of the load."""
+    return mass * math.hypot(gravity, rate**2 * (radius - length * math.sin(slewing_swing(radius, length, rate, gravity))))
+
+
+def rolling_period(length: float, gravity: float, mass: float, trolley: float) -> float:
+    """Small swings under a trolley that rolls without drive or friction [s]: 2π √(l M/((M + m) g)), M the trolley's mass."""
+    return 2.0 * math.pi * math.sqrt(length * trolley / ((trolley + mass) * gravity))
+
+
+def pulse_residual(acceleration: float, pulse: float, length: float, gravity: float) -> float:
+    """Amplitude that a trolley leaves when it accelerates for a time and then runs on [rad], small angles: (2a/g) |sin(ω t_p/2)|.
+
+    Each step of the acceleration starts a swing of a/g about its own lag, and the two add as vectors (Singhose, Int. J. of Precision
+    Engineering and Manufacturing 10, 2009, reviews the method).
+
+    Args:
+        acceleration: a [m/s²].
+        pulse: t_p [s].
+        length: Cable length [m].
+        gravity: Gravity [m/s²].
+    """
+    return 2.0 * abs(acceleration) / gravity * abs(math.sin(math.sqrt(gravity / length) * pulse / 2.0))
+
+
+def coast_residual(acceleration: float, pulse: float, coast: float, length: float, gravity: float) -> float:
+    """The same after it has also coasted for t_c and braked as it accelerated [rad]: the above times 2 |sin(ω (t_p + t_c)/2)|."""
+    later = math.sin(math.sqrt(gravity / length) * (pulse + coast) / 2.0)
+    return 2.0 * pulse_residual(acceleration, pulse, length, gravity) * abs(later)
+
+
+def quintic_residual(distance: float, duration: float, length: float, gravity: float) -> float:
+    """Amplitude that a quintic spline of the trolley leaves, rest to rest [rad], small angles.
+
+    The Fourier transform of the trolley's acceleration at the frequency of the swing, over √(g l); with w = ω T it is
+    D/(T l ω) · |120 (w² sin(w/2) + 6 w cos(w/2) - 12 sin(w/2))/w⁴|.
+
+    Args:
+        distance: D [m].
+        duration: T [s].
+        length: Cable length [m].
+        gravity: Gravity [m/s²].
+    """
+    omega = math.sqrt(gravity / length)
+    w = omega * duration
+    shape = w**2 * math.sin(w / 2.0) + 6.0 * w * math.cos(w / 2.0) - 12.0 * math.sin(w / 2.0)
+    return abs(distance) / (duration * length * omega) * abs(120.0 * shape / w**4)

@@ -28,6 +28,16 @@ COLUMNS = {
     "energy": ("energy_J",),
     "work": ("W_gamma_J", "W_x_J", "W_l_J"),
     "dissipated": ("dissipated_J",),
+    "force": (
+        "payload_force_x_N",
+        "payload_force_y_N",
+        "payload_force_z_N",
+        "trolley_force_x_N",
+        "trolley_force_y_N",
+        "trolley_force_z_N",
+    ),
+    "outside": ("W_force_J", "W_buffers_J"),
+    "valid": ("valid",),
 }
 """Column names behind each array of a trajectory."""
 
@@ -50,6 +60,9 @@ class Trajectory:
         energy: Mechanical energy of the whole crane [J], zero of height at the ground, shape (n,).
         work: Work done by each drive since the start [J], shape (n, 3).
         dissipated: Energy taken by joint damping since the start [J], shape (n,).
+        force: Outside forces in the world from this instant to the next, on the payload and on the trolley [N], shape (n, 6).
+        outside: Work done on the crane since the start by these forces, and by buffers at the ends of the ranges [J], shape (n, 2).
+        valid: 1 where the model holds, 0 where not, see `cranedyn.watch`; shape (n,).
         parameters: What the run was made with, by name.
     """
 
@@ -62,6 +75,9 @@ class Trajectory:
     energy: np.ndarray
     work: np.ndarray
     dissipated: np.ndarray
+    force: np.ndarray
+    outside: np.ndarray
+    valid: np.ndarray
     parameters: Mapping[str, float | str] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -96,10 +112,14 @@ class Trajectory:
         return replace(self, **{name: getattr(self, name)[chosen] for name in COLUMNS})
 
     @property
+    def ledger(self) -> np.ndarray:
+        """Energy less the work done on the crane plus what damping took [J], shape (n,); constant but for the error of the step."""
+        return self.energy - self.work.sum(axis=1) - self.outside.sum(axis=1) + self.dissipated
+
+    @property
     def unexplained(self) -> np.ndarray:
-        """What the energy ledger leaves open since the first row [J], shape (n,): energy gained less work done plus energy dissipated."""
-        ledger = self.energy - self.work.sum(axis=1) + self.dissipated
-        return ledger - ledger[0]
+        """What the energy ledger leaves open since the first row [J], shape (n,)."""
+        return self.ledger - self.ledger[0]
 
     def table(self) -> pa.Table:
         """All columns as an Arrow table, the parameters in its metadata."""
@@ -231,7 +251,7 @@ def join(pieces: Sequence[Trajectory]) -> Trajectory:
             raise DataError(f"A piece that begins at t = {next_one.t[0]:g} s does not go on from one that ends at t = {one.t[-1]:g} s.")
     ends = [-1] * (len(pieces) - 1) + [None]
     whole = {name: np.concatenate([getattr(piece, name)[:end] for piece, end in zip(pieces, ends, strict=True)]) for name in COLUMNS}
-    for name in ("work", "dissipated"):
+    for name in ("work", "dissipated", "outside"):
         before = np.cumsum([getattr(piece, name)[-1] for piece in pieces[:-1]], axis=0)
         on = [getattr(piece, name) + (before[k - 1] if k else 0.0) for k, piece in enumerate(pieces)]
         whole[name] = np.concatenate([values[:end] for values, end in zip(on, ends, strict=True)])

@@ -112,11 +112,15 @@ def _hoist(base: Reference, at: float) -> Reference:
 
 
 def exact(world: common.World, crane: Crane, start: State) -> PowerLaw:
-    """The law of the hoisting section from a state of swing at its start, with drives that follow the ramp exactly."""
+    """The law of the hoisting section from a state of swing at its start, with drives that follow the ramp exactly.
+
+    A ramp stops at once, in which a real rope would go slack for an instant.
+    """
     reference = _hoist(hold(start), 0.0)
     drives = follow(reference, world.control_period)
+    duration = (LENGTH - TARGET) / RATE + 4.0
     trajectory = world.simulate(
-        crane, drives, reference, start=start, duration=(LENGTH - TARGET) / RATE + 4.0, label="exact drives", drive="motion"
+        crane, drives, reference, start=start, duration=duration, label="exact drives", drive="motion", watch="mark"
     )
     return read(trajectory.t, trajectory["phi_rad"], trajectory["l_m"], since=0.0).section
 

@@ -18,6 +18,9 @@ def parser(name: str, description: str) -> argparse.ArgumentParser:
     )
     made.add_argument("--out", metavar="DIR", help=f"folder for results, default out/{name}", default=argparse.SUPPRESS)
     made.add_argument("--save", metavar="FILE.rrd", help="write the recording here instead of into the folder", default=argparse.SUPPRESS)
+    made.add_argument(
+        "--document", metavar="FILE.md", help="put the tables between their marks in this document, too", default=argparse.SUPPRESS
+    )
     made.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
     made.add_argument("--serve", action="store_true", help="serve the recording to a browser on this machine until Ctrl-C")
     made.add_argument("--port", type=int, default=9090, metavar="P", help="where --serve has its page; the data is at the next port")
@@ -26,7 +29,7 @@ def parser(name: str, description: str) -> argparse.ArgumentParser:
 
 
 def add_mode(made: argparse.ArgumentParser, name: str, *uses: str) -> None:
-    """Say that with one argument of an experiment no other one but these has an effect, beside ``--out``; others are then refused."""
+    """Say that with one argument of an experiment only these have an effect, beside where things are written; others are refused."""
     made.set_defaults(modes={**made.get_default("modes"), name: uses})
 
 
@@ -50,7 +53,7 @@ def _check_effect(made: argparse.ArgumentParser, options: argparse.Namespace) ->
     for mode, uses in options.modes.items():
         if mode in given:
             for name in given:
-                if name not in (mode, "out", *uses):
+                if name not in (mode, "out", "document", *uses):
                     raise DataError(f"{flags[name]} has no effect beside {flags[mode]}; leave it out.")
     if "port" in given and not options.serve:
         raise DataError("--port has no effect without --serve; leave it out.")

@@ -16,17 +16,20 @@ from cranedyn.figures import COLOURS, panels
 from cranedyn.references.flat import flat
 from cranedyn.trajectory import Trajectory
 from experiments import common
-from experiments.moves import MOVES, WAYS, Move, Score, make, score
+from experiments.cases import make
+from experiments.moves import MOVES, Move, Score
+from experiments.ways import FLAT, LQR, PAPER, PD, WAYS
 
-PAPER, PD, LQR, FLAT = "paper's LQR + PID", "spline + PD", "full-model LQR", "flat + LQR"
+SHOWN = ("spline alone", PD, PAPER, LQR, FLAT)
 
 
 def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
     """Every way on every move."""
     from cranedyn.recording import Run
 
-    runs = {move: {way: make(world, move, way) for way in WAYS} for move in MOVES}
-    scores = {move: {way: score(world.crane, move, run) for way, run in of_move.items()} for move, of_move in runs.items()}
+    made = {move: {way: make(world, move, WAYS[way](world, move), label=f"{move.name}, {way}") for way in SHOWN} for move in MOVES}
+    runs = {move: {way: run for way, (run, _) in of_move.items()} for move, of_move in made.items()}
+    scores = {move: {way: found for way, (_, found) in of_move.items()} for move, of_move in made.items()}
     combined = MOVES[-1]
     return common.Outcome(
         tables=[_table(move, of_move) for move, of_move in scores.items()],
@@ -75,7 +78,7 @@ def _table(move: Move, found: Mapping[str, Score]) -> common.Table:
             1000 * s.peak,
             1000 * s.arrival,
             1000 * s.later,
-            s.hook,
+            1000 * s.later * s.length,
             s.settled if math.isfinite(s.settled) else None,
             *s.tracking.tolist(),
             *s.effort.tolist(),

@@ -16,7 +16,9 @@ from cranedyn.command import FAILED, INTERRUPTED, REFUSED, command
 from cranedyn.errors import CraneError, DataError, RunError
 from cranedyn.files import make_folder, written
 from experiments.arguments import add_mode, parsed, parser
+from experiments.document import read_document
 from experiments.outcome import MARKS, Claim, Outcome, Table, show
+from experiments.watched import watched
 from experiments.world import Watcher, World, add_files, add_world, analysing, recorded, watching, world_of
 
 __all__ = [
@@ -55,9 +57,12 @@ def _conducted(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequ
     options = parsed(made, argv)
     options.about, options.words = made.description, sys.argv[1:] if argv is None else argv
     try:
+        document = read_document(options.document, options.experiment) if hasattr(options, "document") else None
         with watching() as watcher:
-            outcome = experiment(options, world_of(options, watcher))
+            outcome = watched(experiment(options, world_of(options, watcher)))
         _write(outcome, options)
+        if document is not None:
+            document.write(outcome.tables)
     except RunError as error:
         return _broken_off(error, options.folder)
     show(outcome)

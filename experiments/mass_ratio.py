@@ -15,7 +15,7 @@ from cranedyn.controllers import follow
 from cranedyn.crane import Crane
 from cranedyn.errors import DataError
 from cranedyn.figures import COLOURS, panels
-from cranedyn.references import hold, ramp
+from cranedyn.references import spline
 from cranedyn.trajectory import Trajectory
 from experiments import common
 
@@ -53,9 +53,10 @@ def period(trajectory: Trajectory) -> float:
 def tour(world: common.World, crane: Crane) -> Trajectory:
     """All three drives in prescribed motion at once, with a swing at the start."""
     start = crane.state(x=8.0, l=LENGTH, phi=0.05, theta=-0.03)
-    reference = ramp(ramp(ramp(hold(start), "x", 6.0, rate=0.8, at=1.0), "gamma", 0.4, rate=0.08, at=2.0), "l", -4.0, rate=0.5, at=3.0)
+    reference = spline(start, [(0.4, 14.0, LENGTH - 4.0)], [12.0], at=1.0)
     drives = follow(reference, world.control_period)
-    return world.simulate(crane, drives, reference, start=start, duration=20.0, label=f"load of {crane.payload_mass:g} kg", drive="motion")
+    label = f"load of {crane.payload_mass:g} kg"
+    return world.simulate(crane, drives, reference, start=start, duration=20.0, label=label, drive="motion")
 
 
 def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:

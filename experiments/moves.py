@@ -1,31 +1,25 @@
-"""Moves from rest to rest, the ways to make them, and what each leaves behind; shared by the control experiments."""
+"""Moves from rest to rest, and what is left of a swing after them; shared by the control experiments."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from cranedyn.analysis import settling_time, swing_amplitude
-from cranedyn.controllers import follow, hold_controller
-from cranedyn.controllers.lqr import lqr
-from cranedyn.controllers.paper import paper_controller
 from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.dynamics import payload_position
-from cranedyn.references.flat import flat
-from cranedyn.references.motion import plumb
-from cranedyn.references.spline import spline
-from cranedyn.references.wanted import Reference
-from cranedyn.simulate import Controller, Drive
+from cranedyn.references.limits import Limits
 from cranedyn.trajectory import Trajectory
-from experiments import common
 
 CLOSE = 0.010
 """How near the payload must stay to its goal to count as settled [m]."""
 
 AFTER = 20.0
 """How long a move is watched after the arrival [s]."""
+
+LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
+"""What the drives may do: slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of hoisting; accelerations ours."""
 
 
 @dataclass(frozen=True)
@@ -37,15 +31,17 @@ class Move:
         start: Slew [rad], trolley radius [m], cable length [m] at the start.
         goal: The same at the end.
         duration: Time for it [s].
+        swing: Radial and tangential swing in which the load is let go at the start [rad].
     """
 
     name: str
     start: tuple[float, float, float]
     goal: tuple[float, float, float]
     duration: float
+    swing: tuple[float, float] = (0.0, 0.0)
 
     def ends(self, crane: Crane) -> tuple[State, State]:
-        """Start and goal as states at rest."""
+        """Start and goal as states at rest with the load plumb."""
         first, last = (crane.state(gamma=end[0], x=end[1], l=end[2]) for end in (self.start, self.goal))
         return first, last
 
@@ -57,52 +53,8 @@ MOVES = (
 )
 """Single axes and all three together."""
 
-
-def _spline(crane: Crane, move: Move) -> Reference:
-    return spline(move.ends(crane)[0], [move.goal], [move.duration])
-
-
-def _alone(world: common.World, move: Move) -> tuple[Controller, Reference, Drive]:
-    reference = _spline(world.crane, move)
-    return follow(reference, world.control_period), reference, "motion"
-
-
-def _held(world: common.World, move: Move) -> tuple[Controller, Reference, Drive]:
-    return hold_controller(world.crane), _spline(world.crane, move), "effort"
-
-
-def _paper(world: common.World, move: Move) -> tuple[Controller, Reference, Drive]:
-    reference = _spline(world.crane, move)
-    return paper_controller(world.crane, plumb(reference, move.duration, world.control_period)), reference, "effort"
-
-
-def _lqr(world: common.World, move: Move) -> tuple[Controller, Reference, Drive]:
-    reference = _spline(world.crane, move)
-    return lqr(world.crane, plumb(reference, move.duration, world.control_period), dt=world.dt), reference, "effort"
-
-
-def _flat(world: common.World, move: Move) -> tuple[Controller, Reference, Drive]:
-    motion = flat(world.crane, *move.ends(world.crane), move.duration, period=world.control_period)
-    return lqr(world.crane, motion, dt=world.dt), motion, "effort"
-
-
-WAYS: dict[str, Callable[[common.World, Move], tuple[Controller, Reference, Drive]]] = {
-    "spline alone": _alone,
-    "spline + PD": _held,
-    "paper's LQR + PID": _paper,
-    "full-model LQR": _lqr,
-    "flat + LQR": _flat,
-}
-"""Ways to make a move: controller, reference and kind of drive for each. The spline alone has drives that follow it exactly."""
-
-
-def make(world: common.World, move: Move, way: str) -> Trajectory:
-    """Make a move in one way and watch what is left."""
-    controller, reference, drive = WAYS[way](world, move)
-    start = move.ends(world.crane)[0]
-    return world.simulate(
-        world.crane, controller, reference, start=start, duration=move.duration + AFTER, label=f"{move.name}, {way}", drive=drive
-    )
+SWINGING = Move("combined, with a swing at the start", (0.0, 10.0, 15.0), (0.6, 20.0, 10.0), 20.0, swing=(0.1, 0.05))
+"""The combined move of a load that swings already."""
 
 
 @dataclass(frozen=True)
@@ -110,38 +62,51 @@ class Score:
     """What a move was like.
 
     Attributes:
+        arrives: When the drives should be there [s].
         peak: Largest swing on the way [rad], radial and tangential together.
         arrival: Amplitude of the swing at the arrival [rad].
         later: Amplitude of the swing 20 s after it [rad].
-        hook: That amplitude as a way of the payload [mm].
         settled: Time after the arrival from which the payload stays within 10 mm of its goal [s]; inf if it does not.
+        length: Cable length at the end [m].
         tracking: Largest distance of the drives from their reference: slew [mrad], trolley [mm], hoist [mm].
         effort: Largest effort of the drives beyond holding the load at rest [N m, N, N].
+        rms: Root mean square of the same.
+        work: What the drives put in, not counting what they took back [J].
     """
 
+    arrives: float
     peak: float
     arrival: float
     later: float
-    hook: float
     settled: float
+    length: float
     tracking: np.ndarray
     effort: np.ndarray
+    rms: np.ndarray
+    work: float
+
+    @property
+    def cycle(self) -> float:
+        """Time from the start until the payload stays within 10 mm of its goal [s]."""
+        return self.arrives + self.settled
 
 
-def score(crane: Crane, move: Move, run: Trajectory) -> Score:
-    """Score a run of a move."""
+def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
+    """Score a run that should arrive at a goal at a time [s] and goes on for 20 s."""
     amplitude = swing_amplitude(run.q[:, 2:4], run.v[:, 2:4], run.q[:, 4], crane.gravity)
-    goal = payload_position(crane, move.ends(crane)[1].q)
-    after = run.since(move.duration - 1e-9)
-    distance = np.linalg.norm([payload_position(crane, q) - goal for q in after.q], axis=1)
-    at = round(move.duration / float(run.t[1] - run.t[0]))
-    holding = np.array([0.0, 0.0, -crane.payload_mass * crane.gravity])
+    there = payload_position(crane, goal.q)
+    after = run.since(arrives - 1e-9)
+    distance = np.linalg.norm([payload_position(crane, q) - there for q in after.q], axis=1)
+    beyond = run.effort - np.array([0.0, 0.0, -crane.payload_mass * crane.gravity])
     return Score(
+        arrives=arrives,
         peak=float(np.linalg.norm(run.q[:, 2:4], axis=1).max()),
-        arrival=float(amplitude[at]),
+        arrival=float(amplitude[-len(after)]),
         later=float(amplitude[-1]),
-        hook=1000.0 * float(amplitude[-1] * run.q[-1, 4]),
-        settled=settling_time(after.t - move.duration, distance, CLOSE),
+        settled=settling_time(after.t - arrives, distance, CLOSE),
+        length=float(run.q[-1, 4]),
         tracking=1000.0 * np.abs(run.q[:, DRIVES] - run.wanted).max(axis=0),
-        effort=np.abs(run.effort - holding).max(axis=0),
+        effort=np.abs(beyond).max(axis=0),
+        rms=np.sqrt(np.mean(beyond**2, axis=0)),
+        work=float(np.maximum(np.diff(run.work, axis=0), 0.0).sum()),
     )

@@ -24,8 +24,11 @@ EXPERIMENTS = {
     "a3": ["--gravity", "9.8"],
     "energy": [],
     "mass_ratio": [],
+    "validate": [],
+    "linear_vs_full": [],
     "b1": [],
-    "demo": ["--cycles", "1"],
+    "compare": [],
+    "demo": ["--cycles", "1", "--control", "flat"],
 }
 """What the report is made of, in its order, and the arguments with which missing results are made."""
 

@@ -41,7 +41,7 @@ def crane(**values: float) -> Crane:
 def big_crane(**values: float) -> Crane:
     """A point load on a massless, frictionless rope, with a jib and a hook path as long as those of real cranes."""
     point = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
-    return crane(**point, trolley_max=80.0, hoist_max=60.0, **values)
+    return crane(**point, trolley_max=80.0, hoist_max=60.0, pivot_height=90.0, **values)
 
 
 def locked(t: float, state: State, wanted: Wanted) -> np.ndarray:

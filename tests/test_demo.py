@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from cranedyn.controllers import hold_controller
 from cranedyn.recording import Live
 from cranedyn.references import ARTICLE_TOUR, Leg, itinerary
 from cranedyn.trajectory import Trajectory, join, read
@@ -79,8 +80,8 @@ def test_an_impossible_tour_is_refused_with_a_sentence(legs: tuple[Leg, ...], ra
 def test_pieces_joined_are_the_run_in_one_go_to_the_bit() -> None:
     world = common.World()
     tour = itinerary(world.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
-    joined = join(list(demo.pieces(world, tour, 3.0)))
-    whole = world.simulate(world.crane, demo.hold_controller(world.crane), tour, start=world.crane.start, duration=3.0, label="")
+    joined = join(list(demo.pieces(world, tour, hold_controller(world.crane), 3.0)))
+    whole = world.simulate(world.crane, hold_controller(world.crane), tour, start=world.crane.start, duration=3.0, label="")
     # velocities pass through the unit of the step at every seam: one rounding each, 1e-16 of values up to 1, grown over 3 s
     np.testing.assert_allclose(joined.q, whole.q, rtol=0, atol=1e-12)
     np.testing.assert_allclose(joined.work, whole.work, rtol=0, atol=1e-6)
@@ -92,7 +93,7 @@ def test_residual_is_the_amplitude_of_a_known_swing() -> None:
     q = np.zeros((4001, 5))
     q[:, 2], q[:, 3] = 0.03 * np.cos(t), 0.04 * np.sin(t)
     empty = np.zeros((4001, 3))
-    run = Trajectory(t, q, 0 * q, empty, empty, empty, 0 * t, empty, 0 * t)
+    run = Trajectory(t, q, 0 * q, empty, empty, empty, 0 * t, empty, 0 * t, np.zeros((4001, 6)), np.zeros((4001, 2)), 0 * t + 1)
     assert demo.residual(run) == pytest.approx(0.05, rel=1e-5)  # 4001 samples meet the tops within 1e-6
 
 
@@ -157,7 +158,7 @@ def test_a_killed_demo_leaves_a_file_that_opens(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--rate-x", "0"], "rate of trolley is 0.0 m/s"),
+        (["--rate-x", "0"], "rate limit of trolley is 0.0 m/s"),
         (["--dwell", "-1"], "dwell is -1.0 s"),
         (["--cycles", "0"], "cycles is 0.0"),
         (["--pace", "-2", "--cycles", "1"], "pace is -2.0"),
@@ -181,7 +182,7 @@ def test_bad_input_is_one_sentence_and_nothing_written(
 def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(tmp_path: Path) -> None:
     world = common.World()
     tour = itinerary(world.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
-    pieces = list(demo.pieces(world, tour, 2.0))
+    pieces = list(demo.pieces(world, tour, hold_controller(world.crane), 2.0))
     with Live(world.crane, "demo", title="Live", file=tmp_path / "live.rrd") as live:
         for piece in pieces:
             live.append(piece)

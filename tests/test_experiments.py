@@ -693,7 +693,18 @@ def test_ctrl_c_keeps_what_was_recorded_and_is_exit_code_130(
 
 
 def test_a_run_that_diverges_keeps_what_was_recorded_and_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    wild = ["--dt", "0.25", "--control-period", "0.25", "--set", "trolley_effort:=1e12", "hoist_effort:=1e12", "slew_effort:=1e14"]
+    wild = [
+        "--watch",
+        "mark",
+        "--dt",
+        "0.25",
+        "--control-period",
+        "0.25",
+        "--set",
+        "trolley_effort:=1e12",
+        "hoist_effort:=1e12",
+        "slew_effort:=1e14",
+    ]
     assert energy.main(["--out", str(tmp_path / "out"), *wild]) == 1
     out, err = capsys.readouterr()
     assert out == ""
@@ -722,4 +733,4 @@ def test_a_world_runs_on_its_own_clocks_and_numbers() -> None:
     same = simulate(world.crane, hold_controller(world.crane), duration=0.2, dt=1e-3, control_period=2e-2)
     assert isinstance(found, Trajectory)
     assert found.q.tolist() == same.q.tolist()
-    assert world.parameters() == {"gravity_m_s2": 3.7, "dt_s": 1e-3, "control_period_s": 2e-2, "payload_mass": "700"}
+    assert world.parameters() == {"gravity_m_s2": 3.7, "dt_s": 1e-3, "control_period_s": 2e-2, "watch": "stop", "payload_mass": "700"}

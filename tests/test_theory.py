@@ -15,6 +15,7 @@ from scipy.integrate import solve_ivp
 from cranedyn import dynamics, theory
 from cranedyn.crane import State
 from tests.helpers import G, accelerations, big_crane, pendulum_period, states
+from tests.lagrangian import Lagrangian
 
 
 def _solve(rates, y: list[float], times: np.ndarray) -> np.ndarray:
@@ -163,6 +164,12 @@ def test_the_papers_equation_is_small_swing_without_rates() -> None:
     assert theory.tangential_paper(20.0 * 0.01 / G, length=15.0, gravity=G, push=0.2) == pytest.approx(0.0, abs=1e-16)
 
 
+def test_the_papers_radial_equation_is_small_swing_on_a_jib_that_stands_and_a_cable_that_rests() -> None:
+    still = dict(length_rate=0.0, x_rate=0.3, slew_rate=0.0, slew_acceleration=0.0)
+    found = theory.small_swing(np.array([0.02, 0.0]), np.array([0.1, 0.0]), length=15.0, gravity=G, x=20.0, x_acceleration=0.4, **still)
+    assert theory.radial_paper(0.02, length=15.0, gravity=G, push=0.4) == pytest.approx(found[0], rel=1e-14)
+
+
 # --- slow hoisting -----------------------------------------------------------------------------------------------------------------
 
 
@@ -187,3 +194,114 @@ def test_a_large_swing_keeps_its_action_when_the_cable_runs_slowly(amplitude: fl
     assert last == pytest.approx(float(theory.adiabatic_amplitude(np.array([at]), length, amplitude)[0]), rel=1e-3)
     assert last > amplitude * 1.2
     assert abs(last / (amplitude * (at / length) ** -0.75) - 1) > 0.015  # the power law of small swings has ended
+
+
+# --- spherical pendulum ------------------------------------------------------------------------------------------------------------
+
+
+def _turned(length: float, far: float, near: float) -> float:
+    """Precession of a point on a sphere, by Cartesian coordinates and the force of the rope; the far ends are where it turns inward."""
+
+    def rates(_: float, y: np.ndarray) -> np.ndarray:
+        place, speed = y[:3], y[3:]
+        pull = (speed @ speed - G * place[2]) / length**2
+        return np.concatenate([speed, -pull * place - [0.0, 0.0, G]])
+
+    def outward(_: float, y: np.ndarray) -> float:
+        return y[0] * y[3] + y[1] * y[4]
+
+    outward.direction = -1.0  # type: ignore[attr-defined]
+    start = [far, 0.0, -math.sqrt(length**2 - far**2), 0.0, near * math.sqrt(G / length), 0.0]
+    period = float(theory.point_period(length, G))
+    run = solve_ivp(rates, (0.0, 1.3 * period), start, "DOP853", events=outward, rtol=1e-12, atol=1e-13, max_step=0.2)
+    (last,) = (y for t, y in zip(run.t_events[0], run.y_events[0], strict=True) if t > 0.8 * period)
+    return math.atan2(last[1], last[0])
+
+
+@pytest.mark.parametrize(("far", "near"), [(2.0, 1.0), (8.0, 4.0), (12.0, 1.0)])
+def test_the_apsidal_integral_is_the_angle_by_which_an_orbit_turns(far: float, near: float) -> None:
+    assert theory.apsidal_precession(20.0, far, near) == pytest.approx(_turned(20.0, far, near), abs=1e-9)  # integration and its event
+
+
+def test_the_precession_of_a_small_oval_is_airys() -> None:
+    assert theory.apsidal_precession(20.0, 2.0, 1.0) == pytest.approx(
+        0.01180405123, abs=2e-11
+    )  # digits given, a difference of two of size 2π
+    for size in (0.1, 0.05):
+        gain = theory.apsidal_precession(1.0, size, size / 2.0) / theory.airy_precession(1.0, size, size / 2.0) - 1.0
+        assert 0.0 < gain < 1.25 * size**2  # the next order: (a² + b²)/l² of it at most
+
+
+# --- steady slewing ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("radius", "length", "rpm", "degrees"), [(50.0, 45.0, 0.8, 2.1167287968), (25.0, 19.0, 0.5, 0.4024351067), (20.0, 40.0, 6.0, None)]
+)
+def test_a_load_that_hangs_out_under_a_turning_jib_is_at_rest_by_the_lagrangian(
+    radius: float, length: float, rpm: float, degrees: float | None
+) -> None:
+    rate = rpm * math.pi / 30.0
+    phi = theory.slewing_swing(radius, length, rate, G)
+    assert degrees is None or -math.degrees(phi) == pytest.approx(degrees, abs=5e-11)  # digits given
+    point = Lagrangian(G, load_inertia=0.0, link=0.0, link_inertia=0.0)
+    forces = point.forces(np.array([0.0, radius, phi, 0.0, length]), np.array([rate, 0.0, 0.0, 0.0, 0.0]), np.zeros(5))
+    # nothing turns the swing joints, rounding of 5e5 N m; the hoist pulls with the tension
+    assert_allclose(forces[2:4], 0.0, atol=1e-8)
+    assert -forces[4] == pytest.approx(theory.slewing_tension(radius, length, rate, G, 1000.0), rel=1e-12)
+
+
+# --- moves of the trolley ----------------------------------------------------------------------------------------------------------
+
+
+def _left(duration: float, length: float, acceleration) -> float:
+    """Swing that a linear pendulum keeps after a move [rad], by integration."""
+    omega = math.sqrt(G / length)
+    run = solve_ivp(
+        lambda t, y: [y[1], (acceleration(t) - G * y[0]) / length],
+        (0.0, duration),
+        [0.0, 0.0],
+        "DOP853",
+        rtol=1e-11,
+        atol=1e-13,
+        max_step=0.01,
+    )
+    return math.hypot(run.y[0, -1], run.y[1, -1] / omega)
+
+
+def test_what_pulses_of_acceleration_leave() -> None:
+    def pulses(t: float) -> float:
+        return 0.3 * ((t < 4.0) - float(t > 10.0))
+
+    # steps that straddle an edge of a pulse: 0.3 m/s² for 0.01 s over 20 m and 0.7/s, and a tenth of it by the step control
+    assert theory.pulse_residual(0.3, 4.0, 20.0, G) == pytest.approx(_left(10.0, 20.0, pulses), abs=3e-5)
+    assert theory.coast_residual(0.3, 4.0, 6.0, 20.0, G) == pytest.approx(_left(14.0, 20.0, pulses), abs=3e-5)
+    assert theory.coast_residual(0.3, 4.0, 6.0, 20.0, G) == pytest.approx(0.0424916046338, abs=5e-14)  # digits given
+    whole = float(theory.point_period(20.0, G))
+    assert theory.pulse_residual(0.3, whole, 20.0, G) == pytest.approx(0.0, abs=1e-15)  # a push of one period leaves none
+
+
+@pytest.mark.parametrize(("duration", "degrees"), [(10.0, 10.687330), (15.0, 1.395181)])
+def test_what_a_quintic_leaves(duration: float, degrees: float) -> None:
+    def spline(t: float) -> float:
+        s = t / duration
+        return 10.0 / duration**2 * (60.0 * s - 180.0 * s**2 + 120.0 * s**3)
+
+    found = theory.quintic_residual(10.0, duration, 20.0, G)
+    assert found == pytest.approx(_left(duration, 20.0, spline), rel=1e-9)  # integration
+    assert math.degrees(found) == pytest.approx(degrees, abs=5e-7)  # digits given
+
+
+@pytest.mark.parametrize("ratio", [1.834566, 2.895032, 4.938452])
+def test_a_quintic_of_some_durations_leaves_nothing(ratio: float) -> None:
+    period = float(theory.point_period(20.0, G))
+    at, before, after = (theory.quintic_residual(10.0, (ratio + shift) * period, 20.0, G) for shift in (0.0, -1e-2, 1e-2))
+    assert at < 1e-4 * min(before, after)  # six decimals: 5e-7 over 1e-2
+
+
+def test_the_period_under_a_rolling_trolley_is_the_eigenvalue_of_both() -> None:
+    mass, trolley, length = 1000.0, 500.0, 20.0
+    # (M + m) ẍ - m l φ̈ = 0 and l φ̈ + g φ = ẍ
+    inertia = np.array([[trolley + mass, -mass * length], [-1.0, length]])
+    values = np.linalg.eigvals(np.linalg.solve(inertia, np.array([[0.0, 0.0], [0.0, G]])))
+    assert theory.rolling_period(length, G, mass, trolley) == pytest.approx(2.0 * math.pi / math.sqrt(max(values)), rel=1e-12)

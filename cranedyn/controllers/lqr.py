@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
+from cranedyn.controllers.linearised import linearised
 from cranedyn.controllers.riccati import riccati
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.crane import Crane, State
-from cranedyn.dynamics import inverse_dynamics
-from cranedyn.linear import sampled
+from cranedyn.crane import Crane
 from cranedyn.references.motion import Motion
 
 STATE_WEIGHT = np.diag([100.0, 10.0, 100.0, 100.0, 10.0, 20.0, 2.0, 100.0, 100.0, 2.0]) ** 2
@@ -39,17 +37,8 @@ def lqr(
         every: Control instants between linearisations.
 
     Raises:
-        OutOfRange: If R is not positive definite or Q not positive semidefinite.
+        OutOfRange: If R is not positive definite or Q not positive semidefinite, or the motion's period is not a multiple of `dt`.
     """
-    efforts = np.array(
-        [inverse_dynamics(crane.model, crane.data, *row, crane.damping) for row in zip(motion.q, motion.v, motion.a, strict=True)]
-    )
-    last = len(motion.q) - 1
-    rows = [*range(0, last, every), last]
-    models = [sampled(crane, State(motion.q[k], motion.v[k]), efforts[k], dt=dt, control_period=motion.period) for k in rows]
-    nearest = np.minimum(np.arange(last + 1) // every, len(rows) - 1)
-    nearest[-1] = len(rows) - 1
-    a, b = np.array([m.a for m in models]), np.array([m.b for m in models])
-    final = solve_discrete_are(a[-1], b[-1], state_weight, effort_weight)
-    gain = riccati(a[nearest], b[nearest], state_weight, effort_weight, final)
-    return Tracking(motion.period, efforts, gain, np.hstack([motion.q, motion.v]))
+    model = linearised(crane, motion, dt=dt, every=every)
+    sweep = riccati(model.a[model.stretch], model.b[model.stretch], state_weight, effort_weight)
+    return Tracking(motion.period, model.efforts, sweep.gain, model.wanted)

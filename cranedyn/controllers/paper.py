@@ -8,16 +8,14 @@ The planes are the paper's Eqs. (7)-(10). Its weights and gains are not public: 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
 
+from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.riccati import riccati
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.crane import STANDARD_GRAVITY, Crane, State
+from cranedyn.crane import STANDARD_GRAVITY, Crane
 from cranedyn.errors import OutOfRange
-from cranedyn.references import Wanted
 from cranedyn.references.motion import Motion
 
 TROLLEY_WEIGHTS = (np.diag([10.0, 2.0, 100.0, 100.0]) ** 2, np.diag([1.0 / 1.0e3]) ** 2)
@@ -46,36 +44,9 @@ def slew_plane(mass: float, inertia: float, radius: float, length: float, gravit
     return a, np.array([[0.0], [1.0 / inertia], [0.0], [radius / (inertia * length)]])
 
 
-@dataclass(eq=False)
-class HoistPID:
-    """A tracking controller whose hoist has an integrator besides; it stops integrating at the limit of the drive (anti-windup).
-
-    Attributes:
-        tracking: What it does without the integrator.
-        integral_gain: k_i of the hoist [N/(m s)].
-        limit: Largest hoist force [N].
-        integral: What has been integrated so far [m s].
-    """
-
-    tracking: Tracking
-    integral_gain: float
-    limit: float
-    integral: float = field(default=0.0)
-
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
-        """Efforts [N m, N, N], shape (3,)."""
-        effort = self.tracking(t, state, wanted)
-        error = float(wanted.position[2] - state.q[4])
-        integral = self.integral + error * self.tracking.period
-        if abs(effort[2] + self.integral_gain * integral) <= self.limit:
-            self.integral = integral
-        effort[2] += self.integral_gain * self.integral
-        return effort
-
-
 def paper_controller(
     crane: Crane, motion: Motion, *, gravity: float = STANDARD_GRAVITY, hoist: tuple[float, float, float] = HOIST, every: int = 10
-) -> HoistPID:
+) -> HoistIntegral:
     """The paper's controller about a motion with the load hanging plumb; make a new one for each run, its integrator remembers.
 
     Args:
@@ -104,7 +75,9 @@ def paper_controller(
     feed_forward = np.stack(
         [(inertia + mass * radius**2) * motion.a[:, 0], (trolley + mass) * motion.a[:, 1], mass * (motion.a[:, 4] - gravity)], axis=1
     )
-    return HoistPID(Tracking(motion.period, feed_forward, gain, np.hstack([motion.q, motion.v])), hoist[1], float(crane.effort_limit[2]))
+    return HoistIntegral(
+        Tracking(motion.period, feed_forward, gain, np.hstack([motion.q, motion.v])), hoist[1], float(crane.effort_limit[2])
+    )
 
 
 def _plane_gains(
@@ -118,4 +91,4 @@ def _plane_gains(
     a, b = held[:, :4, :4], held[:, :4, 4:]
     nearest = np.arange(n) // every
     final = solve_discrete_are(a[-1], b[-1], *weights)
-    return riccati(a[nearest], b[nearest], *weights, final)[:, 0]
+    return riccati(a[nearest], b[nearest], *weights, final).gain[:, 0]

@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigvalsh
+from scipy.linalg import cho_factor, cho_solve, eigvalsh, solve_discrete_are
 
 from cranedyn.errors import OutOfRange
 
 
-def riccati(a: np.ndarray, b: np.ndarray, state_weight: np.ndarray, effort_weight: np.ndarray, final_weight: np.ndarray) -> np.ndarray:
-    """Gains that minimise Σ zᵀQz + uᵀRu + z_nᵀQ_n z_n along z[k+1] = a[k] z[k] + b[k] u[k], with u = -gain z.
+class Sweep(NamedTuple):
+    """The optimal feedback u = -gain z and what it costs to go from each instant.
+
+    Attributes:
+        gain: Shape (n, nu, nz).
+        cost: The cost from instant k on is zᵀ cost[k] z, shape (n + 1, nz, nz); the last is the final weight.
+    """
+
+    gain: np.ndarray
+    cost: np.ndarray
+
+
+def riccati(
+    a: np.ndarray, b: np.ndarray, state_weight: np.ndarray, effort_weight: np.ndarray, final_weight: np.ndarray | None = None
+) -> Sweep:
+    """Gains and costs-to-go that minimise Σ zᵀQz + uᵀRu + z_nᵀQ_n z_n along z[k+1] = a[k] z[k] + b[k] u[k], with u = -gain z.
 
     The backward sweep of Kwakernaak & Sivan, Linear Optimal Control Systems, §6.4.
 
@@ -18,30 +34,28 @@ def riccati(a: np.ndarray, b: np.ndarray, state_weight: np.ndarray, effort_weigh
         b: Shape (n, nz, nu).
         state_weight: Q, positive semidefinite, shape (nz, nz).
         effort_weight: R, positive definite, shape (nu, nu).
-        final_weight: Q_n, positive semidefinite, shape (nz, nz).
-
-    Returns:
-        Gains, shape (n, nu, nz).
+        final_weight: Q_n, positive semidefinite, shape (nz, nz); None for the cost of going on for ever with the last a and b.
 
     Raises:
         OutOfRange: If a weight is not symmetric or has an eigenvalue that is not allowed.
     """
-    for name, weight, least in (
-        ("state weight", state_weight, 0.0),
-        ("effort weight", effort_weight, np.nextafter(0, 1)),
-        ("final weight", final_weight, 0.0),
-    ):
-        if (
-            not np.isfinite(weight).all()
-            or not np.allclose(weight, weight.T)
-            or eigvalsh(weight).min() < least - 1e-9 * np.abs(weight).max() * (least == 0.0)
-        ):
-            raise OutOfRange(name, weight.tolist(), "symmetric and positive " + ("semidefinite" if least == 0.0 else "definite"))
-    gains = np.empty((len(a), b.shape[2], a.shape[1]))
-    cost = final_weight
+    _check("state weight", state_weight, definite=False)
+    _check("effort weight", effort_weight, definite=True)
+    if final_weight is None:
+        final_weight = solve_discrete_are(a[-1], b[-1], state_weight, effort_weight)
+    _check("final weight", final_weight, definite=False)
+    gain = np.empty((len(a), b.shape[2], a.shape[1]))
+    cost = np.empty((len(a) + 1, *final_weight.shape))
+    cost[-1] = final_weight
     for k in range(len(a) - 1, -1, -1):
-        push = b[k].T @ cost
-        gains[k] = cho_solve(cho_factor(effort_weight + push @ b[k], check_finite=False), push @ a[k], check_finite=False)
-        cost = state_weight + a[k].T @ cost @ (a[k] - b[k] @ gains[k])
-        cost = (cost + cost.T) / 2.0
-    return gains
+        push = b[k].T @ cost[k + 1]
+        gain[k] = cho_solve(cho_factor(effort_weight + push @ b[k], check_finite=False), push @ a[k], check_finite=False)
+        here = state_weight + a[k].T @ cost[k + 1] @ (a[k] - b[k] @ gain[k])
+        cost[k] = (here + here.T) / 2.0
+    return Sweep(gain, cost)
+
+
+def _check(name: str, weight: np.ndarray, *, definite: bool) -> None:
+    least = np.nextafter(0, 1) if definite else -1e-9 * np.abs(weight).max()
+    if not np.isfinite(weight).all() or not np.allclose(weight, weight.T) or eigvalsh(weight).min() < least:
+        raise OutOfRange(name, weight.tolist(), "symmetric and positive " + ("definite" if definite else "semidefinite"))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.crane import State
+from cranedyn.crane import COORDINATES, UNITS, State
+from cranedyn.errors import number
 from cranedyn.references import Wanted
 
 
@@ -27,6 +29,24 @@ class Tracking:
     wanted: np.ndarray
 
     def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
-        """Efforts [N m, N, N], shape (3,); what the reference wants is in the table already."""
+        """Efforts [N m, N, N], shape (3,); what the reference wants is in the table already.
+
+        Raises:
+            OutOfRange: If a coordinate or rate is not finite.
+        """
         k = min(round(t / self.period), len(self.feed_forward) - 1)
-        return self.feed_forward[k] - self.gain[k] @ (np.concatenate(state) - self.wanted[k])
+        efforts = self.feed_forward[k] - self.gain[k] @ (np.concatenate(state) - self.wanted[k])
+        if not math.isfinite(sum(efforts.tolist())):
+            check_finite(state)
+        return efforts
+
+
+def check_finite(state: State) -> None:
+    """Return if every coordinate and rate is a finite number.
+
+    Raises:
+        OutOfRange: If one is not: which.
+    """
+    for name, unit, position, rate in zip(COORDINATES, UNITS, *state, strict=True):
+        number(f"{name} of the state", position, unit)
+        number(f"{name}_dot of the state", rate, f"{unit}/s")

@@ -16,6 +16,7 @@ from cranedyn.recording.dashboard import dashboard
 from cranedyn.recording.run import Run
 from cranedyn.recording.scene import PATH_SECONDS, Scene, looks
 from cranedyn.recording.series import Table, log_series, table
+from cranedyn.watch import events
 
 
 def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "") -> Path:
@@ -66,8 +67,17 @@ def describe(runs: Sequence[Run], title: str, text: str) -> str:
     )
     if any("<mesh" in run.crane.urdf for run in runs):
         scene += " Meshes of the URDF are not drawn."
-    parts = (f"## {title}", text, "\n".join(f"| {' | '.join(line)} |" for line in lines), scene)
+    beyond = "\n".join(f"- {run.name}, {at:.3f} s: {words}" for run in runs for at, words in _beyond(run))
+    warning = f"**Where the model does not hold:**\n\n{beyond}" if beyond else ""
+    parts = (f"## {title}", text, warning, "\n".join(f"| {' | '.join(line)} |" for line in lines), scene)
     return "\n\n".join(part for part in parts if part)
+
+
+def _beyond(run: Run) -> list[tuple[float, str]]:
+    """When and why a run leaves what the model holds for."""
+    if run.trajectory.valid.all():
+        return []
+    return [(float(run.trajectory.t[event.row]), event.words) for event in events(run.crane, run.trajectory)]
 
 
 def _shown(value: float | str) -> str:

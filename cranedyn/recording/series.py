@@ -16,7 +16,7 @@ from rerun.blueprint.encodings import VisualizerComponentMapping
 
 from cranedyn.recording.run import Run, clock
 from cranedyn.style import COLOURS, mixed, rgb
-from cranedyn.trajectory import COLUMNS
+from cranedyn.trajectory import COLUMNS, Trajectory
 
 Table = dict[str, np.ndarray]
 """Columns by name, shape (n,) each."""
@@ -80,13 +80,17 @@ def table(run: Run, start_energy: float | None = None) -> Table:
     """
     trajectory, columns = run.trajectory, {}
     start = trajectory.energy[0] if start_energy is None else start_energy
-    ledger = trajectory.energy - trajectory.work.sum(axis=1) + trajectory.dissipated
-    for name in (name for key in ("q", "v", "wanted", "effort", "work", "dissipated") for name in COLUMNS[key]):
+    for name in (name for key in ("q", "v", "wanted", "effort", "work", "dissipated", *_outside(trajectory)) for name in COLUMNS[key]):
         columns[name.replace("_rad", "_deg")] = np.degrees(trajectory[name]) if "_rad" in name else trajectory[name]
-    columns |= {"energy_J": trajectory.energy - start, "unexplained_J": ledger - start}
+    columns |= {"energy_J": trajectory.energy - start, "unexplained_J": trajectory.ledger - start}
     for name, limit in zip(COLUMNS["effort"], run.crane.effort_limit, strict=True):
         columns |= {f"{name}_lower": np.full(len(trajectory), -limit), f"{name}_upper": np.full(len(trajectory), limit)}
     return columns
+
+
+def _outside(trajectory: Trajectory) -> tuple[str, ...]:
+    """The columns of what acts from outside, where anything does."""
+    return ("force", "outside") if trajectory.force.any() or trajectory.outside.any() else ()
 
 
 def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:

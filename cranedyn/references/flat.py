@@ -12,7 +12,7 @@ from scipy.interpolate import make_interp_spline
 
 from cranedyn.crane import Crane, State
 from cranedyn.dynamics import pivot_position
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import OutOfRange, number, within
 from cranedyn.references.motion import Motion
 
 _MARGIN = 6
@@ -24,7 +24,18 @@ def smoothstep(s: np.ndarray) -> np.ndarray:
     return s**5 * (126.0 + s * (-420.0 + s * (540.0 + s * (-315.0 + s * 70.0))))
 
 
-def flat(crane: Crane, start: State, goal: State, duration: float, *, period: float = 5e-3) -> Motion:
+def cruise(t: np.ndarray, duration: float, ramp: float) -> np.ndarray:
+    """From 0 at t = 0 to 1 at the duration [s] at constant speed, which is reached and lost within a ramp [s] that is a smoothstep."""
+
+    def sped_up(s: np.ndarray) -> np.ndarray:
+        inside = np.clip(s, 0.0, 1.0)
+        area = inside**6 * (21.0 + inside * (-60.0 + inside * (67.5 + inside * (-35.0 + inside * 7.0))))
+        return area + np.maximum(s - 1.0, 0.0)
+
+    return ramp / (duration - ramp) * (sped_up(t / ramp) - sped_up((t - duration) / ramp + 1.0))
+
+
+def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: float | None = None, period: float = 5e-3) -> Motion:
     """Carry the payload from one rest to another along a smooth path, in cylindrical coordinates about the slew axis.
 
     A payload with rotational inertia I swings as a point at its centre of oscillation, I/(m l) below it; the path is that of this
@@ -35,17 +46,21 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, period: fl
         start: Where it hangs at rest.
         goal: Where it shall hang at rest.
         duration: Time for the move [s]; the last row is the first at or after it.
+        ramp: Time in which the payload gains, and loses, its full speed [s]; at most half of the duration. None for one smooth sweep.
         period: Time between rows [s].
 
     Raises:
-        OutOfRange: If the duration is not positive, or the path would slacken the rope.
+        OutOfRange: If the duration is not positive, the ramp too long, or the path would slacken the rope.
     """
     number("duration", duration, "s", "> 0")
+    if ramp is not None:
+        within("ramp", ramp, period, duration / 2.0, "s")
     inertia = (crane.payload_inertia + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
     height = float(pivot_position(crane, start.q)[2])
     ends = np.array([(s.q[0], s.q[1], height - s.q[4] - inertia / s.q[4]) for s in (start, goal)])
     t = period * np.arange(-_MARGIN, math.ceil(duration / period - 1e-9) + 1 + _MARGIN)
-    gamma, radius, z = (ends[0] + (ends[1] - ends[0]) * smoothstep(t / duration)[:, None]).T
+    share = smoothstep(t / duration) if ramp is None else cruise(t, duration, ramp)
+    gamma, radius, z = (ends[0] + (ends[1] - ends[0]) * share[:, None]).T
     path = np.stack([radius * np.sin(gamma), -radius * np.cos(gamma), z], axis=1)
     rope = make_interp_spline(t, path, k=7).derivative(2)(t) + np.array([0.0, 0.0, crane.gravity])
     if rope[:, 2].min() <= 0.0:

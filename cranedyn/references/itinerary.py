@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -62,16 +63,14 @@ ARTICLE_TOUR = (
 
 
 @dataclass(frozen=True, eq=False)
-class Itinerary:
-    """A reference that repeats its stages for ever; every drive moves at its rate until it is there.
+class Timetable(ABC):
+    """A reference in stages that are repeated for ever.
 
     Attributes:
         stages: The stages of one cycle.
-        rates: Largest rate of slew [rad/s], trolley [m/s], hoist [m/s], shape (3,).
     """
 
     stages: tuple[Stage, ...]
-    rates: np.ndarray
 
     @property
     def duration(self) -> float:
@@ -82,6 +81,21 @@ class Itinerary:
         """The stage under way at a time [s], and the time at which its cycle began [s]."""
         cycle = t // self.duration * self.duration
         return next((stage for stage in self.stages if t - cycle < stage.end), self.stages[-1]), cycle
+
+    @abstractmethod
+    def __call__(self, t: float) -> Wanted:
+        """What is wanted of the drives at a time [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Itinerary(Timetable):
+    """A reference that repeats its stages for ever; every drive moves at its rate until it is there.
+
+    Attributes:
+        rates: Largest rate of slew [rad/s], trolley [m/s], hoist [m/s], shape (3,).
+    """
+
+    rates: np.ndarray
 
     def __call__(self, t: float) -> Wanted:
         """What is wanted at a time [s]."""

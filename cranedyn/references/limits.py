@@ -30,9 +30,9 @@ class Limits:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for kind, values in (("rate", self.rates), ("acceleration", self.accelerations)):
-            for name, value in zip(_NAMES, values, strict=True):
-                number(f"{kind} limit of {name}", value, "", "> 0")
+        for kind, per, values in (("rate", "s", self.rates), ("acceleration", "s²", self.accelerations)):
+            for name, unit, value in zip(_NAMES, ("rad", "m", "m"), values, strict=True):
+                number(f"{kind} limit of {name}", value, f"{unit}/{per}", "> 0")
 
 
 def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:

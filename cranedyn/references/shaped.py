@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import make_interp_spline
 
 from cranedyn.errors import number
@@ -74,38 +75,38 @@ def shaped(base: Reference, shaper: Shaper, period: float) -> Reference:
 def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: float, *, step: float = 5e-3) -> Reference:
     """Shape slew and trolley of a reference while its own hoisting changes the period; the hoist is left as it is.
 
-    Each small move is delayed by the period of the cable length at the time it was asked for, so the whole way is kept.
+    Each part of a move comes when the swing that the move caused has gone on by the shaper's fraction of a turn, ∫ω dt = 2π fraction with
+    ω² = g/l(t), and is as large as that swing has become: a push at cable length l₁ leaves an amplitude in proportion to l₁^(1/4) l^(-3/4),
+    so the part at l₂ is (l₁/l₂)^(1/4) times that at l₁. The parts add up to the whole way. Slow hoisting and small swing are assumed.
 
     Args:
         base: What is wanted.
         shaper: The shaper.
         gravity: Gravity [m/s²].
         duration: Time over which the base moves [s].
-        step: Size of the small moves [s].
+        step: Spacing of the samples [s].
 
     Raises:
         OutOfRange: If the duration or gravity is not positive.
     """
     number("gravity", gravity, "m/s²", "> 0")
-    t = step * np.arange(round(number("duration", duration, "s", "> 0") / step) + 1)
-    wanted = np.array([base(s).position for s in t])
-    middle = (t[1:] + t[:-1]) / 2.0
-    lengths = (wanted[1:, 2] + wanted[:-1, 2]) / 2.0
-    delays = np.multiply.outer(shaper.fractions, 2.0 * math.pi * np.sqrt(lengths / gravity))
-    grid = step * np.arange(math.ceil((duration + delays.max()) / step) + 2)
-    moves = np.zeros((len(grid), 2))
-    for share, delay in zip(shaper.amplitudes, delays, strict=True):
-        at = (middle + delay) / step
-        cell = at.astype(int)
-        weight = (at - cell)[:, None]
-        way = share * np.diff(wanted[:, :2], axis=0)
-        np.add.at(moves, cell, (1.0 - weight) * way)
-        np.add.at(moves, cell + 1, weight * way)
-    curve = make_interp_spline(grid + step / 2.0, wanted[0, :2] + np.cumsum(moves, axis=0), k=3)
+    rows = round(number("duration", duration, "s", "> 0") / step)
+    slowest = 2.0 * math.pi * math.sqrt(max(base(step * k).position[2] for k in range(rows + 1)) / gravity)
+    t = step * np.arange(rows + math.ceil(slowest * shaper.fractions[-1] / step) + 2)
+    wanted = [base(s) for s in t]
+    length = np.array([w.position[2] for w in wanted])
+    phase = cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
+    parts = shaper.amplitudes[:, None] * np.interp(phase + 2.0 * math.pi * shaper.fractions[:, None], phase, length) ** -0.25
+    ways = cumulative_trapezoid((parts / parts.sum(axis=0))[:, :, None] * [w.velocity[:2] for w in wanted], t, axis=1, initial=0.0)
+    moved = np.zeros((len(t), 2))
+    for fraction, way in zip(shaper.fractions, ways, strict=True):
+        asked = np.interp(phase - 2.0 * math.pi * fraction, phase, t)
+        moved += np.stack([np.interp(asked, t, column) for column in way.T], axis=1)
+    curve = make_interp_spline(t, wanted[0].position[:2] + moved, k=3)
     rate, acceleration = curve.derivative(), curve.derivative(2)
 
     def reference(s: float) -> Wanted:
-        inside = min(max(s, float(grid[0] + step / 2.0)), float(grid[-1] + step / 2.0))
+        inside = min(max(s, 0.0), float(t[-1]))
         now = base(s)
         return Wanted(
             np.append(curve(inside), now.position[2]),

@@ -1,0 +1,79 @@
+"""The crane linearised along a motion: what controllers that know the model share."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cranedyn.crane import Crane, State
+from cranedyn.dynamics import inverse_dynamics
+from cranedyn.errors import OutOfRange, number
+from cranedyn.linear import sampled
+from cranedyn.references.motion import Motion
+
+
+class Linearised(NamedTuple):
+    """Feed-forward at every row of a motion, and a linear model for each stretch of it.
+
+    Attributes:
+        period: Time between rows of the motion [s].
+        efforts: Of inverse dynamics: slew [N m], trolley [N], hoist [N], shape (n, 3).
+        wanted: Coordinates and rates, shape (n, 10).
+        stretch: Which model is meant for each row, shape (n,); the last row has one of its own, which stands for all that follows.
+        a: Deviations after one control period by those before, shape (m, 10, 10).
+        b: The same by the efforts held beyond the feed-forward, shape (m, 10, 3).
+    """
+
+    period: float
+    efforts: np.ndarray
+    wanted: np.ndarray
+    stretch: np.ndarray
+    a: np.ndarray
+    b: np.ndarray
+
+    def row(self, t: float) -> int:
+        """The row for a time [s]; beyond the end the last."""
+        return min(round(t / self.period), len(self.efforts) - 1)
+
+
+def linearised(crane: Crane, motion: Motion, *, dt: float, every: int, control_period: float | None = None) -> Linearised:
+    """Linearise a crane along a motion.
+
+    Args:
+        crane: The crane.
+        motion: What to linearise about.
+        dt: Physics step of the simulation [s].
+        every: Rows from one linearisation to the next.
+        control_period: Time over which efforts are held [s]; by default the motion's period.
+
+    Raises:
+        OutOfRange: If the control period is not a multiple of `dt`, or `every` is not at least 1.
+    """
+    held = motion.period if control_period is None else control_period
+    multiple("control period", held, "dt", dt)
+    if every < 1:
+        raise OutOfRange("rows between linearisations", every, ">= 1")
+    efforts = np.array(
+        [inverse_dynamics(crane.model, crane.data, *row, crane.damping) for row in zip(motion.q, motion.v, motion.a, strict=True)]
+    )
+    last = len(motion.q) - 1
+    rows = [*range(0, last, every), last]
+    models = [sampled(crane, State(motion.q[k], motion.v[k]), efforts[k], dt=dt, control_period=held) for k in rows]
+    stretch = np.arange(last + 1) // every
+    stretch[-1] = len(rows) - 1
+    wanted = np.hstack([motion.q, motion.v])
+    return Linearised(motion.period, efforts, wanted, stretch, np.array([m.a for m in models]), np.array([m.b for m in models]))
+
+
+def multiple(name: str, value: float, of_name: str, of: float) -> int:
+    """How many times one time [s] goes into another.
+
+    Raises:
+        OutOfRange: If one is not positive, or they do not divide.
+    """
+    number(of_name, of, "s", "> 0")
+    times = round(number(name, value, "s", "> 0") / of)
+    if times < 1 or abs(times * of - value) > 1e-9 * value:
+        raise OutOfRange(name, value, f"a multiple of {of_name} = {of:g} s", "s")
+    return times

@@ -1,0 +1,204 @@
+"""Receding-horizon control: the LQR with the limits of the drives, and a bound on the swing, as constraints.
+
+The decision is c, by how much the efforts differ from those of the LQR: u = -K z + c. With Riccati's cost-to-go P at the end of the
+horizon, completing the square makes the quadratic cost of all that follows zᵀPz + Σ cᵀ(R + BᵀPB)c (Kouvaritakis & Cannon, Model
+Predictive Control, §2). So where no limit is met, c = 0; where one is, the efforts depart from the LQR's as little as they can.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from cranedyn.controllers.linearised import Linearised, linearised, multiple
+from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT
+from cranedyn.controllers.riccati import Sweep, riccati
+from cranedyn.controllers.tracking import check_finite
+from cranedyn.crane import DRIVES, PASSIVE, Crane, State
+from cranedyn.errors import CraneError, OutOfRange, RunError, number, within
+from cranedyn.references import Wanted
+from cranedyn.references.motion import Motion
+
+BOUNDED = np.concatenate([5 + DRIVES, PASSIVE])
+"""What of coordinates and rates has a bound: γ̇, ẋ, l̇, φ, θ."""
+
+PENALTY = 1e6
+"""Cost of exceeding a bound by as much as the bound itself: linear, and far more than what the LQR would pay, so that a bound is
+exceeded only where the efforts cannot keep it."""
+
+_DRIVES = (("slew", "N m", "rad/s"), ("trolley", "N", "m/s"), ("hoist", "N", "m/s"))
+_FAILURES = {-1: "its limits contradict each other", -2: "it goes in circles", -4: "it takes too many iterations"}
+
+
+class Solution(NamedTuple):
+    """What came of the last optimisation.
+
+    Attributes:
+        t: When [s].
+        flag: Of the solver; 1 is solved.
+        iterations: How many it took.
+        excess: By what share the bounds of γ̇, ẋ, l̇, φ, θ are exceeded over the horizon, shape (5,); zero where they are kept.
+    """
+
+    t: float
+    flag: int
+    iterations: int
+    excess: np.ndarray
+
+
+@dataclass(eq=False)
+class Predictive:
+    """Model predictive control about a motion; between its instants the correction of the efforts is held, the feed-forward goes on.
+
+    Attributes:
+        model: The crane along the motion, one stretch for each period of the controller.
+        ratio: Control instants in one period.
+        horizon: How many periods it looks ahead.
+        sweep: LQR's gain for each stretch, and its cost-to-go.
+        root: Square root of the inverse of R + BᵀPB for each stretch, shape (m, 3, 3): efforts of equal cost.
+        room: Least and largest correction that keeps the effort limits in each stretch, shape (2, m, 3).
+        bound: Largest γ̇, ẋ, l̇, φ, θ, shape (5,).
+        solve: The quadratic programme's solver.
+        last: The last optimisation, None before the first.
+    """
+
+    model: Linearised
+    ratio: int
+    horizon: int
+    sweep: Sweep
+    root: np.ndarray
+    room: np.ndarray
+    bound: np.ndarray
+    solve: Callable[..., tuple[np.ndarray, float, int, dict]]
+    last: Solution | None = None
+    _instant: int = -1
+    _correction: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+        """Efforts [N m, N, N], shape (3,).
+
+        Raises:
+            RunError: If the optimisation fails.
+            OutOfRange: If a coordinate or rate is not finite.
+        """
+        row = self.model.row(t)
+        instant = round(t / self.model.period) // self.ratio
+        if instant != self._instant or self.last is None or t <= self.last.t:
+            check_finite(state)
+            self._correction = self._optimised(t, instant, np.concatenate(state) - self.model.wanted[row])
+            self._instant = instant
+        return self.model.efforts[row] + self._correction
+
+    def _optimised(self, t: float, instant: int, deviation: np.ndarray) -> np.ndarray:
+        """The first correction of the best sequence."""
+        stretches = np.minimum(np.arange(instant, instant + self.horizon), len(self.root) - 1)
+        efforts, ahead = self._predicted(stretches, deviation)
+        least, most = (side[stretches].ravel() - efforts[:, -1] for side in self.room)
+        after = np.minimum(self.ratio * np.arange(instant + 1, instant + self.horizon + 1), len(self.model.wanted) - 1)
+        away = (self.model.wanted[np.ix_(after, BOUNDED)] / self.bound).ravel() + ahead[:, -1]
+        slack, none = np.tile(np.eye(5), (self.horizon, 1)), np.full(len(away), np.inf)
+        rows = np.block([[np.zeros((len(efforts), 5)), efforts[:, :-1]], [-slack, ahead[:, :-1]], [slack, ahead[:, :-1]]])
+        size = rows.shape[1]
+        found, _, flag, about = self.solve(
+            np.eye(size),
+            np.concatenate([np.full(5, PENALTY), np.zeros(size - 5)]),
+            rows,
+            np.concatenate([np.full(5, np.inf), most, 1.0 - away, none]),
+            np.concatenate([np.zeros(5), least, -none, -1.0 - away]),
+            np.zeros(5 + len(rows), dtype=np.int32),
+        )
+        self.last = Solution(t, int(flag), int(about["iterations"]), found[:5])
+        if flag != 1:
+            why = _FAILURES.get(self.last.flag, "the solver gave up")
+            raise RunError(f"At t = {t:.4g} s the optimisation of the MPC failed: {why} (flag {flag} of DAQP).", t=t)
+        k = stretches[0]
+        return self.root[k] @ found[5:8] - self.sweep.gain[k] @ deviation
+
+    def _predicted(self, stretches: np.ndarray, deviation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Corrections, and bounded quantities over their bounds, over the horizon: affine in the decision, the constant last."""
+        efforts, ahead = np.empty((self.horizon, 3, 3 * self.horizon + 1)), np.empty((self.horizon, 5, 3 * self.horizon + 1))
+        z = np.zeros((10, 3 * self.horizon + 1))
+        z[:, -1] = deviation
+        for j, k in enumerate(stretches):
+            efforts[j] = -self.sweep.gain[k] @ z
+            efforts[j, :, 3 * j : 3 * j + 3] += self.root[k]
+            z = self.model.a[k] @ z + self.model.b[k] @ efforts[j]
+            ahead[j] = z[BOUNDED] / self.bound[:, None]
+        return efforts.reshape(-1, z.shape[1]), ahead.reshape(-1, z.shape[1])
+
+
+def mpc(
+    crane: Crane,
+    motion: Motion,
+    *,
+    dt: float = 5e-4,
+    period: float = 0.05,
+    horizon: int = 40,
+    effort_limit: Sequence[float] | np.ndarray | None = None,
+    rate_limit: Sequence[float] | np.ndarray | None = None,
+    swing_limit: float = math.pi / 2.0,
+    state_weight: np.ndarray = STATE_WEIGHT,
+    effort_weight: np.ndarray = EFFORT_WEIGHT,
+) -> Predictive:
+    """Model predictive control about a motion, with the efforts of inverse dynamics fed forward.
+
+    Efforts are kept within their limits always. Rates and swing are kept within theirs at the controller's instants, as far as the model
+    goes and the efforts allow it: an initial swing beyond the bound is no contradiction.
+
+    Args:
+        crane: The crane.
+        motion: What to track; its period is the control period, at which the feed-forward goes on.
+        dt: Physics step of the simulation [s].
+        period: Time between optimisations [s], a multiple of the control period.
+        horizon: How many of them it looks ahead.
+        effort_limit: Largest efforts of slew [N m], trolley [N], hoist [N]; by default those of the crane.
+        rate_limit: Largest rates of slew [rad/s], trolley [m/s], hoist [m/s]; by default those of the crane's URDF.
+        swing_limit: Largest radial and tangential swing [rad], up to π/2.
+        state_weight: Q for coordinates and rates, shape (10, 10).
+        effort_weight: R for slew, trolley, hoist, shape (3, 3).
+
+    Raises:
+        CraneError: If the solver DAQP is not installed.
+        OutOfRange: If times do not divide, a limit is not positive, a weight not allowed, the horizon not a whole number from 1 on, or the
+            feed-forward changes within a period by more than twice a limit.
+    """
+    solve = _solver()
+    if not isinstance(horizon, (int, np.integer)) or horizon < 1:
+        raise OutOfRange("horizon", horizon, "a whole number >= 1", "periods")
+    efforts = _limits("effort limit", crane.effort_limit if effort_limit is None else effort_limit, 1)
+    rates = _limits("rate limit", crane.model.velocityLimit[DRIVES] if rate_limit is None else rate_limit, 2)
+    swing = within("swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, math.pi / 2.0, "rad")
+    ratio = multiple("period", period, "the motion's period", motion.period)
+    model = linearised(crane, motion, dt=dt, every=ratio, control_period=period)
+    sweep = riccati(model.a, model.b, state_weight, effort_weight)
+    square = effort_weight + np.swapaxes(model.b, 1, 2) @ sweep.cost[1:] @ model.b
+    root = np.array([solve_triangular(cholesky(part), np.eye(3)) for part in square])
+    return Predictive(model, ratio, int(horizon), sweep, root, _room(model, efforts), np.array([*rates, swing, swing]), solve)
+
+
+def _room(model: Linearised, limit: np.ndarray) -> np.ndarray:
+    """Between which corrections feed-forward and correction together keep the limits in each stretch, shape (2, m, 3)."""
+    parts = [model.efforts[model.stretch == k] for k in range(len(model.a))]
+    room = np.array([[-limit - part.min(axis=0) for part in parts], [limit - part.max(axis=0) for part in parts]])
+    if (room[0] > room[1]).any():
+        raise OutOfRange("effort limit", limit.tolist(), "at least half of what the feed-forward changes by within a period")
+    return room
+
+
+def _limits(name: str, values: Sequence[float] | np.ndarray, unit: int) -> np.ndarray:
+    if np.shape(values) != (3,):
+        raise OutOfRange(name, values, "three numbers: slew, trolley, hoist")
+    return np.array([number(f"{name} of the {drive[0]}", value, drive[unit], "> 0") for drive, value in zip(_DRIVES, values, strict=True)])
+
+
+def _solver() -> Callable[..., tuple[np.ndarray, float, int, dict]]:
+    try:
+        from daqp import solve
+    except ImportError:
+        raise CraneError("The MPC needs the solver DAQP; install it with: pip install 'cranedyn[mpc]'") from None
+    return solve

@@ -1,0 +1,121 @@
+"""How a command acts on the crane: drives that push with an effort, and drives that follow a motion. Inside, time is counted in steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.crane import DRIVES, Crane, State
+from cranedyn.dynamics import follow_drives, inverse_dynamics, outside_effort
+from cranedyn.integrator import Acceleration, in_steps
+
+_STOP_FREQUENCY, _STOP_DAMPING = 20.0, 0.5
+
+
+class Outside:
+    """What acts on the joints besides drives, gravity and damping: a force on payload and trolley, and buffers at the ends of the ranges.
+
+    A buffer is a spring with a damper that can push but not pull, as stiff as makes the drive with what hangs on it swing at 20 rad/s
+    with half of critical damping.
+
+    Attributes:
+        force: On payload and trolley in the world [N], shape (2, 3).
+        buffer_work: Work done on the crane by the buffers so far [J].
+    """
+
+    def __init__(self, crane: Crane, dt: float, *, buffers: bool) -> None:
+        self.force = np.zeros((2, 3))
+        self._work = 0.0
+        self._model, self._data, self._dt = crane.model, crane.model.createData(), dt
+        inertia = np.diag(pin.crba(crane.model, self._data, crane.start.q))[DRIVES] if buffers else np.zeros(3)
+        self._stiffness = (_STOP_FREQUENCY * dt) ** 2 * inertia
+        self._damping = 2.0 * _STOP_DAMPING * _STOP_FREQUENCY * dt * inertia
+        self._lower, self._upper = crane.lower[DRIVES], crane.upper[DRIVES]
+        self._push, self._u = np.zeros(3), np.zeros(3)
+
+    def __call__(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Generalized forces, shape (5,)."""
+        self._book(u)
+        effort = outside_effort(self._model, self._data, q, self._dt**2 * self.force)
+        beyond = q[DRIVES] - np.clip(q[DRIVES], self._lower, self._upper)
+        if beyond.any():
+            push = -self._stiffness * beyond - self._damping * u[DRIVES]
+            self._push = np.where(push * beyond < 0.0, push, 0.0)
+            effort[DRIVES] += self._push
+        return effort
+
+    def buffer_work(self, state: State) -> float:
+        """Work done on the crane by the buffers up to this state [J]."""
+        self._book(self._dt * state.v)
+        return self._work / self._dt**2
+
+    def _book(self, u: np.ndarray) -> None:
+        """Add the last step's work: its force times the mean of the velocities before and after it."""
+        if self._push.any():
+            self._work += float(self._push @ (self._u + u[DRIVES])) / 2.0
+            self._push = np.zeros(3)
+        self._u = u[DRIVES]
+
+
+class EffortDrives:
+    """Drives that push with the effort commanded, within their limits."""
+
+    def __init__(self, crane: Crane, dt: float, outside: Outside | None) -> None:
+        self.model = in_steps(crane.model, dt)
+        self._limit = crane.effort_limit
+        self._limits = tuple(crane.effort_limit.tolist())
+        self._dt2 = np.full(3, dt * dt)
+        self._effort = np.zeros(3)
+        self._tau = np.zeros(5)
+        self.acceleration = self._damped_aba(dt * crane.damping, outside)
+
+    def _damped_aba(self, damping: np.ndarray, outside: Outside | None) -> Acceleration:
+        aba, world = pin.aba, pin.Convention.WORLD
+        model, data, tau = self.model, self.model.createData(), self._tau
+        if outside is not None:
+            return lambda q, u: aba(model, data, q, u, tau - damping * u + outside(q, u), world)
+        return lambda q, u: aba(model, data, q, u, tau - damping * u, world)
+
+    def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Take a command until the next one; returns the effort asked for and the effort that acts, shape (3,) each."""
+        slew, trolley, hoist = command.tolist()
+        a, b, c = self._limits
+        inside = -a <= slew <= a and -b <= trolley <= b and -c <= hoist <= c
+        self._effort = command if inside else command.clip(-self._limit, self._limit)
+        self._tau[DRIVES] = self._dt2 * self._effort
+        return command, self._effort
+
+    def effort(self, state: State) -> np.ndarray:
+        """What acts at a state under the last command, shape (3,)."""
+        return self._effort
+
+
+class MotionDrives:
+    """Drives that accelerate as commanded, whatever effort it costs."""
+
+    def __init__(self, crane: Crane, dt: float, outside: Outside | None) -> None:
+        self.model = in_steps(crane.model, dt)
+        self._data = self.model.createData()
+        self._damping = dt * crane.damping
+        self._dt = dt
+        self._command = np.zeros(5)
+        self._outside = outside
+
+    def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Take a command until the next one; returns the effort that it costs at this state, twice, shape (3,) each."""
+        self._command[DRIVES] = self._dt**2 * command
+        effort = self.effort(state)
+        return effort, effort
+
+    def effort(self, state: State) -> np.ndarray:
+        """What acts at a state under the last command, shape (3,)."""
+        u = self._dt * state.v
+        a = self.acceleration(state.q, u)
+        return inverse_dynamics(self.model, self._data, state.q, u, a, self._damping, self._pushed(state.q, u)) / self._dt**2
+
+    def acceleration(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Of all five joints, shape (5,)."""
+        return follow_drives(self.model, self._data, q, u, self._command, self._damping, self._pushed(q, u))
+
+    def _pushed(self, q: np.ndarray, u: np.ndarray) -> np.ndarray | None:
+        return None if self._outside is None else self._outside(q, u)

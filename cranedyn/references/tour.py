@@ -1,0 +1,64 @@
+"""A tour whose legs are planned as motions of all five joints: what tracking controllers and shaped drives go by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.crane import COORDINATES, DRIVES, Crane, State
+from cranedyn.errors import OutOfRange, number
+from cranedyn.references.itinerary import Leg, Stage, Timetable
+from cranedyn.references.motion import Motion
+from cranedyn.references.wanted import Wanted
+
+
+@dataclass(frozen=True, eq=False)
+class Tour(Timetable):
+    """A reference that repeats a motion for ever.
+
+    Attributes:
+        motion: One cycle of it.
+    """
+
+    motion: Motion
+
+    def __call__(self, t: float) -> Wanted:
+        """What is wanted of the drives at a time [s]."""
+        return self.motion(t % self.duration)
+
+
+def tour(crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motion], *, dwell: float) -> Tour:
+    """Plan a tour leg by leg, from where the crane starts and back.
+
+    Args:
+        crane: The crane.
+        legs: Where to go; the last must lead back to the start.
+        plan: The motion from one rest to another.
+        dwell: How long to stand still after each leg [s].
+
+    Raises:
+        OutOfRange: For a target out of the crane's ranges, a negative dwell, no leg at all, or a tour that does not end where it began.
+    """
+    number("dwell", dwell, "s", ">= 0")
+    stages: list[Stage] = []
+    parts: list[np.ndarray] = []
+    here, row, period = crane.start, 0, 0.0
+    for leg in legs:
+        aims = {COORDINATES[i]: float(here.q[i]) if aim is None else aim for i, aim in zip(DRIVES, leg[1:], strict=True)}
+        goal = crane.state(**aims)
+        motion = plan(here, goal)
+        period, rows, still = motion.period, len(motion.q) - 1, math.ceil(dwell / motion.period - 1e-9)
+        rest = np.stack([goal.q, goal.v, goal.v])[:, None]
+        parts += [np.stack([motion.q, motion.v, motion.a])[:, :-1], np.repeat(rest, still, axis=1)]
+        begin, arrival, end = (period * k for k in (row, row + rows, row + rows + still))
+        stages.append(Stage(leg, here.q[DRIVES], goal.q[DRIVES], begin, arrival, end))
+        here, row = goal, row + rows + still
+    if not stages:
+        raise OutOfRange("tour", "empty", "one leg at least")
+    if not np.allclose(here.q, crane.start.q):
+        raise OutOfRange("end of the tour", here.q[DRIVES].tolist(), f"where it began, {crane.start.q[DRIVES].tolist()}", "rad, m, m")
+    whole = np.concatenate([*parts, np.stack([here.q, here.v, here.v])[:, None]], axis=1)
+    return Tour(tuple(stages), Motion(period, *whole))

@@ -1,0 +1,118 @@
+"""What may be different from what was planned: the load, the cable, the sensors, the air."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cranedyn.controllers.observer import observed
+from cranedyn.controllers.sensed import NOISE, sensed
+from cranedyn.crane import Crane, State
+from cranedyn.references import Wanted
+from cranedyn.simulate import Controller, Disturbance
+from cranedyn.trajectory import Trajectory
+from cranedyn.wind import cosine_gust, steady, wind
+from experiments import common
+from experiments.moves import AFTER, Move, Score, score
+from experiments.ways import Plan
+
+
+@dataclass(frozen=True)
+class Case:
+    """How the crane that moves differs from the one that was planned for.
+
+    Attributes:
+        name: What it is called.
+        values: Numbers of the crane.
+        cable: By which share the cable is longer than measured.
+        noise: Standard deviations of what the sensors add to coordinates and rates, shape (10,); None for none.
+        delay: By how many control periods the sensors are late.
+        blow: What pushes from outside, for a crane.
+        observer: Whether the swing is estimated from the drives instead of measured.
+    """
+
+    name: str
+    values: Mapping[str, float] = field(default_factory=dict)
+    cable: float = 0.0
+    noise: np.ndarray | None = None
+    delay: int = 0
+    blow: Callable[[Crane], Disturbance] | None = None
+    observer: bool = False
+
+    @property
+    def sensors_only(self) -> bool:
+        """Whether it is nothing but the measurement of the swing that differs."""
+        return self.noise is not None or self.delay > 0 or self.observer
+
+
+def _gust(crane: Crane) -> Disturbance:
+    """A gust across the jib of 12 m/s that is over as the move ends, on 5 m² of load."""
+    return wind(crane, cosine_gust(steady(0.0), 12.0, at=10.0, lasts=10.0), direction=0.0, payload_area=5.0)
+
+
+NOMINAL = Case("as planned")
+
+CASES = (
+    NOMINAL,
+    Case("load -50 %", {"payload_mass": 500.0}),
+    Case("load +50 %", {"payload_mass": 1500.0}),
+    Case("cable -10 %", cable=-0.1),
+    Case("cable +10 %", cable=0.1),
+    Case("noise", noise=NOISE),
+    Case("delay 5 ms", delay=1),
+    Case("damped swing", {"damp_swing": 5000.0}),
+    Case("gust", blow=_gust),
+    Case("no swing sensor", observer=True),
+)
+"""Cases of the comparison; the planned crane has a load of 1000 kg. 5000 N m s/rad are about 2 % of critical damping."""
+
+
+def make(world: common.World, move: Move, plan: Plan, case: Case = NOMINAL, *, label: str = "") -> tuple[Trajectory, Score]:
+    """Make a planned move under a case and watch what is left.
+
+    Raises:
+        CraneError: If the run breaks off, or the plan has no motion that an observer could go by.
+    """
+    crane = world.variant(**case.values) if case.values else world.crane
+    first, last = (_stretched(end, case.cable) for end in move.ends(world.crane))
+    first.q[2:4] = move.swing
+    controller = plan.controller()
+    if case.observer:
+        if plan.motion is None:
+            raise common.CraneError("Without a planned motion there is nothing to linearise an observer about.")
+        controller = observed(controller, world.crane, plan.motion, dt=world.dt)
+    if case.noise is not None or case.delay:
+        noise = np.zeros(10) if case.noise is None else case.noise
+        controller = sensed(controller, delay=case.delay, noise=noise, rng=np.random.default_rng(1))
+    if case.cable:
+        controller = _misread(controller, case.cable)
+    duration = world.control_period * math.ceil((plan.arrives + AFTER) / world.control_period - 1e-9)
+    run = world.simulate(
+        crane,
+        controller,
+        plan.reference,
+        start=first,
+        duration=duration,
+        label=label,
+        drive=plan.drive,
+        disturbance=case.blow(crane) if case.blow else None,
+    )
+    return run, score(crane, last, run, plan.arrives)
+
+
+def _stretched(state: State, share: float) -> State:
+    """The state with a cable longer by a share."""
+    return State(state.q * np.array([1.0, 1.0, 1.0, 1.0, 1.0 + share]), state.v.copy())
+
+
+def _misread(controller: Controller, share: float) -> Controller:
+    """A controller that takes the cable for shorter by a share than it is."""
+    scale = np.array([1.0, 1.0, 1.0, 1.0, 1.0 / (1.0 + share)])
+
+    def misled(t: float, state: State, wanted: Wanted) -> np.ndarray:
+        return controller(t, State(scale * state.q, scale * state.v), wanted)
+
+    return misled

@@ -1,0 +1,275 @@
+"""Compare: every way to make a move beside every other, as planned and when load, cable, sensors and air are not as planned."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cranedyn.crane import State
+from cranedyn.references import Wanted
+from cranedyn.references.limits import Limits
+from cranedyn.simulate import Controller
+from cranedyn.trajectory import Trajectory
+from experiments import common
+from experiments.cases import CASES, NOMINAL, make
+from experiments.compare_figures import robustness_figure, swing_figure
+from experiments.demo import residual
+from experiments.moves import LIMITS, MOVES, SWINGING, Move, Score
+from experiments.tours import CONTROLS
+from experiments.ways import FLAT, MPC, MPC_PERIOD, PAPER, PD, TIME, WAYS
+
+COMBINED = MOVES[-1]
+
+UNSEEING = "it does not look at the swing"
+
+RECORDED = (PD, PAPER, FLAT, TIME)
+"""Ways that are drawn into each other in the recording."""
+
+
+class Result(NamedTuple):
+    """What came of a way under a case: its score, or why there is none."""
+
+    score: Score | None
+    why: str = ""
+    run: Trajectory | None = None
+    calls: np.ndarray = np.empty(0)
+
+
+Results = dict[str, dict[str, Result]]
+"""By way, then by case."""
+
+
+def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+    """Make every move in every way, the combined one under every case, and the tour."""
+    from cranedyn.recording import Run
+
+    ways = options.only or list(WAYS)
+    alone = replace(world, watcher=common.Watcher(None))
+    moves = [*MOVES, SWINGING]
+    with _workers(options.jobs) as workers:
+        tasks: dict[Future[dict[str, Result]], tuple[Move, str]] = {
+            workers.submit(_made, alone, move, way, move == COMBINED): (move, way) for move in moves for way in ways
+        }
+        tours: dict[Future[tuple[str, float, float, float, float, float]], str] = {
+            workers.submit(_toured, alone, control): control for control in CONTROLS
+        }
+        update = world.watcher.run("comparison", float(len(tasks) + len(tours)))
+        everything: list[Future[Any]] = [*tasks, *tours]
+        for done, _ in enumerate(as_completed(everything), start=1):
+            if update is not None:
+                update(float(done))
+    of_move: dict[str, Results] = {move.name: {} for move in moves}
+    for task, (move, way) in tasks.items():
+        of_move[move.name][way] = task.result()
+    combined = of_move[COMBINED.name]
+    rows = [row for task in tours for row in [task.result()]]
+    runs = {way: found[NOMINAL.name].run for way, found in combined.items()}
+    kept = {way: run for way, run in runs.items() if run is not None}
+    return common.Outcome(
+        tables=[
+            *(_table(move, of_move[move.name]) for move in moves),
+            *(_drives_table(move, of_move[move.name]) for move in moves),
+            _tour_table(rows),
+            *_case_tables(combined),
+        ],
+        claims=_claims(world, combined),
+        parameters=world.parameters()
+        | {
+            "rate_limits": list(LIMITS.rates),
+            "acceleration_limits": list(LIMITS.accelerations),
+            "moves": {move.name: [move.start, move.goal, move.duration, move.swing] for move in moves},
+        },
+        trajectories={f"compare_{_plain(way)}": run for way, run in kept.items()},
+        figures={"swing": swing_figure(COMBINED, kept), "robustness": robustness_figure(combined)},
+        recording=[Run(way, world.crane, kept[way]) for way in RECORDED if way in kept],
+    )
+
+
+@contextmanager
+def _workers(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
+    """Processes that end with the context, whatever ends it."""
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _made(world: common.World, move: Move, way: str, all_cases: bool) -> dict[str, Result]:
+    """A move in one way, as planned and perhaps under every case; what breaks off or cannot be is told, not raised."""
+    try:
+        plan = WAYS[way](world, move)
+    except common.CraneError as error:
+        return {NOMINAL.name: Result(None, str(error))}
+    found = {}
+    for case in CASES if all_cases else (NOMINAL,):
+        if case.sensors_only and not plan.looks:
+            found[case.name] = Result(None, UNSEEING)
+            continue
+        calls: list[float] = []
+        try:
+            run, scored = make(world, move, plan._replace(controller=partial(_timed, plan.controller, calls)), case)
+            found[case.name] = Result(scored, "", run if case == NOMINAL and all_cases else None, np.array(calls))
+        except common.CraneError as error:
+            found[case.name] = Result(None, str(error))
+    return found
+
+
+def _timed(make_controller: Callable[[], Controller], calls: list[float]) -> Controller:
+    """A controller that notes how long each call takes [s]."""
+    controller = make_controller()
+
+    def timed(t: float, state: State, wanted: Wanted) -> np.ndarray:
+        began = time.perf_counter()
+        command = controller(t, state, wanted)
+        calls.append(time.perf_counter() - began)
+        return command
+
+    return timed
+
+
+def _toured(world: common.World, control: str) -> tuple[str, float, float, float, float, float]:
+    """The seven legs: control, length of the cycle [s], swing left in a dwell, largest and mean [mrad], largest at the hook [mm], peak."""
+    reference, controller = CONTROLS[control](world, Limits((0.08, 0.8, 0.8), LIMITS.accelerations), 6.0)
+    duration = world.control_period * round(reference.duration / world.control_period)
+    run = world.simulate(world.crane, controller, reference, start=world.crane.start, duration=duration, label="")
+    rests = [run.between(stage.arrival, stage.end) for stage in reference.stages]
+    left = [1000.0 * residual(rest) for rest in rests]
+    hook = max(swing * float(rest.q[-1, 4]) for swing, rest in zip(left, rests, strict=True))
+    return control, duration, max(left), float(np.mean(left)), hook, 1000.0 * float(np.linalg.norm(run.q[:, 2:4], axis=1).max())
+
+
+def _plain(way: str) -> str:
+    return way.replace("'s", "").replace(",", "").replace(" + ", "_").replace(" ", "_").lower()
+
+
+def _seconds(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _reasons(results: Mapping[str, Result]) -> str:
+    """Why some have no numbers, each reason once."""
+    reasons: dict[str, list[str]] = {}
+    for name, result in results.items():
+        if result.why:
+            reasons.setdefault(result.why, []).append(name)
+    return "".join(f" {', '.join(names)}: {why}" for why, names in reasons.items())
+
+
+def _table(move: Move, found: Results) -> common.Table:
+    columns = [("way", ""), ("arrives [s]", ".2f"), ("peak [mrad]", ".1f"), ("at arrival [mrad]", ".3g"), ("hook [mm]", ".4g")]
+    columns += [("20 s later [mrad]", ".3g"), ("settled [s]", ".2f"), ("cycle [s]", ".2f")]
+    nominal = {way: results[NOMINAL.name] for way, results in found.items()}
+    rows = [
+        (way, s.arrives, 1e3 * s.peak, 1e3 * s.arrival, 1e3 * s.arrival * s.length, 1e3 * s.later, _seconds(s.settled), _seconds(s.cycle))
+        if s
+        else (way, *[None] * 7)
+        for way, s in ((way, result.score) for way, result in nominal.items())
+    ]
+    note = (
+        "Amplitudes of the swing; hook: the same at the hook on arrival; settled: time after it from which the payload stays within 10 mm "
+        f"of its goal, a dash where it does not in 20 s; cycle: from the start until then.{_reasons(nominal)}"
+    )
+    return common.Table(f"Move {move.name}: {move.start} to {move.goal}", columns, rows, note)
+
+
+def _drives_table(move: Move, found: Results) -> common.Table:
+    names = [f"{drive} {kind} [{unit}]" for kind in ("peak", "RMS") for drive, unit in (("T_γ", "kN m"), ("F_x", "kN"), ("F_l", "kN"))]
+    rows = [
+        (way, *(1e-3 * s.effort).tolist(), *(1e-3 * s.rms).tolist(), 1e-3 * s.work)
+        for way, s in ((way, results[NOMINAL.name].score) for way, results in found.items())
+        if s
+    ]
+    note = "Efforts beyond holding the load at rest; work: what the drives put in, not counting what they took back."
+    return common.Table(
+        f"What move {move.name} asks of the drives", [("way", ""), *((n, ".2f") for n in names), ("work [kJ]", ".1f")], rows, note
+    )
+
+
+def _tour_table(rows: Sequence[tuple[str, float, float, float, float, float]]) -> common.Table:
+    columns = [("control", ""), ("cycle [s]", ".1f"), ("worst dwell [mrad]", ".4g"), ("mean of dwells [mrad]", ".4g")]
+    columns += [("worst at the hook [mm]", ".4g"), ("peak on the way [mrad]", ".1f")]
+    return common.Table("The article's seven legs as one tour", columns, rows, "Half the way across, radial and tangential together.")
+
+
+def _case_tables(found: Results) -> Iterator[common.Table]:
+    columns = [("way", ""), *((case.name, ".3g") for case in CASES)]
+    for title, value in (
+        ("Swing 20 s after the arrival [mrad], combined move", lambda s: 1e3 * s.later),
+        ("Settled within 10 mm [s after the arrival], combined move", lambda s: _seconds(s.settled)),
+    ):
+        rows = [
+            (way, *(value(r.score) if (r := results.get(case.name)) and r.score else None for case in CASES))
+            for way, results in found.items()
+        ]
+        reasons = _reasons({f"{way}, {case}": r for way, results in found.items() for case, r in results.items() if r.why != UNSEEING})
+        note = f"A dash: it does not look at the swing, or does not settle in 20 s, or breaks off.{reasons}"
+        yield common.Table(title, columns, rows, note)
+
+
+def _claims(world: common.World, found: Results) -> list[common.Claim]:
+    def score(way: str, case: str = NOMINAL.name) -> Score | None:
+        result = found.get(way, {}).get(case)
+        return result.score if result else None
+
+    claims = []
+    flat, pd, fastest = score(FLAT), score(PD), score(TIME)
+    if flat and pd:
+        claims.append(
+            common.Claim(
+                f"On arrival flat paths with LQR leave less than a thousandth of the swing of the spline with PD "
+                f"({1e3 * flat.arrival:.2g} of {1e3 * pd.arrival:.3g} mrad).",
+                1000.0 * flat.arrival < pd.arrival,
+            )
+        )
+    loads = [s for case in ("load -50 %", "load +50 %") if (s := score(FLAT, case))]
+    if loads:
+        worst = max(s.later for s in loads)
+        claims.append(
+            common.Claim(f"With half or one and a half of the load they leave below 1e-3 rad 20 s later ({worst:.1e}).", worst < 1e-3)
+        )
+    if fastest:
+        others = [s.cycle for way in found if way != TIME and (s := score(way))]
+        claims.append(
+            common.Claim(
+                f"The move of least time settles before any other ({fastest.cycle:.2f} s, next {min(others):.2f} s).",
+                fastest.cycle < min(others),
+            )
+        )
+    mpc = found.get(MPC, {}).get(NOMINAL.name)
+    if mpc and mpc.score:
+        solves = mpc.calls[:: round(MPC_PERIOD / world.control_period)]
+        claims.append(
+            common.Claim(
+                f"The MPC keeps its period of {1e3 * MPC_PERIOD:g} ms: {1e3 * np.median(solves):.2g} ms in the median, "
+                f"{1e3 * solves.max():.2g} ms at most.",
+                bool(solves.max() < MPC_PERIOD),
+            )
+        )
+    return claims
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    made = common.parser(
+        "compare", "Every way to make a move, on the same moves and limits, as planned and when things are not as planned."
+    )
+    common.add_world(made)
+    made.add_argument("--only", nargs="+", choices=WAYS, metavar="WAY", help=f"only these ways, of: {', '.join(WAYS)}")
+    made.add_argument("--jobs", type=int, default=None, metavar="N", help="processes, by default one for each processor")
+    return common.conduct(made, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

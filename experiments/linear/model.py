@@ -1,0 +1,132 @@
+"""Equations of a small swing under given drives, integrated beside a run of the plant, and what the paper's leave out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn import theory
+from cranedyn.crane import DRIVES
+from cranedyn.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Drives:
+    """Where the drives are and how they move at an instant [m, rad, s].
+
+    Attributes:
+        x, x_rate, x_acceleration: Trolley.
+        slew_rate, slew_acceleration: Slew.
+        length, length_rate: Cable.
+    """
+
+    x: float
+    x_rate: float
+    x_acceleration: float
+    slew_rate: float
+    slew_acceleration: float
+    length: float
+    length_rate: float
+
+
+Model = Callable[[np.ndarray, np.ndarray, Drives, float], np.ndarray]
+"""From swing, its rates, drives and gravity [m/s²] to φ̈, θ̈."""
+
+
+def paper(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
+    """Eqs. (8) and (10) of Muddassir et al."""
+    phi = theory.radial_paper(swing[0], length=drives.length, gravity=gravity, push=drives.x_acceleration)
+    theta = theory.tangential_paper(swing[1], length=drives.length, gravity=gravity, push=drives.x * drives.slew_acceleration)
+    return np.array([phi, theta])
+
+
+def all_rates(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
+    """The same with everything that is linear in the swing."""
+    return theory.small_swing(swing, rates, gravity=gravity, **vars(drives))
+
+
+def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
+    """φ, θ and their rates of a model along a run, from its start and under the motion of its drives, shape (n, 4).
+
+    Runge-Kutta of order 4, one step for each row; between rows the drives accelerate evenly, as in prescribed motion.
+    """
+    h, q, v, a = float(run.t[1] - run.t[0]), run.q, run.v, accelerations(run)
+
+    def rates(y: np.ndarray, k: int, s: float) -> np.ndarray:
+        slew, x, length = (v[k, DRIVES] + a[k] * s).tolist()
+        drives = Drives(
+            x=q[k, 1] + (v[k, 1] + x) / 2.0 * s,
+            x_rate=x,
+            x_acceleration=a[k, 1],
+            slew_rate=slew,
+            slew_acceleration=a[k, 0],
+            length=q[k, 4] + (v[k, 4] + length) / 2.0 * s,
+            length_rate=length,
+        )
+        return np.concatenate([y[2:], model(y[:2], y[2:], drives, gravity)])
+
+    found = [np.concatenate([q[0, 2:4], v[0, 2:4]])]
+    for k in range(len(a)):
+        y = found[-1]
+        k1 = rates(y, k, 0.0)
+        k2 = rates(y + h / 2.0 * k1, k, h / 2.0)
+        k3 = rates(y + h / 2.0 * k2, k, h / 2.0)
+        found.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(y + h * k3, k, h)))
+    return np.array(found)
+
+
+def accelerations(run: Trajectory) -> np.ndarray:
+    """Of the drives between each row and the next [rad/s², m/s², m/s²], shape (n - 1, 3)."""
+    return np.diff(run.v[:, DRIVES], axis=0) / np.diff(run.t)[:, None]
+
+
+@dataclass(frozen=True)
+class Miss:
+    """How far a model is from the plant, as a share of the largest swing of the plant, both angles together.
+
+    Attributes:
+        swing: That largest swing [rad].
+        phi, theta: Root mean square of each angle's error.
+        peak: Largest error, both angles together.
+    """
+
+    swing: float
+    phi: float
+    theta: float
+    peak: float
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the error, both angles together."""
+        return float(np.hypot(self.phi, self.theta))
+
+
+def miss(run: Trajectory, modelled: np.ndarray) -> Miss:
+    """Compare what `integrate` made of a model with the run that it follows."""
+    swing = float(np.linalg.norm(run.q[:, 2:4], axis=1).max())
+    error = (modelled[:, :2] - run.q[:, 2:4]) / swing
+    phi, theta = np.sqrt(np.mean(error**2, axis=0)).tolist()
+    return Miss(swing, phi, theta, float(np.linalg.norm(error, axis=1).max()))
+
+
+def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
+    """What the paper's equations keep of the drives, and what they drop, at their largest along a run.
+
+    Returns:
+        The larger of ẍ and x γ̈ [m/s²]; each dropped term by its formula, as a share of that.
+    """
+    _, x, phi, theta, length = run.q[:-1].T
+    slew_rate, x_rate, phi_rate, theta_rate, length_rate = run.v[:-1].T
+    slew, trolley, _ = accelerations(run).T
+    terms: Mapping[str, Sequence[np.ndarray]] = {
+        "γ̇² (x - lφ)": [slew_rate**2 * (x - length * phi)],
+        "2γ̇ (lθ)˙": [2.0 * slew_rate * (length_rate * theta + length * theta_rate)],
+        "2γ̇ (ẋ - (lφ)˙)": [2.0 * slew_rate * (x_rate - length_rate * phi - length * phi_rate)],
+        "γ̈ lθ, γ̈ lφ": [slew * length * theta, slew * length * phi],
+        "γ̇² lθ": [slew_rate**2 * length * theta],
+        "2l̇φ̇, 2l̇θ̇": [2.0 * length_rate * phi_rate, 2.0 * length_rate * theta_rate],
+    }
+    kept = float(max(np.abs(trolley).max(), np.abs(x * slew).max()))
+    return kept, {name: float(max(np.abs(part).max() for part in parts)) / kept for name, parts in terms.items()}

@@ -1,0 +1,104 @@
+"""Runs of the plant and of the linear models under the same motion of the drives."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn import theory
+from cranedyn.analysis import swing_amplitude
+from cranedyn.controllers import follow
+from cranedyn.crane import Crane
+from cranedyn.errors import DataError
+from cranedyn.references import spline
+from cranedyn.trajectory import Trajectory
+from experiments import common
+from experiments.linear.model import Miss, Model, all_rates, dropped, integrate, miss, paper
+from experiments.linear.sites import SITES, Job, Site, jobs
+
+INERTIA = {"payload_inertia": 400.0, "dummy_mass": 50.0, "dummy_inertia": 50.0}
+"""The article's load and links [kg m², kg, kg m²]."""
+
+SWING, DEEP, HIGH = 0.02, 0.9, 0.45
+"""Swing at the start of slow hoisting [rad], and the cable before and after it as shares of the longest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One move of one crane: the run of the plant with a point load, and how far each model is from it.
+
+    Attributes:
+        site, job: Which crane and move.
+        run: What the plant did.
+        paper: The paper's equations against it.
+        rates: The equations with all rates against it.
+        rigid: The paper's equations against the plant with the article's inertia, where that was run.
+        kept: The larger of ẍ and x γ̈ [m/s²].
+        dropped: What the paper drops, by formula, as a share of that.
+    """
+
+    site: Site
+    job: Job
+    run: Trajectory
+    paper: Miss
+    rates: Miss
+    rigid: Miss | None
+    kept: float
+    dropped: Mapping[str, float]
+
+
+def move(world: common.World, crane: Crane, job: Job, label: str) -> Trajectory:
+    """A move and one swing after it, the drives in prescribed motion."""
+    period = float(theory.point_period(job.reference(job.arrival).position[2], world.gravity))
+    duration = math.ceil((job.arrival + period) / world.control_period) * world.control_period
+    drives = follow(job.reference, world.control_period)
+    return world.simulate(crane, drives, job.reference, start=job.start, duration=duration, label=label, drive="motion")
+
+
+def cases(world: common.World, site: Site, crane: Crane) -> list[Case]:
+    """Every move of one crane with a point load; with inertia besides where it is known, on the article's crane."""
+    rigid = site.crane(world, **INERTIA) if site is SITES[0] else None
+
+    def missed(run: Trajectory, model: Model) -> Miss:
+        return miss(run, integrate(run, model, world.gravity))
+
+    made = []
+    for job in jobs(site, crane):
+        run = move(world, crane, job, f"{site.name}: {job.name}")
+        inertia = missed(move(world, rigid, job, f"{site.name}: {job.name}, inertia"), paper) if rigid else None
+        made.append(Case(site, job, run, missed(run, paper), missed(run, all_rates), inertia, *dropped(run)))
+    return made
+
+
+def scan(world: common.World, crane: Crane, some: Sequence[Job]) -> list[float]:
+    """Error of the paper's equations in each of some moves, root mean square over the largest swing."""
+    trajectories = [move(world, crane, job, job.name) for job in some]
+    return [miss(run, integrate(run, paper, world.gravity)).rms for run in trajectories]
+
+
+def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> float:
+    """The value at which an error that grows with it is as large as is good, between two neighbours by their logarithms.
+
+    Raises:
+        DataError: If it is not that large, or not that small, at any.
+    """
+    by_size = sorted(zip(errors, values, strict=True))
+    for (low, one), (high, other) in itertools.pairwise(by_size):
+        if low <= good < high:
+            return one * (other / one) ** (math.log(good / low) / math.log(high / low))
+    raise DataError(f"The errors run from {by_size[0][0]:g} to {by_size[-1][0]:g}; {good:g} is not among them.")
+
+
+def powers(world: common.World, site: Site, crane: Crane) -> list[float]:
+    """With which power of the cable a free swing changes when it is hoisted slowly: in the plant, and by Eq. (8)."""
+    first, last = DEEP * site.height, HIGH * site.height
+    start = crane.state(l=first, phi=SWING)
+    duration = 15.0 / 8.0 * (first - last) / site.hoist[0]
+    run = move(world, crane, Job("", start, spline(start, [(0.0, start.q[1], last)], [duration]), duration), f"{site.name}: slow hoisting")
+    ends = (np.concatenate([run.q[-1, 2:4], run.v[-1, 2:4]]), integrate(run, paper, world.gravity)[-1])
+    amplitudes = [swing_amplitude(end[None, :2], end[None, 2:], last, world.gravity)[0] for end in ends]
+    return [math.log(amplitude / SWING) / math.log(last / first) for amplitude in amplitudes]

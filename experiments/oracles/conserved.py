@@ -1,0 +1,132 @@
+"""What stays: energy, momenta, and the balance of work, with drives locked, free or moving."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+
+from cranedyn import theory
+from cranedyn.crane import Crane, State
+from cranedyn.dynamics import prescribed_acceleration
+from cranedyn.references import Wanted
+from cranedyn.simulate import Controller, Drive
+from cranedyn.trajectory import Trajectory
+from experiments.oracles.check import MASS, Build, G, Oracle
+from experiments.oracles.reading import crossing, curve, payload, run, speed
+
+LENGTH, TROLLEY, STRUCTURE = 20.0, 500.0, 2e5 + 50.0
+"""Cable length [m]; mass of the trolley [kg]; inertia about the slew axis of the upper structure and of the trolley itself [kg m²]."""
+
+DURATION, FREE = 20.0, 9.0
+"""Length of a run, and of one with a free drive, which is asked at every step [s]."""
+
+
+def oracles(build: Build) -> list[Oracle]:
+    """Energy, momenta, the ledger."""
+    crane = build()
+    return [*_locked(crane), _ripple(crane), _slewing(crane), *_rolling(crane), *_ledgers(build)]
+
+
+def free(crane: Crane, drive: int) -> Controller:
+    """Prescribed motion in which one drive (0 slew, 1 trolley) exerts nothing and the others keep their speed."""
+
+    def accelerations(t: float, state: State, wanted: Wanted) -> np.ndarray:
+        none, one = np.zeros(3), np.eye(3)[drive]
+        needed, more = (prescribed_acceleration(crane, state, a)[1][drive] for a in (none, one))
+        return -needed / (more - needed) * one
+
+    return accelerations
+
+
+def _locked(crane: Crane) -> list[Oracle]:
+    start = crane.state(l=LENGTH, phi=0.6, theta=-0.2, theta_dot=0.3, phi_dot=0.1)
+    swing = cache(lambda dt: run(crane, start, DURATION, dt))
+
+    def energy(dt: float) -> float:
+        above = swing(dt).energy - swing(dt).energy[0]
+        return float(above[-1]) / (MASS * G * LENGTH * (1.0 - math.cos(0.6) * math.cos(0.2)))
+
+    def momentum(dt: float) -> float:
+        found = swing(dt)
+        arm, rate = payload(found.q)[[0, -1]] - payload(found.q * [1, 1, 0, 0, 0])[[0, -1]], speed(payload, found)[[0, -1]]
+        first, last = (arm[:, 0] * rate[:, 1] - arm[:, 1] * rate[:, 0]).tolist()
+        return last / first
+
+    return [
+        Oracle("energy gained by an oval swing in 20 s, of itself", "", 0.0, energy),
+        Oracle("angular momentum about the vertical, of the first", "", 1.0, momentum),
+    ]
+
+
+def _ripple(crane: Crane) -> Oracle:
+    """Semi-implicit Euler keeps E - dt/2 m g l φ φ̇ of a small swing, so E has gained ω dt/2 of itself three eighths of a period later."""
+    small, omega = 3e-3, math.sqrt(G / LENGTH)
+    when, whole = 0.75 * math.pi / omega, MASS * G * LENGTH * small**2 / 2.0
+
+    def read(dt: float) -> float:
+        found = run(crane, crane.state(l=LENGTH, phi=small), 5.0, dt)
+        gained = curve(found.t, found.energy - found.energy[0], int(np.searchsorted(found.t, when)))
+        return float(gained(when)) / whole / (omega * dt / 2.0)
+
+    return Oracle("ripple of the energy over that of the step, ω dt/2", "", 1.0, read, small**2, "finite swing")
+
+
+def _slewing(crane: Crane) -> Oracle:
+    start = crane.state(x=20.0, phi=0.4, theta=0.5, gamma_dot=0.05)
+
+    def total(found: Trajectory) -> np.ndarray:
+        """About the slew axis [kg m²/s]: structure and trolley, and the load."""
+        place, rate = payload(found.q), speed(payload, found)
+        structure = STRUCTURE + TROLLEY * found["x_m"] ** 2
+        return structure * found["gamma_dot_rad_s"] + MASS * (place[:, 0] * rate[:, 1] - place[:, 1] * rate[:, 0])
+
+    def read(dt: float) -> float:
+        momenta = total(run(crane, start, FREE, dt, free(crane, 0), every=1))
+        return float(momenta[-1] / momenta[0])
+
+    return Oracle("total angular momentum, free slew, of the first", "", 1.0, read)
+
+
+def _rolling(crane: Crane) -> list[Oracle]:
+    """A trolley that nothing drives, under a load that is thrown, and one that swings a little."""
+    start = crane.state(l=LENGTH, phi=0.5, x_dot=0.2)
+
+    def along_the_jib(dt: float) -> float:
+        """Of trolley and load; at zero slew the jib points along -Y."""
+        found = run(crane, start, FREE, dt, free(crane, 1), every=1)
+        return float(TROLLEY * found["x_dot_m_s"][-1] - MASS * speed(payload, found)[-1, 1])
+
+    def period(dt: float) -> float:
+        found = run(crane, crane.state(l=LENGTH, phi=1e-6), FREE, dt, free(crane, 1), every=1)
+        return 2.0 * (crossing(found.t, found["phi_rad"], 3) - crossing(found.t, found["phi_rad"], 2))
+
+    first = 0.2 * (TROLLEY + MASS)
+    closed = theory.rolling_period(LENGTH, G, MASS, TROLLEY)
+    return [
+        Oracle("momentum along the jib, free trolley", "N s", first, along_the_jib),
+        Oracle("period under a free trolley of half the mass", "s", closed, period),
+    ]
+
+
+def _ledgers(build: Build) -> list[Oracle]:
+    """Energy gained less work of the drives plus dissipation, over the energy that was moved; all joints damped."""
+    crane = build(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
+    start = crane.state(x=15.0, l=LENGTH, phi=0.2, theta=-0.1, gamma_dot=0.03)
+    hold = MASS * G
+
+    def pushes(t: float, state: State, wanted: Wanted) -> np.ndarray:
+        return np.array([2e4 * math.sin(0.5 * t), 300.0 * math.cos(0.4 * t), -hold + 50.0 * math.sin(0.3 * t)])
+
+    def moves(t: float, state: State, wanted: Wanted) -> np.ndarray:
+        return np.array([0.02 * math.sin(0.5 * t), 0.2 * math.cos(0.4 * t), 0.1 * math.sin(0.3 * t)])
+
+    def open_(controller: Controller, drive: Drive, dt: float) -> float:
+        found = run(crane, start, DURATION, dt, controller, drive=drive)
+        return float(found.unexplained[-1] / np.abs(found.work[-1]).sum())
+
+    return [
+        Oracle("energy unexplained, drives by effort, of their work", "", 0.0, lambda dt: open_(pushes, "effort", dt)),
+        Oracle("energy unexplained, drives by motion, of their work", "", 0.0, lambda dt: open_(moves, "motion", dt)),
+    ]

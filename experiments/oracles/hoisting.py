@@ -1,0 +1,77 @@
+"""Swings while the cable runs: at constant speed, and slowly."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cranedyn import theory
+from cranedyn.crane import Crane, State
+from cranedyn.references import spline
+from experiments.oracles.check import Build, G, Oracle
+from experiments.oracles.reading import moved, run
+
+SMALL = 1e-4
+"""By how much a swing of the small-angle theory is scaled down in its run; what is left of the finite angle is the square of that."""
+
+CONSTANT = ((10.0, 0.5), (40.0, -0.8))
+"""Cable length at the start [m] and its rate [m/s], positive downward."""
+
+SWING, AFTER = 0.05, 40.0
+"""Swing at the start [rad] and time at which it is looked at [s]."""
+
+FROM, TO, SLOWLY, LARGE = 20.0, 10.0, 100.0, 45.0
+"""Cable length before and after slow hoisting [m], the time it takes [s], and a swing that is not small [°]."""
+
+
+def oracles(build: Build) -> list[Oracle]:
+    """Bessel's functions, the three quarter power, and the action."""
+    crane = build()
+    return [*(_constant(crane, *case) for case in CONSTANT), _power(crane), _action(crane)]
+
+
+def _constant(crane: Crane, length: float, rate: float) -> Oracle:
+    def read(dt: float) -> float:
+        found = run(crane, crane.state(l=length, l_dot=rate, phi=SMALL * SWING), AFTER, dt)
+        return float(found["phi_rad"][-1]) / SMALL
+
+    times = np.array([0.0, AFTER])
+    closed = float(theory.constant_hoisting(times, length, rate, G, SWING, 0.0)[-1])
+    largest = float(theory.constant_hoisting_envelope(times, length, rate, G, SWING, 0.0).max())
+    phase = abs(np.diff(2.0 * np.sqrt(G * (length + rate * times)) / rate)[0])
+    late = largest * (SMALL * largest) ** 2 / 16.0 * phase
+    return Oracle(f"φ after {AFTER:g} s at {rate:+g} m/s from l = {length:g} m", "rad", closed, read, late, "finite swing")
+
+
+def _hoisted(crane: Crane, start: State, dt: float) -> State:
+    slow = spline(start, [(0.0, start.q[1], TO)], [SLOWLY])
+    return moved(crane, start, slow, SLOWLY, dt, every=10).state(-1)
+
+
+def _fast() -> float:
+    """Square of the largest l̇/(ω l): what slow hoisting leaves out."""
+    s = np.linspace(0.0, 1.0, 1001)
+    length = FROM + (TO - FROM) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return float(np.abs(np.gradient(length, SLOWLY * s) / np.sqrt(G * length)).max() ** 2)
+
+
+def _power(crane: Crane) -> Oracle:
+    def read(dt: float) -> float:
+        small = SMALL * SWING
+        last = _hoisted(crane, crane.state(l=FROM, phi=small), dt)
+        return math.log(math.hypot(last.q[2], last.v[2] * math.sqrt(TO / G)) / small) / math.log(TO / FROM)
+
+    return Oracle("exponent of the amplitude, l slowly 20 to 10 m", "", -0.75, read, _fast(), "(l̇/ωl)²")
+
+
+def _action(crane: Crane) -> Oracle:
+    """From a swing for which the three quarter power does not hold."""
+    large = math.radians(LARGE)
+
+    def read(dt: float) -> float:
+        last = _hoisted(crane, crane.state(l=FROM, phi=large), dt)
+        return math.acos(math.cos(last.q[2]) - TO * last.v[2] ** 2 / (2.0 * G))
+
+    closed = float(theory.adiabatic_amplitude(np.array([TO]), FROM, large)[0])
+    return Oracle(f"amplitude then, {LARGE:g}° at first, by the action", "rad", closed, read, closed * _fast(), "(l̇/ωl)²")

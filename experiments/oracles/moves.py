@@ -1,0 +1,82 @@
+"""What moves of the trolley leave of swing: rectangular pulses of acceleration, and quintic splines from rest to rest."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cranedyn import theory
+from cranedyn.crane import Crane, State
+from cranedyn.references import Wanted, spline
+from experiments.oracles.check import Build, G, Oracle
+from experiments.oracles.reading import moved, run
+
+LENGTH, SMALL = 20.0, 1e-4
+"""Cable length [m]; by how much moves are scaled down in their runs, since the closed forms are for small angles."""
+
+PUSH, PULSE, COAST = 0.3, 4.0, 6.0
+"""Acceleration of the trolley [m/s²], how long it lasts, and how long the trolley runs on before it brakes [s]."""
+
+DISTANCE, DURATIONS = 10.0, (10.0, 15.0)
+"""Way of a spline [m] and times for it [s]."""
+
+QUIET, QUIET_DURATION = (1.834566, 2.895032, 4.938452), 20.0
+"""Durations in periods of the swing at which a spline leaves none (to six decimals), and the time for which cables are chosen so [s]."""
+
+
+def oracles(build: Build) -> list[Oracle]:
+    """Residual swings."""
+    crane = build()
+    return [_pulse(crane), _coast(crane), *(_spline(crane, LENGTH, T) for T in DURATIONS), *(_quiet(crane, ratio) for ratio in QUIET)]
+
+
+def _left(state: State) -> float:
+    """Amplitude of the swing that is left [rad], scaled up again."""
+    return math.hypot(state.q[2], state.v[2] * math.sqrt(state.q[4] / G)) / SMALL
+
+
+def _finite(swing: float) -> float:
+    """What a finite swing on the way [rad] may change: its square, scaled down, of itself."""
+    return swing * (SMALL * swing) ** 2
+
+
+def _pulsed(crane: Crane, duration: float, dt: float) -> float:
+    def push(t: float, state: State, wanted: Wanted) -> np.ndarray:
+        braking = t > PULSE + COAST - dt / 2.0
+        return np.array([0.0, SMALL * PUSH * ((t < PULSE - dt / 2.0) - braking), 0.0])
+
+    return _left(run(crane, crane.state(l=LENGTH), duration, dt, push).state(-1))
+
+
+def _pulse(crane: Crane) -> Oracle:
+    closed = theory.pulse_residual(PUSH, PULSE, LENGTH, G)
+    name = f"swing left by {PUSH:g} m/s² for {PULSE:g} s"
+    return Oracle(name, "rad", closed, lambda dt: _pulsed(crane, PULSE + COAST, dt), _finite(2.0 * PUSH / G), "finite swing")
+
+
+def _coast(crane: Crane) -> Oracle:
+    closed = theory.coast_residual(PUSH, PULSE, COAST, LENGTH, G)
+    name = f"the same, {COAST:g} s of coasting and braking"
+    return Oracle(name, "rad", closed, lambda dt: _pulsed(crane, 2.0 * PULSE + COAST, dt), _finite(2.0 * PUSH / G), "finite swing")
+
+
+def _moved(crane: Crane, length: float, duration: float, dt: float) -> float:
+    start = crane.state(l=length)
+    goal = (0.0, float(start.q[1]) + SMALL * DISTANCE, length)
+    return _left(moved(crane, start, spline(start, [goal], [duration]), duration, dt).state(-1))
+
+
+def _spline(crane: Crane, length: float, duration: float) -> Oracle:
+    closed = math.degrees(theory.quintic_residual(DISTANCE, duration, length, G))
+    name = f"swing left by a spline of {DISTANCE:g} m in {duration:g} s"
+    return Oracle(
+        name, "°", closed, lambda dt: math.degrees(_moved(crane, length, duration, dt)), math.degrees(_finite(0.2)), "finite swing"
+    )
+
+
+def _quiet(crane: Crane, ratio: float) -> Oracle:
+    length, *beside = (G * (QUIET_DURATION / (2.0 * math.pi * r)) ** 2 for r in (ratio, ratio - 5e-7, ratio + 5e-7))
+    name = f"swing left by one in {ratio:.6f} periods, l = {length:.3f} m"
+    decimals = max(theory.quintic_residual(DISTANCE, QUIET_DURATION, near, G) for near in beside)
+    return Oracle(name, "rad", 0.0, lambda dt: _moved(crane, length, QUIET_DURATION, dt), decimals, "six decimals")

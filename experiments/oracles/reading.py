@@ -1,0 +1,81 @@
+"""How runs are made for the oracles, and read between their rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.optimize import brentq
+
+from cranedyn.controllers import follow
+from cranedyn.crane import Crane, State
+from cranedyn.errors import DataError
+from cranedyn.references import Reference, Wanted
+from cranedyn.simulate import Controller, Drive, simulate
+from cranedyn.trajectory import Trajectory
+
+EVERY, SELDOM = 5, 50
+"""Physics steps to a control period, and where nothing is commanded and only the end is read."""
+
+
+def locked(t: float, state: State, wanted: Wanted) -> np.ndarray:
+    """Drives of prescribed motion that keep the speed they have."""
+    return np.zeros(3)
+
+
+def run(
+    crane: Crane, start: State, duration: float, dt: float, controller: Controller = locked, *, every: int = EVERY, drive: Drive = "motion"
+) -> Trajectory:
+    """A run of an oracle, with drives in prescribed motion unless said otherwise; mechanics goes on where a rope or a range would end."""
+    return simulate(crane, controller, start=start, duration=duration, dt=dt, control_period=every * dt, drive=drive, watch="mark")
+
+
+def moved(crane: Crane, start: State, reference: Reference, duration: float, dt: float, *, every: int = EVERY) -> Trajectory:
+    """A run whose drives follow a reference."""
+    return run(crane, start, duration, dt, follow(reference, every * dt), every=every)
+
+
+def curve(t: np.ndarray, y: np.ndarray, row: int) -> BSpline:
+    """The polynomial of degree 7 through the eight rows about one; its error is below rounding for swings sampled at 0.1 s."""
+    first = min(max(row - 3, 0), len(t) - 8)
+    return make_interp_spline(t[first : first + 8], y[first : first + 8], k=7)
+
+
+def crossing(t: np.ndarray, y: np.ndarray, count: int) -> float:
+    """When a signal changes its sign for the n-th time.
+
+    Raises:
+        DataError: If it does so less often.
+    """
+    rows = np.flatnonzero(y[:-1] * y[1:] < 0.0)
+    if len(rows) < count:
+        raise DataError(f"A swing passes the vertical {len(rows)} times in {t[-1]:g} s, where its oracle needs {count}.")
+    i = int(rows[count - 1])
+    return root(curve(t, y, i), t[i], t[i + 1])
+
+
+def root(function: BSpline, low: float, high: float) -> float:
+    """Where a function is zero between two times.
+
+    Raises:
+        DataError: If it has the same sign at both.
+    """
+    if function(low) * function(high) > 0.0:
+        raise DataError(f"A run has nothing to read between {low:g} and {high:g} s, where its oracle needs a turning point.")
+    return float(brentq(function, low, high, xtol=1e-15))
+
+
+def payload(q: np.ndarray) -> np.ndarray:
+    """Where the payload is [m], shape (n, 3), from the coordinates, shape (n, 5); heights count from the pivot. By hand (docs/model.md)."""
+    gamma, x, phi, theta, length = q.T
+    outward = np.stack([np.sin(gamma), -np.cos(gamma), 0.0 * gamma])
+    leftward = np.stack([np.cos(gamma), np.sin(gamma), 0.0 * gamma])
+    radius, aside = x - length * np.sin(phi) * np.cos(theta), -length * np.sin(theta)
+    down = length * np.cos(phi) * np.cos(theta)
+    return (radius * outward + aside * leftward - down * np.array([[0.0], [0.0], [1.0]])).T
+
+
+def speed(position: Callable[[np.ndarray], np.ndarray], trajectory: Trajectory) -> np.ndarray:
+    """Rate of a function of the coordinates along a run, by a complex step, exact to rounding."""
+    return position(trajectory.q + 1e-30j * trajectory.v).imag / 1e-30

@@ -1,0 +1,127 @@
+"""The plant against mechanics: closed forms beside runs of the plant, with the step's own error known from halving it."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+
+from cranedyn.crane import Crane
+from cranedyn.description import parse_values
+from cranedyn.errors import number
+from experiments import common
+from experiments.oracles import conserved, hoisting, moves, slewing, swing
+from experiments.oracles.check import STEP, Build, Check, G, check, point_crane
+from experiments.oracles.reading import locked
+
+PARTS = {
+    "Locked drives": swing.oracles,
+    "Running cable": hoisting.oracles,
+    "Turning jib": slewing.oracles,
+    "Moves of the trolley": moves.oracles,
+    "What is conserved": conserved.oracles,
+}
+"""Titles of the tables and what makes their rows."""
+
+ORDER = 0.02
+"""How far a measured order may be from a whole number."""
+
+
+def checks(build: Build, halvings: int) -> dict[str, list[Check]]:
+    """Every oracle of every part, run."""
+    return {title: [check(oracle, halvings) for oracle in oracles(build)] for title, oracles in PARTS.items()}
+
+
+def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+    """Run the oracles, measure the order, record two telling runs."""
+    from cranedyn.recording import Run
+    from experiments.oracles.figures import convergence_figure, oval_figure, ripple_figure
+
+    halvings, spoilt = int(number("halvings", options.halvings, "", "3 to 6")), parse_values(options.spoil)
+
+    def build(**values: object) -> Crane:
+        return point_crane(**{**values, **spoilt})
+
+    telling = {
+        "oval swing": (build(), swing.oval(build(), *swing.OVALS[1]), 90.0),
+        "steady slewing": (*slewing.turning(build, *slewing.STEADY[0]), 75.0),
+    }
+    world = replace(world, dt=1e-3)
+    runs = {
+        name: (crane, world.simulate(crane, locked, None, start=start, duration=duration, label=name, drive="motion", watch="mark"))
+        for name, (crane, start, duration) in telling.items()
+    }
+    found = checks(build, halvings)
+    every = list(itertools.chain(*found.values()))
+    tables = [table(title, rows) for title, rows in found.items()]
+    return common.Outcome(
+        tables=tables,
+        claims=[*map(_claim, every), _order(every)],
+        parameters={"gravity_m_s2": G, "coarsest_dt_s": STEP, "halvings": halvings, "spoilt": spoilt},
+        trajectories={name.replace(" ", "_"): run for name, (_, run) in runs.items()},
+        figures={"convergence": convergence_figure(every), "ripple": ripple_figure(build()), "oval": oval_figure(runs["oval swing"][1])},
+        recording=[Run(name, crane, run, (100.0 * i, 0.0, 0.0)) for i, (name, (crane, run)) in enumerate(runs.items())],
+    )
+
+
+def table(title: str, found: Sequence[Check]) -> common.Table:
+    """One part of mechanics."""
+    rows = [(_named(c), c.oracle.closed, c.values[-1], c.error, c.of_step, c.rest, c.allowed, c.order) for c in found]
+    columns = [
+        ("oracle", ""),
+        ("closed form", ".10g"),
+        (f"dt = {1000 * found[0].steps[-1]:g} ms", ".10g"),
+        ("error", "+.1e"),
+        ("of the step", "+.1e"),
+        ("rest", "+.1e"),
+        ("allowed", ".0e"),
+        ("order", ".2f"),
+    ]
+    return common.Table(title, columns, rows)
+
+
+def _named(found: Check) -> str:
+    """What an oracle is, with its unit."""
+    return f"{found.oracle.name} [{found.oracle.unit}]" if found.oracle.unit else found.oracle.name
+
+
+def _claim(found: Check) -> common.Claim:
+    oracle = found.oracle
+    why = f", {oracle.why} among it" if oracle.why else ""
+    return common.Claim(
+        f"{oracle.name}: {found.limit:.10g} {oracle.unit}".rstrip()
+        + f" for a vanishing step, off by {found.rest:+.0e}, allowed {found.allowed:.0e}{why}.",
+        found.holds,
+    )
+
+
+def _order(found: Sequence[Check]) -> common.Claim:
+    orders = [c.order for c in found if c.order is not None]
+    first, second = ([order for order in orders if round(order) == power] for power in (1, 2))
+    spans = [f"{min(some):.3f} to {max(some):.3f} in {len(some)} rows" for some in (first, second) if some]
+    return common.Claim(
+        f"The error goes with the first power of the step, or where the step is symmetric with the second: orders {', '.join(spans)}, "
+        f"within {ORDER:g} of whole numbers.",
+        len(first) >= len(orders) / 2 and len(first) + len(second) == len(orders) and all(abs(o - round(o)) < ORDER for o in orders),
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    made = common.parser("validate", "The plant against the closed forms of mechanics, its error for a vanishing step, and its order.")
+    made.add_argument("--halvings", type=int, default=4, metavar="N", help=f"how often the step of {1000 * STEP:g} ms is halved, 3 to 6")
+    made.add_argument(
+        "--spoil",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="name:=value",
+        help="change the cranes but not the closed forms, to see which rows notice; see python -m cranedyn.description --list",
+    )
+    return common.conduct(made, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,176 @@
+"""Break the physics, one thing at a time, and see that the tests notice: ``python -m tests.mutations``.
+
+Each mutation is made in a copy of the project; the tests that stand beside it run there and must fail. Exit code 1 if one survives.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parent.parent
+
+
+class Mutation(NamedTuple):
+    """What is broken: a text in a file that is there exactly once, what takes its place, and which tests should see it."""
+
+    what: str
+    file: str
+    old: str
+    new: str
+    tests: tuple[str, ...]
+
+
+URDF = "urdf/tower_crane.urdf.xacro"
+
+MUTATIONS = (
+    Mutation("the axis of the tangential swing is turned round", URDF, 'axis xyz="0 1 0"', 'axis xyz="0 -1 0"', ("crane",)),
+    Mutation(
+        "the inertia of the upper structure stands at the wrong axis",
+        URDF,
+        """iyy="${0.02 * float('$(arg slewing_inertia)')}" izz="$(arg slewing_inertia)\"""",
+        """iyy="$(arg slewing_inertia)" izz="${0.02 * float('$(arg slewing_inertia)')}\"""",
+        ("crane", "dynamics"),
+    ),
+    Mutation("the payload has no rotational inertia", URDF, 'inertia="$(arg payload_inertia)"', 'inertia="0.0"', ("dynamics",)),
+    Mutation(
+        "Coriolis and centrifugal forces are missing",
+        "cranedyn/drives.py",
+        "aba(model, data, q, u, tau - damping * u, world)",
+        "aba(model, data, q, 0.0 * u, tau - damping * u, world)",
+        ("simulate",),
+    ),
+    Mutation(
+        "joint damping is ignored",
+        "cranedyn/drives.py",
+        "aba(model, data, q, u, tau - damping * u, world)",
+        "aba(model, data, q, u, tau, world)",
+        ("simulate",),
+    ),
+    Mutation(
+        "joint damping is ignored where motion is prescribed",
+        "cranedyn/dynamics.py",
+        "resisting = pin.rnea(model, data, q, v, a) + damping * v",
+        "resisting = pin.rnea(model, data, q, v, a)",
+        ("dynamics", "simulate"),
+    ),
+    Mutation(
+        "gravity is a thousandth too strong",
+        "cranedyn/integrator.py",
+        "dt * dt * model.gravity.linear",
+        "1.001 * dt * dt * model.gravity.linear",
+        ("simulate", "integrator"),
+    ),
+    Mutation(
+        "explicit Euler takes the place of semi-implicit",
+        "cranedyn/integrator.py",
+        "        u = u + acceleration(q, u)\n        q = integrate(model, q, u)",
+        "        q, u = integrate(model, q, u), u + acceleration(q, u)",
+        ("integrator",),
+    ),
+    Mutation(
+        "a command is held one step too long",
+        "cranedyn/simulate.py",
+        "integrator.advance(drives.acceleration, drives.model, q, u, steps)",
+        "integrator.advance(drives.acceleration, drives.model, q, u, steps + 1)",
+        ("simulate",),
+    ),
+    Mutation(
+        "a command acts one control period late",
+        "cranedyn/drives.py",
+        "        self._tau[DRIVES] = self._dt2 * self._effort\n        return command, self._effort",
+        "        self._tau[DRIVES] = self._dt2 * self._before if hasattr(self, '_before') else self._dt2 * self._effort\n"
+        "        self._before = self._effort\n        return command, self._effort",
+        ("simulate", "linear"),
+    ),
+    Mutation(
+        "the limits of the drives are not kept",
+        "cranedyn/drives.py",
+        "command if inside else command.clip(-self._limit, self._limit)",
+        "command",
+        ("simulate",),
+    ),
+    Mutation(
+        "the two swings have each other's inertia where motion is prescribed",
+        "cranedyn/dynamics.py",
+        "(m12 * open_theta - m22 * open_phi)",
+        "(m12 * open_theta - m11 * open_phi)",
+        ("dynamics",),
+    ),
+    Mutation(
+        "work is counted with the positions that run ahead of the velocities",
+        "cranedyn/log.py",
+        "middle = q - self._lead * v",
+        "middle = q",
+        ("simulate",),
+    ),
+    Mutation("a force on the payload acts on the trolley", "cranedyn/dynamics.py", "force[0] @ load", "force[0] @ pivot", ("wind",)),
+    Mutation("buffers pull", "cranedyn/drives.py", "np.where(push * beyond < 0.0, push, 0.0)", "push", ("watch",)),
+    Mutation(
+        "the rope may push",
+        "cranedyn/watch.py",
+        "yield _Condition(JOINTS[4].name, tension, tension > 0.0,",
+        "yield _Condition(JOINTS[4].name, tension, tension > -np.inf,",
+        ("watch",),
+    ),
+    Mutation(
+        "the Riccati sweep forgets the cost of effort on the way",
+        "cranedyn/controllers/riccati.py",
+        "effort_weight + push @ b[k]",
+        "0.5 * effort_weight + push @ b[k]",
+        ("control",),
+    ),
+    Mutation(
+        "a flat path takes the load for a point",
+        "cranedyn/references/flat.py",
+        "inertia = (crane.payload_inertia + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass",
+        "inertia = 0.0",
+        ("control",),
+    ),
+)
+
+
+def caught(mutation: Mutation, parent: Path) -> tuple[bool, str]:
+    """Whether the tests fail in a copy with the mutation, and the first that does."""
+    copy = parent / mutation.what.replace(" ", "_").replace("'", "")
+    shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".git", ".venv", "out", "docs", "__pycache__", ".*cache", "*.egg-info"))
+    path = copy / mutation.file
+    text = path.read_text(encoding="utf-8")
+    if text.count(mutation.old) != 1:
+        raise SystemExit(f"{mutation.file} holds {text.count(mutation.old)} times what mutation {mutation.what!r} replaces, not once.")
+    path.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *(f"tests/test_{name}.py" for name in mutation.tests)]
+    run = subprocess.run(
+        command, cwd=copy, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1"}
+    )
+    shutil.rmtree(copy)
+    words = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    return run.returncode == 1, words[0].split(" - ")[0] if words else run.stdout[-300:] + run.stderr[-300:]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    made = argparse.ArgumentParser(prog="python -m tests.mutations", description="Break the physics and see that the tests notice.")
+    made.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="how many at a time")
+    made.add_argument("--only", metavar="WORDS", default="", help="only mutations with these words in their name")
+    options = made.parse_args(argv)
+    chosen = [mutation for mutation in MUTATIONS if options.only in mutation.what]
+    survived = 0
+    with tempfile.TemporaryDirectory() as parent, ThreadPoolExecutor(options.jobs) as pool:
+        for mutation, (found, by) in zip(chosen, pool.map(lambda m: caught(m, Path(parent)), chosen), strict=True):
+            survived += not found
+            print(f"{'caught' if found else 'SURVIVES':9} {mutation.what}: {by}", flush=True)
+    print(f"{len(chosen) - survived} of {len(chosen)} mutations caught.")
+    return 1 if survived else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

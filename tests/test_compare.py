@@ -1,0 +1,141 @@
+"""The comparison: its moves, ways, cases and scores, and the command as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cranedyn.references import zv
+from cranedyn.references.limits import use
+from cranedyn.references.motion import plumb
+from cranedyn.trajectory import read
+from experiments import common, compare
+from experiments.cases import CASES, NOMINAL, Case, make
+from experiments.moves import LIMITS, MOVES, SWINGING, Move
+from experiments.ways import FLAT, LQR, PAPER, PD, WAYS, joystick
+
+TROLLEY, COMBINED = MOVES[0], MOVES[-1]
+
+
+@pytest.fixture(scope="module")
+def world() -> common.World:
+    return common.World()
+
+
+def quintic_residual(way: float, duration: float, length: float, gravity: float) -> float:
+    """Swing that a quintic of the pivot leaves on a linear pendulum, from the Fourier integral of its acceleration."""
+    omega = math.sqrt(gravity / length)
+    w = omega * duration
+    return abs(way / (duration * length * omega) * 120.0 * (w**2 * math.sin(w / 2) + 6 * w * math.cos(w / 2) - 12 * math.sin(w / 2)) / w**4)
+
+
+def test_the_spline_alone_leaves_what_the_closed_form_says(world: common.World) -> None:
+    _, found = make(world, TROLLEY, WAYS["spline alone"](world, TROLLEY))
+    length = 15.0 + 500.0 / (1000.0 * 15.0)  # payload and dummy links swing as a longer pendulum
+    # a hundredth: joint damping over 20 s (1e-4), large swing on the way (θ²/16 = 1e-4 of the period, 3e-3 of a phase of 16 rad)
+    assert found.arrival == pytest.approx(quintic_residual(10.0, 20.0, length, world.crane.gravity) * 15.0 / length, rel=0.01)
+
+
+@pytest.mark.parametrize("move", [*MOVES, SWINGING], ids=lambda move: move.name)
+def test_every_way_on_paper_keeps_the_limits_of_the_drives(world: common.World, move: Move) -> None:
+    for way in ("spline alone", FLAT, "operator", "operator, ZVD"):
+        plan = WAYS[way](world, move)
+        motion = plan.motion or plumb(plan.reference, plan.arrives + 1.0)
+        shares = use(world.crane, motion, LIMITS)
+        # a trapezoid's acceleration jumps between samples of the spline that shapes it
+        assert max(shares.values()) < 1.0 + 1e-6, (way, shares)
+
+
+def test_the_operator_is_at_full_rate_at_once_and_stops_at_the_goal(world: common.World) -> None:
+    reference, end = joystick(world, COMBINED)
+    assert reference(end).position == pytest.approx(COMBINED.goal, abs=1e-9)
+    assert np.abs(reference(end + 1.0).velocity).max() == pytest.approx(0.0, abs=1e-12)
+    speeds = np.array([np.abs(reference(t).velocity) for t in np.arange(0.0, end, 0.01)]).max(axis=0)
+    assert speeds[1:] == pytest.approx(LIMITS.rates[1:])
+    # a slew of 0.6 rad allows its full rate of 0.0838 rad/s: 0.0838²/0.02 = 0.35 rad are for gaining and losing it
+    assert speeds[0] == pytest.approx(LIMITS.rates[0])
+
+
+def test_a_shaped_operator_leaves_what_the_shaper_leaves_of_the_bare_one(world: common.World) -> None:
+    bare, shaped = (make(world, TROLLEY, WAYS[way](world, TROLLEY))[1] for way in ("operator", "operator, ZV"))
+    ratio = 1.0 / math.sqrt((15.0 + 500.0 / 15000.0) / 15.0) * (1.0 - bare.peak**2 / 16.0)
+    # the shaper is made for a small swing of a point: what it leaves is its sensitivity at this ratio, and the swing's second order
+    assert shaped.arrival < bare.arrival * (float(zv().residual(ratio)) + 0.02)
+
+
+def test_drives_that_yield_settle_what_the_operator_leaves(world: common.World) -> None:
+    bare, yielding = (make(world, COMBINED, WAYS[way](world, COMBINED))[1] for way in ("operator", "operator, drives yield"))
+    assert yielding.later < 0.05 * bare.later
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case != NOMINAL], ids=lambda case: case.name)
+def test_feedback_outlives_every_case(world: common.World, case: Case) -> None:
+    _, found = make(world, COMBINED, WAYS[FLAT](world, COMBINED), case)
+    _, before = make(world, COMBINED, WAYS["spline alone"](world, COMBINED))
+    assert found.later < 0.05 * before.later
+
+
+@pytest.mark.parametrize("way", [FLAT, PAPER])
+@pytest.mark.parametrize("mass", [500.0, 1500.0])
+def test_a_load_of_another_mass_ends_where_it_shall(world: common.World, way: str, mass: float) -> None:
+    run, found = make(world, COMBINED, WAYS[way](world, COMBINED), Case("another load", {"payload_mass": mass}))
+    assert np.abs(run["l_m"][run.t < 1.0] - 15.0).max() > 0.05  # it sags or rises before the integrator has found the weight
+    # k_p/k_i is 2.5 s for the LQR and 4 s for the PID: after 40 s a thousandth of 0.5 m and less
+    assert run["l_m"][-1] == pytest.approx(10.0, abs=1e-3)
+    assert found.later < 1e-3
+
+
+def test_a_longer_cable_is_longer_and_the_goal_with_it(world: common.World) -> None:
+    run, found = make(world, COMBINED, WAYS[FLAT](world, COMBINED), Case("longer", cable=0.1))
+    assert run["l_m"][0] == pytest.approx(16.5)
+    assert run["l_m"][-1] == pytest.approx(11.0, abs=0.01)
+    assert found.settled < 10.0
+
+
+def test_a_swing_at_the_start_is_taken_away_by_feedback_and_not_without(world: common.World) -> None:
+    run, alone = make(world, SWINGING, WAYS["spline alone"](world, SWINGING))
+    assert run.q[0, 2:4].tolist() == [0.1, 0.05]
+    _, tracked = make(world, SWINGING, WAYS[LQR](world, SWINGING))
+    assert tracked.later < 1e-2 * alone.later
+
+
+def test_an_integrator_does_not_remember_another_run(world: common.World) -> None:
+    plan = WAYS[PAPER](world, COMBINED)
+    one, two = (make(world, COMBINED, plan)[0] for _ in range(2))
+    assert np.array_equal(one.q, two.q)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("compare") / "out"
+    assert compare.main(["--only", "spline alone", PD, PAPER, FLAT, "--out", str(folder)]) == 0
+    return folder
+
+
+def test_the_command_compares_the_ways_asked_for(done: Path) -> None:
+    result = json.loads((done / "result.json").read_text())
+    tables = {table["title"]: table for table in result["tables"]}
+    combined = tables["Move combined: (0.0, 10.0, 15.0) to (0.6, 20.0, 10.0)"]
+    assert [row[0] for row in combined["rows"]] == ["spline alone", PD, PAPER, FLAT]
+    left = {row[0]: row[3] for row in combined["rows"]}
+    assert left[FLAT] < 0.05 < 1.0 < left[PD]  # mrad
+    assert [row[0] for row in tables["The article's seven legs as one tour"]["rows"]] == ["none", "shaped", "paper", "lqr", "flat"]
+    assert all(claim["holds"] for claim in result["claims"])
+
+
+def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(done: Path) -> None:
+    assert {"compare.rrd", "robustness.png", "swing.png", "compare_flat_lqr.parquet"} <= {path.name for path in done.iterdir()}
+    assert len(read(done / "compare_flat_lqr.parquet")) == 8001
+    recording = (done / "compare.rrd").read_bytes()
+    assert all(way.encode() in recording for way in (PD, FLAT))
+
+
+def test_a_way_that_is_not_there_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        compare.main(["--only", "magic"])
+    assert caught.value.code == 2
+    assert "magic" in capsys.readouterr().err

@@ -1,0 +1,449 @@
+"""What holds for every crane, state and command: symmetries, scaling laws, energy, finite numbers, bits."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose
+
+from cranedyn import dynamics, wind
+from cranedyn.crane import DRIVES, PASSIVE, Crane, State, load_crane
+from cranedyn.description import arguments
+from cranedyn.errors import CraneError, RunError
+from cranedyn.references import Wanted
+from cranedyn.simulate import Disturbance, simulate
+from cranedyn.trajectory import COLUMNS, Trajectory, read
+from tests.helpers import G, constant, crane
+
+# --- any crane, any state, any command ---------------------------------------------------------------------------------------------
+
+POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
+SMALL = {"mast_height": 0.9, "pivot_height": 1.0, "total_height": 1.2, "trolley_min": 0.1, "trolley_max": 0.8, "trolley_init": 0.4}
+LAB = SMALL | {"hoist_min": 0.2, "hoist_max": 0.9, "hoist_init": 0.5, "payload_mass": 0.5, "payload_inertia": 1e-4, "trolley_mass": 0.3}
+LAB |= {"dummy_mass": 1e-3, "dummy_inertia": 1e-6, "upper_mass": 5.0, "slewing_inertia": 1.0, "trolley_inertia": 1e-3, "damp_swing": 1e-3}
+
+
+def _random(rng: np.random.Generator) -> dict[str, float]:
+    """Numbers of a crane: each uniform in its logarithm over what cranes from a workshop to a harbour have."""
+    orders = {"payload_mass": (0, 5), "payload_inertia": (-1, 4), "upper_mass": (2, 5), "slewing_inertia": (4, 8), "trolley_mass": (2, 4)}
+    orders |= {"trolley_inertia": (0, 3), "dummy_mass": (-2, 2), "dummy_inertia": (-2, 2), "damp_slew": (0, 5), "damp_trolley": (0, 3)}
+    orders |= {"damp_swing": (-2, 2), "damp_hoist": (0, 3), "trolley_min": (-1, 0.5), "trolley_max": (1.2, 2), "hoist_min": (0, 1)}
+    orders |= {"hoist_max": (1.2, 1.8), "slew_effort": (5, 8), "trolley_effort": (4, 7), "hoist_effort": (5, 7)}
+    values = {name: float(10.0 ** rng.uniform(*ends)) for name, ends in orders.items()}
+    return values | {"mast_height": values["hoist_max"], "pivot_height": values["hoist_max"] + 2.0}
+
+
+VARIANTS: tuple[dict[str, float], ...] = (
+    {},
+    {"payload_mass": 1.0},
+    {"payload_mass": 1e5, "hoist_effort": 2e6},
+    POINT,
+    POINT | {"payload_mass": 1e5, "trolley_mass": 100.0, "hoist_effort": 2e6},
+    {"damp_slew": 1e9, "damp_trolley": 1e8, "damp_swing": 1e9, "damp_hoist": 1e8},
+    {"slew_limit": 0.5, "swing_limit": 0.3, "slew_effort": 1.0, "trolley_effort": 1.0, "hoist_effort": 1.0},
+    LAB,
+    *(_random(rng) for rng in [np.random.default_rng(7)] for _ in range(6)),
+)
+"""Arguments of the cranes that are drawn from: the one of this project, extremes, and random ones."""
+
+CALM = [values for values in VARIANTS if values.get("damp_swing", 0.0) < 1e9]
+"""Without the one whose damping no explicit step can follow."""
+
+
+class Case(NamedTuple):
+    """A crane, and numbers between -1 and 1: where it starts, shape (10,), what is commanded, (4, 3), how it is pushed, (2, 3)."""
+
+    values: dict[str, float]
+    where: np.ndarray
+    what: np.ndarray
+    push: np.ndarray
+
+    @property
+    def crane(self) -> Crane:
+        """Loaded once a session."""
+        return crane(**self.values)
+
+    @property
+    def start_q(self) -> np.ndarray:
+        """Anywhere in the ranges, slews and swings up to 69°."""
+        ends = np.stack([self.crane.lower, self.crane.upper])
+        ends[:, [0, *PASSIVE]] = ends[:, [0, *PASSIVE]].clip(-1.2, 1.2)
+        return ends.sum(axis=0) / 2.0 + np.diff(ends, axis=0)[0] / 2.0 * self.where[:5]
+
+    @property
+    def start(self) -> State:
+        """With rates as of a load that passes the bottom of a swing of 0.3 rad."""
+        length = self.start_q[4]
+        return State(self.start_q, 0.3 * np.sqrt(G / length) * np.array([1.0, length, 1.0, 1.0, length]) * self.where[5:])
+
+    @property
+    def accelerations(self) -> np.ndarray:
+        """Of the drives, in four equal parts of a run, up to a fifth of gravity at the load; shape (4, 3)."""
+        return 0.2 * G * np.array([1.0 / max(self.crane.upper[1], self.start_q[4]), 1.0, 1.0]) * self.what
+
+    @property
+    def efforts(self) -> np.ndarray:
+        """What holds the load and accelerates each drive about as much, shape (4, 3)."""
+        c = self.crane
+        inertia = np.diag(pin.crba(c.model, c.data, self.start_q))[DRIVES]
+        return dynamics.holding_effort(c, self.start_q) + inertia * self.accelerations
+
+    @property
+    def forces(self) -> np.ndarray:
+        """From outside, up to a third of the load's weight, shape (2, 3)."""
+        return 0.3 * self.crane.payload_mass * G * self.push
+
+
+def quarters(commands: np.ndarray, duration: float) -> Callable[[float, State, Wanted], np.ndarray]:
+    """A controller that holds each of four commands for a quarter of the run."""
+    return lambda t, state, wanted: commands[min(int(4.0 * t / duration + 1e-9), 3)]
+
+
+def run(case: Case, drive: str, *, duration: float = 0.4, on: Crane | None = None, **changes: object) -> Trajectory:
+    """A run of a case, or of another crane in its place, pushed from outside and never stopped; anything changed by name."""
+    commands = case.efforts if drive == "effort" else case.accelerations
+    usual = {"start": case.start, "dt": 1e-3, "control_period": 1e-2, "watch": "mark", "disturbance": wind.push(*case.forces)}
+    return simulate(on or case.crane, quarters(commands, duration), duration=duration, drive=drive, **(usual | changes))  # type: ignore[arg-type]
+
+
+def cases(variants: list[dict[str, float]]) -> st.SearchStrategy[Case]:
+    """Any case of some cranes."""
+    ones = st.floats(-1.0, 1.0).map(lambda x: round(x, 12))  # products of what remains are above the subnormal numbers
+    return st.builds(
+        Case,
+        st.sampled_from(variants),
+        arrays(float, 10, elements=ones),
+        arrays(float, (4, 3), elements=ones),
+        arrays(float, (2, 3), elements=ones),
+    )
+
+
+kinds = st.sampled_from(["effort", "motion"])
+
+
+# --- finite, or a sentence ---------------------------------------------------------------------------------------------------------
+
+
+def _columns(trajectory: Trajectory) -> np.ndarray:
+    """All numbers of a trajectory, shape (n, 29)."""
+    return np.column_stack([getattr(trajectory, name) for name in COLUMNS])
+
+
+WINDS: dict[str, Callable[[Case], Disturbance | None]] = {
+    "none": lambda case: None,
+    "push": lambda case: wind.push(*case.forces, at=0.1),
+    "steady": lambda case: wind.wind(case.crane, wind.steady(12.0), direction=2.0, payload_area=4.0, trolley_area=1.0),
+    "gust": lambda case: wind.wind(
+        case.crane,
+        wind.cosine_gust(wind.step_gust(wind.steady(5.0), 8.0, at=0.1), -30.0, at=0.15, lasts=0.1),
+        direction=0.3,
+        payload_area=9.0,
+    ),
+    "turbulence": lambda case: wind.wind(
+        case.crane, wind.turbulence(wind.steady(9.0), 0.3, np.random.default_rng(1), duration=0.3), direction=-1.0, payload_area=4.0
+    ),
+}
+
+wild = arrays(float, (4, 3), elements=st.one_of(st.floats(-1.0, 1.0), st.floats(-100.0, 100.0), st.floats(-1e300, 1e300)))
+
+
+@settings(max_examples=60)
+@given(
+    cases(list(VARIANTS)),
+    wild,
+    kinds,
+    st.sampled_from(["stop", "buffers", "mark"]),
+    st.sampled_from(list(WINDS)),
+    st.sampled_from([5e-4, 1e-3, 1e-2]),
+)
+def test_a_run_ends_with_finite_numbers_or_with_a_sentence(
+    case: Case, what: np.ndarray, drive: str, watch: str, blows: str, dt: float
+) -> None:
+    with np.errstate(over="ignore"):
+        commands = case._replace(what=what).efforts if drive == "effort" else case._replace(what=what).accelerations
+    try:
+        found = simulate(
+            case.crane,
+            quarters(commands, 0.2),
+            start=case.start,
+            duration=0.2,
+            dt=dt,
+            control_period=1e-2,
+            drive=drive,  # type: ignore[arg-type]
+            watch=watch,  # type: ignore[arg-type]
+            disturbance=WINDS[blows](case),
+        )
+        assert len(found) == 21
+        assert watch == "mark" or found.valid.all()
+    except CraneError as error:
+        assert str(error).endswith(".")
+        assert "\n" not in str(error)
+        found = error.trajectory if isinstance(error, RunError) else None
+    assert found is None or np.isfinite(_columns(found)).all()
+
+
+# --- energy ------------------------------------------------------------------------------------------------------------------------
+
+
+def _passive(case: Case, drive: str, step: float) -> Trajectory:
+    """Without damping nor work of the drives: all drives locked, or slew and trolley free and the hoist held; a step per natural time."""
+    c = replace(case.crane, damping=np.zeros(5), effort_limit=np.full(3, np.inf))
+    start = State(case.start.q, case.start.v * ([0, 0, 1, 1, 0] if drive == "motion" else [1, 1, 1, 1, 0]))
+    weight = c.payload_mass * G
+    compliance = np.linalg.inv(_mass_matrix(c, start.q))[PASSIVE, PASSIVE].max()
+    dt = step / np.sqrt(weight * start.q[4] * compliance)
+
+    def hoist_held(t: float, state: State, wanted: Wanted) -> np.ndarray:
+        free, carried = (dynamics.acceleration(c, state, np.array([0.0, 0.0, force]))[4] for force in (0.0, weight))
+        return np.array([0.0, 0.0, -free / (carried - free) * weight])
+
+    controller = constant(0.0, 0.0, 0.0) if drive == "motion" else hoist_held
+    periods = round(0.8 / step)
+    return simulate(c, controller, start=start, dt=dt, control_period=dt, duration=periods * dt, drive=drive, watch="mark")  # type: ignore[arg-type]
+
+
+def _mass_matrix(c: Crane, q: np.ndarray) -> np.ndarray:
+    upper = np.triu(pin.crba(c.model, c.data, q))
+    return upper + np.triu(upper, 1).T
+
+
+def _ripple(c: Crane, run: Trajectory) -> np.ndarray:
+    """What each step adds to a constant energy E(q, v) to order dt² [J]: dt²/2 (∂E/∂q · a - M v · da/dt).
+
+    From v' = v + dt a, q' = q + dt v' and d²E/dt² = 0. For a constant mass matrix it is dt/2 times the change of the power of gravity.
+    """
+    dt = run.t[1]
+    a = np.diff(run.v, axis=0) / dt
+    h = 1e-4 / (np.abs(a).max() + 1e-6)
+    there, back = (np.array([dynamics.energy(c, State(q + s * aa, v)) for q, v, aa in zip(run.q, run.v, a, strict=False)]) for s in (h, -h))
+    momentum = np.array([_mass_matrix(c, q) @ v for q, v in zip(run.q, run.v, strict=True)])[:-1]
+    return dt**2 / 2.0 * ((there - back) / (2.0 * h) - (momentum * np.gradient(a, dt, axis=0)).sum(axis=1))
+
+
+@settings(max_examples=50)
+@given(cases(list(VARIANTS)), kinds)
+def test_without_damping_and_work_energy_changes_by_the_ripple_of_the_step_which_halves_with_it(case: Case, drive: str) -> None:
+    coarse, fine = (_passive(case, drive, step) for step in (4e-3, 2e-3))
+    steps = _ripple(case.crane, coarse)
+    rounding = 1e-12 * np.abs(coarse.energy).max()
+    # what is left is of order dt² in natural units, as much as is the difference quotient of a: a few times 4e-3
+    allowed = 0.03 * np.abs(steps).sum() + rounding
+    assert_allclose(np.diff(coarse.q[:, 4]), 0.0, atol=1e-9)
+    assert_allclose(coarse.energy[1:] - coarse.energy[0], np.cumsum(steps), rtol=0.0, atol=allowed)
+    assert_allclose(coarse.energy - coarse.energy[0], 2.0 * (fine.energy[::2] - fine.energy[0]), rtol=0.0, atol=allowed)
+
+
+# --- symmetries --------------------------------------------------------------------------------------------------------------------
+
+
+@given(cases(CALM), kinds, st.floats(-3.0, 3.0))
+def test_a_crane_that_starts_turned_makes_the_same_move_turned(case: Case, drive: str, angle: float) -> None:
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    offset = np.array([angle, 0.0, 0.0, 0.0, 0.0])
+    straight = run(case, drive)
+    turned = run(case, drive, start=State(case.start.q + offset, case.start.v), disturbance=wind.push(*(case.forces @ turn.T)))
+    nudged = run(case, drive, start=State(case.start.q + 1e-9, case.start.v - 1e-9))
+    # rounding: 1e-13 of what there is and what becomes of a nudge of 1e-13, times what accelerations lose where a heavy load moves a
+    # light trolley: M_ii (M⁻¹)_ii
+    inertia = _mass_matrix(case.crane, case.start.q)
+    lost = float((np.diag(inertia) * np.diag(np.linalg.inv(inertia))).max())
+    rounding = lost * (1e-13 * np.abs(_motion(straight)).max() + 1e-4 * np.abs(_motion(nudged) - _motion(straight)).max())
+    assert_allclose(turned.q - offset, straight.q, rtol=0.0, atol=rounding)
+    assert_allclose(turned.v, straight.v, rtol=0.0, atol=rounding)
+    places, turned_places = (np.array([dynamics.payload_position(case.crane, q) for q in one.q]) for one in (straight, turned))
+    assert_allclose(turned_places, places @ turn.T, rtol=0.0, atol=1e2 * rounding)  # a radius of 100 m
+
+
+def _motion(run: Trajectory) -> np.ndarray:
+    return np.hstack([run.q, run.v])
+
+
+@given(cases(list(VARIANTS)), kinds, st.sampled_from(["mark", "buffers"]))
+def test_the_mirror_image_of_a_move_is_a_move_to_the_bit(case: Case, drive: str, watch: str) -> None:
+    watch = watch if drive == "effort" else "mark"
+    q, drives = np.array([-1.0, 1.0, 1.0, -1.0, 1.0]), np.array([-1.0, 1.0, 1.0])
+    mirrored = case._replace(where=case.where * np.tile(q, 2), what=case.what * drives, push=case.push * drives)
+    one, other = (_answer(lambda c=c: run(c, drive, watch=watch)) for c in (case, mirrored))
+    if isinstance(one, str) or isinstance(other, str):
+        assert isinstance(one, str) and isinstance(other, str)
+        return
+    # x, φ, l keep their sign; γ, θ and the slew torque change it; so does the force across the jib. Signs do not round
+    for name, sign in {"q": q, "v": q, "command": drives, "effort": drives, "force": np.tile(drives, 2)}.items():
+        assert (getattr(other, name) == sign * getattr(one, name)).all(), name
+    for name in ("energy", "work", "dissipated", "outside", "valid"):
+        assert (getattr(other, name) == getattr(one, name)).all(), name
+
+
+def _answer(what: Callable[[], Trajectory]) -> Trajectory | str:
+    try:
+        return what()
+    except CraneError as error:
+        return str(error)
+
+
+# --- scaling -----------------------------------------------------------------------------------------------------------------------
+
+POWERS = {
+    **{"kg": (1, 0, 0), "kg m^2": (1, 2, 0), "m": (0, 1, 0), "rad": (0, 0, 0), "N m s/rad": (1, 2, -1), "N s/m": (1, 0, -1)},
+    **{"N m": (1, 2, -2), "N": (1, 1, -2), "rad/s": (0, 0, -1), "m/s": (0, 1, -1)},
+}
+"""Of mass, length and time in the units of the crane's arguments."""
+
+ENDINGS = {
+    **{"_rad_s": (0, 0, -1), "_m_s": (0, 1, -1), "_Nm": (1, 2, -2), "_N": (1, 1, -2), "_J": (1, 2, -2)},
+    **{"_rad": (0, 0, 0), "_m": (0, 1, 0), "_s": (0, 0, 1), "valid": (0, 0, 0)},
+}
+"""Of mass, length and time in the units at the ends of column names, the longer ending first."""
+
+Units = tuple[float, float, float]
+"""How many of another unit one kilogram, metre and second are."""
+
+
+def _factor(powers: tuple[int, int, int], units: Units) -> float:
+    return units[0] ** powers[0] * units[1] ** powers[1] * units[2] ** powers[2]
+
+
+def _factors(columns: tuple[str, ...], units: Units) -> np.ndarray:
+    """What turns columns to other units, shape (n,)."""
+    return np.array([_factor(next(p for ending, p in ENDINGS.items() if column.endswith(ending)), units) for column in columns])
+
+
+@cache
+def _rescaled(variant: int, units: Units) -> Crane:
+    """A crane with its numbers in other units."""
+    values = {
+        name: _factor(POWERS[known.unit], units) * float(VARIANTS[variant].get(name, float(known.default)))
+        for name, known in arguments().items()
+    }
+    return load_crane(gravity=_factor((0, 1, -2), units) * G, **values)
+
+
+@pytest.mark.parametrize(
+    ("units", "variants"), [((1024.0, 1.0, 1.0), CALM[::5]), ((4.0, 0.5, 0.125), CALM)], ids=["mass", "mass, length and time"]
+)
+def test_counted_in_other_units_every_crane_moves_the_same_to_the_bit(units: Units, variants: list[dict[str, float]]) -> None:
+    @settings(max_examples=4 * len(variants))
+    @given(cases(variants), kinds)
+    def same(case: Case, drive: str) -> None:
+        one = run(case, drive)
+        q, v, effort, force = (_factors(COLUMNS[name], units) for name in ("q", "v", "effort", "force"))
+        commands = case.efforts * effort if drive == "effort" else case.accelerations * v[DRIVES] / units[2]
+        dt, period, duration = (units[2] * time for time in (1e-3, 1e-2, 0.4))
+        other = simulate(
+            _rescaled(VARIANTS.index(case.values), units),
+            quarters(commands, duration),
+            start=State(case.start.q * q, case.start.v * v),
+            dt=dt,
+            control_period=period,
+            duration=duration,
+            drive=drive,  # type: ignore[arg-type]
+            disturbance=wind.push(*(case.forces * force[:3])),
+            watch="mark",
+        )
+        for columns in COLUMNS.values():  # a law of physics has no units, and powers of two do not round
+            for column, factor in zip(columns, _factors(columns, units), strict=True):
+                assert (other[column] == factor * one[column]).all(), column
+
+    same()
+
+
+@settings(max_examples=10)
+@given(cases([POINT]))
+def test_a_point_load_on_exact_motion_swings_the_same_whatever_it_weighs_and_the_efforts_are_its_share(case: Case) -> None:
+    case = case._replace(push=np.zeros((2, 3)))
+    masses = (1.0, 1e3, 1e5)
+    light, usual, heavy = (run(case, "motion", start=case.start, on=crane(**POINT, payload_mass=m)) for m in masses)
+    for other in (usual, heavy):
+        assert_allclose(_motion(other), _motion(light), rtol=0.0, atol=1e-11)  # rounding of 400 steps
+    # the efforts are those of slew and trolley, and the load's in proportion to its mass; rounding of the heaviest
+    share = (usual.effort - light.effort) / (masses[1] - masses[0])
+    assert_allclose(heavy.effort, light.effort + (masses[2] - masses[0]) * share, rtol=0.0, atol=1e-9 * np.abs(heavy.effort).max())
+    assert_allclose(light.effort[:, 2], share[:, 2], rtol=0.0, atol=1e-9)  # nothing but the load hangs on the hoist
+
+
+# --- bits --------------------------------------------------------------------------------------------------------------------------
+
+
+def _bits(trajectory: Trajectory) -> bytes:
+    return _columns(trajectory).tobytes()
+
+
+def again(path: str) -> None:
+    """Repeat a run from nothing but its Parquet file, and write what comes out beside it."""
+    record = read(path)
+    clocks = {name: record.parameters[f"{name}_s"] for name in ("dt", "control_period")}
+    c = load_crane(gravity=record.parameters["gravity_m_s2"], **{n: x for n, x in record.parameters.items() if n in arguments()})  # type: ignore[arg-type]
+    efforts = record.command if record.parameters["drive"] == "effort" else np.zeros((len(record), 3))
+
+    def replay(t: float, state: State, wanted: Wanted) -> np.ndarray:
+        return efforts[round(t / clocks["control_period"])]
+
+    simulate(
+        c,
+        replay,
+        start=record.state(0),
+        duration=record.t[-1],
+        disturbance=lambda t, state: record.force[0].reshape(2, 3),
+        **{name: record.parameters[name] for name in ("drive", "watch")},  # type: ignore[arg-type]
+        **clocks,  # type: ignore[arg-type]
+    ).write(Path(path).with_suffix(".again.parquet"))
+
+
+def test_a_run_is_the_same_to_the_bit_in_another_process_that_reads_its_numbers_from_parquet(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    runs = {}
+    for variant in (4, 9):
+        for drive in ("effort", "motion"):
+            case = Case(VARIANTS[variant], rng.uniform(-1, 1, 10), rng.uniform(-1, 1, (4, 3)), rng.uniform(-1, 1, (2, 3)))
+            made = run(case if drive == "effort" else case._replace(what=np.zeros((4, 3))), drive, duration=1.0)
+            path = tmp_path / f"{variant}_{drive}.parquet"
+            runs[replace(made, parameters={**made.parameters, **case.values}).write(path)] = made
+    program = "import sys; from tests.test_properties import again; [again(path) for path in sys.argv[1:]]"
+    subprocess.run([sys.executable, "-c", program, *map(str, runs)], cwd=Path(__file__).parent.parent, check=True)
+    for path, made in runs.items():
+        assert _bits(read(path.with_suffix(".again.parquet"))) == _bits(made), path.name
+
+
+words = st.characters(codec="utf-8")
+"""Any character that text in UTF-8 can have."""
+
+
+def test_every_column_says_its_unit() -> None:
+    units = {
+        **{"t": ["_s"], "q": ["_rad", "_m", "_rad", "_rad", "_m"], "v": ["_rad_s", "_m_s", "_rad_s", "_rad_s", "_m_s"]},
+        **{"wanted": ["_rad", "_m", "_m"], "command": ["_Nm", "_N", "_N"], "effort": ["_Nm", "_N", "_N"], "energy": ["_J"]},
+        **{"work": ["_J"] * 3, "dissipated": ["_J"], "force": ["_N"] * 6, "outside": ["_J"] * 2, "valid": ["valid"]},
+    }
+    found = {name: [next(e for e in ENDINGS if column.endswith(e)) for column in columns] for name, columns in COLUMNS.items()}
+    assert found == units
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    case=cases(CALM),
+    rows=st.integers(0, 41),
+    parameters=st.dictionaries(st.text(words), st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.text(words))),
+)
+def test_a_run_of_any_length_goes_from_csv_to_parquet_and_back_to_the_bit(
+    case: Case, rows: int, parameters: dict[str, float | str], tmp_path: Path
+) -> None:
+    made = run(case, "motion")
+    record = replace(made.between(0.0, (rows - 1) * 1e-2), parameters=parameters)
+    assert len(record) == rows
+    first = read(record.write(tmp_path / "a.csv"))
+    second = read(replace(first, parameters=parameters).write(tmp_path / "b.parquet"))
+    assert _bits(read(second.write(tmp_path / "c.csv"))) == _bits(second) == _bits(first) == _bits(record)
+    assert second.parameters == parameters
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "c.csv").read_bytes()

@@ -1,0 +1,150 @@
+"""Tours planned leg by leg, paths with a cruise, drives that yield to the swing, and the demo with and without control."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cranedyn.controllers import follow
+from cranedyn.controllers.damped import damped
+from cranedyn.crane import DRIVES, State
+from cranedyn.dynamics import payload_position
+from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.references import ARTICLE_TOUR, Leg, hold, plumb, spline
+from cranedyn.references.flat import cruise, flat
+from cranedyn.references.limits import Limits, use
+from cranedyn.references.motion import Motion
+from cranedyn.references.tour import tour
+from cranedyn.simulate import simulate
+from experiments import common, demo
+from experiments.tours import ACCELERATIONS, CONTROLS
+from tests.helpers import big_crane, crane
+
+LIMITS = Limits((0.08, 0.8, 0.8), ACCELERATIONS)
+
+
+def in_ten_seconds(start: State, goal: State) -> Motion:
+    return plumb(spline(start, [goal.q[DRIVES]], [10.0]), 10.0)
+
+
+def test_a_cruise_is_at_constant_speed_between_its_ramps_and_arrives() -> None:
+    t = np.linspace(-1.0, 21.0, 2201)
+    s = cruise(t, 20.0, 5.0)
+    assert_allclose(s[t <= 0.0], 0.0, atol=1e-15)
+    assert_allclose(s[t >= 20.0], 1.0, atol=1e-13)  # rounding of a polynomial of degree 10
+    middle = (t > 5.0) & (t < 15.0)
+    assert_allclose(np.gradient(s, t)[middle], 1.0 / 15.0, atol=1e-12)
+    assert (np.diff(s) >= -1e-15).all()
+
+
+def test_a_flat_path_with_a_cruise_starts_and_ends_with_the_load_at_rest_where_asked() -> None:
+    first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)
+    motion = flat(crane(), first, last, 20.0, ramp=5.0)
+    for q, end in ((motion.q[0], first), (motion.q[-1], last)):
+        assert_allclose(payload_position(crane(), q), payload_position(crane(), end.q), atol=1e-7)  # a spline of 5 ms samples
+        assert_allclose(q[2:4], 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("ramp", [0.0, 10.1, math.nan])
+def test_a_ramp_longer_than_half_the_way_is_refused(ramp: float) -> None:
+    with pytest.raises(OutOfRange, match="ramp is"):
+        flat(crane(), crane().state(x=10.0), crane().state(x=12.0), 20.0, ramp=ramp)
+
+
+def test_a_tour_joins_its_legs_without_a_jump_and_repeats() -> None:
+    made = tour(crane(), ARTICLE_TOUR, in_ten_seconds, dwell=3.0)
+    assert made.duration == pytest.approx(7 * 13.0)
+    assert len(made.motion.q) == round(made.duration / 5e-3) + 1
+    assert np.abs(np.diff(made.motion.q, axis=0)).max() < 5e-3 * 15.0 / 8.0 * 1.4 * 1.01  # the fastest quintic has 14 m in 10 s
+    assert_allclose(made.motion.q[-1], made.motion.q[0], atol=1e-12)
+    for stage in made.stages:
+        assert_allclose(made(stage.arrival).position, stage.target, atol=1e-12)
+        assert_allclose(made(stage.end + made.duration).position, stage.target, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("legs", "dwell", "words"),
+    [
+        ([], 1.0, "tour is empty"),
+        ([Leg("out", x=20.0)], 1.0, "end of the tour"),
+        ([Leg("too far", x=23.0)], 1.0, "x at the start is 23"),
+        (ARTICLE_TOUR, -1.0, "dwell is -1"),
+    ],
+)
+def test_tours_that_cannot_be_are_refused(legs: list[Leg], dwell: float, words: str) -> None:
+    with pytest.raises(OutOfRange, match=words):
+        tour(crane(), legs, in_ten_seconds, dwell=dwell)
+
+
+def test_drives_that_yield_damp_the_swing_as_much_as_asked() -> None:
+    point = big_crane()
+    start = point.state(x=30.0, l=20.0, phi=0.01, theta=0.01)
+    controller = damped(point, hold(start), ratio=0.2, accelerations=(1.0, 10.0, 10.0))
+    run = simulate(point, controller, start=start, duration=40.0, drive="motion")
+    for angle in ("phi_rad", "theta_rad"):
+        swing = run[angle]
+        tops = [float(np.abs(swing[(run.t >= a) & (run.t < a + 9.2)]).max()) for a in (0.0, 9.2, 18.4)]
+        # a period of damped swing is 9.16 s and takes exp(-2πζ/√(1-ζ²)) = 0.277; sampling at 200 Hz and 30 m of radius for the arc: 3 %
+        assert tops[1] / tops[0] == pytest.approx(math.exp(-2 * math.pi * 0.2 / math.sqrt(0.96)), rel=0.03)
+
+
+def test_drives_that_yield_keep_their_accelerations() -> None:
+    start = crane().state(phi=0.3)
+    controller = damped(crane(), hold(start), accelerations=(0.02, 0.4, 0.4))
+    run = simulate(crane(), controller, start=start, duration=10.0, drive="motion")
+    assert np.abs(np.diff(run["x_dot_m_s"])).max() <= 0.4 * 5e-3 * (1 + 1e-9)
+
+
+def test_without_yielding_they_follow() -> None:
+    start = crane().state(phi=0.1)
+    reference = spline(start, [(0.1, 12.0, 14.0)], [10.0])
+    runs = [
+        simulate(crane(), controller, reference, start=start, duration=10.0, drive="motion")
+        for controller in (follow(reference), damped(crane(), reference, ratio=0.0, accelerations=(1.0, 10.0, 10.0)))
+    ]
+    assert_allclose(runs[0].q, runs[1].q, atol=1e-12)  # rounding
+
+
+@pytest.mark.parametrize("arguments", [{"ratio": -0.1}, {"ratio": 1.1}, {"accelerations": (0.0, 1.0, 1.0)}])
+def test_damping_that_cannot_be_is_refused(arguments: dict) -> None:
+    with pytest.raises(OutOfRange):
+        damped(crane(), hold(crane().start), **{"accelerations": (1.0, 1.0, 1.0)} | arguments)
+
+
+@pytest.mark.parametrize("control", ["paper", "lqr", "flat"])
+def test_planned_tours_keep_the_limits(control: str) -> None:
+    made, _ = CONTROLS[control](common.World(), LIMITS, 6.0)
+    shares = use(common.World().crane, made.motion, LIMITS)  # type: ignore[attr-defined]
+    assert max(shares.values()) < 1.0 + 1e-5  # a quintic's peak, rounded up to control periods
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("demo") / "out"
+    assert demo.main(["--control", "flat", "--cycles", "1", "--out", str(folder)]) == 0
+    return folder
+
+
+def test_the_controlled_demo_has_no_swing_worth_the_name_in_any_dwell(done: Path) -> None:
+    after, before = json.loads((done / "result.json").read_text())["tables"]
+    assert max(row[2] for row in after["rows"]) < 0.1
+    assert min(row[2] for row in before["rows"]) > 50.0
+
+
+def test_before_and_after_are_kept_and_recorded_together(done: Path) -> None:
+    assert {"demo.csv", "demo_before.csv", "demo.rrd", "swing.png"} <= {path.name for path in done.iterdir()}
+    recording = (done / "demo.rrd").read_bytes()
+    assert b"with flat" in recording
+    assert b"without control" in recording
+
+
+def test_a_dwell_too_short_for_shaped_commands_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert demo.main(["--control", "shaped", "--dwell", "2", "--cycles", "1", "--out", str(tmp_path / "out")]) == 2
+    assert "so it must be that at least" in capsys.readouterr().err
+    with pytest.raises(CraneError, match="dwell"):
+        CONTROLS["shaped"](common.World(), LIMITS, 2.0)

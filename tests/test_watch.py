@@ -1,0 +1,147 @@
+"""Where the model ceases to hold, and what a run does about it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cranedyn.controllers import hold_controller
+from cranedyn.errors import CraneError, OutOfRange, RunError
+from cranedyn.references import hold, ramp
+from cranedyn.simulate import simulate
+from cranedyn.trajectory import Trajectory
+from cranedyn.watch import events
+from tests.helpers import G, big_crane, constant, crane, locked
+
+
+def outward(watch: str) -> Trajectory:
+    """The trolley is asked to go 2 m beyond the tip of the jib."""
+    start = crane().state(x=10.0, l=15.0)
+    reference = ramp(hold(start), "x", 14.0, rate=1.5, at=1.0)
+    return simulate(crane(), hold_controller(crane(), gravity=G), reference, start=start, duration=20.0, watch=watch)  # type: ignore[arg-type]
+
+
+def test_a_run_stops_where_a_drive_leaves_its_range_and_keeps_what_it_has() -> None:
+    with pytest.raises(RunError, match=r"trolley_joint is at 22\.\d+ m, its range is 2 to 22") as caught:
+        outward("stop")
+    error = caught.value
+    assert error.joint == "trolley_joint"
+    assert error.trajectory is not None
+    assert error.trajectory["x_m"][-1] == error.value > 22.0
+    assert (error.trajectory["x_m"][:-1] <= 22.0).all()
+    assert error.t == error.trajectory.t[-1]
+    assert error.trajectory["valid"].tolist() == [1.0] * (len(error.trajectory) - 1) + [0.0]
+
+
+def test_a_marked_run_goes_on_to_its_end_and_names_where_it_left_the_range() -> None:
+    run = outward("mark")
+    assert run.t[-1] == 20.0
+    assert run["x_m"][-1] == pytest.approx(24.0, abs=0.1)
+    assert ((run["x_m"] > 22.0) == (run["valid"] == 0.0)).all()
+    found = events(crane(), run)
+    assert [(event.joint, event.row) for event in found[:1]] == [("trolley_joint", int(np.argmax(run["x_m"] > 22.0)))]
+
+
+def test_buffers_hold_the_trolley_at_the_end_of_its_range_with_their_energy_in_the_ledger() -> None:
+    run = outward("buffers")
+    # the drive presses with 300 kN/m · 2 m against a spring of (20 rad/s)² times the joint's inertia of at most 1.6 t
+    assert 22.5 < run["x_m"].max() < 24.0
+    assert run["W_buffers_J"][-1] < -1e4
+    assert np.abs(run.unexplained).max() < 1e-3 * abs(run["W_buffers_J"][-1])  # a step's error
+    assert run["valid"].all()
+
+
+def test_a_buffer_pushes_but_never_pulls() -> None:
+    # a trolley without drive rolls against the end and comes back slower, the damper has taken some
+    light = crane(payload_mass=1e-6, payload_inertia=0.0)
+    start = light.state(x=21.5, x_dot=1.0)
+    run = simulate(light, constant(0.0, 0.0, -1e-6 * G), start=start, duration=2.0, watch="buffers")
+    assert 22.0 < run["x_m"].max() < 22.1
+    # energy left of a mass on a spring with a damper of ζ = 1/2 that lets go when it would pull: exp(-2 ζ/√(1-ζ²) · ψ) with
+    # ψ = π - acos(2ζ² - 1)/... lies between a quarter and a full half swing's
+    left = run["x_dot_m_s"][-1] / -1.0
+    assert math.exp(-math.pi * 0.5 / math.sqrt(0.75)) < left < 1.0
+    assert_allclose(run["x_dot_m_s"][-50:], run["x_dot_m_s"][-1], rtol=1e-6)  # free again; the load of 1e-6 kg
+
+
+def test_buffers_are_for_drives_that_take_efforts() -> None:
+    with pytest.raises(OutOfRange, match="watch is buffers"):
+        simulate(crane(), locked, duration=1.0, drive="motion", watch="buffers")
+
+
+def test_a_rope_that_would_have_to_push_stops_the_run() -> None:
+    with pytest.raises(RunError, match=r"At t = 0 s the rope would have to push, its tension is -1 N") as caught:
+        simulate(crane(), constant(0.0, 0.0, 1.0), duration=1.0)
+    assert caught.value.joint == "hoist_joint"
+
+
+def test_a_load_on_the_ground_stops_the_run_when_it_gets_there() -> None:
+    low = crane(pivot_height=27.0, hoist_max=30.0)
+    start = low.state(l=26.0)
+    reference = ramp(hold(start), "l", 2.0, rate=0.5, at=0.0)
+    with pytest.raises(RunError, match="below the ground") as caught:
+        simulate(low, hold_controller(low, gravity=G), reference, start=start, duration=10.0)
+    assert caught.value.trajectory is not None
+    assert caught.value.trajectory["l_m"][-1] == pytest.approx(27.0, abs=0.01)  # 5 ms at 0.5 m/s
+
+
+def test_a_swing_beyond_the_jib_stops_the_run() -> None:
+    point = big_crane()
+    start = point.state(l=20.0, phi=1.5, phi_dot=0.5)
+    with pytest.raises(RunError, match=r"swing_radial_joint is at 1\.57\d* rad"):
+        simulate(point, locked, start=start, duration=5.0, drive="motion")
+
+
+@pytest.mark.parametrize("where", [0, 100, 101, 199, 200, 1999, 2000])
+def test_no_row_escapes_the_watch(where: int) -> None:
+    def slack_once(t: float, *_: object) -> np.ndarray:
+        return np.array([0.0, 0.0, 5.0 if round(t / 5e-3) == where else -1000.0 * G])
+
+    with pytest.raises(RunError, match="the rope would have to push") as caught:
+        simulate(crane(), slack_once, duration=10.0)
+    assert caught.value.trajectory is not None
+    assert len(caught.value.trajectory) == where + 1
+
+
+def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> None:
+    def gives_up(t: float, *_: object) -> np.ndarray:
+        if t > 0.5:
+            raise CraneError("No solution.")
+        return np.array([0.0, 0.0, -1000.0 * G])
+
+    with pytest.raises(RunError, match=r"At t = 0\.505 s: No solution\.") as caught:
+        simulate(crane(), gives_up, duration=1.0)
+    assert caught.value.trajectory is not None
+    assert len(caught.value.trajectory) == 101
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"watch": "ignore"}, "watch is ignore"),
+        ({"start": (np.zeros(5), np.full(5, np.nan))}, "gamma among the rates at the start is nan"),
+        ({"start": (np.zeros(4), np.zeros(5))}, r"coordinates at the start is an array of shape \(4,\)"),
+        ({"start": "rest"}, "start is rest"),
+        ({"since": math.nan}, "time at the start is nan"),
+        ({"duration": 1e5}, r"s at most: its \d+ rows would take"),
+        ({"dt": 1e-14}, "steps"),
+        ({"disturbance": lambda t, state: np.zeros(3)}, r"force of the disturbance is an array of shape \(3,\)"),
+        ({"disturbance": lambda t, state: np.full((2, 3), np.nan)}, "force of the disturbance is"),
+        ({"controller": lambda t, state, wanted: "up"}, "command of the controller is 'up'"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_at_once(arguments: dict, words: str) -> None:
+    with pytest.raises(OutOfRange, match=words):
+        simulate(crane(), **{"controller": hold_controller(crane(), gravity=G), "duration": 1.0} | arguments)
+
+
+def test_a_controller_cannot_change_the_state_it_is_given() -> None:
+    def meddling(t: float, state: tuple[np.ndarray, np.ndarray], wanted: object) -> np.ndarray:
+        state[0][0] += 1.0
+        return np.zeros(3)
+
+    with pytest.raises(ValueError, match="read-only"):
+        simulate(crane(), meddling, duration=1.0)  # type: ignore[arg-type]
