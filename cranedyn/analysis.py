@@ -174,7 +174,7 @@ def agreement(measured: np.ndarray, modelled: np.ndarray) -> Agreement:
         DataError: If one of them does not move.
     """
     for name, signal in (("measured", measured), ("modelled", modelled)):
-        if len(signal) == 0 or np.ptp(signal) == 0.0:
+        if len(signal) == 0 or np.ptp(signal) == 0.0 or np.var(signal) == 0.0:
             raise DataError(f"The {name} signal does not move, so there is nothing to compare.")
     return Agreement(
         measured=float(np.abs(measured).max()),

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cranedyn.errors import DataError
 
-MOST_TEXT = 20_000_000
+MOST_TEXT = 5_000_000
 """Most bytes of a file that is read as text."""
 
 
@@ -44,7 +44,7 @@ def make_folder(folder: Path) -> Path:
 
 
 def check_writable(path: str | Path) -> None:
-    """Return if a file can be written there, its folder made if need be; nothing is left behind.
+    """Return if a file can be written there, its folder made if need be, and a block of it has room; nothing is left behind.
 
     Raises:
         DataError: If it cannot.
@@ -55,8 +55,11 @@ def check_writable(path: str | Path) -> None:
         try:
             make_folder(final.parent)
             draft = _draft(final)
-            draft.touch()
-            draft.unlink()
+            try:
+                draft.write_bytes(bytes(4096))
+            finally:
+                with suppress(OSError):
+                    draft.unlink()
         finally:
             for folder in missing:
                 with suppress(OSError):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 
 from cranedyn.errors import ModelError, OutOfRange
 
-_DEEPEST, _MOST_JOINTS = 50, 1000
-_DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_DEEPEST, _MOST_PARTS, _LARGEST = 50, 2000, 1e30
+_DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 _NUMBERS = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -82,7 +82,7 @@ def check(robot: ET.Element, source: object) -> None:
 
     Raises:
         ModelError: If something is left to expand, an element is double or incomplete, or a joint mimics another.
-        OutOfRange: If a number is not a finite decimal number, or a friction is not zero.
+        OutOfRange: If a number is not a decimal number, is beyond 1e30 whatever its unit, or a friction is not zero.
     """
     for part in robot.iter():
         if "xacro" in part.tag or any(mark in value for value in part.attrib.values() for mark in ("${", "$(")):
@@ -96,14 +96,15 @@ def check(robot: ET.Element, source: object) -> None:
 
 def _check_tree(robot: ET.Element, source: object) -> None:
     """Whoever follows joints from link to link must come to an end."""
+    parts = len(robot.findall("link")) + len(robot.findall("joint"))
+    if parts > _MOST_PARTS:
+        raise ModelError(f"{source} has {parts} links and joints; allowed are {_MOST_PARTS}.")
     parents: dict[str, str] = {}
     for joint in robot.iterfind("joint"):
         child, parent = (end.get("link", "") if (end := joint.find(tag)) is not None else "" for tag in ("child", "parent"))
         if child in parents:
             raise ModelError(f"{source} has two joints with the child link {child!r}; allowed is one.")
         parents[child] = parent
-    if len(parents) > _MOST_JOINTS:
-        raise ModelError(f"{source} has {len(parents)} joints; allowed are {_MOST_JOINTS}.")
     for link in parents:
         above = link
         for _ in parents:
@@ -113,24 +114,25 @@ def _check_tree(robot: ET.Element, source: object) -> None:
 
 
 def _check_element(element: ET.Element, where: str) -> None:
-    tags = [child.tag for child in element if child.tag not in ("visual", "collision")]
-    if double := next((tag for tag in tags if tags.count(tag) > 1), None):
-        raise ModelError(f"There are {tags.count(double)} elements {double} in one {element.tag} of {where}; allowed is one.")
-    if element.tag == "inertial" and not {"mass", "inertia"} <= set(tags):
+    tags = Counter(child.tag for child in element if child.tag not in ("visual", "collision"))
+    for tag, count in tags.items():
+        if count > 1:
+            raise ModelError(f"There are {count} elements {tag} in one {element.tag} of {where}; allowed is one.")
+    if element.tag == "inertial" and not {"mass", "inertia"} <= tags.keys():
         raise ModelError(f"The inertial of {where} needs a mass and an inertia.")
     if element.tag == "mimic":
         raise ModelError(f"The {where} mimics another; a crane moves in all of its joints.")
     for name, count in _NUMBERS.get(element.tag, {}).items():
         text = element.get(name, "" if element.tag in _COMPLETE else None)
         if text is not None and not _are_numbers(text.split(), count):
-            allowed = "a finite decimal number" if count == 1 else f"{count} finite decimal numbers"
+            allowed = f"{'a decimal number' if count == 1 else f'{count} decimal numbers'} up to {_LARGEST:g}"
             raise OutOfRange(f"{name} of {element.tag} in {where}", repr(text), allowed)
     if element.tag == "dynamics" and float(element.get("friction", "0")) != 0.0:
         raise OutOfRange(f"friction of {where}", element.get("friction"), "0, since only viscous damping acts")
 
 
 def _are_numbers(words: list[str], count: int) -> bool:
-    return len(words) == count and all(_DECIMAL.fullmatch(word) and math.isfinite(float(word)) for word in words)
+    return len(words) == count and all(_DECIMAL.fullmatch(word) and abs(float(word)) <= _LARGEST for word in words)
 
 
 def skeleton(robot: ET.Element) -> str:
@@ -145,6 +147,7 @@ def skeleton(robot: ET.Element) -> str:
 
 def _kept(element: ET.Element) -> ET.Element:
     numbers = _NUMBERS.get(element.tag, {})
-    kept = ET.Element(element.tag, {name: " ".join(text.split()) if name in numbers else text for name, text in element.items()})
+    kept = ET.Element(element.tag, {name: text for name in ("name", "type", "link") if (text := element.get(name)) is not None})
+    kept.attrib |= {name: " ".join(text.split()) for name in numbers if (text := element.get(name)) is not None}
     kept.extend(_kept(child) for child in element if child.tag in _SKELETON.get(element.tag, ()))
     return kept

@@ -101,7 +101,12 @@ def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0
 
 
 def _integrate(derivative: Callable, t: np.ndarray, start: Sequence[float]) -> np.ndarray:
-    return solve_ivp(derivative, (t[0], t[-1]), start, method="DOP853", t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.05).y
+    found = solve_ivp(derivative, (t[0], t[-1]), start, method="DOP853", t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.05)
+    if not found.success:
+        raise DataError(
+            f"A model of the swing cannot be integrated beyond t = {found.t[-1] if len(found.t) else t[0]:g} s: {found.message}"
+        )
+    return found.y
 
 
 def run(

@@ -17,7 +17,7 @@ from cranedyn import theory
 from cranedyn.controllers import hold_controller
 from cranedyn.crane import Crane, State
 from cranedyn.dynamics import energy
-from cranedyn.errors import number
+from cranedyn.errors import DataError, number
 from cranedyn.figures import COLOURS, panels
 from cranedyn.trajectory import Trajectory
 from experiments import common
@@ -25,8 +25,8 @@ from experiments import common
 SWING, LENGTH, AUDIT, LONG = 0.15, 15.0, 6.0, 60.0
 """Swing at the start [rad], cable length [m], time of the audit and of the long run [s]."""
 
-LEAST_SWING = 0.001
-"""Smallest swing at the start [rad]: what stays open must stand clear of the rounding of the energies."""
+LEAST_SWING, ROUNDING = 0.001, 1e-13
+"""Smallest swing at the start [rad], and smallest share of the energy that stands clear of its rounding."""
 
 STEPS = (1.0e-3, 5.0e-4, 2.5e-4)
 DAMPINGS = (0.0, 1.0, 2.0e5)
@@ -81,6 +81,11 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     audits = {d: run(world, c, swing, length, AUDIT) for d, c in cranes.items()}
     steps = {dt: run(replace(world, dt=dt), crane, swing, length, LONG) for dt in STEPS}
     ripple = {dt: float(np.abs(r.unexplained).max()) for dt, r in steps.items()}
+    largest = float(np.abs(steps[5e-4].energy).max())
+    if min(ripple.values()) < ROUNDING * largest:
+        raise DataError(
+            f"What stays open, {min(ripple.values()):.1e} J, is lost in the rounding of energies of {largest:.1e} J: swing wider."
+        )
     period = theory.rigid_period(length, crane.gravity, crane.payload_mass, crane.payload_inertia) * float(theory.amplitude_factor(swing))
     bands = {dt: band(r, period) for dt, r in steps.items()}
     mean, least, most = bands[5e-4]

@@ -21,7 +21,7 @@ from cranedyn.simulate import Controller, Disturbance, Drive, Watch, simulate
 from cranedyn.trajectory import Trajectory, read_columns
 from experiments.arguments import add_mode
 
-_LARGEST = 1e6
+_LARGEST, _LONGEST_GAP = 1e6, 0.5
 
 
 def add_world(made: argparse.ArgumentParser, *fixed: str) -> None:
@@ -187,10 +187,11 @@ def world_of(options: argparse.Namespace, watcher: Watcher) -> World:
 
 
 def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
-    """Columns of a file recorded elsewhere, the cable length `l_m` among them.
+    """Columns of a file recorded elsewhere, time `t_s` and the cable length `l_m` among them.
 
     Raises:
-        DataError: As `read_columns`, if a cable is shorter than a millimetre, or a number is beyond a million of its unit.
+        DataError: As `read_columns`, if a cable is shorter than a millimetre, a number is beyond a million of its unit, or
+            rows are more than half a second apart.
     """
     data = read_columns(file, columns)
     for name, values in data.items():
@@ -198,6 +199,8 @@ def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
         for extreme in (values.min(), values.max()):
             if not low <= extreme <= _LARGEST:
                 raise DataError(f"{file}: {name} is {extreme:g} in some row; allowed is {low:g} to {_LARGEST:g}.")
+    if (gap := np.diff(data["t_s"]).max()) > _LONGEST_GAP:
+        raise DataError(f"{file}: t_s leaves a gap of {gap:g} s; allowed are {_LONGEST_GAP:g} s from row to row.")
     return data
 
 

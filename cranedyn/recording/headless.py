@@ -18,6 +18,8 @@ from cranedyn.recording.viewer import check
 _BARS = {True: (0, 36), False: (7, 71)}
 """What the viewer's own bars and frames take of width and height of its window [pixels], for the dashboard and for a single view."""
 
+_PATIENCE = 60.0
+
 _DRIVER = "It needs a graphics driver with Vulkan; where there is no graphics card, install Debian's mesa-vulkan-drivers."
 
 
@@ -63,8 +65,10 @@ def headless(path: str | Path, size: tuple[int, int], whole: bool) -> Iterator[t
 def _opened(client: ViewerClient, path: Path) -> tuple[float, float]:
     """Open a recording; its first and last time [s]."""
     client.open(str(path.resolve()))
-    while client.get_state().loading:
+    waited = 0.0
+    while client.get_state().loading and waited < _PATIENCE:
         time.sleep(0.1)
+        waited += 0.1
     for recording in client.get_state().recordings:
         for timeline in recording.timelines:
             if timeline.name == TIMELINE and timeline.start is not None and timeline.end is not None:

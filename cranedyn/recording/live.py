@@ -9,6 +9,7 @@ import rerun as rr
 
 from cranedyn.crane import Crane
 from cranedyn.errors import CraneError, DataError
+from cranedyn.files import check_writable
 from cranedyn.recording.dashboard import dashboard
 from cranedyn.recording.record import describe
 from cranedyn.recording.run import Run
@@ -45,6 +46,8 @@ class Live:
         if not rr.is_enabled(self._recording):
             raise CraneError("Rerun is switched off by the environment variable RERUN; unset it to record.")
         self._file = None if file is None else Path(file)
+        if self._file:
+            check_writable(self._file)  # where not even the first bytes can be written, Rerun waits for ever
         try:
             sinks = [rr.FileSink(self._file)] if self._file else []
             self._recording.set_sinks(*sinks, *([rr.GrpcSink(viewer)] if viewer else []))
