@@ -1,10 +1,38 @@
-"""Settings of all tests."""
+"""Settings that all tests share, and a word at the end on how much was tried."""
 
 from __future__ import annotations
 
+import sys
+from collections import Counter
+from typing import Any
+
+import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile(
     "cranedyn", deadline=None, derandomize=True, max_examples=25, database=None, suppress_health_check=[HealthCheck.differing_executors]
 )
 settings.load_profile("cranedyn")
+
+_TRIED: Counter[str] = Counter()
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Keep how many inputs the fuzzing of this process tried; a worker hands it to the process that sums up."""
+    tried = getattr(sys.modules.get("tests.test_fuzz"), "TRIED", {})
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["tried"] = dict(tried)
+    else:
+        _TRIED.update(tried)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Take what a worker has tried."""
+    _TRIED.update(getattr(node, "workeroutput", {}).get("tried", {}))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say how many inputs the fuzzing tried, and how they ended."""
+    if _TRIED:
+        terminalreporter.write_line(f"fuzzed {_TRIED.total()}: {', '.join(f'{name} {count}' for name, count in sorted(_TRIED.items()))}")

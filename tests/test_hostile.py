@@ -1,0 +1,843 @@
+"""What strangers bring and machines do: every input ends in a result or in one sentence, and no file is lost or half there."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import json
+import os
+import pickle
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+from PIL import Image
+
+from cranedyn import snapshot as pictures
+from cranedyn import trajectory
+from cranedyn.controllers import hold_controller
+from cranedyn.crane import load_crane
+from cranedyn.description import describe, parse_values
+from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, RunError
+from cranedyn.files import check_writable, read_text, written
+from cranedyn.integrator import Integrator
+from cranedyn.recording import Live
+from cranedyn.simulate import simulate
+from cranedyn.trajectory import COLUMNS, join, read, read_columns
+from cranedyn.urdf import parse, skeleton
+from experiments import a1, a2, a3, common, energy, mass_ratio, report
+from tests.helpers import crane, files, turned
+
+ROOT = Path(__file__).parents[1]
+
+
+def python(script: str, *arguments: object, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
+    """A script in a process of its own, in the root of the repository."""
+    command = [sys.executable, "-c", script, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, cwd=ROOT, check=False)
+
+
+@pytest.fixture(scope="module")
+def urdf() -> str:
+    return describe()
+
+
+# --- descriptions ------------------------------------------------------------------------------------------------------------------
+
+_LAUGH = "".join(f"<!ENTITY l{i + 1} '{10 * f'&l{i};'}'>" for i in range(12))
+
+
+def _chain(n: int, last: str) -> str:
+    """Links on fixed joints, one below the other, the last of them above a given link."""
+    links = "".join(f'<link name="k{i}"/>' for i in range(n))
+    ends = ["hook_link", *(f"k{i}" for i in range(n)), *([last] if last else [])]
+    joints = (
+        f'<joint name="j{i}" type="fixed"><parent link="{a}"/><child link="{b}"/></joint>'
+        for i, (a, b) in enumerate(itertools.pairwise(ends))
+    )
+    return f"{links}{''.join(joints)}</robot>"
+
+
+HOSTILE: dict[str, Callable[[str], str | bytes | None]] = {
+    "a billion laughs": lambda u: f'<!DOCTYPE r [<!ENTITY l0 "ha">{_LAUGH}]><robot name="&l12;"/>',
+    "a long entity many times": lambda u: f"<!DOCTYPE r [<!ENTITY a '{'a' * 100_000}'>]><robot>{'&a;' * 20_000}</robot>",
+    "an entity from a file": lambda u: '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><robot name="x">&a;</robot>',
+    "a document type from the net": lambda u: u.replace("?>", '?><!DOCTYPE r SYSTEM "http://127.0.0.1:9/r.dtd">'),
+    "deep nesting": lambda u: "<a>" * 100_000 + "</a>" * 100_000,
+    "joints in a circle": lambda u: u.replace("</robot>", _chain(2, "k0")),
+    "a circle through the crane": lambda u: u.replace("</robot>", _chain(0, "base_link")),
+    "a chain that would overflow the stack": lambda u: u.replace("</robot>", _chain(20_000, "")),
+    "a number of four million digits": lambda u: u.replace('value="500.0"', f"value='{'1' * 4_000_000}x'"),
+    "ten thousand attributes": lambda u: u.replace("<mass value", " ".join(["<mass", *(f"a{i}=''" for i in range(10_000)), "v"]), 1),
+    "six megabytes": lambda u: u + " " * 6_000_000,
+    "zeros": lambda u: bytes(1000),
+    "a compressed file": lambda u: b"\x1f\x8b\x08\x00" + bytes(range(256)),
+    "another encoding": lambda u: u.encode("utf-16"),
+    "nothing": lambda u: "",
+    "a folder": lambda u: None,
+}
+
+_LOADER = """
+import json, resource, sys
+from pathlib import Path
+from cranedyn.crane import load_crane
+from cranedyn.errors import CraneError
+
+taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (taken + 400_000_000,) * 2)
+resource.setrlimit(resource.RLIMIT_CPU, (30, 30))
+for path in sys.argv[1:]:
+    try:
+        load_crane(path)
+    except CraneError as error:
+        print(json.dumps([path, type(error).__name__, str(error)]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is limited by means of Linux")
+def test_hostile_descriptions_are_refused_within_30_seconds_and_400_megabytes(urdf: str, tmp_path: Path) -> None:
+    paths = []
+    for i, make in enumerate(HOSTILE.values()):
+        for ending in ("urdf", "xacro"):
+            content, path = make(urdf), tmp_path / f"{i}.{ending}"
+            if content is None:
+                path.mkdir()
+            else:
+                path.write_bytes(content.encode() if isinstance(content, str) else content)
+            if ending == "urdf" or not content or "joint" not in str(content):  # an expanded crane takes its time
+                paths.append(path)
+    run = python(_LOADER, *paths)
+    assert run.returncode == 0, run.stderr
+    found = {path: (kind, sentence) for path, kind, sentence in map(json.loads, run.stdout.splitlines())}
+    assert set(found) == set(map(str, paths))
+    for kind, sentence in found.values():
+        assert kind in ("ModelError", "DataError", "OutOfRange")
+        assert sentence.endswith(".") and sentence.isprintable() and len(sentence) < 2100
+
+
+_WATCHED = """
+import sys
+from cranedyn.controllers import hold_controller
+from cranedyn.crane import load_crane
+from cranedyn.recording import Run, record
+from cranedyn.simulate import simulate
+
+seen = []
+sys.addaudithook(lambda event, given: seen.append((event, given)) if event in ("open", "socket.connect", "socket.getaddrinfo") else None)
+crane = load_crane(sys.argv[1])
+print([str(given[0]) for event, given in seen if not str(given[0]).endswith(".pyc")])
+record(sys.argv[2], [Run("r", crane, simulate(crane, hold_controller(crane), duration=0.05))], title="t")
+print([given for event, given in seen if event != "open"])
+"""
+
+
+def test_nothing_that_a_description_names_is_opened_or_fetched(urdf: str, tmp_path: Path) -> None:
+    mesh = '<visual><geometry><mesh filename="{}"/></geometry></visual>'
+    names = ("http://127.0.0.1:9/a.stl", "package://else/b.stl", "/etc/passwd", "file:///etc/passwd", "../../secret.dae")
+    path = tmp_path / "crane.urdf"
+    path.write_text(urdf.replace('<link name="hook_link">', '<link name="hook_link">' + "".join(map(mesh.format, names))))
+    run = python(_WATCHED, path, tmp_path / "a.rrd")
+    opened, fetched = run.stdout.splitlines()
+    assert opened == str([str(path)])
+    assert fetched == "[]"
+    handed_on = skeleton(parse(path.read_text(), path))  # to parsers that no audit hook sees
+    assert "mesh" not in handed_on and "secret" not in handed_on
+    assert load_crane(path).payload_mass == 1000.0
+
+
+def test_a_plain_urdf_is_never_expanded(urdf: str, tmp_path: Path) -> None:
+    path = tmp_path / "crane.urdf"
+    marker = tmp_path / "secret.yaml"
+    marker.write_text("a: 1")
+    for text in (
+        turned('name="hook_link">', f"""name="hook_link" note="${{xacro.load_yaml('{marker}')}}">""", urdf),
+        turned("</robot>", '<xacro:include xmlns:xacro="http://www.ros.org/wiki/xacro" filename="secret.yaml"/></robot>', urdf),
+        urdf.replace("1000.0", "$(arg mass)"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ModelError, match=r"crane\.urdf holds xacro directives; if you trust the file name it \.xacro"):
+            load_crane(path)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<xacro:include filename="a.xacro"/>',
+        '<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>',
+        "<link name=\"${__import__('os').getcwd()}\"/>",
+        '<link name="${().__class__}"/>',
+        '<link name="${[0] * 10**15}"/>',
+        '<xacro:include filename="/etc/passwd"/>',
+        "<xacro:if value='${1/0}'/>",
+    ],
+)
+def test_a_xacro_that_cannot_be_expanded_is_one_sentence(body: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.xacro"
+    path.write_text(f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{body}</robot>')
+    with pytest.raises(ModelError, match=r"a\.xacro cannot be expanded: .*\.$") as caught:
+        load_crane(path)
+    assert str(caught.value).isprintable()
+
+
+def test_the_crane_may_be_as_large_as_one_likes() -> None:
+    assert load_crane(trolley_max=1e3, mast_height=1e4, pivot_height=1e4, total_height=1.1e4).upper[1] == 1e3
+
+
+# Pinocchio's parser would drop, double or ignore each of these and say so on standard error at most.
+DROPPED = {
+    "a mass of another notation": ('<mass value="1000.0"/>', '<mass value="1_000"/>', r"value of mass in link hook_link .* is '1_000'"),
+    "a mass of other digits": ('<mass value="1000.0"/>', '<mass value="١٠٠٠"/>', "value of mass in link hook_link"),
+    "two masses": (
+        '<mass value="1000.0"/>',
+        '<mass value="1000.0"/><mass value="1"/>',
+        "There are 2 elements mass in one inertial of link",
+    ),
+    "no mass": ('<mass value="1000.0"/>', "", "The inertial of link hook_link .* needs a mass and an inertia"),
+    "an inertia with a value missing": ('<inertia ixx="400.0"', '<inertia xx="400.0"', "ixx of inertia in link hook_link .* is ''"),
+    "two numbers for three": (
+        '<axis xyz="0 0 -1"/>',
+        '<axis xyz="0 -1"/>',
+        "xyz of axis in joint hoist_joint .* allowed is 3 decimal numbers",
+    ),
+    "a limit beyond doubles": ('upper="26.4"', 'upper="1e400"', r"upper of limit in joint hoist_joint .* is '1e400'"),
+    "a limit beyond sense": ('upper="26.4"', 'upper="1e31"', r"allowed is a decimal number up to 1e\+30"),
+    "friction": ('<dynamics damping="0.0"/>', '<dynamics damping="0.0" friction="5"/>', "friction of joint .* is 5; allowed is 0"),
+    "mimicry": ('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="yaw_joint"/>', "joint swing_radial_joint .* mimics another"),
+    "a link below two joints": (
+        '<child link="hook_link"/>',
+        '<child link="trolley_link"/>',
+        "two joints with the child link 'trolley_link'",
+    ),
+    "a colour of three numbers": ('rgba="0.42 0.42 0.40 1"', 'rgba="0.42 0.42 0.40"', "rgba of color in material concrete"),
+    "a shape without a size": ("<box size=", "<box sizes=", "size of box in link"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "sentence"), DROPPED.values(), ids=DROPPED)
+def test_what_parsers_of_urdf_would_drop_is_refused(old: str, new: str, sentence: str, urdf: str, tmp_path: Path) -> None:
+    assert old in urdf
+    path = tmp_path / "crane.urdf"
+    path.write_text(urdf.replace(old, new, 1) if urdf.count(old) > 1 else turned(old, new, urdf))
+    with pytest.raises(CraneError, match=sentence):
+        load_crane(path)
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"payload_mass": 1e20}, r"smallest eigenvalue of the scaled mass matrix is .*; allowed is > 1e-10: masses differ too much"),
+        ({"payload_mass": 1e200}, r"value of mass in link hook_link .* allowed is a decimal number up to 1e\+30"),
+        ({"gravity": 1e308}, "cannot be simulated: masses, lengths or gravity are beyond what a number holds"),
+    ],
+)
+def test_masses_that_a_double_cannot_tell_apart_are_refused(values: dict[str, float], sentence: str) -> None:
+    with pytest.raises(CraneError, match=sentence):
+        load_crane(**values)
+
+
+def test_a_rod_whose_inertia_is_singular_is_a_load(urdf: str, tmp_path: Path) -> None:
+    turn = '<origin xyz="0 0 0" rpy="0.3 0.4 0.5"/>'  # so that rounding makes its zero eigenvalue a little negative or positive
+    text = turned('<mass value="1000.0"/>', f'{turn}<mass value="1000.0"/>', urdf)
+    (tmp_path / "crane.urdf").write_text(turned('izz="400.0"', 'izz="0.0"', text))
+    assert load_crane(tmp_path / "crane.urdf").payload_mass == 1000.0
+
+
+def test_an_argument_given_twice_is_refused() -> None:
+    with pytest.raises(DataError, match=r"payload_mass is given twice, as '1' and as '2'\."):
+        parse_values(["payload_mass:=1", "payload_mass:=2"])
+
+
+# --- tables ------------------------------------------------------------------------------------------------------------------------
+
+ALL = [column for columns in COLUMNS.values() for column in columns]
+
+
+def _table(rows: int = 3, **replaced: pa.Array) -> pa.Table:
+    columns = {name: pa.array(np.arange(rows, dtype=float) / 8 if name == "t_s" else np.ones(rows)) for name in ALL}
+    return pa.table(columns | replaced)
+
+
+ODD_COLUMNS: dict[str, tuple[pa.Array, str]] = {
+    "words": (pa.array(["1", "2", "3"]), "something that is not a number .string"),
+    "times of day": (pa.array([1, 2, 3], pa.timestamp("ms")), "something that is not a number .timestamp"),
+    "truth": (pa.array([True, False, True]), "something that is not a number .bool"),
+    "lists": (pa.array([[1.0], [2.0], [3.0]]), "something that is not a number .list"),
+    "records": (pa.array([{"a": 1.0}] * 3), "something that is not a number .struct"),
+    "bytes": (pa.array([b"1", b"2", b"3"]), "something that is not a number .binary"),
+    "nothing": (pa.nulls(3), "something that is not a number .null"),
+    "gaps": (pa.array([1.0, None, 3.0]), "a value that is not finite, in data row 2"),
+    "infinity": (pa.array([1.0, 2.0, np.inf]), "a value that is not finite, in data row 3"),
+}
+
+
+@pytest.mark.parametrize(("column", "sentence"), ODD_COLUMNS.values(), ids=ODD_COLUMNS)
+def test_a_column_that_is_no_column_of_numbers_is_refused(column: pa.Array, sentence: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    pyarrow.parquet.write_table(_table(phi_rad=column), path)
+    for reader in (read, lambda p: read_columns(p, ("t_s", "phi_rad"))):
+        with pytest.raises(DataError, match=f"column phi_rad holds {sentence}"):
+            reader(path)
+
+
+def test_whole_and_decimal_numbers_are_numbers(tmp_path: Path) -> None:
+    kinds = (pa.int8(), pa.uint64(), pa.float16(), pa.float32(), pa.decimal128(9, 2))
+    for kind in kinds:
+        values = pa.array([1.0, 2.0, 3.0]).cast(kind)
+        pyarrow.parquet.write_table(_table(phi_rad=values), tmp_path / "a.parquet")
+        assert read(tmp_path / "a.parquet")["phi_rad"].tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_column_that_is_there_twice_is_refused(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{ending}"
+    table = pa.Table.from_arrays([pa.array([0.0, 1.0])] * 3, names=["t_s", "phi_rad", "t_s"])
+    (pyarrow.csv.write_csv if ending == ".csv" else pyarrow.parquet.write_table)(table, path)
+    with pytest.raises(DataError, match="has 2 columns t_s; needed is one"):
+        read_columns(path, ("t_s", "phi_rad"))
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+@pytest.mark.parametrize("t", [[0.0, 1.0, 1.0], [0.0, 2.0, 1.0], [-1e308, 1e308, 0.0], []], ids=str)
+def test_a_trajectory_whose_time_does_not_increase_is_refused(t: list[float], ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{ending}"
+    table = _table(len(t), t_s=pa.array(t, pa.float64()))
+    (pyarrow.csv.write_csv if ending == ".csv" else pyarrow.parquet.write_table)(table, path)
+    with pytest.raises(DataError, match="t_s must increase from row to row, over one row at least"):
+        read(path)
+
+
+def test_a_trajectory_of_one_row_is_one(tmp_path: Path) -> None:
+    pyarrow.csv.write_csv(_table(1), tmp_path / "a.csv")
+    assert len(read(tmp_path / "a.csv")) == 1
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "3", '{"a": [1]}', '{"a": null}', "[" * 100_000, '{"a": ' + "9" * 5000 + "}", "\udcff"])
+def test_parameters_that_are_none_are_refused(text: str, tmp_path: Path) -> None:
+    table = _table().replace_schema_metadata({"cranedyn": text.encode(errors="surrogateescape")})
+    pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
+    with pytest.raises(DataError, match="its parameters are not a JSON object of numbers and words"):
+        read(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_file_that_would_not_fit_is_refused_before_it_is_read(ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A Parquet file of equal numbers is small: what counts is how many there are."""
+    path, rows = tmp_path / f"a{ending}", 200_000
+    (pyarrow.csv.write_csv if ending == ".csv" else pyarrow.parquet.write_table)(_table(rows), path)
+    assert path.stat().st_size > 1e6 if ending == ".csv" else path.stat().st_size < 0.1 * rows * 8 * len(ALL)
+    monkeypatch.setattr(trajectory, "LARGEST", 1e6)
+    monkeypatch.setattr(pyarrow.parquet.ParquetFile, "read", lambda *_, **__: pytest.fail("must not be read"))
+    with pytest.raises(DataError, match=r"a\.\w+ holds \d+ MB to read; allowed are 1\."):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    "content", [b"\x1f\x8b\x08\x00" + bytes(range(200)), b"PAR1" + bytes(100) + b"PAR1", b"\xff\xfe" + "t_s\n1\n".encode("utf-16")]
+)
+@pytest.mark.parametrize("ending", [".csv", ".csv.gz", ".parquet", ".txt"])
+def test_garbage_is_refused_whatever_it_is_called(content: bytes, ending: str, tmp_path: Path) -> None:
+    (tmp_path / f"a{ending}").write_bytes(content)
+    with pytest.raises(DataError) as caught:
+        read_columns(tmp_path / f"a{ending}", ("t_s", "phi_rad"))
+    assert str(caught.value).isprintable()
+
+
+def test_pieces_without_rows_are_not_joined() -> None:
+    run = simulate(crane(), hold_controller(crane()), duration=0.02)
+    with pytest.raises(DataError, match="A piece to join has no rows"):
+        join([run, run.since(9.0)])
+
+
+# --- numbers that make no experiment -----------------------------------------------------------------------------------------------
+
+
+def said(module: ModuleType, words: Sequence[str]) -> tuple[int, str]:
+    """Exit code and standard error of an experiment, in the present folder."""
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as err:
+        code = module.main(list(words))
+    return code, err.getvalue()
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder to be in, with a file of one's own that is right and three that are not."""
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(0.0, 40.0, 0.01)
+    names = ("t_s", "phi_rad", "l_m", "gamma_dot_rad_s", "x_m", "theta_rad", "theta_dot_rad_s")
+    good = [t, 0.1 * np.cos(t), 0 * t + 10, np.sin(t), 0 * t + 20, 0.1 * np.cos(t), -0.1 * np.sin(t)]
+    for name, column, values in (("good", 0, t), ("long", 2, 0 * t + 1e300), ("epoch", 0, t + 1.7e9), ("sparse", 0, 60 * t)):
+        columns = [values if i == column else c for i, c in enumerate(good)]
+        pyarrow.csv.write_csv(pa.table(dict(zip(names, columns, strict=True))), tmp_path / f"{name}.csv")
+    return tmp_path
+
+
+BAD = [
+    (mass_ratio, "--set payload_mass:=1e20", "smallest eigenvalue of the scaled mass matrix"),
+    (a1, "--set payload_mass:=1e20", "smallest eigenvalue of the scaled mass matrix"),
+    (energy, "--swing 1e-200", "swing is 1e-200 rad; allowed is 0.001 to 1.5708"),
+    (energy, "--set damp_swing:=5", "damp_swing is set by the experiment energy itself; leave it out of --set"),
+    (energy, "--set hoist_init:=5", "hoist_init is set by the experiment energy itself"),
+    (mass_ratio, "--set dummy_mass:=5", "dummy_mass is set by the experiment mass_ratio itself"),
+    (a3, "--set trolley_init:=5", "trolley_init is set by the experiment a3 itself"),
+    (a1, "--set payload_mass:=1 payload_mass:=2", "payload_mass is given twice"),
+    (energy, "--port 9999", "--port has no effect without --serve; leave it out"),
+    (energy, "--dt 1e-300", "dt is 1e-300 s; allowed is "),
+    (energy, "--dt 1e-300 --control-period 1e-300", "dt is 1e-300 s; allowed is "),
+    (energy, "--dt 1e-7 --control-period 1e-7", "duration is 6 s; allowed is .* at most"),
+    (a1, "--from good.csv --gravity 9.8", "--gravity has no effect beside --from; leave it out"),
+    (a1, "--from good.csv --length 5", "--length has no effect beside --from"),
+    (a1, "--from good.csv --identify", "--identify has no effect beside --from"),
+    (a1, "--from good.csv --save x.rrd", "--save has no effect beside --from"),
+    (a1, "--from good.csv --watch mark", "--watch has no effect beside --from"),
+    (a1, "--identify --swing 0.2", "--swing has no effect beside --identify"),
+    (a2, "--from good.csv --set payload_mass:=2", "--set has no effect beside --from"),
+    (a3, "--from good.csv --dt 1e-3", "--dt has no effect beside --from"),
+    (a3, "--from good.csv --radius 5", "--radius has no effect beside --from"),
+    *((module, "--from long.csv", r"long\.csv: l_m is 1e\+300 in some row; allowed is 0\.001 to 1e\+06") for module in (a1, a2, a3)),
+    (a1, "--from epoch.csv", r"epoch\.csv: t_s is 1\.7e\+09 in some row; allowed is -1e\+06 to 1e\+06"),
+    (a1, "--from sparse.csv", r"sparse\.csv: t_s leaves a gap of 0\.6 s; allowed are 0\.5 s"),
+    (energy, f"--out {'a' * 300}", "Cannot .*File name too long"),
+    (energy, f"--save {'a' * 300}.rrd", "Cannot write .*File name too long"),
+    (energy, "--out /proc/cranedyn", "Cannot make the folder /proc/cranedyn"),
+    (energy, "--save /proc/cranedyn.rrd", "Cannot write /proc/cranedyn.rrd"),
+    (energy, "--save folder.rrd", "Cannot write folder.rrd: it is a folder"),
+    (energy, "--save pipe.rrd", "Cannot write pipe.rrd: it is no file but a device"),
+]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of Linux")
+@pytest.mark.parametrize(("module", "words", "sentence"), BAD, ids=[f"{m.__name__[12:]} {words[:40]}" for m, words, _ in BAD])
+def test_what_cannot_be_is_refused_before_a_run_in_one_sentence(
+    module: ModuleType, words: str, sentence: str, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (here / "folder.rrd").mkdir()
+    os.mkfifo(here / "pipe.rrd")
+    before = files(here)
+    code, err = said(module, words.split())
+    assert code == 2
+    assert err.startswith("error: ") and err.endswith(".\n") and err.count("\n") == 1
+    assert re.search(sentence, err), err
+    assert files(here) == before
+
+
+def test_the_good_file_is_analysed(here: Path) -> None:
+    assert said(a1, ["--from", "good.csv", "--set", "payload_mass:=900", "--out", "out"]) == (0, "")
+
+
+def test_a_load_that_does_not_swing_through_has_no_period() -> None:
+    light = load_crane(payload_mass=1e-300, damp_swing=0)
+    start = light.state(phi=0.1)
+    run = simulate(light, lambda t, state, wanted: np.zeros(3), start=start, duration=1.0, drive="motion")
+    with pytest.raises(DataError, match="The load swings through 0 times in 40 s; a period needs two"):
+        mass_ratio.period(run)
+
+
+def test_a_result_that_is_not_finite_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+    table = common.Table("Some table", [("name", ""), ("a", ".1f"), ("b", ".1f")], [("x", 1.0, None), ("y", np.float64(2.0), np.nan)])
+    for outcome, words in (
+        (common.Outcome([table], []), "b in row 2 of the table 'Some table'"),
+        (common.Outcome([], [], {"a": np.inf}), "parameters"),
+    ):
+        out = tmp_path / "out"
+        with redirect_stderr(io.StringIO()) as err:
+            assert common.conduct(common.parser("trial", "A trial."), lambda *_, o=outcome: o, ["--out", str(out)]) == 2
+        assert err.getvalue().startswith("error: These arguments give a result that is not finite: ") and words in err.getvalue()
+        assert files(tmp_path) == []
+
+
+def test_a_ledger_that_gains_as_explicit_euler_does_runs_away_and_ours_does_not() -> None:
+    def explicit(acceleration: Callable, model: object, q: np.ndarray, u: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        for _ in range(steps):
+            q, u = q + u, u + acceleration(q, u)
+        return q, u
+
+    held, period = crane(), 4.5 * 1.006  # 2π√(5 m/g), longer by 0.3²/16 for the amplitude
+    start = held.state(l=5.0, phi=0.3)
+    ours = simulate(held, hold_controller(held, gravity=held.gravity), start=start, duration=20.0)
+    theirs = simulate(
+        held,
+        hold_controller(held, gravity=held.gravity),
+        start=start,
+        duration=20.0,
+        integrator=Integrator("explicit Euler", explicit, -0.5),
+    )
+    for run, stays in ((ours, True), (theirs, False)):
+        mean, least, most = energy.band(run, period)
+        assert (least <= mean <= most) is stays
+    steady = replace(ours, energy=ours.energy + 0.2 * ours.t)  # 4 J in 20 s beside a ripple of 0.8 J
+    mean, least, most = energy.band(steady, period)
+    assert not least <= mean <= most
+
+
+# --- what is written ---------------------------------------------------------------------------------------------------------------
+
+
+def test_an_error_is_one_printable_line_of_bounded_length_whatever_it_quotes() -> None:
+    for error in (DataError("a\nb\x1b[31m\udcff\u2028c" + "x" * 10**6), OutOfRange("n\r", "1\n2", "> 0")):
+        assert str(error).isprintable() and len(str(error)) < 2100
+
+
+@pytest.mark.parametrize(
+    "error", [DataError("x"), OutOfRange("a", 1.0, "> 2", "m"), RunError("It broke.", t=1.5, joint="yaw_joint", value=7.0)]
+)
+def test_an_error_comes_back_whole_from_another_process(error: CraneError) -> None:
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))
+
+
+def test_only_files_are_written_over(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(DataError, match="it is no file but a device"), written(tmp_path / "pipe"):
+        pytest.fail("must not get here")
+    with pytest.raises(DataError, match=r"/dev/null: it is no file but a device"):
+        check_writable("/dev/null")
+    assert not Path("/dev/null").is_file() and not (tmp_path / "pipe").is_file()
+
+
+@pytest.mark.parametrize("name", ["a" * 240 + ".csv", "ä" * 110 + ".csv"])
+def test_a_name_as_long_as_the_system_allows_is_written(name: str, tmp_path: Path) -> None:
+    with written(tmp_path / name) as draft:
+        draft.write_text("x")
+    assert files(tmp_path) == [name]
+
+
+def test_a_text_is_read_up_to_its_limit_from_a_file_without_end() -> None:
+    with pytest.raises(DataError, match=r"Cannot read /dev/zero: it is larger than 5 MB\."):
+        read_text("/dev/zero")
+
+
+def test_whether_a_file_can_be_written_is_found_out_without_a_trace(tmp_path: Path) -> None:
+    (tmp_path / "old.csv").write_text("old")
+    for name in ("old.csv", "new.csv", "a/b/c/new.csv"):
+        check_writable(tmp_path / name)
+    with pytest.raises(DataError, match=r"Cannot make the folder .*Not a directory"):
+        check_writable(tmp_path / "old.csv" / "x" / "new.csv")
+    assert files(tmp_path) == ["old.csv"]
+    assert (tmp_path / "old.csv").read_text() == "old"
+
+
+def test_a_run_that_breaks_off_over_a_full_disk_says_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def experiment(options: object, world: common.World) -> common.Outcome:
+        (tmp_path / "out").write_text("in the way")
+        raise RunError("It broke.", t=1.0, trajectory=simulate(crane(), hold_controller(crane()), duration=0.02))
+
+    with redirect_stderr(io.StringIO()) as err:
+        assert common.conduct(common.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]) == 1
+    first, second = err.getvalue().splitlines()
+    assert first == "error: It broke."
+    assert second.startswith("What was recorded up to then is lost: Cannot make the folder ")
+
+
+_KILLED = """
+import os, signal, sys
+from pathlib import Path
+from cranedyn.files import written
+
+with written(sys.argv[1]) as draft:
+    draft.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_writer_that_is_killed_leaves_the_old_file_and_no_obstacle(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("old")
+    assert python(_KILLED, path).returncode == -signal.SIGKILL
+    assert path.read_text() == "old"
+    stale = [name for name in files(tmp_path) if name != "a.csv"]
+    assert len(stale) == 1 and stale[0].startswith(".a.")
+    (tmp_path / stale[0]).rename(tmp_path / f".a.{os.getpid()}.csv")  # as if it were our own
+    with written(path) as draft:
+        draft.write_text("new")
+    assert (path.read_text(), files(tmp_path)) == ("new", ["a.csv"])
+
+
+# --- words, pipes, signals and disks -----------------------------------------------------------------------------------------------
+
+_TRIAL = """
+import os, resource, signal, sys
+from experiments import common
+from cranedyn.controllers import hold_controller
+from cranedyn.figures import panels
+from cranedyn.recording import Run
+from cranedyn.simulate import simulate
+
+def experiment(options, world):
+    run = simulate(world.crane, hold_controller(world.crane), duration=0.5)
+    table = common.Table("φ and θ", [("φ [rad]", ".3f")], [(0.0,)] * 2000)
+    claim = common.Claim("ω is √(g/l).", True)
+    return common.Outcome([table], [claim], {}, {"run": run}, {"figure": panels()[0]}, [Run("r", world.crane, run)])
+
+def trial(*words):
+    made = common.parser("trial", "A trial.")
+    common.add_world(made)
+    return common.conduct(made, experiment, words)
+"""
+WHOLE = ["figure.png", "result.json", "run.csv", "run.parquet", "trial.rrd"]
+
+
+@pytest.mark.parametrize(
+    ("shell", "says"),
+    [
+        ("{} | true", ""),
+        ("{} | head -1", ""),
+        ("PYTHONIOENCODING=latin-1 {} | tail -3", "holds"),
+        ("{} >/dev/full", "Some words could not be written: No space left on device."),
+        ("{} >&-", ""),
+        ("{} >&- 2>&-", ""),
+    ],
+)
+def test_files_are_whole_whoever_listens(shell: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / "trial.py").write_text(f"{_TRIAL}\nsys.exit(trial('--out', sys.argv[1]))")
+    command = shell.format(f'"{sys.executable}" "{tmp_path / "trial.py"}" "{tmp_path / "out"}"')
+    run = subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {command}"],
+        capture_output=True,
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+    assert run.returncode == 0
+    assert b"Traceback" not in run.stderr and b"Exception" not in run.stderr
+    assert says.encode() in run.stdout + run.stderr
+    assert files(tmp_path / "out") == WHOLE
+
+
+def test_the_urdf_may_be_read_by_halves() -> None:
+    command = f'set -o pipefail; "{sys.executable}" -m cranedyn.description | head -1'
+    run = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+_INTERRUPTED = f"""{_TRIAL}
+import json, shutil, time
+from pathlib import Path
+
+folder = Path(sys.argv[1])
+trial("--out", str(folder))  # so that all is imported
+began = time.monotonic()
+trial("--out", str(folder))
+whole = time.monotonic() - began
+signal.signal(signal.SIGALRM, lambda *_: os.kill(os.getpid(), signal.SIGINT if k % 2 else signal.SIGTERM))
+signal.signal(signal.SIGTERM, signal.SIG_DFL)
+for k in range(24):
+    shutil.rmtree(folder, ignore_errors=True)
+    ready = False
+    def experiment(options, world, inner=experiment):
+        signal.setitimer(signal.ITIMER_REAL, 1.1 * whole * (k + 0.5) / 24)
+        return inner(options, world)
+    made = common.parser("trial", "A trial.")
+    common.add_world(made)
+    try:
+        code = common.conduct(made, experiment, ["--out", str(folder)])
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    except KeyboardInterrupt:
+        code = None  # it came when the experiment was over
+    print(json.dumps(["code", code, sorted(os.listdir(folder)) if folder.exists() else []]), flush=True)
+    time.sleep(0.02)
+    for path in folder.glob("*.parquet"):
+        from cranedyn.trajectory import read
+        read(path)
+"""
+
+
+def test_an_interruption_at_any_moment_is_130_and_leaves_whole_files_only(tmp_path: Path) -> None:
+    run = python(_INTERRUPTED, tmp_path / "out")
+    assert run.returncode in (0, -signal.SIGTERM), run.stderr
+    assert "Traceback" not in run.stderr
+    found = [json.loads(line) for line in run.stdout.splitlines() if line.startswith('["code"')]
+    codes = [code for _, code, _ in found]
+    assert codes.count(130) >= 5
+    assert set(codes) <= {0, 130, None}
+    for _, code, names in found:
+        assert set(names) <= {*WHOLE, "broken_off.parquet"}
+        assert code != 0 or names == WHOLE
+
+
+def test_an_interruption_while_a_command_is_being_imported_shows_no_traceback(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-X", "importtime", "-m", "experiments.energy", "--out", str(tmp_path / "out")],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.rstrip().endswith("numpy"):
+            break
+    process.send_signal(signal.SIGINT)
+    rest = process.stderr.read()
+    assert process.wait(20) == -signal.SIGINT  # 130 to a shell
+    assert "Traceback" not in rest and "KeyboardInterrupt" not in rest
+    assert files(tmp_path) == []
+
+
+_SERVED = f"""{_TRIAL}
+from cranedyn.recording.process import free, start
+import cranedyn.recording.viewer as viewer
+port = next(p for p in range(21000, 30000, 2) if free(p) and free(p + 1))
+viewer.start = lambda *words, **more: (made := start(*words, **more), print("viewer", made.pid, flush=True))[0]
+sys.stdout.reconfigure(line_buffering=True)
+sys.exit(trial("--out", sys.argv[1], "--serve", "--port", str(port)))
+"""
+
+
+def test_a_server_that_is_told_to_end_ends_its_viewer(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", _SERVED, str(tmp_path / "out")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
+    )
+    assert process.stdout is not None
+    viewer = 0
+    for line in process.stdout:
+        if line.startswith("viewer "):
+            viewer = int(line.split()[1])
+        if line.startswith("Serving at "):
+            break
+    os.kill(viewer, 0)  # it runs
+    process.send_signal(signal.SIGTERM)
+    _, err = process.communicate(timeout=30)
+    assert (process.returncode, err) == (130, "Interrupted.\n")
+    with pytest.raises(ProcessLookupError):
+        os.kill(viewer, 0)
+    assert files(tmp_path / "out") == WHOLE
+
+
+_FULL = f"""{_TRIAL}
+from cranedyn.recording import Live
+from pathlib import Path
+trial("--out", sys.argv[1])
+sizes = {{p.name: p.stat().st_size for p in Path(sys.argv[1]).iterdir()}}
+limits = sorted({{0, 4000, *(int(0.9 * size) for size in sizes.values() if size > 5000)}})
+for limit in limits:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    folder = Path(f"{{sys.argv[1]}}{{limit}}")
+    print("code", trial("--out", str(folder)), file=sys.stderr)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    for path in folder.glob("*") if folder.exists() else ():
+        assert sizes[path.name] == path.stat().st_size or path.name == "result.json", path
+"""
+
+
+def test_a_disk_that_is_full_at_any_file_is_one_sentence_and_no_half_file(tmp_path: Path) -> None:
+    run = python(_FULL, tmp_path / "out")
+    assert run.returncode == 0, run.stderr
+    lines = run.stderr.splitlines()
+    codes = [line for line in lines if line.startswith("code")]
+    sentences = [line for line in lines if line.startswith("error: Cannot write ")]
+    assert len(codes) >= 5 and set(codes) == {"code 2"}
+    assert len(sentences) == len(codes)
+    assert all("File too large." in sentence for sentence in sentences)
+    assert [name for name in files(tmp_path) if "/." in name] == []
+
+
+def test_a_live_recording_on_a_full_disk_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(self: Path, content: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(DataError, match=r"Cannot write .*a\.rrd: No space left on device\."):
+        Live(crane(), "r", title="t", file=tmp_path / "a.rrd")
+
+
+# --- pictures and the report -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Pictures without a viewer, no two alike; returns the times asked for."""
+    asked: list[float] = []
+
+    @contextmanager
+    def fake(recording: Path, times: Sequence[float], size: tuple[int, int], whole: bool) -> Iterator[Iterator[Image.Image]]:
+        asked.extend(times)
+        yield (Image.fromarray(np.roll(np.eye(*size, dtype=np.uint8), i, axis=1) * 255).convert("RGB") for i, _ in enumerate(times))
+
+    monkeypatch.setattr(pictures, "_pictures", fake)
+    return asked
+
+
+@pytest.mark.parametrize(("fps", "span"), [(30.0, 2.0), (24.0, 1.5), (50.0, 1.0), (7.0, 3.0), (10.0, 0.1)])
+def test_a_gif_takes_the_time_that_it_shows(fps: float, span: float, drawn: list[float], tmp_path: Path) -> None:
+    path = pictures.animate(tmp_path / "a.rrd", (1.0, 1.0 + span), tmp_path / "a.gif", fps=fps, size=(200, 200))
+    delays = []
+    with Image.open(path) as image:
+        for k in range(image.n_frames):
+            image.seek(k)
+            delays.append(image.info["duration"])
+    shown = np.cumsum([0, *delays]) / 1000.0
+    np.testing.assert_allclose(shown[:-1], np.array(drawn) - 1.0, atol=0.005 + 1e-9)  # a GIF counts in 10 ms
+    assert shown[-1] == pytest.approx(span + 1.0 / fps, abs=0.011)
+    assert min(delays) >= 20  # browsers play shorter ones at 100 ms
+
+
+@pytest.mark.parametrize("span", [(0.0, 1e9), (0.0, 1e300), (-1e308, 1e308)])
+def test_a_gif_of_more_pictures_than_memory_holds_is_refused(span: tuple[float, float], drawn: list[float], tmp_path: Path) -> None:
+    with pytest.raises(OutOfRange, match=r"number of pictures is \S+; allowed is 1627 or fewer of 640 x 480 pixels"):
+        pictures.animate(tmp_path / "a.rrd", span, tmp_path / "a.gif")
+    assert not drawn and files(tmp_path) == []
+
+
+def test_a_folder_for_pictures_is_made_only_when_there_are_some(tmp_path: Path) -> None:
+    (tmp_path / "bad.rrd").write_text("nothing")
+    with pytest.raises(DataError):
+        pictures.snapshot(tmp_path / "bad.rrd", [0.0], tmp_path / "new")
+    with pytest.raises(OutOfRange, match="each time once"):
+        pictures.snapshot(tmp_path / "bad.rrd", [1.0, 1.0000001], tmp_path / "new")
+    assert files(tmp_path) == ["bad.rrd"]
+
+
+RESULT = {
+    "experiment": "a1",
+    "about": "",
+    "command": "",
+    "claims": [],
+    "parameters": {},
+    "figures": [],
+    "tables": [{"title": "t", "columns": ["c"], "formats": [".1f"], "rows": [[1.0]], "note": ""}],
+    "versions": {},
+    "machine": "",
+}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{}",
+        "[]",
+        "null",
+        "3",
+        "[" * 100_000,
+        json.dumps(RESULT | {"claims": [{"sentence": 1, "holds": 2}]}),
+        json.dumps(RESULT | {"figures": ["../../../etc/passwd"]}),
+        json.dumps(RESULT | {"figures": ["missing.png"]}),
+        json.dumps(RESULT | {"tables": [{}]}),
+        json.dumps(RESULT | {"tables": [RESULT["tables"][0] | {"formats": ["999999999d"]}]}),  # type: ignore[operator, index]
+        json.dumps(RESULT | {"tables": [RESULT["tables"][0] | {"rows": [["up"]]}]}),  # type: ignore[operator, index]
+        "\x00",
+    ],
+    ids=lambda text: text[:12],
+)
+def test_a_result_of_another_shape_is_one_sentence_and_no_report(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "a1"
+    folder.mkdir()
+    (folder / "result.json").write_text(json.dumps(RESULT))
+    assert report.main(["--out", str(tmp_path), "--only", "a1"]) == 0
+    (tmp_path / "report.html").unlink()
+    capsys.readouterr()
+    (folder / "result.json").write_text(text)
+    assert report.main(["--out", str(tmp_path), "--only", "a1"]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error: Cannot read ") and err.count("\n") == 1
+    assert not (tmp_path / "report.html").exists()
