@@ -98,7 +98,7 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
 
 def zero_crossings(t: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Times at which a signal changes sign, by linear interpolation between samples; error O(dt²) of the period."""
-    i = np.flatnonzero(np.signbit(y[:-1]) != np.signbit(y[1:]))
+    i = np.flatnonzero((np.signbit(y[:-1]) != np.signbit(y[1:])) & (y[:-1] != y[1:]))
     return t[i] - y[i] * (t[i + 1] - t[i]) / (y[i + 1] - y[i])
 
 
@@ -138,10 +138,12 @@ def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
     """Fit a power law by least squares on logarithms.
 
     Raises:
-        DataError: If fewer than three points are given or all x are alike.
+        DataError: If fewer than three points are given, all x are alike, or a number is not positive.
     """
     if len(x) < 3 or np.ptp(x) == 0.0:
         raise DataError(f"A power law needs three points of different abscissa, here are {len(x)}.")
+    if not min(np.min(x), np.min(y)) > 0.0:
+        raise DataError(f"A power law needs positive numbers, the least here is {min(np.min(x), np.min(y)):g}.")
     line = linregress(np.log(x), np.log(y))
     return PowerLaw(float(line.slope), float(math.exp(line.intercept)), float(line.rvalue**2), len(x))
 

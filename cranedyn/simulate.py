@@ -159,8 +159,11 @@ def _steps(duration: float, dt: float, control_period: float) -> tuple[int, int]
     within("dt", dt, *_STEPS, "s")
     number("control_period", control_period, "s", "> 0")
     number("duration", duration, "s", "> 0")
-    if duration / dt > _MOST_STEPS:
-        raise OutOfRange("dt", dt, f"{duration / _MOST_STEPS:g} or more for a run of {duration:g} s, that is {_MOST_STEPS:g} steps", "s")
+    longest = max(duration, control_period)
+    for name, step in (("dt", dt), ("control_period", control_period)):
+        if longest / step > _MOST_STEPS:
+            allowed = f"{longest / _MOST_STEPS:g} or more for a run of {longest:g} s, that is {_MOST_STEPS:g} steps"
+            raise OutOfRange(name, step, allowed, "s")
     steps, periods = round(control_period / dt), round(duration / control_period)
     if steps < 1 or abs(steps * dt - control_period) > 1e-9 * control_period:
         raise OutOfRange("control_period", control_period, f"a multiple of dt = {dt:g} s", "s")
