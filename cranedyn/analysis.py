@@ -140,8 +140,10 @@ def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
     Raises:
         DataError: If fewer than three points are given, all x are alike, or a number is not positive.
     """
-    if len(x) < 3 or np.ptp(x) == 0.0 or not min(x.min(), y.min()) > 0.0:
-        raise DataError(f"A power law needs three points of different abscissa and positive numbers, here are {len(x)} points.")
+    if len(x) < 3 or np.ptp(x) == 0.0:
+        raise DataError(f"A power law needs three points of different abscissa, here are {len(x)}.")
+    if not min(np.min(x), np.min(y)) > 0.0:
+        raise DataError(f"A power law needs positive numbers, the least here is {min(np.min(x), np.min(y)):g}.")
     line = linregress(np.log(x), np.log(y))
     return PowerLaw(float(line.slope), float(math.exp(line.intercept)), float(line.rvalue**2), len(x))
 

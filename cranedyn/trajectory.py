@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ import pyarrow.parquet
 from cranedyn.crane import State
 from cranedyn.errors import DataError
 from cranedyn.files import written
+from cranedyn.tables import read_table
 
 COLUMNS = {
     "t": ("t_s",),
@@ -40,9 +40,6 @@ COLUMNS = {
     "valid": ("valid",),
 }
 """Column names behind each array of a trajectory."""
-
-LARGEST = 1_000_000_000
-"""Most bytes that are read: of a CSV file itself, of a Parquet file the numbers in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,17 +144,17 @@ def read(path: str | Path) -> Trajectory:
     """Read a whole trajectory back from what `Trajectory.write` wrote.
 
     Raises:
-        DataError: If the file cannot be read or is larger than `LARGEST`, a column is missing or double, a value is not a finite number,
-            there is no row, time does not increase, or the parameters are not a JSON object of numbers and words.
+        DataError: As `cranedyn.tables.read_table`; if there is no row, time does not increase, or the parameters are not a JSON object of
+            numbers and words.
     """
-    table = _read_table(path, [column for columns in COLUMNS.values() for column in columns])
-    arrays = {name: _columns(table, columns, path) for name, columns in COLUMNS.items()}
-    t = arrays["t"]["t_s"]
+    found, metadata = read_table(path, [column for columns in COLUMNS.values() for column in columns])
+    t = found["t_s"]
     if not (len(t) > 0 and (t[1:] > t[:-1]).all()):
         raise DataError(f"{path}: t_s must increase from row to row, over one row at least.")
+    arrays = {name: [found[column] for column in columns] for name, columns in COLUMNS.items()}
     return Trajectory(
-        **{name: np.stack(list(a.values()), axis=1) if len(a) > 1 else next(iter(a.values())) for name, a in arrays.items()},
-        parameters=_parameters(table, path),
+        **{name: np.stack(values, axis=1) if len(values) > 1 else values[0] for name, values in arrays.items()},
+        parameters=_parameters(metadata, path),
     )
 
 
@@ -165,68 +162,18 @@ def read_columns(path: str | Path, columns: Sequence[str]) -> dict[str, np.ndarr
     """Read some columns of a ``.csv`` or ``.parquet`` file, ours or recorded elsewhere.
 
     Raises:
-        DataError: If the file cannot be read or is larger than `LARGEST`, a column is missing or double, a value is not a finite number,
-            or time does not increase.
+        DataError: As `cranedyn.tables.read_table`, and if time does not increase.
     """
-    found = _columns(_read_table(path, columns), columns, path)
+    found = read_table(path, columns)[0]
     t = found.get("t_s")
     if t is not None and not (len(t) > 1 and (t[1:] > t[:-1]).all()):
         raise DataError(f"{path}: t_s must increase from row to row, over two rows at least.")
     return found
 
 
-def _read_table(path: str | Path, columns: Sequence[str]) -> pa.Table:
-    """The table with these columns, each of them there once and of numbers; of a Parquet file nothing else is read."""
-    path = Path(path)
+def _parameters(metadata: Mapping[bytes, bytes], path: str | Path) -> dict[str, float | str]:
     try:
-        with path.open("rb") as file:
-            if path.suffix == ".parquet":
-                source = pyarrow.parquet.ParquetFile(file)
-                _check_columns(source.schema_arrow, columns, path)
-                rows = [source.metadata.row_group(i).num_rows for i in range(source.metadata.num_row_groups)]
-                _check_size(8 * len(columns) * max(source.metadata.num_rows, sum(rows)), path)
-                return source.read(columns=list(columns))
-            _check_size(os.fstat(file.fileno()).st_size, path)
-            options = pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(columns, pa.float64()))
-            table = pyarrow.csv.read_csv(file, convert_options=options)
-            _check_columns(table.schema, columns, path)
-            return table
-    except (OSError, ValueError, pa.ArrowException) as error:
-        raise DataError(f"Cannot read {path}: {str(error).strip().partition(chr(10))[0].rstrip('.')}.") from error
-
-
-def _check_size(size: float, path: Path) -> None:
-    if size > LARGEST:
-        raise DataError(f"{path} holds {size / 1e6:.0f} MB to read; allowed are {LARGEST / 1e6:.0f}.")
-
-
-def _check_columns(schema: pa.Schema, columns: Sequence[str], path: Path) -> None:
-    missing = [name for name in columns if name not in schema.names]
-    if missing:
-        raise DataError(f"{path} has no column {', '.join(missing)}; needed are {', '.join(columns)}.")
-    for name in columns:
-        if (count := schema.names.count(name)) > 1:
-            raise DataError(f"{path} has {count} columns {name}; needed is one.")
-        kind = schema.field(name).type
-        if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
-            raise DataError(f"{path}: column {name} holds something that is not a number ({kind}).")
-
-
-def _columns(table: pa.Table, columns: Sequence[str], path: str | Path) -> dict[str, np.ndarray]:
-    found = {}
-    for name in columns:
-        values = table[name].cast(pa.float64(), safe=False).to_numpy()
-        if not np.isfinite(values).all():
-            raise DataError(
-                f"{path}: column {name} holds a value that is not finite, in data row {int(np.argmin(np.isfinite(values))) + 1}."
-            )
-        found[name] = values
-    return found
-
-
-def _parameters(table: pa.Table, path: str | Path) -> dict[str, float | str]:
-    try:
-        found = json.loads((table.schema.metadata or {}).get(b"cranedyn", b"{}"))
+        found = json.loads(metadata.get(b"cranedyn", b"{}"))
     except (ValueError, RecursionError):
         found = None
     if not isinstance(found, dict) or not all(isinstance(value, float | int | str) for value in found.values()):

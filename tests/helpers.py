@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -17,6 +19,9 @@ from cranedyn.errors import CraneError
 from cranedyn.references import Wanted
 from cranedyn.simulate import simulate
 from cranedyn.trajectory import Trajectory
+
+ROOT = Path(__file__).parents[1]
+"""Where the repository is."""
 
 G = 9.81
 """Gravity of the closed forms [m/s²], so that none of them meets the default by chance."""
@@ -82,6 +87,12 @@ def turned(old: str, new: str, text: str) -> str:
     """Text with one thing replaced that must be there exactly once."""
     assert text.count(old) == 1, f"{old!r} occurs {text.count(old)} times"
     return text.replace(old, new)
+
+
+def python(script: str, *arguments: object, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
+    """A script in a process of its own, in the root of the repository."""
+    command = [sys.executable, "-c", script, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, cwd=ROOT, check=False)
 
 
 def files(folder: Path) -> list[str]:
