@@ -82,7 +82,7 @@ def test_feedback_outlives_every_case(world: common.World, case: Case) -> None:
 @pytest.mark.parametrize("way", [FLAT, PAPER])
 @pytest.mark.parametrize("mass", [500.0, 1500.0])
 def test_a_load_of_another_mass_ends_where_it_shall(world: common.World, way: str, mass: float) -> None:
-    run, found = make(world, COMBINED, WAYS[way](world, COMBINED), Case("another load", {"payload_mass": mass}))
+    run, found = make(world, COMBINED, WAYS[way](world, COMBINED), Case("another load", load=mass / 1000.0))
     assert np.abs(run["l_m"][run.t < 1.0] - 15.0).max() > 0.05  # it sags or rises before the integrator has found the weight
     # k_p/k_i is 2.5 s for the LQR and 4 s for the PID: after 40 s a thousandth of 0.5 m and less
     assert run["l_m"][-1] == pytest.approx(10.0, abs=1e-3)

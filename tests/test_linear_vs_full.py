@@ -142,7 +142,10 @@ def _two_rows(state: State, push: tuple[float, float, float]) -> Trajectory:
     later, nothing, h = state.v.copy(), np.zeros((2, 3)), 0.02
     later[DRIVES] += h * np.array(push)
     q, v = np.stack([state.q, state.q]), np.stack([state.v, later])
-    return Trajectory(np.array([0.0, h]), q, v, nothing, nothing, nothing, np.zeros(2), nothing, np.zeros(2))
+    still = np.zeros(2)
+    return Trajectory(
+        np.array([0.0, h]), q, v, nothing, nothing, nothing, still, nothing, still, np.zeros((2, 6)), np.zeros((2, 2)), still + 1
+    )
 
 
 @pytest.mark.parametrize("name", _TERMS)

@@ -386,5 +386,5 @@ def test_what_makes_no_move_is_refused_before_the_search(changes: dict[str, Any]
 
 
 def test_limits_that_are_not_positive_are_refused() -> None:
-    with pytest.raises(CraneError, match=r"acceleration limit of trolley is 0\.0; allowed is > 0"):
+    with pytest.raises(CraneError, match=r"acceleration limit of trolley is 0\.0 m/s²; allowed is > 0"):
         Limits((1.0, 1.0, 1.0), (1.0, 0.0, 1.0))

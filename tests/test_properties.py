@@ -433,7 +433,7 @@ def test_every_column_says_its_unit() -> None:
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     case=cases(CALM),
-    rows=st.integers(0, 41),
+    rows=st.integers(1, 41),
     parameters=st.dictionaries(st.text(words), st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.text(words))),
 )
 def test_a_run_of_any_length_goes_from_csv_to_parquet_and_back_to_the_bit(

@@ -65,7 +65,7 @@ def check(crane: Crane, motion: Motion, limits: Limits, plan: Callable[[float], 
 
 
 def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> float:
-    """Shortest duration [s] at which a plan keeps the limits, to a thousandth of a second.
+    """Shortest duration [s] at which a plan keeps the limits, to a thousandth of a second; a quarter of a second at least.
 
     Args:
         crane: The crane.
@@ -82,7 +82,7 @@ def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> fl
         except OutOfRange:
             return np.inf
 
-    low, high = 1e-3, 0.5
+    low, high = 0.25, 0.5
     if excess(low) <= 0.0:
         return low
     while (over := excess(high)) > 0.0:
