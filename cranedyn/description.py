@@ -93,7 +93,7 @@ def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = Non
         _strip_comments(document)
         return "\n".join(line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()) + "\n"
     except Exception as error:
-        raise ModelError(f"{path} cannot be expanded: {error}.") from error
+        raise ModelError(f"{path} cannot be expanded: {str(error) or type(error).__name__}.") from error
 
 
 def parse_values(pairs: Iterable[str]) -> dict[str, str]:
