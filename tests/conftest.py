@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections import Counter
 from typing import Any
@@ -13,6 +14,9 @@ settings.register_profile(
     "cranedyn", deadline=None, derandomize=True, max_examples=25, database=None, suppress_health_check=[HealthCheck.differing_executors]
 )
 settings.load_profile("cranedyn")
+
+# Whoever starts the tests in the background has Ctrl-C ignored, in them and in all that they start; some of them test Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _TRIED: Counter[str] = Counter()
 
