@@ -136,7 +136,10 @@ def start(folder: Path) -> subprocess.Popen[bytes]:
 def test_ctrl_c_leaves_everything_complete(tmp_path: Path) -> None:
     process = start(tmp_path / "demo")
     process.send_signal(signal.SIGINT)
-    assert process.wait(30) == 0
+    try:
+        assert process.wait(30) == 0
+    finally:
+        process.kill()
     run = read(tmp_path / "demo" / "demo.parquet")
     assert run.t[-1] >= 0.5  # the first piece at least
     np.testing.assert_allclose(times(tmp_path / "demo" / "demo.rrd"), run.t, rtol=0, atol=1e-9)
