@@ -13,11 +13,19 @@ from cranedyn.integrator import Acceleration, in_steps
 _STOP_FREQUENCY, _STOP_DAMPING = 20.0, 0.5
 
 
+def buffer_numbers(crane: Crane) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness and damping of the buffers of slew, trolley and hoist [N m/rad, N/m, N/m; per second], shape (3,) each.
+
+    They make each drive, with what hangs on it, swing at 20 rad/s with half of critical damping.
+    """
+    inertia = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[DRIVES]
+    return _STOP_FREQUENCY**2 * inertia, 2.0 * _STOP_DAMPING * _STOP_FREQUENCY * inertia
+
+
 class Outside:
     """What acts on the joints besides drives, gravity and damping: a force on payload and trolley, and buffers at the ends of the ranges.
 
-    A buffer is a spring with a damper that can push but not pull, as stiff as makes the drive with what hangs on it swing at 20 rad/s
-    with half of critical damping.
+    A buffer is a spring with a damper that can push but not pull, see `buffer_numbers`.
 
     Attributes:
         force: On payload and trolley in the world [N], shape (2, 3).
@@ -28,9 +36,8 @@ class Outside:
         self.force = np.zeros((2, 3))
         self._work = 0.0
         self._model, self._data, self._dt = crane.model, crane.model.createData(), dt
-        inertia = np.diag(pin.crba(crane.model, self._data, crane.start.q))[DRIVES] if buffers else np.zeros(3)
-        self._stiffness = (_STOP_FREQUENCY * dt) ** 2 * inertia
-        self._damping = 2.0 * _STOP_DAMPING * _STOP_FREQUENCY * dt * inertia
+        stiffness, damping = buffer_numbers(crane) if buffers else (np.zeros(3), np.zeros(3))
+        self._stiffness, self._damping = dt * dt * stiffness, dt * damping
         self._lower, self._upper = crane.lower[DRIVES], crane.upper[DRIVES]
         self._push, self._u = np.zeros(3), np.zeros(3)
 

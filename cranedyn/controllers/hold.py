@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.crane import DRIVES, STANDARD_GRAVITY, Crane, State
+from cranedyn.linear import feedback_gain
 from cranedyn.references import Wanted
 
 STIFFNESS = (5.0e5, 3.0e5, 3.0e4)
@@ -40,6 +42,11 @@ class Hold:
     def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
         """Efforts [N m, N, N], shape (3,)."""
         return self.feed_forward + self.stiffness * (wanted.position - state.q[DRIVES]) - self.damping * state.v[DRIVES]
+
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
+        """The common form, see `cranedyn.controllers.affine`."""
+        gain = feedback_gain(self.stiffness, self.damping)
+        return without_integral(self.feed_forward[None], gain[None], at_drives(positions, np.zeros_like(positions)))
 
 
 def hold_controller(

@@ -36,6 +36,11 @@ class Motion:
         k = min(max(round(t / self.period), 0), len(self.q) - 1)
         return Wanted(self.q[k, DRIVES], self.v[k, DRIVES], self.a[k, DRIVES])
 
+    def positions(self, times: np.ndarray) -> np.ndarray:
+        """Where the drives should be at times [s], shape (n, 3)."""
+        rows = np.clip(np.round(times / self.period).astype(int), 0, len(self.q) - 1)
+        return self.q[rows][:, DRIVES]
+
 
 def plumb(reference: Reference, duration: float, period: float = 5e-3) -> Motion:
     """The motion of a reference [s] with the load hanging plumb under the trolley all the way, sampled at a period [s]."""

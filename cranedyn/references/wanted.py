@@ -27,6 +27,12 @@ class Wanted(NamedTuple):
 Reference = Callable[[float], Wanted]
 """From time [s] to what is wanted then."""
 
+def positions(reference: Reference, times: np.ndarray) -> np.ndarray:
+    """Where a reference wants slew, trolley and hoist at times [s], shape (n, 3); its own `positions` does it at once if it has one."""
+    at_once = getattr(reference, "positions", None)
+    return np.array([reference(t).position for t in times.tolist()]) if at_once is None else at_once(times)
+
+
 _DRIVES = ("gamma", "x", "l")
 
 
