@@ -84,11 +84,12 @@ class EffortDrives:
         self.acceleration = self._damped_aba(dt * crane.damping, outside)
 
     def _damped_aba(self, damping: np.ndarray, outside: Outside | None) -> Acceleration:
-        aba, world = pin.aba, pin.Convention.WORLD
-        model, data, tau = self.model, self.model.createData(), self._tau
+        # pin.integrate adds, which is quicker for five numbers than NumPy
+        aba, world, add, multiply = pin.aba, pin.Convention.WORLD, pin.integrate, np.multiply
+        model, data, tau, resistance, scratch = self.model, self.model.createData(), self._tau, -damping, np.empty(5)
         if outside is not None:
             return lambda q, u: aba(model, data, q, u, tau - damping * u + outside(q, u), world)
-        return lambda q, u: aba(model, data, q, u, tau - damping * u, world)
+        return lambda q, u: aba(model, data, q, u, add(model, tau, multiply(resistance, u, scratch)), world)
 
     def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Take a command until the next one; returns the effort asked for and the effort that acts, shape (3,) each."""

@@ -57,8 +57,10 @@ def _semi_implicit_euler(
         q and u after these steps, new arrays.
     """
     integrate = pin.integrate
+    # where coordinates are a vector space this is a sum, and a quicker one of a few numbers than NumPy's
+    add = integrate if model.nq == model.nv else lambda model, u, a: u + a
     for _ in range(steps):
-        u = u + acceleration(q, u)
+        u = add(model, u, acceleration(q, u))
         q = integrate(model, q, u)
     return q, u
 

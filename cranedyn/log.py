@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pinocchio as pin
 
@@ -94,7 +96,7 @@ class Log:
             wanted=self._wanted[:n],
             command=self._command[:n],
             effort=effort,
-            energy=np.array([pin.computeMechanicalEnergy(crane.model, crane.data, *row) for row in zip(q, v, strict=True)]),
+            energy=np.array(list(map(partial(pin.computeMechanicalEnergy, crane.model, crane.data), q, v))),
             work=work,
             dissipated=dissipated,
             force=force,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Literal
 
@@ -38,7 +39,7 @@ _STEPS = 1e-9, 1e3
 _MOST_STEPS = 1e10
 """A run of more physics steps than this would take most of a day."""
 
-_LOOK_BACK = 100
+_LOOK_BACK = 200
 """Control instants after which the log is looked through for what the model does not hold for."""
 
 
@@ -122,7 +123,7 @@ def simulate(
         with np.errstate(over="ignore", invalid="ignore"):
             for k in range(periods + 1):
                 t = since + k * control_period
-                if not state.v.dot(state.v) < _DIVERGED**2:
+                if not math.hypot(*state.v.tolist()) < _DIVERGED:
                     raise _diverged(t, state)
                 wanted = reference(t)
                 before = drives.effort(state)
@@ -138,7 +139,7 @@ def simulate(
                     progress(t)
                 if k < periods:
                     q, u = integrator.advance(drives.acceleration, drives.model, q, u, steps)
-                    q.flags.writeable = False
+                    q.setflags(write=False)
                     state = State(q, u * per_second)
             look_back()
     except KeyboardInterrupt:
@@ -190,7 +191,7 @@ def _checked(start: State) -> State:
 def _command(answer: object, t: float) -> np.ndarray:
     """Three finite numbers."""
     command = _array(answer, "command of the controller", (3,), "three numbers: slew, trolley, hoist")
-    if not command.dot(command) < np.inf and not np.isfinite(command).all():
+    if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
         joint = JOINTS[DRIVES[int(np.argmin(np.isfinite(command)))]].name
         raise RunError(f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite number.", t=t, joint=joint)
     return command
