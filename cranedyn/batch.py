@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.clocks import clocks
-from cranedyn.compiled.engine import check, compiled
+from cranedyn.compiled.checked import check, compiled
 from cranedyn.compiled.kernel import FORCE, ROW, STATE, SUMMARY, Recipe, places, size
 from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.compiled.tables import NO_FORCE, Table, aim, law, table

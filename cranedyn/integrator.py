@@ -27,11 +27,13 @@ class Integrator:
         name: What it is called.
         advance: The rule.
         lead: By how many steps its positions run ahead of its velocities.
+        smooth: Whether its order needs a motion without kinks, such as buffers make.
     """
 
     name: str
     advance: Advance
     lead: float
+    smooth: bool = False
 
 
 def in_steps(model: pin.Model, dt: float) -> pin.Model:
@@ -90,9 +92,9 @@ def _rk4(acceleration: Acceleration, model: pin.Model, q: np.ndarray, u: np.ndar
     return q, u
 
 
-rk4 = Integrator("RK4", _rk4, lead=0.0)
+rk4 = Integrator("RK4", _rk4, lead=0.0, smooth=True)
 """The classical rule of order 4 (Kutta 1901), four accelerations a step; for cranes, whose coordinates are a vector space.
 
 Made for one step per control period, over which commands are constant: the motion within is smooth, unless a drive reaches the end of its
-range (see `cranedyn.drives`).
+range (see `cranedyn.engine`).
 """

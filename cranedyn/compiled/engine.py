@@ -1,70 +1,134 @@
-"""Compiled code for a crane, made once for each, and held against Pinocchio before it is used."""
+"""The compiled crane from one control instant to the next, or through a whole run where nothing in the loop is Python."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Iterator
 
 import numpy as np
-import pinocchio as pin
 
-from cranedyn import rigid_body
-from cranedyn.compiled.kernel import Kernel, Recipe, kernel
-from cranedyn.compiled.plant import numbers
-from cranedyn.crane import PASSIVE, Crane, State
-from cranedyn.drives import EffortDrives, MotionDrives, Outside
-from cranedyn.errors import ModelError
+from cranedyn.compiled.checked import check, compiled
+from cranedyn.compiled.kernel import FORCE, LAW, ROW, STATE, Call, Kernel, Recipe, places, size
+from cranedyn.compiled.tables import aim, held, law
+from cranedyn.controllers.affine import Affine, AffineController, Remembering
+from cranedyn.crane import State
+from cranedyn.engine import DIVERGED, Engine, Setting
+from cranedyn.errors import CraneError
+from cranedyn.log import Log
+from cranedyn.references import Reference
+from cranedyn.references.wanted import positions
 
-_AGREEMENT = 1e-11
-"""Largest difference from Pinocchio's accelerations, relative to the largest of them."""
+_BLOCK = 2000
+"""Control instants that a closed loop runs ahead before it is looked at."""
 
-def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarray]:
-    """Code for cranes that differ in numbers only, and the numbers in which they do, shape (n, m).
+_AT = places(STATE)
 
-    Raises:
-        ModelError: If the code does not do what Pinocchio does.
+
+class CompiledEngine(Engine):
+    """An engine that steps by code; what commands cost and where buffers hold at a control instant are Pinocchio's to say.
+
+    Attributes:
+        state: Where the crane is.
     """
-    rows = np.array([numbers(crane) for crane in cranes])
-    varied = (rows != rows[0]).any(axis=0)
-    constants = np.where(varied, np.nan, rows[0])
-    code = _kernel(tuple(rigid_body.bodies(cranes[0].model).parents), constants.tobytes(), recipe)
-    return code, np.ascontiguousarray(rows[:, varied])
 
+    def __init__(self, setting: Setting, start: State) -> None:
+        """Begin at a state, without command."""
+        self.state, self._setting = start, setting
+        self._outside = setting.outside(setting.clocks.dt, buffers=setting.buffers)
+        self._drives = setting.drives(setting.clocks.dt, self._outside)
+        self._memory, self._force = np.zeros(size(STATE)), np.zeros((1, size(FORCE)))
+        self._memory[:10] = np.concatenate(start)
+        self._law, self._aim = held(np.zeros(3))
+        self._stepping: tuple[Kernel, Call] | None = None
 
-@lru_cache(maxsize=256)
-def _kernel(parents: tuple[int, ...], constants: bytes, recipe: Recipe) -> Kernel:
-    known = [None if np.isnan(value) else value for value in np.frombuffer(constants).tolist()]
-    return kernel(parents, known, recipe)
+    def _code(self, *, integral: bool, log: bool) -> tuple[Kernel, Call]:
+        crane, clocks = self._setting.crane, self._setting.clocks
+        recipe = Recipe(
+            1,
+            self._setting.drive,
+            self._setting.integrator.name,
+            self._setting.buffers,
+            integral=integral,
+            offset=False,
+            forces=self._setting.forces,
+            shared=(True, True, True),
+            log=log,
+            summary=False,
+        )
+        code, varied = compiled([crane], recipe)
+        check(crane, code, varied[0])
+        return code, Call(
+            state=self._memory, force=self._force, force_rows=1, first=0, every=1, steps=clocks.steps, small=clocks.small, dt=clocks.dt,
+            period=clocks.period,
+        )
 
+    def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `Engine.take`."""
+        asked, effort = self._drives.take(command, self.state)
+        self._law[0, places(LAW)["feed_forward"]] = effort if self._setting.drive == "effort" else command
+        return asked, effort
 
-def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
-    """Compare accelerations with Pinocchio's at random states.
+    def push(self, force: np.ndarray) -> np.ndarray:
+        """As `Engine.push`."""
+        assert self._outside is not None
+        self._outside.force = force
+        self._force[0] = force.ravel()
+        return force
 
-    Args:
-        crane: The crane.
-        code: The code.
-        varied: The numbers that this crane has of its own.
+    def buffers(self) -> tuple[float, float]:
+        """As `Engine.buffers`."""
+        assert self._outside is not None
+        return float(self._memory[_AT["buffers"]][0]), self._outside.held(self.state)
 
-    Raises:
-        ModelError: If they differ by more than round-off.
-    """
-    rng = np.random.default_rng(0)
-    lanes, recipe = code.recipe.lanes, code.recipe
-    outside = Outside(crane, 1.0, buffers=False) if recipe.forces else None
-    drives = (EffortDrives if recipe.drive == "effort" else MotionDrives)(crane, 1.0, outside)
-    own, found = np.repeat(varied[:, None], lanes, axis=1), np.empty((5, lanes))
-    for _ in range(8):
-        q = rng.uniform(crane.lower, crane.upper)
-        q[PASSIVE] = rng.uniform(-1.4, 1.4, 2)
-        v, force = rng.normal(size=5), rng.normal(size=6) * crane.payload_mass
-        command = rng.uniform(-1.0, 1.0, 3) * (crane.effort_limit if recipe.drive == "effort" else 1.0)
-        if outside is not None:
-            outside.force = force.reshape(2, 3)
-        drives.take(command, State(q, v))
-        expected = drives.acceleration(q, v)
-        given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
-        code.answer(given.ctypes.data, own.ctypes.data, found.ctypes.data)
-        off = float(np.abs(found - expected[:, None]).max() / np.abs(expected).max())
-        if not off <= max(_AGREEMENT, rigid_body.lost_digits(pin.crba(crane.model, crane.data, q))):
-            raise ModelError(f"The compiled crane moves otherwise than Pinocchio's: accelerations differ by {off:.1e} of the largest.")
+    def advance(self) -> State:
+        """As `Engine.advance`."""
+        if self._stepping is None:
+            code, call = self._code(integral=False, log=False)
+            self._stepping = code, call.set(law=self._law, aim=self._aim, law_rows=1, aim_rows=1, last=1, end=1)
+        code, call = self._stepping
+        code.run(call.address)
+        return self._arrived()
 
+    def _arrived(self) -> State:
+        here = self._memory[:10].copy()
+        here.setflags(write=False)
+        self.state = State(here[:5], here[5:])
+        return self.state
+
+    def run_ahead(self, controller: object, reference: Reference, since: float, log: Log) -> Iterator[int]:
+        """Log rows under a controller that is affine in the state, block by block, and say how many there are.
+
+        A block in which anything is out of the ordinary is left undone, for whoever goes through it instant by instant.
+        """
+        if self._setting.forces or not isinstance(controller, AffineController):
+            return
+        clocks, first = self._setting.clocks, 0
+        while first <= clocks.periods:
+            times = since + clocks.period * np.arange(first, min(first + _BLOCK, clocks.periods + 1))
+            try:
+                wanted = positions(reference, times)
+                form = controller.affine(times, wanted)
+            except CraneError:
+                form = None
+            block = None if form is None else self._run(form, wanted, clocks.periods - first)
+            if form is None or block is None:
+                break
+            if isinstance(controller, Remembering):
+                controller.resume(float(times[-1]), self._memory[_AT["integral"]])
+            log.block(wanted, block)
+            first += len(times)
+            self._arrived()
+            yield first
+        self.take(self._memory[_AT["held"]].copy())
+
+    def _run(self, form: Affine, wanted: np.ndarray, end: int) -> dict[str, np.ndarray] | None:
+        """A block of rows by name; None, and all as before, if a number in it is not finite or a joint moves too fast."""
+        before, n = self._memory.copy(), len(wanted)
+        self._memory[_AT["integral"]] = form.integral
+        code, call = self._code(integral=bool(form.integral_gain.any()), log=True)
+        rows, laws, aims = np.empty((n, size(ROW))), law(form), aim(form, wanted)
+        code.run(call.set(law=laws, aim=aims, law_rows=len(laws), aim_rows=n, log=rows, last=n, end=end).address)
+        block = {name: rows[:, where] for name, where in places(ROW).items()}
+        if np.isfinite(rows).all() and (np.square(block["v"]).sum(axis=1) < DIVERGED**2).all():
+            return block
+        self._memory[:] = before
+        return None

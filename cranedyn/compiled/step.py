@@ -65,8 +65,7 @@ def _where_buffers_act(
     outcome = code.variables([*there, *faster, work])
     rough = code.either(plant.beyond(q), plant.beyond(there))
     with code.when(code.anywhere(rough)):
-        count = code.argument["small"]
-        fine = dt / code.from_integer(count)
+        fine = dt / code.from_integer(small)
         here = code.variables([*q, *v, work])
         with code.loop(0, small):
             now = array([place.get() for place in here])
