@@ -71,13 +71,26 @@ class Outside:
         self._u = u[DRIVES]
 
 
+class Limits:
+    """The largest efforts of a crane's drives."""
+
+    def __init__(self, crane: Crane) -> None:
+        self._most = crane.effort_limit
+        self._slew, self._trolley, self._hoist = crane.effort_limit.tolist()
+
+    def cut(self, command: np.ndarray) -> np.ndarray:
+        """A command within the limits, shape (3,)."""
+        slew, trolley, hoist = command.tolist()
+        inside = abs(slew) <= self._slew and abs(trolley) <= self._trolley and abs(hoist) <= self._hoist
+        return command if inside else command.clip(-self._most, self._most)
+
+
 class EffortDrives:
     """Drives that push with the effort commanded, within their limits."""
 
     def __init__(self, crane: Crane, dt: float, outside: Outside | None) -> None:
         self.model = in_steps(crane.model, dt)
-        self._limit = crane.effort_limit
-        self._limits = tuple(crane.effort_limit.tolist())
+        self._limits = Limits(crane)
         self._dt2 = np.full(3, dt * dt)
         self._effort = np.zeros(3)
         self._tau = np.zeros(5)
@@ -93,11 +106,8 @@ class EffortDrives:
 
     def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Take a command until the next one; returns the effort asked for and the effort that acts, shape (3,) each."""
-        slew, trolley, hoist = command.tolist()
-        a, b, c = self._limits
-        inside = -a <= slew <= a and -b <= trolley <= b and -c <= hoist <= c
-        self._effort = command if inside else command.clip(-self._limit, self._limit)
-        self._tau[DRIVES] = self._dt2 * self._effort
+        self._effort = self._limits.cut(command)
+        self._tau[0], self._tau[1], self._tau[4] = (self._dt2 * self._effort).tolist()
         return command, self._effort
 
     def effort(self, state: State) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from cranedyn.compiled.kernel import FORCE, LAW, ROW, STATE, Call, Kernel, Recip
 from cranedyn.compiled.tables import aim, held, law
 from cranedyn.controllers.affine import Affine, AffineController, Remembering
 from cranedyn.crane import State
+from cranedyn.drives import Limits
 from cranedyn.engine import DIVERGED, Engine, Setting
 from cranedyn.errors import CraneError
 from cranedyn.log import Log
@@ -20,7 +22,7 @@ from cranedyn.references.wanted import positions
 _BLOCK = 2000
 """Control instants that a closed loop runs ahead before it is looked at."""
 
-_AT = places(STATE)
+_AT, _FEED_FORWARD = places(STATE), places(LAW)["feed_forward"]
 
 
 class CompiledEngine(Engine):
@@ -34,13 +36,22 @@ class CompiledEngine(Engine):
         """Begin at a state, without command."""
         self.state, self._setting = start, setting
         self._outside = setting.outside(setting.clocks.dt, buffers=setting.buffers)
+        self._limits = Limits(setting.crane) if setting.drive == "effort" else None
         self._drives = setting.drives(setting.clocks.dt, self._outside)
         self._memory, self._force = np.zeros(size(STATE)), np.zeros((1, size(FORCE)))
         self._memory[:10] = np.concatenate(start)
         self._law, self._aim = held(np.zeros(3))
-        self._stepping: tuple[Kernel, Call] | None = None
+        self._held, self._effort = self._law[0, _FEED_FORWARD], np.zeros(3)
+        self._codes: dict[tuple[bool, bool], tuple[Kernel, Call]] = {}
+        self._step: Callable[[], None] | None = None
 
     def _code(self, *, integral: bool, log: bool) -> tuple[Kernel, Call]:
+        """Code, and a call of it with what does not change; made and checked at the first need."""
+        if (integral, log) not in self._codes:
+            self._codes[integral, log] = self._made(integral=integral, log=log)
+        return self._codes[integral, log]
+
+    def _made(self, *, integral: bool, log: bool) -> tuple[Kernel, Call]:
         crane, clocks = self._setting.crane, self._setting.clocks
         recipe = Recipe(
             1,
@@ -63,9 +74,15 @@ class CompiledEngine(Engine):
 
     def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `Engine.take`."""
-        asked, effort = self._drives.take(command, self.state)
-        self._law[0, places(LAW)["feed_forward"]] = effort if self._setting.drive == "effort" else command
-        return asked, effort
+        if self._limits is None:
+            self._held[:] = command
+            return self._drives.take(command, self.state)
+        self._effort = self._held[:] = self._limits.cut(command)
+        return command, self._effort
+
+    def effort(self) -> np.ndarray:
+        """As `Engine.effort`."""
+        return self._drives.effort(self.state) if self._limits is None else self._effort
 
     def push(self, force: np.ndarray) -> np.ndarray:
         """As `Engine.push`."""
@@ -81,11 +98,10 @@ class CompiledEngine(Engine):
 
     def advance(self) -> State:
         """As `Engine.advance`."""
-        if self._stepping is None:
+        if self._step is None:
             code, call = self._code(integral=False, log=False)
-            self._stepping = code, call.set(law=self._law, aim=self._aim, law_rows=1, aim_rows=1, last=1, end=1)
-        code, call = self._stepping
-        code.run(call.address)
+            self._step = partial(code.run, call.set(law=self._law, aim=self._aim, law_rows=1, aim_rows=1, last=1, end=1).address)
+        self._step()
         return self._arrived()
 
     def _arrived(self) -> State:

@@ -41,7 +41,17 @@ class Hold:
 
     def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
         """Efforts [N m, N, N], shape (3,)."""
-        return self.feed_forward + self.stiffness * (wanted.position - state.q[DRIVES]) - self.damping * state.v[DRIVES]
+        # each drive by itself in plain numbers, which is quicker than NumPy
+        (a, b, c), (k_a, k_b, k_c), (d_a, d_b, d_c) = self.feed_forward.tolist(), self.stiffness.tolist(), self.damping.tolist()
+        (slew, trolley, hoist), (gamma, x, _, _, length) = wanted.position.tolist(), state.q.tolist()
+        slewing, trolleying, _, _, hoisting = state.v.tolist()
+        return np.array(
+            [
+                a + k_a * (slew - gamma) - d_a * slewing,
+                b + k_b * (trolley - x) - d_b * trolleying,
+                c + k_c * (hoist - length) - d_c * hoisting,
+            ]
+        )
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """The common form, see `cranedyn.controllers.affine`."""
