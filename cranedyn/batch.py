@@ -19,7 +19,7 @@ from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.integrator import Integrator, semi_implicit_euler
 from cranedyn.references import Reference, hold
-from cranedyn.references.wanted import positions
+from cranedyn.references.wanted import tabulated
 from cranedyn.simulate import Controller, Drive
 
 _LANES = 8
@@ -229,9 +229,7 @@ def _whole(name: str, value: Any, least: int) -> int:
     return int(value)
 
 
-def _tables(
-    controllers: Sequence[Controller], reference: Any, start: State, times: np.ndarray
-) -> tuple[Table, Table, np.ndarray, bool]:
+def _tables(controllers: Sequence[Controller], reference: Any, start: State, times: np.ndarray) -> tuple[Table, Table, np.ndarray, bool]:
     """Tables of controllers and of what they are about, integrals at the start, shape (n, 3), and whether there are any."""
     given = _length(reference) is not None
     laws: dict[int, tuple[int, np.ndarray]] = {}
@@ -242,7 +240,7 @@ def _tables(
         one = reference[k] if given else hold(State(start.q[k], start.v[k])) if reference is None else reference
         key = (id(controller), start.q[k, DRIVES].tobytes() if reference is None else id(one))
         if key not in aims:
-            wanted = positions(one, times)
+            wanted = tabulated(one, times).position
             form = controller.affine(times, wanted) if isinstance(controller, AffineController) else None
             if form is None:
                 raise CraneError(f"{type(controller).__name__} is not affine in the state, or has run before; a batch needs one that is.")
@@ -279,5 +277,5 @@ def _fits(count: int, rows: int, *tables: Table) -> None:
         raise OutOfRange(
             "record",
             f"{rows} rows of {count} cranes",
-            f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g} GB: record more seldom, or fewer cranes at a time",
+            f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g} GB: record less, or fewer cranes",
         )

@@ -50,8 +50,8 @@ class Setting:
 class Engine:
     """A crane that moves from one control instant to the next.
 
-    Where buffers act, a stepping rule that asks for a smooth motion gives way to small semi-implicit steps: a step at whose beginning or end
-    a drive is beyond its range is made with these instead.
+    Where buffers act, a stepping rule that asks for a smooth motion gives way to small semi-implicit steps: a step at whose beginning
+    or end a drive is beyond its range is made with these instead.
 
     Attributes:
         state: Where the crane is.
@@ -73,7 +73,7 @@ class Engine:
         return iter(())
 
     def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Take a command until the next one; returns the effort asked for, or that the motion costs, and that which acts, shape (3,) each."""
+        """Take a command until the next one; returns the effort asked for, or what the motion costs, and what acts, shape (3,) each."""
         if self._rough is not None:
             self._rough.drives.take(command, self.state)
         return self._drives.take(command, self.state)

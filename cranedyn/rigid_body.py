@@ -87,7 +87,10 @@ class Push(NamedTuple):
 def blank(parents: Sequence[int]) -> Bodies:
     """A tree whose numbers are all zero."""
     n = len(parents)
-    return Bodies(parents, *(np.zeros(shape) for shape in ((n, 3, 3), (n, 3), (n, 2, 3), (n,), (n, 3), (n, 3, 3), (n,), (3,))))
+    rotation, translation, axis, mass, lever, inertia, armature, gravity = (
+        np.zeros(shape) for shape in ((n, 3, 3), (n, 3), (n, 2, 3), (n,), (n, 3), (n, 3, 3), (n,), (3,))
+    )
+    return Bodies(parents, rotation, translation, axis, mass, lever, inertia, armature, gravity)
 
 
 def array(elements: Sequence[Any]) -> np.ndarray:
@@ -115,8 +118,9 @@ def bodies(model: pin.Model) -> Bodies:
         at = joint.createData()
         joint.calc(at, neutral)
         rows.append((place.rotation, place.translation, at.S.reshape(2, 3), body.mass, body.lever, body.inertia))
-    columns = [np.array(column, dtype=float) for column in zip(*rows, strict=True)]
-    return Bodies([model.parents[i] - 1 for i in range(1, model.njoints)], *columns, model.armature.copy(), model.gravity.linear.copy())
+    rotation, translation, axis, mass, lever, inertia = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+    parents = [model.parents[i] - 1 for i in range(1, model.njoints)]
+    return Bodies(parents, rotation, translation, axis, mass, lever, inertia, model.armature.copy(), model.gravity.linear.copy())
 
 
 def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:

@@ -19,6 +19,7 @@ from cranedyn.errors import ModelError, OutOfRange
 _AGREEMENT = 1e-11
 """Largest difference from Pinocchio's accelerations, relative to the largest of them."""
 
+
 def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarray]:
     """Code for cranes that differ in numbers only, and the numbers in which they do, shape (n, m).
 
@@ -70,4 +71,3 @@ def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
         off = float(np.abs(found - expected[:, None]).max() / np.abs(expected).max())
         if not off <= _AGREEMENT and not off <= rigid_body.lost_digits(pin.crba(crane.model, crane.data, q)):
             raise ModelError(f"The compiled crane moves otherwise than Pinocchio's: accelerations differ by {off:.1e} of the largest.")
-

@@ -114,7 +114,7 @@ class Code:
         return Value(self, ir.Constant(self.type, [float(number)] * self.lanes if self.lanes > 1 else float(number)))
 
     def fused(self, a: Value, b: Value, c: Any) -> Value:
-        """a b + c, rounded once where the machine can."""
+        """A b + c, rounded once where the machine can."""
         return self.call("llvm.fmuladd", a, b, c)
 
     def call(self, intrinsic: str, *values: Any) -> Value:
@@ -319,4 +319,3 @@ class Variable:
 
 def _is(other: Any, number: float) -> bool:
     return isinstance(other, float) and other == number
-

@@ -17,7 +17,7 @@ from cranedyn.engine import DIVERGED, Engine, Setting
 from cranedyn.errors import CraneError
 from cranedyn.log import Log
 from cranedyn.references import Reference
-from cranedyn.references.wanted import positions
+from cranedyn.references.wanted import tabulated
 
 _BLOCK = 2000
 """Control instants that a closed loop runs ahead before it is looked at."""
@@ -68,7 +68,14 @@ class CompiledEngine(Engine):
         code, varied = compiled([crane], recipe)
         check(crane, code, varied[0])
         return code, Call(
-            state=self._memory, force=self._force, force_rows=1, first=0, every=1, steps=clocks.steps, small=clocks.small, dt=clocks.dt,
+            state=self._memory,
+            force=self._force,
+            force_rows=1,
+            first=0,
+            every=1,
+            steps=clocks.steps,
+            small=clocks.small,
+            dt=clocks.dt,
             period=clocks.period,
         )
 
@@ -121,7 +128,7 @@ class CompiledEngine(Engine):
         while first <= clocks.periods:
             times = since + clocks.period * np.arange(first, min(first + _BLOCK, clocks.periods + 1))
             try:
-                wanted = positions(reference, times)
+                wanted = tabulated(reference, times).position
                 form = controller.affine(times, wanted)
             except CraneError:
                 form = None

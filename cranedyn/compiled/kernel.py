@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import count
 from typing import Any, NamedTuple
@@ -194,7 +194,7 @@ class _Loop:
     def _get(self, part: str) -> np.ndarray:
         return array([variable.get() for variable in self.state[part]])
 
-    def _set(self, part: str, values: Sequence[Any]) -> None:
+    def _set(self, part: str, values: Iterable[Any]) -> None:
         for variable, value in zip(self.state[part], values, strict=True):
             variable.set(value)
 
@@ -205,9 +205,9 @@ class _Loop:
             self._control(instant, forces)
             with code.when(code.builder.icmp_signed("<", instant, self.given["end"])):
                 with code.loop(0, self.given["steps"]):
-                    q, v, work = STEPS[self.recipe.integrator](
-                        self.plant, self._get("q"), self._get("v"), self._get("held"), forces, self.dt, self.state["buffers"][0].get(), self.given["small"]
-                    )
+                    step, work = STEPS[self.recipe.integrator], self.state["buffers"][0].get()
+                    q, v, held = (self._get(part) for part in ("q", "v", "held"))
+                    q, v, work = step(self.plant, q, v, held, forces, self.dt, work, self.given["small"])
                     self._set("q", q)
                     self._set("v", v)
                     self._set("buffers", [work])

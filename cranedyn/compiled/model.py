@@ -116,4 +116,4 @@ def _check(made: ForwardDynamics) -> None:
         expected = pin.aba(model, data, q, v, tau)
         off = np.abs(made(q[None], v[None], tau[None])[0] - expected).max() / np.abs(expected).max()
         if not off <= _AGREEMENT and not off <= rigid_body.lost_digits(pin.crba(model, data, q)):
-            raise ModelError(f"The compiled {model.name} moves otherwise than Pinocchio's: accelerations differ by {off:.1e} of the largest.")
+            raise ModelError(f"Compiled {model.name} moves otherwise than in Pinocchio: accelerations differ by {off:.1e} of the largest.")

@@ -45,14 +45,14 @@ class Plant:
     drive: str
     buffers: bool
 
-    def answer(self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: Sequence[Any] | None) -> tuple[np.ndarray, np.ndarray]:
+    def answer(self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """What a command causes at a state, in any unit of time but seconds.
 
         Args:
             q: Coordinates, shape (5,).
             v: Their rates, shape (5,).
             command: Efforts within the limits, or accelerations, of the drives, shape (3,).
-            forces: From outside on payload and trolley in the world [N], six numbers; None for none.
+            forces: From outside on payload and trolley in the world [N], shape (6,); None for none.
 
         Returns:
             Accelerations, shape (5,), and efforts of the drives, shape (3,).
@@ -132,5 +132,5 @@ def plant(parents: Sequence[int], values: Sequence[Any], drive: str, buffers: bo
     """A plant from the chain of its joints and its numbers, in the order of `numbers`."""
     tree = rigid_body.blank(parents)
     count = len(tree.numbers())
-    parts = np.split(array(values[count:]), np.cumsum([5, 5, 5, 3, 1, 3]))
-    return Plant(tree.with_numbers(values[:count]), *parts, drive, buffers)
+    damping, lower, upper, effort_limit, height, spring, damper = np.split(array(values[count:]), np.cumsum([5, 5, 5, 3, 1, 3]))
+    return Plant(tree.with_numbers(values[:count]), damping, lower, upper, effort_limit, height, spring, damper, drive, buffers)

@@ -10,6 +10,7 @@ from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.crane import DRIVES, State
 from cranedyn.linear import feedback_gain
 from cranedyn.references import Reference, Wanted
+from cranedyn.references.wanted import tabulated
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,7 @@ class Follow:
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """The common form, see `cranedyn.controllers.affine`."""
-        ahead = np.array([self.reference(t + self.control_period).velocity for t in times])
+        ahead = tabulated(self.reference, times + self.control_period).velocity
         gain = feedback_gain(np.zeros(3), np.full(3, 1.0 / self.control_period))
         return without_integral(np.zeros((1, 3)), gain[None], at_drives(np.zeros_like(ahead), ahead))
 

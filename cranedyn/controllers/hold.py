@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
-from cranedyn.crane import DRIVES, STANDARD_GRAVITY, Crane, State
+from cranedyn.crane import STANDARD_GRAVITY, Crane, State
 from cranedyn.linear import feedback_gain
 from cranedyn.references import Wanted
 

@@ -24,9 +24,9 @@ class Still:
         """What is wanted at a time [s]."""
         return self.wanted
 
-    def positions(self, times: np.ndarray) -> np.ndarray:
-        """Where the drives should be at times [s], shape (n, 3)."""
-        return np.broadcast_to(self.wanted.position, (len(times), 3))
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        return Wanted(*(np.broadcast_to(part, (len(times), 3)) for part in self.wanted))
 
 
 def hold(state: State) -> Reference:

@@ -46,9 +46,10 @@ class Spline:
         inside = min(max(t, self.times[0]), self.times[-1])
         return Wanted(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
-    def positions(self, times: np.ndarray) -> np.ndarray:
-        """Where the drives should be at times [s], shape (n, 3)."""
-        return self._curves[0](np.clip(times, self.times[0], self.times[-1]))  # type: ignore[attr-defined]
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        inside = np.clip(times, self.times[0], self.times[-1])
+        return Wanted(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
 
 def spline(start: State, waypoints: Sequence[Sequence[float]], durations: Sequence[float], *, at: float = 0.0) -> Spline:
