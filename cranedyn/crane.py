@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -69,7 +71,7 @@ class Crane:
     """A crane as loaded: parameters that do not change during a run.
 
     Attributes:
-        urdf: The plain URDF it was built from.
+        written: What gives its plain URDF; ask for `urdf`.
         model: The Pinocchio model; joint i + 1 carries coordinate i.
         damping: Viscous damping of each joint [N m s/rad or N s/m], shape (5,). Pinocchio parses it but never applies it.
         lower, upper: Joint ranges [rad or m], shape (5,).
@@ -78,7 +80,7 @@ class Crane:
         data: Scratch memory of Pinocchio for `cranedyn.dynamics`; one thread at a time.
     """
 
-    urdf: str = field(repr=False)
+    written: Callable[[], str] = field(repr=False)
     model: pin.Model
     damping: np.ndarray
     lower: np.ndarray
@@ -86,6 +88,11 @@ class Crane:
     effort_limit: np.ndarray
     start: State
     data: pin.Data = field(repr=False)
+
+    @cached_property
+    def urdf(self) -> str:
+        """The plain URDF of all that moves, weighs and can be seen; written when it is first asked for, since the looks take their time."""
+        return self.written()
 
     @property
     def gravity(self) -> float:
@@ -164,7 +171,7 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
     g = number("gravity", gravity, "m/s²", "> 0")
     path = XACRO if urdf is None else Path(urdf)
     if path.suffix == ".xacro":
-        text = describe(path, values)
+        text = describe(path, values, visuals=urdf is not None)
     elif values:
         raise UnknownName("argument", next(iter(values)), ["none in a plain URDF"])
     else:
@@ -187,7 +194,7 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
     )
     _check_solvable(model, q, path)
     return Crane(
-        urdf=text,
+        written=partial(_whole, path, values) if urdf is None else partial(str, text),
         model=model,
         damping=model.damping.copy(),
         lower=lower,
@@ -196,6 +203,12 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
         start=State(q, np.zeros(5)),
         data=model.createData(),
     )
+
+
+def _whole(path: Path, values: dict[str, object]) -> str:
+    text = describe(path, values)
+    check(parse(text, path), path)
+    return text
 
 
 def _model(skeleton: str, path: Path) -> pin.Model:

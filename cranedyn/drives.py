@@ -13,11 +13,19 @@ from cranedyn.integrator import Acceleration, in_steps
 _STOP_FREQUENCY, _STOP_DAMPING = 20.0, 0.5
 
 
+def buffer_numbers(crane: Crane) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness and damping of the buffers of slew, trolley and hoist [N m/rad, N/m, N/m; per second], shape (3,) each.
+
+    They make each drive, with what hangs on it, swing at 20 rad/s with half of critical damping.
+    """
+    inertia = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[DRIVES]
+    return _STOP_FREQUENCY**2 * inertia, 2.0 * _STOP_DAMPING * _STOP_FREQUENCY * inertia
+
+
 class Outside:
     """What acts on the joints besides drives, gravity and damping: a force on payload and trolley, and buffers at the ends of the ranges.
 
-    A buffer is a spring with a damper that can push but not pull, as stiff as makes the drive with what hangs on it swing at 20 rad/s
-    with half of critical damping.
+    A buffer is a spring with a damper that can push but not pull, see `buffer_numbers`.
 
     Attributes:
         force: On payload and trolley in the world [N], shape (2, 3).
@@ -28,9 +36,8 @@ class Outside:
         self.force = np.zeros((2, 3))
         self._work = 0.0
         self._model, self._data, self._dt = crane.model, crane.model.createData(), dt
-        inertia = np.diag(pin.crba(crane.model, self._data, crane.start.q))[DRIVES] if buffers else np.zeros(3)
-        self._stiffness = (_STOP_FREQUENCY * dt) ** 2 * inertia
-        self._damping = 2.0 * _STOP_DAMPING * _STOP_FREQUENCY * dt * inertia
+        stiffness, damping = buffer_numbers(crane) if buffers else (np.zeros(3), np.zeros(3))
+        self._stiffness, self._damping = dt * dt * stiffness, dt * damping
         self._lower, self._upper = crane.lower[DRIVES], crane.upper[DRIVES]
         self._push, self._u = np.zeros(3), np.zeros(3)
 
@@ -64,32 +71,43 @@ class Outside:
         self._u = u[DRIVES]
 
 
+class Limits:
+    """The largest efforts of a crane's drives."""
+
+    def __init__(self, crane: Crane) -> None:
+        self._most = crane.effort_limit
+        self._slew, self._trolley, self._hoist = crane.effort_limit.tolist()
+
+    def cut(self, command: np.ndarray) -> np.ndarray:
+        """A command within the limits, shape (3,)."""
+        slew, trolley, hoist = command.tolist()
+        inside = abs(slew) <= self._slew and abs(trolley) <= self._trolley and abs(hoist) <= self._hoist
+        return command if inside else command.clip(-self._most, self._most)
+
+
 class EffortDrives:
     """Drives that push with the effort commanded, within their limits."""
 
     def __init__(self, crane: Crane, dt: float, outside: Outside | None) -> None:
         self.model = in_steps(crane.model, dt)
-        self._limit = crane.effort_limit
-        self._limits = tuple(crane.effort_limit.tolist())
+        self._limits = Limits(crane)
         self._dt2 = np.full(3, dt * dt)
         self._effort = np.zeros(3)
         self._tau = np.zeros(5)
         self.acceleration = self._damped_aba(dt * crane.damping, outside)
 
     def _damped_aba(self, damping: np.ndarray, outside: Outside | None) -> Acceleration:
-        aba, world = pin.aba, pin.Convention.WORLD
-        model, data, tau = self.model, self.model.createData(), self._tau
+        # pin.integrate adds, which is quicker for five numbers than NumPy
+        aba, world, add, multiply = pin.aba, pin.Convention.WORLD, pin.integrate, np.multiply
+        model, data, tau, resistance, scratch = self.model, self.model.createData(), self._tau, -damping, np.empty(5)
         if outside is not None:
             return lambda q, u: aba(model, data, q, u, tau - damping * u + outside(q, u), world)
-        return lambda q, u: aba(model, data, q, u, tau - damping * u, world)
+        return lambda q, u: aba(model, data, q, u, add(model, tau, multiply(resistance, u, scratch)), world)
 
     def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Take a command until the next one; returns the effort asked for and the effort that acts, shape (3,) each."""
-        slew, trolley, hoist = command.tolist()
-        a, b, c = self._limits
-        inside = -a <= slew <= a and -b <= trolley <= b and -c <= hoist <= c
-        self._effort = command if inside else command.clip(-self._limit, self._limit)
-        self._tau[DRIVES] = self._dt2 * self._effort
+        self._effort = self._limits.cut(command)
+        self._tau[0], self._tau[1], self._tau[4] = (self._dt2 * self._effort).tolist()
         return command, self._effort
 
     def effort(self, state: State) -> np.ndarray:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
+
 import numpy as np
 import pinocchio as pin
 
@@ -42,6 +45,7 @@ class Log:
         self._q, self._v = np.empty((rows, 5)), np.empty((rows, 5))
         self._wanted, self._command, self._effort, self._before = (np.empty((rows, 3)) for _ in range(4))
         self._force, self._buffer_work, self._held = np.zeros((rows, 6)), np.zeros(rows), np.zeros(rows)
+        self._energy = np.full(rows, np.nan)
 
     def __len__(self) -> int:
         """Number of rows so far."""
@@ -54,10 +58,26 @@ class Log:
         self._wanted[k], self._command[k], self._effort[k], self._before[k] = wanted, command, effort, before
         self._rows = k + 1
 
-    def outside(self, force: np.ndarray, buffer_work: float, held: float) -> None:
-        """Add what acts from outside to the row that comes next; held is what the buffer at the end of the cable takes of the load [N]."""
-        k = self._rows
-        self._force[k], self._buffer_work[k], self._held[k] = force.ravel(), buffer_work, held
+    def force(self, force: np.ndarray) -> None:
+        """Add the forces from outside to the row that comes next, shape (2, 3)."""
+        self._force[self._rows] = force.ravel()
+
+    def buffers(self, work: float, held: float) -> None:
+        """Add to the row that comes next what the buffers did [J], and what that at the end of the cable takes of the load [N]."""
+        self._buffer_work[self._rows], self._held[self._rows] = work, held
+
+    def block(self, wanted: np.ndarray, block: Mapping[str, np.ndarray]) -> None:
+        """Add many rows at once.
+
+        Args:
+            wanted: Where the reference wants the drives, shape (n, 3).
+            block: q, v, command, effort, before as for `row`; energy, buffers, held in columns, shape (n, 1).
+        """
+        rows = slice(self._rows, self._rows + len(wanted))
+        self._q[rows], self._v[rows], self._wanted[rows] = block["q"], block["v"], wanted
+        self._command[rows], self._effort[rows], self._before[rows] = block["command"], block["effort"], block["before"]
+        self._energy[rows], self._buffer_work[rows], self._held[rows] = (block[name][:, 0] for name in ("energy", "buffers", "held"))
+        self._rows = rows.stop
 
     def fresh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates, rates and what holds the load of the rows not looked at before."""
@@ -94,7 +114,7 @@ class Log:
             wanted=self._wanted[:n],
             command=self._command[:n],
             effort=effort,
-            energy=np.array([pin.computeMechanicalEnergy(crane.model, crane.data, *row) for row in zip(q, v, strict=True)]),
+            energy=self._energies(),
             work=work,
             dissipated=dissipated,
             force=force,
@@ -102,6 +122,15 @@ class Log:
             valid=valid(crane, q, v, effort[:, 2] + self._held[:n], buffers=buffers).astype(float),
             parameters=parameters,
         )
+
+    def _energies(self) -> np.ndarray:
+        """Mechanical energy of each row [J], by Pinocchio where it is not known yet."""
+        energy = self._energy[: self._rows].copy()
+        missing = np.isnan(energy)
+        if missing.any():
+            rows = self._q[: self._rows][missing], self._v[: self._rows][missing]
+            energy[missing] = list(map(partial(pin.computeMechanicalEnergy, self._crane.model, self._crane.data), *rows))
+        return energy
 
     def _work_of_forces(self, middle: np.ndarray, force: np.ndarray) -> np.ndarray:
         work = np.zeros(len(force))

@@ -7,16 +7,16 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 
 from cranedyn.crane import State
 from cranedyn.errors import DataError
 from cranedyn.files import written
-from cranedyn.tables import read_table
+
+if TYPE_CHECKING:
+    import pyarrow
 
 COLUMNS = {
     "t": ("t_s",),
@@ -118,10 +118,12 @@ class Trajectory:
         """What the energy ledger leaves open since the first row [J], shape (n,)."""
         return self.ledger - self.ledger[0]
 
-    def table(self) -> pa.Table:
+    def table(self) -> pyarrow.Table:
         """All columns as an Arrow table, the parameters in its metadata."""
+        import pyarrow
+
         names = [column for columns in COLUMNS.values() for column in columns]
-        return pa.table(
+        return pyarrow.table(
             {name: np.ascontiguousarray(self[name]) for name in names}, metadata={"cranedyn": json.dumps(dict(self.parameters))}
         )
 
@@ -131,6 +133,9 @@ class Trajectory:
         Raises:
             DataError: If the ending is another or the file cannot be written.
         """
+        import pyarrow.csv
+        import pyarrow.parquet
+
         path = Path(path)
         writer = {".csv": pyarrow.csv.write_csv, ".parquet": pyarrow.parquet.write_table}.get(path.suffix)
         if writer is None:
@@ -147,6 +152,8 @@ def read(path: str | Path) -> Trajectory:
         DataError: As `cranedyn.tables.read_table`; if there is no row, time does not increase, or the parameters are not a JSON object of
             numbers and words.
     """
+    from cranedyn.tables import read_table
+
     found, metadata = read_table(path, [column for columns in COLUMNS.values() for column in columns])
     t = found["t_s"]
     if not (len(t) > 0 and (t[1:] > t[:-1]).all()):
@@ -164,6 +171,8 @@ def read_columns(path: str | Path, columns: Sequence[str]) -> dict[str, np.ndarr
     Raises:
         DataError: As `cranedyn.tables.read_table`, and if time does not increase.
     """
+    from cranedyn.tables import read_table
+
     found = read_table(path, columns)[0]
     t = found.get("t_s")
     if t is not None and not (len(t) > 1 and (t[1:] > t[:-1]).all()):

@@ -80,6 +80,8 @@ def _conditions(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, b
 
 def _beginnings(condition: _Condition) -> list[Event]:
     holds = condition.holds
+    if holds.all():
+        return []
     rows = np.flatnonzero(~holds & np.concatenate([[True], holds[:-1]]))
     return [
         Event(int(row), condition.joint, float(condition.values[row]), condition.words.format(value=condition.values[row])) for row in rows

@@ -44,14 +44,14 @@ MUTATIONS = (
     Mutation(
         "Coriolis and centrifugal forces are missing",
         "cranedyn/drives.py",
-        "aba(model, data, q, u, tau - damping * u, world)",
-        "aba(model, data, q, 0.0 * u, tau - damping * u, world)",
+        "aba(model, data, q, u, add(model, tau, multiply(resistance, u, scratch)), world)",
+        "aba(model, data, q, 0.0 * u, add(model, tau, multiply(resistance, u, scratch)), world)",
         ("simulate",),
     ),
     Mutation(
         "joint damping is ignored",
         "cranedyn/drives.py",
-        "aba(model, data, q, u, tau - damping * u, world)",
+        "aba(model, data, q, u, add(model, tau, multiply(resistance, u, scratch)), world)",
         "aba(model, data, q, u, tau, world)",
         ("simulate",),
     ),
@@ -72,7 +72,7 @@ MUTATIONS = (
     Mutation(
         "explicit Euler takes the place of semi-implicit",
         "cranedyn/integrator.py",
-        "        u = u + acceleration(q, u)\n        q = integrate(model, q, u)",
+        "        u = add(model, u, acceleration(q, u))\n        q = integrate(model, q, u)",
         "        q, u = integrate(model, q, u), u + acceleration(q, u)",
         ("integrator",),
     ),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -85,6 +87,45 @@ def test_a_gravity_that_is_none_is_refused(gravity: float) -> None:
 def test_numbers_that_make_no_crane_are_refused(values: dict[str, float], sentence: str) -> None:
     with pytest.raises(OutOfRange, match=sentence):
         load_crane(**values)
+
+
+# --- what is loaded, and when ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("values", [{}, {"payload_mass": 2e3, "mast_height": 40.0, "pivot_height": 43.0, "damp_swing": 0.1 + 0.2}])
+def test_a_crane_is_built_without_its_looks_and_is_the_crane_of_its_whole_urdf(
+    values: dict[str, float], load: Load, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+    monkeypatch.setattr("cranedyn.crane.describe", lambda *given, **how: made.append(describe(*given, **how)) or made[-1])
+    c = load_crane(**values)
+    assert [text.count("<visual>") for text in made] == [0]
+    assert c.urdf == describe(values=values)
+    assert c.urdf.count("<visual>") > 200
+    whole = load(c.urdf)
+    assert whole.model == c.model
+    assert np.array_equal(whole.start, c.start)
+    assert whole.urdf == c.urdf
+
+
+@pytest.mark.parametrize(("height", "sentence"), [(1e40, "xyz of origin in link upper_link"), (1e200, "cannot be expanded")])
+def test_looks_that_cannot_be_drawn_are_refused_when_they_are_asked_for(height: float, sentence: str) -> None:
+    c = load_crane(total_height=height)
+    with pytest.raises(CraneError, match=sentence):
+        c.written()
+
+
+def test_loading_and_running_a_crane_imports_nothing_that_only_others_need() -> None:
+    program = """
+import sys
+from cranedyn.controllers import hold_controller
+from cranedyn.crane import load_crane
+from cranedyn.simulate import simulate
+crane = load_crane()
+simulate(crane, hold_controller(crane), duration=0.1)
+print([name for name in ("scipy.linalg", "scipy.interpolate", "scipy.optimize", "pyarrow", "matplotlib", "rerun") if name in sys.modules])
+"""
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
 # --- states ------------------------------------------------------------------------------------------------------------------------

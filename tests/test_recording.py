@@ -162,7 +162,8 @@ def test_the_outline_hangs_at_rest_where_the_drives_are_wanted(file: Path, movin
 def test_a_crane_without_visuals_still_shows_a_payload(crane: Crane, moving: Trajectory, tmp_path: Path):
     import re
 
-    bare = replace(crane, urdf=re.sub(r"<visual>.*?</visual>", "", crane.urdf, flags=re.DOTALL).replace("hook_link", "ball"))
+    text = re.sub(r"<visual>.*?</visual>", "", crane.urdf, flags=re.DOTALL).replace("hook_link", "ball")
+    bare = replace(crane, written=lambda: text)
     path = record(tmp_path / "bare.rrd", [Run("bare", bare, moving)], title="Bare")
     boxes = {entity: batch["Boxes3D:half_sizes"].flatten() for entity, batch in chunks(path) if "Boxes3D:half_sizes" in batch.schema.names}
     assert boxes.keys() == {"/bare/scene/ball/box", "/bare/scene/wanted/box"}

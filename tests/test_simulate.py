@@ -96,7 +96,13 @@ def test_the_same_run_twice_is_the_same_to_the_bit() -> None:
 
 def test_a_run_says_what_it_was_made_with() -> None:
     found = _held(crane(), duration=0.1, dt=1e-3, control_period=2e-3)
-    assert found.parameters == {"dt_s": 1e-3, "control_period_s": 2e-3, "drive": "effort", "integrator": "semi-implicit Euler"} | {
+    assert found.parameters == {
+        "dt_s": 1e-3,
+        "control_period_s": 2e-3,
+        "drive": "effort",
+        "engine": "pinocchio",
+        "integrator": "semi-implicit Euler",
+    } | {
         "gravity_m_s2": G,
         "watch": "stop",
     }

@@ -2,23 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.crane import DRIVES, State
+from cranedyn.linear import feedback_gain
 from cranedyn.references import Reference, Wanted
+from cranedyn.references.wanted import tabulated
 
 
-def follow(reference: Reference, control_period: float = 5e-3) -> Callable[[float, State, Wanted], np.ndarray]:
+@dataclass(frozen=True, eq=False)
+class Follow:
     """Reach the reference's velocity at every control instant; for `simulate(..., drive="motion")`.
 
-    Args:
+    Attributes:
         reference: The reference to follow, looked up one control period ahead.
         control_period: Time between control instants [s], the same as in `simulate`.
     """
 
-    def controller(t: float, state: State, wanted: Wanted) -> np.ndarray:
-        return (reference(t + control_period).velocity - state.v[DRIVES]) / control_period
+    reference: Reference
+    control_period: float = 5e-3
 
-    return controller
+    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+        """Accelerations of slew [rad/s²], trolley and hoist [m/s²], shape (3,)."""
+        return (self.reference(t + self.control_period).velocity - state.v[DRIVES]) / self.control_period
+
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
+        """The common form, see `cranedyn.controllers.affine`."""
+        ahead = tabulated(self.reference, times + self.control_period).velocity
+        gain = feedback_gain(np.zeros(3), np.full(3, 1.0 / self.control_period))
+        return without_integral(np.zeros((1, 3)), gain[None], at_drives(np.zeros_like(ahead), ahead))
+
+
+def follow(reference: Reference, control_period: float = 5e-3) -> Follow:
+    """Take motion-controlled drives along a reference, control instants being a period [s] apart."""
+    return Follow(reference, control_period)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.crane import State
 from cranedyn.references import Wanted
@@ -43,3 +44,19 @@ class HoistIntegral:
             self._t = t
         effort[2] += self.integral_gain * self.integral
         return effort
+
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
+        """The common form, see `cranedyn.controllers.affine`; None if it was asked for the first of these times before."""
+        if times[0] <= self._t or not math.isclose(times[-1] - times[0], self.tracking.period * (len(times) - 1)):
+            return None
+        hoist = np.array([0.0, 0.0, 1.0])
+        return replace(
+            self.tracking.affine(times, positions),
+            integral_gain=self.integral_gain * hoist,
+            limit=np.array([math.inf, math.inf, self.limit]),
+            integral=self.integral * hoist,
+        )
+
+    def resume(self, t: float, integral: np.ndarray) -> None:
+        """Take over what was integrated up to and with a control instant [s], shape (3,)."""
+        self.integral, self._t = float(integral[2]), t

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+import scipy
 
 from cranedyn.controllers.linearised import Linearised, linearised, multiple
 from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT
@@ -177,7 +177,7 @@ def mpc(
     model = linearised(crane, motion, dt=dt, every=ratio, control_period=period)
     sweep = riccati(model.a, model.b, state_weight, effort_weight)
     square = effort_weight + np.swapaxes(model.b, 1, 2) @ sweep.cost[1:] @ model.b
-    root = np.array([solve_triangular(cholesky(part), np.eye(3)) for part in square])
+    root = np.array([scipy.linalg.solve_triangular(scipy.linalg.cholesky(part), np.eye(3)) for part in square])
     return Predictive(model, ratio, int(horizon), sweep, root, _room(model, efforts), np.array([*rates, swing, swing]), solve)
 
 

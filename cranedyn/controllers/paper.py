@@ -9,7 +9,7 @@ The planes are the paper's Eqs. (7)-(10). Its weights and gains are not public: 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import expm, solve_discrete_are
+import scipy
 
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.riccati import riccati
@@ -87,8 +87,8 @@ def _plane_gains(
     block = np.zeros((len(planes), 5, 5))
     for slot, (a, b) in zip(block, planes, strict=True):
         slot[:4, :4], slot[:4, 4:] = a, b
-    held = expm(period * block)
+    held = scipy.linalg.expm(period * block)
     a, b = held[:, :4, :4], held[:, :4, 4:]
     nearest = np.arange(n) // every
-    final = solve_discrete_are(a[-1], b[-1], *weights)
+    final = scipy.linalg.solve_discrete_are(a[-1], b[-1], *weights)
     return riccati(a[nearest], b[nearest], *weights, final).gain[:, 0]

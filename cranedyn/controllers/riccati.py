@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigvalsh, solve_discrete_are
+import scipy
 
 from cranedyn.errors import OutOfRange
 
@@ -42,14 +42,15 @@ def riccati(
     _check("state weight", state_weight, definite=False)
     _check("effort weight", effort_weight, definite=True)
     if final_weight is None:
-        final_weight = solve_discrete_are(a[-1], b[-1], state_weight, effort_weight)
+        final_weight = scipy.linalg.solve_discrete_are(a[-1], b[-1], state_weight, effort_weight)
     _check("final weight", final_weight, definite=False)
     gain = np.empty((len(a), b.shape[2], a.shape[1]))
     cost = np.empty((len(a) + 1, *final_weight.shape))
     cost[-1] = final_weight
     for k in range(len(a) - 1, -1, -1):
         push = b[k].T @ cost[k + 1]
-        gain[k] = cho_solve(cho_factor(effort_weight + push @ b[k], check_finite=False), push @ a[k], check_finite=False)
+        factor = scipy.linalg.cho_factor(effort_weight + push @ b[k], check_finite=False)
+        gain[k] = scipy.linalg.cho_solve(factor, push @ a[k], check_finite=False)
         here = state_weight + a[k].T @ cost[k + 1] @ (a[k] - b[k] @ gain[k])
         cost[k] = (here + here.T) / 2.0
     return Sweep(gain, cost)
@@ -57,5 +58,5 @@ def riccati(
 
 def _check(name: str, weight: np.ndarray, *, definite: bool) -> None:
     least = np.nextafter(0, 1) if definite else -1e-9 * np.abs(weight).max()
-    if not np.isfinite(weight).all() or not np.allclose(weight, weight.T) or eigvalsh(weight).min() < least:
+    if not np.isfinite(weight).all() or not np.allclose(weight, weight.T) or scipy.linalg.eigvalsh(weight).min() < least:
         raise OutOfRange(name, weight.tolist(), "symmetric and positive " + ("definite" if definite else "semidefinite"))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.controllers.affine import Affine, without_integral
 from cranedyn.crane import COORDINATES, UNITS, State
 from cranedyn.errors import number
 from cranedyn.references import Wanted
@@ -39,6 +40,13 @@ class Tracking:
         if not math.isfinite(sum(efforts.tolist())):
             check_finite(state)
         return efforts
+
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
+        """The common form, see `cranedyn.controllers.affine`."""
+        last = len(self.feed_forward) - 1
+        rows = np.minimum(np.round(times / self.period).astype(int), last)
+        rows = rows[: int(np.argmax(rows == last)) + 1] if last in rows else rows
+        return without_integral(self.feed_forward[rows], self.gain[rows], self.wanted[rows])
 
 
 def check_finite(state: State) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from cranedyn.crane import Crane, State
 from cranedyn.dynamics import pivot_position
@@ -62,11 +62,11 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: floa
     share = smoothstep(t / duration) if ramp is None else cruise(t, duration, ramp)
     gamma, radius, z = (ends[0] + (ends[1] - ends[0]) * share[:, None]).T
     path = np.stack([radius * np.sin(gamma), -radius * np.cos(gamma), z], axis=1)
-    rope = make_interp_spline(t, path, k=7).derivative(2)(t) + np.array([0.0, 0.0, crane.gravity])
+    rope = scipy.interpolate.make_interp_spline(t, path, k=7).derivative(2)(t) + np.array([0.0, 0.0, crane.gravity])
     if rope[:, 2].min() <= 0.0:
         raise OutOfRange("duration", duration, "longer: the payload would fall faster than gravity and slacken the rope", "s")
     q = recover(path, rope / np.linalg.norm(rope, axis=1)[:, None], height, inertia)
-    curve = make_interp_spline(t, q, k=7)
+    curve = scipy.interpolate.make_interp_spline(t, q, k=7)
     inside = slice(_MARGIN, -_MARGIN)
     v, a = (curve.derivative(order)(t)[inside] for order in (1, 2))
     v[[0, -1]] = a[[0, -1]] = 0.0

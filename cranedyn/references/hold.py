@@ -2,13 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from cranedyn.crane import DRIVES, State
 from cranedyn.references.wanted import Reference, Wanted
 
 
+@dataclass(frozen=True, eq=False)
+class Still:
+    """A reference that does not move.
+
+    Attributes:
+        wanted: What it always says.
+    """
+
+    wanted: Wanted
+
+    def __call__(self, t: float) -> Wanted:
+        """What is wanted at a time [s]."""
+        return self.wanted
+
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        return Wanted(*(np.broadcast_to(part, (len(times), 3)) for part in self.wanted))
+
+
 def hold(state: State) -> Reference:
     """Keep the drives where this state has them."""
-    wanted = Wanted(state.q[DRIVES], np.zeros(3), np.zeros(3))
-    return lambda t: wanted
+    return Still(Wanted(state.q[DRIVES], np.zeros(3), np.zeros(3)))

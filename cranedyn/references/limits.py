@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from cranedyn.crane import DRIVES, Crane
 from cranedyn.dynamics import inverse_dynamics
@@ -91,4 +91,4 @@ def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> fl
             raise OutOfRange(
                 "limits of the drives", limits, f"such that some duration up to {_LONGEST:g} s keeps them, not {over:g} beyond"
             )
-    return float(brentq(lambda t: min(excess(t), 1e3), low, high, xtol=1e-3)) + 1e-3
+    return float(scipy.optimize.brentq(lambda t: min(excess(t), 1e3), low, high, xtol=1e-3)) + 1e-3

@@ -36,6 +36,11 @@ class Motion:
         k = min(max(round(t / self.period), 0), len(self.q) - 1)
         return Wanted(self.q[k, DRIVES], self.v[k, DRIVES], self.a[k, DRIVES])
 
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        rows = np.clip(np.round(times / self.period).astype(int), 0, len(self.q) - 1)
+        return Wanted(*(part[rows][:, DRIVES] for part in (self.q, self.v, self.a)))
+
 
 def plumb(reference: Reference, duration: float, period: float = 5e-3) -> Motion:
     """The motion of a reference [s] with the load hanging plumb under the trolley all the way, sampled at a period [s]."""

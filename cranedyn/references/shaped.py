@@ -9,8 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from cranedyn.errors import number
 from cranedyn.references.wanted import Reference, Wanted
@@ -96,14 +95,15 @@ def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: f
     t = step * np.arange(rows + math.ceil(slowest * shaper.fractions[-1] / step) + 2)
     wanted = [base(s) for s in t]
     length = np.array([w.position[2] for w in wanted])
-    phase = cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
+    phase = scipy.integrate.cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
     parts = shaper.amplitudes[:, None] * np.interp(phase + 2.0 * math.pi * shaper.fractions[:, None], phase, length) ** 0.25
-    ways = cumulative_trapezoid((parts / parts.sum(axis=0))[:, :, None] * [w.velocity[:2] for w in wanted], t, axis=1, initial=0.0)
+    velocities = (parts / parts.sum(axis=0))[:, :, None] * [w.velocity[:2] for w in wanted]
+    ways = scipy.integrate.cumulative_trapezoid(velocities, t, axis=1, initial=0.0)
     moved = np.zeros((len(t), 2))
     for fraction, way in zip(shaper.fractions, ways, strict=True):
         asked = np.interp(phase - 2.0 * math.pi * fraction, phase, t)
         moved += np.stack([np.interp(asked, t, column) for column in way.T], axis=1)
-    curve = make_interp_spline(t, wanted[0].position[:2] + moved, k=3)
+    curve = scipy.interpolate.make_interp_spline(t, wanted[0].position[:2] + moved, k=3)
     rate, acceleration = curve.derivative(), curve.derivative(2)
 
     def reference(s: float) -> Wanted:

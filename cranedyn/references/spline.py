@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BPoly
+import scipy
 
 from cranedyn.crane import DRIVES, State
 from cranedyn.errors import OutOfRange, number
@@ -33,7 +33,7 @@ class Spline:
     def __post_init__(self) -> None:
         """Build the polynomials."""
         rest = np.zeros_like(self.points)
-        curve = BPoly.from_derivatives(self.times, np.stack([self.points, rest, rest], axis=1))
+        curve = scipy.interpolate.BPoly.from_derivatives(self.times, np.stack([self.points, rest, rest], axis=1))
         object.__setattr__(self, "_curves", (curve, curve.derivative(), curve.derivative(2)))
 
     @property
@@ -44,6 +44,11 @@ class Spline:
     def __call__(self, t: float) -> Wanted:
         """What is wanted at a time [s]."""
         inside = min(max(t, self.times[0]), self.times[-1])
+        return Wanted(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
+
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        inside = np.clip(times, self.times[0], self.times[-1])
         return Wanted(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
 

@@ -27,6 +27,16 @@ class Wanted(NamedTuple):
 Reference = Callable[[float], Wanted]
 """From time [s] to what is wanted then."""
 
+
+def tabulated(reference: Reference, times: np.ndarray) -> Wanted:
+    """What a reference wants at many times [s], shape (n, 3) each; by its own `at` if it has one, which takes all at once."""
+    at_once = getattr(reference, "at", None)
+    if at_once is not None:
+        return at_once(times)
+    rows = [reference(t) for t in times.tolist()]
+    return Wanted(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))
+
+
 _DRIVES = ("gamma", "x", "l")
 
 

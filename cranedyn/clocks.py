@@ -1,0 +1,67 @@
+"""How a run is divided: physics steps within control periods within its duration."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from cranedyn.errors import OutOfRange, number, within
+
+_STEPS = 1e-9, 1e3
+"""Shortest and longest physics step [s]."""
+
+_MOST_STEPS = 1e10
+"""A run of more physics steps than this would take most of a day."""
+
+_SMALL = 5e-4
+"""Longest step in which buffers act, where the stepping rule asks for a smooth motion [s]."""
+
+
+class Clocks(NamedTuple):
+    """A run's division.
+
+    Attributes:
+        dt: Physics step [s].
+        period: Time between control instants [s].
+        steps: Physics steps in a control period.
+        periods: Control periods in the run.
+    """
+
+    dt: float
+    period: float
+    steps: int
+    periods: int
+
+    @property
+    def small(self) -> int:
+        """How many small steps make a physics step where buffers act."""
+        return math.ceil(self.dt / _SMALL - 1e-9)
+
+
+def clocks(duration: float, dt: float, control_period: float) -> Clocks:
+    """Divide a run.
+
+    Args:
+        duration: How long it is [s], a multiple of the control period.
+        dt: Physics step [s], 1e-9 to 1000.
+        control_period: Time between control instants [s], a multiple of `dt`.
+
+    Raises:
+        OutOfRange: If a time is not positive, one does not divide the other, or the run would have more than 1e10 steps.
+    """
+    number("dt", dt, "s", "> 0")
+    within("dt", dt, *_STEPS, "s")
+    number("control_period", control_period, "s", "> 0")
+    number("duration", duration, "s", "> 0")
+    longest = max(duration, control_period)
+    for name, step in (("dt", dt), ("control_period", control_period)):
+        if longest / step > _MOST_STEPS:
+            raise OutOfRange(
+                name, step, f"{longest / _MOST_STEPS:g} or more for a run of {longest:g} s, that is {_MOST_STEPS:g} steps", "s"
+            )
+    steps, periods = round(control_period / dt), round(duration / control_period)
+    if steps < 1 or abs(steps * dt - control_period) > 1e-9 * control_period:
+        raise OutOfRange("control_period", control_period, f"a multiple of dt = {dt:g} s", "s")
+    if periods < 1 or abs(periods * control_period - duration) > 1e-9 * duration:
+        raise OutOfRange("duration", duration, f"a multiple of control_period = {control_period:g} s", "s")
+    return Clocks(dt, control_period, steps, periods)

@@ -1,0 +1,73 @@
+"""Code for a crane, made once for each, and held against Pinocchio before it is used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn import rigid_body
+from cranedyn.compiled.kernel import Kernel, Recipe, kernel
+from cranedyn.compiled.plant import numbers
+from cranedyn.compiled.step import STEPS
+from cranedyn.crane import PASSIVE, Crane, State
+from cranedyn.drives import EffortDrives, MotionDrives, Outside
+from cranedyn.errors import ModelError, OutOfRange
+
+_AGREEMENT = 1e-11
+"""Largest difference from Pinocchio's accelerations, relative to the largest of them."""
+
+
+def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarray]:
+    """Code for cranes that differ in numbers only, and the numbers in which they do, shape (n, m).
+
+    Raises:
+        OutOfRange: If there is no code for the stepping rule.
+    """
+    if recipe.integrator not in STEPS:
+        raise OutOfRange("integrator of the compiled engine", recipe.integrator, f"{' or '.join(STEPS)}; the engine pinocchio takes any")
+    rows = np.array([numbers(crane) for crane in cranes])
+    varied = (rows != rows[0]).any(axis=0)
+    constants = np.where(varied, np.nan, rows[0])
+    code = _kernel(tuple(rigid_body.bodies(cranes[0].model).parents), constants.tobytes(), recipe)
+    return code, np.ascontiguousarray(rows[:, varied])
+
+
+@lru_cache(maxsize=256)
+def _kernel(parents: tuple[int, ...], constants: bytes, recipe: Recipe) -> Kernel:
+    known = [None if np.isnan(value) else value for value in np.frombuffer(constants).tolist()]
+    return kernel(parents, known, recipe)
+
+
+def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
+    """Compare accelerations with Pinocchio's at random states.
+
+    Args:
+        crane: The crane.
+        code: The code.
+        varied: The numbers that this crane has of its own.
+
+    Raises:
+        ModelError: If they differ by more than round-off.
+    """
+    rng = np.random.default_rng(0)
+    lanes, recipe = code.recipe.lanes, code.recipe
+    outside = Outside(crane, 1.0, buffers=False) if recipe.forces else None
+    drives = (EffortDrives if recipe.drive == "effort" else MotionDrives)(crane, 1.0, outside)
+    own, found = np.repeat(varied[:, None], lanes, axis=1), np.empty((5, lanes))
+    for _ in range(8):
+        q = rng.uniform(crane.lower, crane.upper)
+        q[PASSIVE] = rng.uniform(-1.4, 1.4, 2)
+        v, force = rng.normal(size=5), rng.normal(size=6) * crane.payload_mass
+        command = rng.uniform(-1.0, 1.0, 3) * (crane.effort_limit if recipe.drive == "effort" else 1.0)
+        if outside is not None:
+            outside.force = force.reshape(2, 3)
+        drives.take(command, State(q, v))
+        expected = drives.acceleration(q, v)
+        given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
+        code.answer(given.ctypes.data, own.ctypes.data, found.ctypes.data)
+        off = float(np.abs(found - expected[:, None]).max() / np.abs(expected).max())
+        if not off <= _AGREEMENT and not off <= rigid_body.lost_digits(pin.crba(crane.model, crane.data, q)):
+            raise ModelError(f"The compiled crane moves otherwise than Pinocchio's: accelerations differ by {off:.1e} of the largest.")

@@ -1,0 +1,321 @@
+"""Code under construction: doubles, one for each lane of a vector, and the arithmetic that adds instructions for LLVM.
+
+What is known while the code is made stays a Python float and is folded: nothing is multiplied by 1, added to 0, or computed twice for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import reduce
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+
+INTEGER, POINTER, DOUBLE = ir.IntType(64), ir.PointerType(), ir.DoubleType()
+
+_FAST = ("contract",)
+"""Products and sums may be fused; nothing else of floating point is bent."""
+
+_LARGEST_ANGLE = 1e6
+"""Beyond this the reduction of an angle to a quarter turn loses digits [rad]."""
+
+_HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
+"""π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody & Waite 1980)."""
+
+_SINE = (-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362880.0, -1.0 / 39916800.0, 1.0 / 6227020800.0, -1.0 / 1307674368000.0)
+_COSINE = (-0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3628800.0, 1.0 / 479001600.0, -1.0 / 87178291200.0, 1.0 / 20922789888000.0)
+
+
+class Value:
+    """A number that the code computes, in every lane."""
+
+    def __init__(self, code: Code, held: ir.Value) -> None:
+        self.code, self.held = code, held
+
+    def __add__(self, other: Any) -> Any:
+        return self if _is(other, 0.0) else self._with("fadd", other)
+
+    def __radd__(self, other: Any) -> Any:
+        return self + other
+
+    def __sub__(self, other: Any) -> Any:
+        return self if _is(other, 0.0) else self._with("fsub", other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return -self if _is(other, 0.0) else self.code.value(other)._with("fsub", self)
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, float) and other in (0.0, 1.0, -1.0):
+            return 0.0 if other == 0.0 else self if other == 1.0 else -self
+        return self._with("fmul", other)
+
+    def __rmul__(self, other: Any) -> Any:
+        return self * other
+
+    def __truediv__(self, other: Any) -> Any:
+        return self * (1.0 / other) if isinstance(other, float) else self._with("fdiv", other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return 0.0 if _is(other, 0.0) else self.code.value(other)._with("fdiv", self)
+
+    def __neg__(self) -> Value:
+        return Value(self.code, self.code.builder.fneg(self.held))
+
+    def sin(self) -> Value:
+        """Sine of an angle [rad]."""
+        return self.code.sine_and_cosine(self)[0]
+
+    def cos(self) -> Value:
+        """Cosine of an angle [rad]."""
+        return self.code.sine_and_cosine(self)[1]
+
+    def __lt__(self, other: Any) -> ir.Value:
+        return self._compared("<", other)
+
+    def __gt__(self, other: Any) -> ir.Value:
+        return self._compared(">", other)
+
+    def __le__(self, other: Any) -> ir.Value:
+        return self._compared("<=", other)
+
+    def __ge__(self, other: Any) -> ir.Value:
+        return self._compared(">=", other)
+
+    def _compared(self, how: str, other: Any) -> ir.Value:
+        return self.code.builder.fcmp_ordered(how, self.held, self.code.value(other).held)
+
+    def _with(self, operation: str, other: Any) -> Value:
+        return Value(self.code, getattr(self.code.builder, operation)(self.held, self.code.value(other).held, flags=_FAST))
+
+
+class Code:
+    """A function under construction.
+
+    Attributes:
+        lanes: How many numbers a value holds; 1 is a plain double.
+        builder: Where the next instruction goes.
+        argument: The arguments, all of them addresses, by name.
+    """
+
+    def __init__(self, module: ir.Module, name: str, arguments: Sequence[str], lanes: int) -> None:
+        self.lanes = lanes
+        self.type = ir.VectorType(DOUBLE, lanes) if lanes > 1 else DOUBLE
+        self.function = ir.Function(module, ir.FunctionType(ir.VoidType(), [POINTER] * len(arguments)), name)
+        self.argument = dict(zip(arguments, self.function.args, strict=True))
+        self.builder = ir.IRBuilder(self.function.append_basic_block())
+        self._angles: dict[ir.Value, tuple[Value, Value]] = {}
+
+    def value(self, number: Any) -> Value:
+        """A number known now as one that the code has."""
+        if isinstance(number, Value):
+            return number
+        return Value(self, ir.Constant(self.type, [float(number)] * self.lanes if self.lanes > 1 else float(number)))
+
+    def fused(self, a: Value, b: Value, c: Any) -> Value:
+        """A b + c, rounded once where the machine can."""
+        return self.call("llvm.fmuladd", a, b, c)
+
+    def call(self, intrinsic: str, *values: Any) -> Value:
+        """One of LLVM's functions of numbers, such as llvm.maxnum, llvm.sqrt, llvm.fabs."""
+        name = f"{intrinsic}.{f'v{self.lanes}' if self.lanes > 1 else ''}f64"
+        return Value(self, self._intrinsic(name, self.type, [self.value(value).held for value in values]))
+
+    def chosen(self, condition: ir.Value, yes: Any, no: Any) -> Value:
+        """One value where a condition holds, another where not."""
+        return Value(self, self.builder.select(condition, self.value(yes).held, self.value(no).held))
+
+    def sine_and_cosine(self, angle: Value) -> tuple[Value, Value]:
+        """Sine and cosine together [rad], to about one unit in the last place; not a number beyond a million rad.
+
+        The angle less the nearest whole number of quarter turns goes into two Taylor polynomials, which end below the precision of a
+        double at 45°; the number of quarter turns tells which is which and their signs. Libraries' functions would do one lane at a time.
+        """
+        if angle.held not in self._angles:
+            small = self.everywhere(self.call("llvm.fabs", angle) < np.pi / 4.0)
+            with self.builder.if_else(small, likely=True) as (then, otherwise):
+                with then:
+                    plain = self._of_eighth_turn(angle)
+                    block = self.builder.block
+                with otherwise:
+                    turned = self._of_any_angle(angle)
+                    other = self.builder.block
+            self._angles[angle.held] = self._either(plain[0], block, turned[0], other), self._either(plain[1], block, turned[1], other)
+        return self._angles[angle.held]
+
+    def _of_eighth_turn(self, angle: Value) -> tuple[Value, Value]:
+        square = angle * angle
+        sine = self.fused(angle * square, self._polynomial(square, _SINE), angle)
+        return sine, self.fused(square, self._polynomial(square, _COSINE), 1.0)
+
+    def _of_any_angle(self, angle: Value) -> tuple[Value, Value]:
+        quarters = self.call("llvm.rint", angle * (2.0 / np.pi))
+        rest = angle
+        for part in _HALF_PI:
+            rest = self.fused(-quarters, self.value(part), rest)
+        sine, cosine = self._of_eighth_turn(rest)
+        quarter = quarters - self.call("llvm.floor", quarters * 0.25) * 4.0
+        half = self.call("llvm.floor", quarter * 0.5)
+        odd, sign = quarter - half * 2.0 > 0.5, 1.0 - half * 2.0
+        sign = self.chosen(self.call("llvm.fabs", angle) < _LARGEST_ANGLE, sign, np.nan)
+        return self.chosen(odd, cosine, sine) * sign, self.chosen(odd, -sine, cosine) * sign
+
+    def _either(self, a: Value, from_a: ir.Block, b: Value, from_b: ir.Block) -> Value:
+        phi = self.builder.phi(self.type)
+        phi.add_incoming(a.held, from_a)
+        phi.add_incoming(b.held, from_b)
+        return Value(self, phi)
+
+    def clipped(self, value: Value, low: Any, high: Any) -> Value:
+        """A value cut to a range; what is not a number stays."""
+        value = self.chosen(value < low, low, value)
+        return self.chosen(value > high, high, value)
+
+    def both(self, *conditions: ir.Value) -> ir.Value:
+        """Whether all conditions hold."""
+        return reduce(self.builder.and_, conditions)
+
+    def either(self, *conditions: ir.Value) -> ir.Value:
+        """Whether one of the conditions holds."""
+        return reduce(self.builder.or_, conditions)
+
+    def everywhere(self, condition: ir.Value) -> ir.Value:
+        """Whether a condition holds in all lanes."""
+        return self._over_lanes("and", condition)
+
+    def anywhere(self, condition: ir.Value) -> ir.Value:
+        """Whether a condition holds in a lane."""
+        return self._over_lanes("or", condition)
+
+    def _over_lanes(self, how: str, condition: ir.Value) -> ir.Value:
+        if self.lanes == 1:
+            return condition
+        return self._intrinsic(f"llvm.vector.reduce.{how}.v{self.lanes}i1", ir.IntType(1), [condition])
+
+    def _intrinsic(self, name: str, answer: ir.Type, values: Sequence[ir.Value]) -> ir.Value:
+        module = self.function.module
+        kind = ir.FunctionType(answer, [value.type for value in values])
+        return self.builder.call(module.globals.get(name) or ir.Function(module, kind, name), values)
+
+    def _polynomial(self, x: Value, coefficients: Sequence[float]) -> Value:
+        value = self.value(coefficients[-1])
+        for coefficient in reversed(coefficients[:-1]):
+            value = self.fused(value, x, coefficient)
+        return value
+
+    def integer(self, number: int) -> ir.Value:
+        """A whole number known now."""
+        return ir.Constant(INTEGER, number)
+
+    def least(self, a: ir.Value, b: ir.Value) -> ir.Value:
+        """The smaller of two whole numbers."""
+        return self.builder.select(self.builder.icmp_signed("<", a, b), a, b)
+
+    def most(self, a: ir.Value, b: ir.Value) -> ir.Value:
+        """The larger of two whole numbers."""
+        return self.builder.select(self.builder.icmp_signed(">", a, b), a, b)
+
+    def product(self, a: ir.Value, number: int) -> ir.Value:
+        """A whole number so many times."""
+        return self.builder.mul(a, self.integer(number))
+
+    def from_integer(self, number: ir.Value) -> Value:
+        """A whole number in every lane."""
+        return self.from_double(self.builder.sitofp(number, DOUBLE))
+
+    def from_double(self, part: ir.Value) -> Value:
+        """One double in every lane."""
+        if self.lanes == 1:
+            return Value(self, part)
+        index, undefined = ir.IntType(32), ir.Constant(self.type, ir.Undefined)
+        held = self.builder.insert_element(undefined, part, ir.Constant(index, 0))
+        everywhere = ir.Constant(ir.VectorType(index, self.lanes), [0] * self.lanes)
+        return Value(self, self.builder.shuffle_vector(held, undefined, everywhere))
+
+    def load(self, pointer: ir.Value, first: Any = 0) -> Value:
+        """The lanes that stand one after another in memory, from an index of doubles on."""
+        return Value(self, self.builder.load(self._at(pointer, first), align=8, typ=self.type))
+
+    def store(self, value: Any, pointer: ir.Value, first: Any = 0) -> None:
+        """Put the lanes into memory one after another."""
+        self.builder.store(self.value(value).held, self._at(pointer, first), align=8)
+
+    def spread(self, pointer: ir.Value, place: Any) -> Value:
+        """One double of memory in every lane."""
+        return self.from_double(self.builder.load(self._at(pointer, place), align=8, typ=DOUBLE))
+
+    def gathered(self, pointer: ir.Value, places: Sequence[Any]) -> Value:
+        """A double of memory for each lane, each from a place of its own."""
+        if self.lanes == 1:
+            return self.spread(pointer, places[0])
+        held = ir.Constant(self.type, ir.Undefined)
+        for lane, place in enumerate(places):
+            part = self.builder.load(self._at(pointer, place), align=8, typ=DOUBLE)
+            held = self.builder.insert_element(held, part, ir.Constant(ir.IntType(32), lane))
+        return Value(self, held)
+
+    def load_one(self, pointer: ir.Value, place: int, kind: ir.Type) -> ir.Value:
+        """One whole number, double or address of memory."""
+        return self.builder.load(self._at(pointer, place), align=8, typ=kind)
+
+    def _at(self, pointer: ir.Value, index: Any) -> ir.Value:
+        place = index if isinstance(index, ir.Value) else self.integer(index)
+        return self.builder.gep(pointer, [place], source_etype=DOUBLE)
+
+    def variables(self, values: Sequence[Any]) -> list[Variable]:
+        """Places for values that change from one pass of a loop to the next."""
+        return [Variable(self, value) for value in values]
+
+    @contextmanager
+    def loop(self, first: Any, last: Any) -> Iterator[ir.Value]:
+        """Statements for each whole number from the first up to, but without, the last."""
+        begin, end = (x if isinstance(x, ir.Value) else self.integer(x) for x in (first, last))
+        before = self.builder.block
+        head, body, after = (self.function.append_basic_block(name) for name in ("head", "body", "after"))
+        self.builder.branch(head)
+        self.builder.position_at_end(head)
+        counter = self.builder.phi(INTEGER)
+        counter.add_incoming(begin, before)
+        self.builder.cbranch(self.builder.icmp_signed("<", counter, end), body, after)
+        self.builder.position_at_end(body)
+        self._angles = {}
+        yield counter
+        counter.add_incoming(self.builder.add(counter, self.integer(1)), self.builder.block)
+        self.builder.branch(head)
+        self.builder.position_at_end(after)
+        self._angles = {}
+
+    @contextmanager
+    def when(self, condition: ir.Value) -> Iterator[None]:
+        """Statements for where a condition, one for all lanes, holds."""
+        with self.builder.if_then(condition):
+            self._angles = {}
+            yield
+        self._angles = {}
+
+    def end(self) -> None:
+        """Nothing more comes."""
+        self.builder.ret_void()
+
+
+class Variable:
+    """A place whose value changes."""
+
+    def __init__(self, code: Code, value: Any) -> None:
+        self._code = code
+        with code.builder.goto_entry_block():
+            self._place = code.builder.alloca(code.type)
+        self.set(value)
+
+    def get(self) -> Value:
+        """What is in it at this point of the code."""
+        return Value(self._code, self._code.builder.load(self._place, typ=self._code.type))
+
+    def set(self, value: Any) -> None:
+        """Put a value into it."""
+        self._code.builder.store(self._code.value(value).held, self._place)
+
+
+def _is(other: Any, number: float) -> bool:
+    return isinstance(other, float) and other == number

@@ -1,0 +1,157 @@
+"""The compiled crane from one control instant to the next, or through a whole run where nothing in the loop is Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from cranedyn.compiled.checked import check, compiled
+from cranedyn.compiled.kernel import FORCE, LAW, ROW, STATE, Call, Kernel, Recipe, places, size
+from cranedyn.compiled.tables import aim, held, law
+from cranedyn.controllers.affine import Affine, AffineController, Remembering
+from cranedyn.crane import State
+from cranedyn.drives import Limits
+from cranedyn.engine import DIVERGED, Engine, Setting
+from cranedyn.errors import CraneError
+from cranedyn.log import Log
+from cranedyn.references import Reference
+from cranedyn.references.wanted import tabulated
+
+_BLOCK = 2000
+"""Control instants that a closed loop runs ahead before it is looked at."""
+
+_AT, _FEED_FORWARD = places(STATE), places(LAW)["feed_forward"]
+
+
+class CompiledEngine(Engine):
+    """An engine that steps by code; what commands cost and where buffers hold at a control instant are Pinocchio's to say.
+
+    Attributes:
+        state: Where the crane is.
+    """
+
+    def __init__(self, setting: Setting, start: State) -> None:
+        """Begin at a state, without command."""
+        self.state, self._setting = start, setting
+        self._outside = setting.outside(setting.clocks.dt, buffers=setting.buffers)
+        self._limits = Limits(setting.crane) if setting.drive == "effort" else None
+        self._drives = setting.drives(setting.clocks.dt, self._outside)
+        self._memory, self._force = np.zeros(size(STATE)), np.zeros((1, size(FORCE)))
+        self._memory[:10] = np.concatenate(start)
+        self._law, self._aim = held(np.zeros(3))
+        self._held, self._effort = self._law[0, _FEED_FORWARD], np.zeros(3)
+        self._codes: dict[tuple[bool, bool], tuple[Kernel, Call]] = {}
+        self._step: Callable[[], None] | None = None
+
+    def _code(self, *, integral: bool, log: bool) -> tuple[Kernel, Call]:
+        """Code, and a call of it with what does not change; made and checked at the first need."""
+        if (integral, log) not in self._codes:
+            self._codes[integral, log] = self._made(integral=integral, log=log)
+        return self._codes[integral, log]
+
+    def _made(self, *, integral: bool, log: bool) -> tuple[Kernel, Call]:
+        crane, clocks = self._setting.crane, self._setting.clocks
+        recipe = Recipe(
+            1,
+            self._setting.drive,
+            self._setting.integrator.name,
+            self._setting.buffers,
+            integral=integral,
+            offset=False,
+            forces=self._setting.forces,
+            shared=(True, True, True),
+            log=log,
+            summary=False,
+        )
+        code, varied = compiled([crane], recipe)
+        check(crane, code, varied[0])
+        return code, Call(
+            state=self._memory,
+            force=self._force,
+            force_rows=1,
+            first=0,
+            every=1,
+            steps=clocks.steps,
+            small=clocks.small,
+            dt=clocks.dt,
+            period=clocks.period,
+        )
+
+    def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `Engine.take`."""
+        if self._limits is None:
+            self._held[:] = command
+            return self._drives.take(command, self.state)
+        self._effort = self._held[:] = self._limits.cut(command)
+        return command, self._effort
+
+    def effort(self) -> np.ndarray:
+        """As `Engine.effort`."""
+        return self._drives.effort(self.state) if self._limits is None else self._effort
+
+    def push(self, force: np.ndarray) -> np.ndarray:
+        """As `Engine.push`."""
+        assert self._outside is not None
+        self._outside.force = force
+        self._force[0] = force.ravel()
+        return force
+
+    def buffers(self) -> tuple[float, float]:
+        """As `Engine.buffers`."""
+        assert self._outside is not None
+        return float(self._memory[_AT["buffers"]][0]), self._outside.held(self.state)
+
+    def advance(self) -> State:
+        """As `Engine.advance`."""
+        if self._step is None:
+            code, call = self._code(integral=False, log=False)
+            self._step = partial(code.run, call.set(law=self._law, aim=self._aim, law_rows=1, aim_rows=1, last=1, end=1).address)
+        self._step()
+        return self._arrived()
+
+    def _arrived(self) -> State:
+        here = self._memory[:10].copy()
+        here.setflags(write=False)
+        self.state = State(here[:5], here[5:])
+        return self.state
+
+    def run_ahead(self, controller: object, reference: Reference, since: float, log: Log) -> Iterator[int]:
+        """Log rows under a controller that is affine in the state, block by block, and say how many there are.
+
+        A block in which anything is out of the ordinary is left undone, for whoever goes through it instant by instant.
+        """
+        if self._setting.forces or not isinstance(controller, AffineController):
+            return
+        clocks, first = self._setting.clocks, 0
+        while first <= clocks.periods:
+            times = since + clocks.period * np.arange(first, min(first + _BLOCK, clocks.periods + 1))
+            try:
+                wanted = tabulated(reference, times).position
+                form = controller.affine(times, wanted)
+            except CraneError:
+                form = None
+            block = None if form is None else self._run(form, wanted, clocks.periods - first)
+            if form is None or block is None:
+                break
+            if isinstance(controller, Remembering):
+                controller.resume(float(times[-1]), self._memory[_AT["integral"]])
+            log.block(wanted, block)
+            first += len(times)
+            self._arrived()
+            yield first
+        self.take(self._memory[_AT["held"]].copy())
+
+    def _run(self, form: Affine, wanted: np.ndarray, end: int) -> dict[str, np.ndarray] | None:
+        """A block of rows by name; None, and all as before, if a number in it is not finite or a joint moves too fast."""
+        before, n = self._memory.copy(), len(wanted)
+        self._memory[_AT["integral"]] = form.integral
+        code, call = self._code(integral=bool(form.integral_gain.any()), log=True)
+        rows, laws, aims = np.empty((n, size(ROW))), law(form), aim(form, wanted)
+        code.run(call.set(law=laws, aim=aims, law_rows=len(laws), aim_rows=n, log=rows, last=n, end=end).address)
+        block = {name: rows[:, where] for name, where in places(ROW).items()}
+        if np.isfinite(rows).all() and (np.square(block["v"]).sum(axis=1) < DIVERGED**2).all():
+            return block
+        self._memory[:] = before
+        return None

@@ -1,0 +1,286 @@
+"""The closed loop in code: control, drives, log and steps, for one crane or for one in each lane."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import count
+from typing import Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+
+from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER, Code, Value, Variable
+from cranedyn.compiled.machine import Machine, translated
+from cranedyn.compiled.plant import Plant, plant
+from cranedyn.compiled.step import STEPS
+from cranedyn.crane import DRIVES
+from cranedyn.rigid_body import array
+
+STATE = {"q": 5, "v": 5, "integral": 3, "held": 3, "buffers": 1}
+"""What a crane is at a control instant: coordinates, rates, integrals of the controller, the last command, work of the buffers."""
+
+LAW = {"feed_forward": 3, "gain": 30, "integral_gain": 3, "limit": 3}
+"""One row of a controller that is affine in the state."""
+
+AIM = {"wanted": 10, "position": 3}
+"""One row of what it is about: coordinates and rates, and where the reference wants the drives."""
+
+FORCE = {"force": 6}
+"""One row of outside forces, on payload and trolley."""
+
+ROW = {"q": 5, "v": 5, "command": 3, "effort": 3, "before": 3, "energy": 1, "buffers": 1, "held": 1}
+"""One row of the log."""
+
+SUMMARY = {"peak": 1, "residual": 1, "invalid": 1, "effort": 3}
+"""What is kept of a whole run: squares of the largest swing and of the largest amplitude from a row on, the first row at which the model
+does not hold, and the largest efforts."""
+
+
+def size(layout: dict[str, int]) -> int:
+    """How many numbers a layout has."""
+    return sum(layout.values())
+
+
+def places(layout: dict[str, int]) -> dict[str, slice]:
+    """Where each part of a layout stands."""
+    ends = np.cumsum(list(layout.values())).tolist()
+    return {name: slice(end - count, end) for (name, count), end in zip(layout.items(), ends, strict=True)}
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What the code can do; what is not asked for is not in it.
+
+    Attributes:
+        lanes: How many cranes it runs at once.
+        drive: "effort" or "motion".
+        integrator: Name of the stepping rule.
+        buffers: Whether there are buffers at the ends of the ranges.
+        integral: Whether the controller integrates.
+        offset: Whether the sensors are wrong by an offset.
+        forces: Whether there are forces from outside.
+        shared: Whether all lanes have one controller, one aim, the same forces.
+        log, summary: Whether rows are recorded, and whether a summary is kept.
+    """
+
+    lanes: int
+    drive: str
+    integrator: str
+    buffers: bool
+    integral: bool
+    offset: bool
+    forces: bool
+    shared: tuple[bool, bool, bool]
+    log: bool
+    summary: bool
+
+
+CALL = {
+    POINTER: ("state", "numbers", "offset", "law", "aim", "force", "starts", "log", "summary"),
+    INTEGER: ("law_rows", "aim_rows", "force_rows", "first", "last", "end", "steps", "small", "every", "after"),
+    DOUBLE: ("dt", "period"),
+}
+"""What a call of the loop gives, eight bytes each. Addresses: memory of a group of lanes, tables, where each lane's tables start [rows].
+Whole numbers: rows of the tables; control instants from the first up to, but without, the last, of which that at the end is not followed by
+steps; steps in a period; small steps in a step where buffers act; instants for a row of the log; instant from which a swing is residual.
+Times [s]."""
+
+SLOTS = {name: slot for slot, name in enumerate(name for names in CALL.values() for name in names)}
+
+
+class Call:
+    """The arguments of the loop, set by name; arrays are kept alive."""
+
+    def __init__(self, **values: np.ndarray | float) -> None:
+        self._whole = np.zeros(len(SLOTS), dtype=np.int64)
+        self._times = self._whole.view(np.float64)
+        self._kept: dict[str, np.ndarray] = {}
+        self.address = self._whole.ctypes.data
+        self.set(**values)
+
+    def set(self, **values: np.ndarray | float) -> Call:
+        """Change some."""
+        for name, value in values.items():
+            if isinstance(value, np.ndarray):
+                self._kept[name], self._whole[SLOTS[name]] = value, value.ctypes.data
+            elif name in CALL[DOUBLE]:
+                self._times[SLOTS[name]] = value
+            else:
+                self._whole[SLOTS[name]] = value
+        return self
+
+
+class Kernel(NamedTuple):
+    """A closed loop in memory.
+
+    Attributes:
+        recipe: What it can do.
+        machine: What holds it.
+        run: The loop, from the address of a `Call`.
+        answer: Accelerations at one state for each lane, from the addresses of q, v, command and force, of the varied numbers, and of where
+            the five accelerations go.
+    """
+
+    recipe: Recipe
+    machine: Machine
+    run: Any
+    answer: Any
+
+
+def kernel(parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> Kernel:
+    """Make the code for a crane whose numbers are constants, or None where each lane has its own."""
+    module = ir.Module()
+    _Loop(Code(module, "run", ["call"], recipe.lanes), parents, constants, recipe).emit()
+    _emit_answer(Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes), parents, constants, recipe)
+    machine = translated(module)
+    return Kernel(recipe, machine, machine.function("run", 1), machine.function("answer", 3))
+
+
+def _plant(code: Code, own: ir.Value, parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> Plant:
+    varied = count()
+    values = [code.load(own, next(varied) * code.lanes) if constant is None else constant for constant in constants]
+    return plant(parents, values, recipe.drive, recipe.buffers)
+
+
+def _emit_answer(code: Code, parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> None:
+    crane = _plant(code, code.argument["numbers"], parents, constants, recipe)
+    given = [code.load(code.argument["given"], i * code.lanes) for i in range(19)]
+    q, v, command, forces = (array(given[part]) for part in (slice(5), slice(5, 10), slice(10, 13), slice(13, 19)))
+    for i, a in enumerate(crane.answer(q, v, command, forces if recipe.forces else None)[0]):
+        code.store(a, code.argument["accelerations"], i * code.lanes)
+    code.end()
+
+
+class _Loop:
+    """The loop over control instants under construction."""
+
+    def __init__(self, code: Code, parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> None:
+        self.code, self.recipe, self.given = code, recipe, {}
+        for kind, names in CALL.items():
+            self.given.update({name: code.load_one(code.argument["call"], SLOTS[name], kind) for name in names})
+        self.plant = _plant(code, self.given["numbers"], parents, constants, recipe)
+        self.state = self._variables("state", STATE)
+        self.summary = self._variables("summary", SUMMARY) if recipe.summary else {}
+        self.dt, self.period = (code.from_double(self.given[name]) for name in ("dt", "period"))
+
+    def _variables(self, name: str, layout: dict[str, int]) -> dict[str, list[Variable]]:
+        code = self.code
+        found = [Variable(code, code.load(self.given[name], i * code.lanes)) for i in range(size(layout))]
+        return {part: found[where] for part, where in places(layout).items()}
+
+    def _keep(self, name: str, variables: dict[str, list[Variable]]) -> None:
+        for i, variable in enumerate(variable for part in variables.values() for variable in part):
+            self.code.store(variable.get(), self.given[name], i * self.code.lanes)
+
+    def _row(self, table: int, name: str, layout: dict[str, int], instant: ir.Value) -> dict[str, np.ndarray]:
+        """The row of a table for an instant, beyond its end the last."""
+        code = self.code
+        row = code.least(instant, code.builder.sub(self.given[f"{name}_rows"], code.integer(1)))
+        if self.recipe.shared[table]:
+            firsts = [code.product(row, size(layout))]
+        else:
+            starts = [code.load_one(self.given["starts"], table * code.lanes + lane, INTEGER) for lane in range(code.lanes)]
+            firsts = [code.product(code.builder.add(start, row), size(layout)) for start in starts]
+        pointer = self.given[name]
+        found = [
+            code.spread(pointer, code.builder.add(firsts[0], code.integer(i)))
+            if self.recipe.shared[table]
+            else code.gathered(pointer, [code.builder.add(first, code.integer(i)) for first in firsts])
+            for i in range(size(layout))
+        ]
+        return {part: array(found[where]) for part, where in places(layout).items()}
+
+    def _get(self, part: str) -> np.ndarray:
+        return array([variable.get() for variable in self.state[part]])
+
+    def _set(self, part: str, values: Iterable[Any]) -> None:
+        for variable, value in zip(self.state[part], values, strict=True):
+            variable.set(value)
+
+    def emit(self) -> None:
+        code = self.code
+        with code.loop(self.given["first"], self.given["last"]) as instant:
+            forces = self._forces(instant)
+            self._control(instant, forces)
+            with code.when(code.builder.icmp_signed("<", instant, self.given["end"])):
+                with code.loop(0, self.given["steps"]):
+                    step, work = STEPS[self.recipe.integrator], self.state["buffers"][0].get()
+                    q, v, held = (self._get(part) for part in ("q", "v", "held"))
+                    q, v, work = step(self.plant, q, v, held, forces, self.dt, work, self.given["small"])
+                    self._set("q", q)
+                    self._set("v", v)
+                    self._set("buffers", [work])
+        self._keep("state", self.state)
+        if self.recipe.summary:
+            self._keep("summary", self.summary)
+        code.end()
+
+    def _forces(self, instant: ir.Value) -> np.ndarray | None:
+        return self._row(2, "force", FORCE, self.code.most(instant, self.code.integer(0)))["force"] if self.recipe.forces else None
+
+    def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
+        code = self.code
+        q, v, before = self._get("q"), self._get("v"), self._get("held")
+        command = self._commanded(instant, q, v)
+        held = self.plant.within(command)
+        self._set("held", held)
+        effort = held
+        if self.recipe.drive == "motion" and (self.recipe.log or self.recipe.summary):
+            before = self.plant.answer(q, v, before, self._forces(code.builder.sub(instant, code.integer(1))))[1]
+            command = effort = self.plant.answer(q, v, command, forces)[1]
+        buffer = self.plant.held(q, v)
+        if self.recipe.log:
+            row = [*q, *v, *command, *effort, *before, self.plant.energy(q, v), self.state["buffers"][0].get(), buffer]
+            self._log(instant, row)
+        if self.recipe.summary:
+            self._summarise(instant, q, v, effort, buffer)
+
+    def _commanded(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """What the controller commands, shape (3,)."""
+        code = self.code
+        law, aim = self._row(0, "law", LAW, instant), self._row(1, "aim", AIM, instant)
+        z = np.concatenate([q, v])
+        if self.recipe.offset:
+            z = z + array([code.load(self.given["offset"], i * code.lanes) for i in range(10)])
+        command = law["feed_forward"] - law["gain"].reshape(3, 10) @ (z - aim["wanted"])
+        if not self.recipe.integral:
+            return command
+        integrals = self._get("integral")
+        for i, drive in enumerate(DRIVES):
+            error = aim["position"][i] - z[drive]
+            on = integrals[i] + error * self.period
+            pushed = command[i] + law["integral_gain"][i] * on
+            free = code.either(code.call("llvm.fabs", pushed) <= law["limit"][i], error * pushed < 0.0)
+            integrals[i] = code.chosen(free, on, integrals[i])
+            command[i] = command[i] + law["integral_gain"][i] * integrals[i]
+        self._set("integral", integrals)
+        return command
+
+    def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
+        code, every = self.code, self.given["every"]
+        with code.when(code.builder.icmp_signed("==", code.builder.srem(instant, every), code.integer(0))):
+            first = code.product(code.builder.sdiv(instant, every), len(row) * code.lanes)
+            for i, value in enumerate(row):
+                code.store(value, self.given["log"], code.builder.add(first, code.integer(i * code.lanes)))
+
+    def _summarise(self, instant: ir.Value, q: np.ndarray, v: np.ndarray, effort: np.ndarray, buffer: Any) -> None:
+        code, crane, kept = self.code, self.plant, self.summary
+        swing = q[2] * q[2] + q[3] * q[3]
+        _largest(code, kept["peak"][0], swing)
+        amplitude = swing + (v[2] * v[2] + v[3] * v[3]) * q[4] / -crane.tree.gravity[2]
+        counts = code.builder.icmp_signed(">=", instant, self.given["after"])
+        with code.when(counts):
+            _largest(code, kept["residual"][0], amplitude)
+        for variable, value in zip(kept["effort"], effort, strict=True):
+            _largest(code, variable, code.call("llvm.fabs", value))
+        holds = crane.holds(q, v, effort[2] + buffer)
+        now = code.from_integer(instant)
+        first = kept["invalid"][0]
+        first.set(code.chosen(holds, first.get(), code.call("llvm.minnum", first.get(), now)))
+
+
+def _largest(code: Code, variable: Variable, value: Value) -> None:
+    """Keep the larger; what is not a number stays."""
+    old = variable.get()
+    variable.set(code.chosen(value <= old, old, value))

@@ -1,0 +1,67 @@
+"""Controllers, references and forces as tables that compiled code reads, each kept once however many cranes go by it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.compiled.kernel import AIM, FORCE, LAW, places, size
+from cranedyn.controllers.affine import Affine
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Rows by control instant, one table after another.
+
+    Attributes:
+        rows: Shape (tables n, columns).
+        length: Rows of one table, n; beyond its end the last row holds.
+        starts: First row of the table that each crane goes by, shape (cranes,).
+    """
+
+    rows: np.ndarray
+    length: int
+    starts: np.ndarray
+
+    @property
+    def shared(self) -> bool:
+        """Whether all cranes go by the same."""
+        return len(self.rows) == self.length
+
+
+def table(arrays: Sequence[np.ndarray], chosen: Sequence[int]) -> Table:
+    """Tables of different lengths, shape (n, columns) each, and which of them each crane goes by."""
+    length = max(len(rows) for rows in arrays)
+    whole = [rows if len(rows) == length else np.concatenate([rows, rows[-1:].repeat(length - len(rows), axis=0)]) for rows in arrays]
+    stacked = np.ascontiguousarray(whole[0] if len(whole) == 1 else np.concatenate(whole), dtype=float)
+    return Table(stacked, length, np.asarray(chosen, dtype=np.int64) * length)
+
+
+def law(form: Affine) -> np.ndarray:
+    """A controller's rows, shape (n, columns)."""
+    n, at = len(form.feed_forward), places(LAW)
+    rows = np.empty((n, size(LAW)))
+    rows[:, at["feed_forward"]], rows[:, at["gain"]] = form.feed_forward, form.gain.reshape(n, 30)
+    rows[:, at["integral_gain"]], rows[:, at["limit"]] = form.integral_gain, form.limit
+    return rows
+
+
+def aim(form: Affine, positions: np.ndarray) -> np.ndarray:
+    """Rows of what a controller is about and of where its reference wants the drives, shape (n, columns)."""
+    n, at = len(positions), places(AIM)
+    rows = np.empty((n, size(AIM)))
+    rows[: len(form.wanted), at["wanted"]], rows[len(form.wanted) :, at["wanted"]] = form.wanted[:n], form.wanted[-1]
+    rows[:, at["position"]] = positions
+    return rows
+
+
+def held(command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tables of one row with which the drives just hold a command, shape (3,)."""
+    rows = np.zeros((1, size(LAW)))
+    rows[0, places(LAW)["feed_forward"]] = command
+    return rows, np.zeros((1, size(AIM)))
+
+
+NO_FORCE = np.zeros((1, size(FORCE)))

@@ -1,0 +1,298 @@
+"""Dynamics of a tree of bodies in any kind of numbers: the recursions behind Pinocchio's algorithms, for tracing.
+
+Arrays hold Python floats and, where something is not known yet, elements that add, subtract, multiply, divide and know `sin` and `cos`:
+symbols of CasADi, or values of a program under construction. They fold what is 0 or 1, so what is left is the arithmetic of that one
+crane. A motion or a force of a body is a pair, linear and angular, in the frame of its joint.
+
+Source: Featherstone, Rigid Body Dynamics Algorithms (2008), §5.3 (Newton-Euler), §6.2 (composite bodies), §6.5 (factorisation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.errors import ModelError
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """The numbers of a model; row i is a joint and the body that it carries.
+
+    Attributes:
+        parents: Row of the joint before, -1 for the world; shape (n,).
+        rotation: Of the joint's placement in the frame of its parent, shape (n, 3, 3).
+        translation: The same [m], shape (n, 3).
+        axis: Velocity per rate of the coordinate, linear and angular, in the joint's own frame, shape (n, 2, 3).
+        mass: [kg], shape (n,).
+        lever: Centre of mass [m], shape (n, 3).
+        inertia: Rotational inertia about it [kg m²], shape (n, 3, 3).
+        armature: Inertia added to that of the coordinate [kg m² or kg], shape (n,).
+        gravity: In the world [m/s²], shape (3,).
+    """
+
+    parents: Sequence[int]
+    rotation: np.ndarray
+    translation: np.ndarray
+    axis: np.ndarray
+    mass: np.ndarray
+    lever: np.ndarray
+    inertia: np.ndarray
+    armature: np.ndarray
+    gravity: np.ndarray
+
+    def __len__(self) -> int:
+        """Number of joints."""
+        return len(self.parents)
+
+    def numbers(self) -> np.ndarray:
+        """All numbers in a row."""
+        return np.concatenate([getattr(self, field.name).ravel() for field in fields(self)[1:]])
+
+    def with_numbers(self, numbers: Sequence[Any]) -> Bodies:
+        """The same tree with other numbers, or what stands for them, in the order of `numbers`."""
+        parts, first = [], 0
+        for field in fields(self)[1:]:
+            old = getattr(self, field.name)
+            parts.append(array(numbers[first : first + old.size]).reshape(old.shape))
+            first += old.size
+        return Bodies(self.parents, *parts)
+
+
+class Frame(NamedTuple):
+    """A joint's frame in that of its parent: rotation, shape (3, 3), and origin [m], shape (3,)."""
+
+    rotation: np.ndarray
+    origin: np.ndarray
+
+
+class Push(NamedTuple):
+    """A force on a body.
+
+    Attributes:
+        body: Its row.
+        point: Where, in the joint's frame [m], shape (3,).
+        force: In the world [N], shape (3,).
+    """
+
+    body: int
+    point: np.ndarray
+    force: np.ndarray
+
+
+def blank(parents: Sequence[int]) -> Bodies:
+    """A tree whose numbers are all zero."""
+    n = len(parents)
+    rotation, translation, axis, mass, lever, inertia, armature, gravity = (
+        np.zeros(shape) for shape in ((n, 3, 3), (n, 3), (n, 2, 3), (n,), (n, 3), (n, 3, 3), (n,), (3,))
+    )
+    return Bodies(parents, rotation, translation, axis, mass, lever, inertia, armature, gravity)
+
+
+def array(elements: Sequence[Any]) -> np.ndarray:
+    """An object array, numbers among its elements as Python floats."""
+    made = np.empty(len(elements), dtype=object)
+    made[:] = [float(element) if isinstance(element, float | int) else element for element in elements]
+    return made
+
+
+def bodies(model: pin.Model) -> Bodies:
+    """The numbers of a model.
+
+    Raises:
+        ModelError: If a joint does not have one degree of freedom.
+    """
+    rows: list[tuple[Any, ...]] = []
+    neutral = pin.neutral(model)
+    for i in range(1, model.njoints):
+        joint, place, body = model.joints[i], model.jointPlacements[i], model.inertias[i]
+        if (joint.nv, joint.idx_v) != (1, i - 1):
+            raise ModelError(
+                f"{model.names[i]} is a {joint.shortname()} with {joint.nv} degrees of freedom; "
+                "joints must be revolute, prismatic or helical with one each to be compiled or made symbols."
+            )
+        at = joint.createData()
+        joint.calc(at, neutral)
+        rows.append((place.rotation, place.translation, at.S.reshape(2, 3), body.mass, body.lever, body.inertia))
+    rotation, translation, axis, mass, lever, inertia = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+    parents = [model.parents[i] - 1 for i in range(1, model.njoints)]
+    return Bodies(parents, rotation, translation, axis, mass, lever, inertia, model.armature.copy(), model.gravity.linear.copy())
+
+
+def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
+    """Where each joint's frame is at coordinates q, shape (n,)."""
+    found = []
+    for i in range(len(tree)):
+        (along, about), rotation, coordinate = tree.axis[i], tree.rotation[i], q[i : i + 1]
+        if any(not _is_zero(part) for part in about):
+            out = np.multiply.outer(about, about)
+            turn = np.cos(coordinate) * (np.eye(3).astype(object) - out) + out + np.sin(coordinate) * _skew(about)
+            rotation = rotation @ turn
+        found.append(Frame(rotation, tree.translation[i] + tree.rotation[i] @ (along * coordinate)))
+    return found
+
+
+def inverse_dynamics(
+    tree: Bodies, where: Sequence[Frame], v: np.ndarray, a: np.ndarray | None = None, pushes: Sequence[Push] = ()
+) -> np.ndarray:
+    """Generalized forces that cause accelerations against gravity and pushes, as `pin.rnea`; damping is not counted.
+
+    Args:
+        tree: The bodies.
+        where: Their frames.
+        v: Rates of the coordinates, shape (n,).
+        a: Their accelerations, shape (n,); None for zero.
+        pushes: What pushes from outside.
+    """
+    n, zero = len(tree), array([0.0] * 3)
+    motions: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    forces, torques = [], []
+    for i in range(n):
+        (along, about), rate, (rotation, origin) = tree.axis[i], v[i : i + 1], where[i]
+        spin, turn, gain = motions[tree.parents[i]] if tree.parents[i] >= 0 else (zero, zero, -tree.gravity)
+        gain = rotation.T @ (gain + _of_point(spin, turn, origin))
+        spin, turn = rotation.T @ spin, rotation.T @ turn
+        gain = gain + cross(2.0 * spin, along * rate)
+        turn = turn + cross(spin, about * rate)
+        spin = spin + about * rate
+        if a is not None:
+            gain, turn = gain + along * a[i : i + 1], turn + about * a[i : i + 1]
+        motions.append((spin, turn, gain))
+        inertia, lever = tree.inertia[i], tree.lever[i]
+        force = tree.mass[i : i + 1] * (gain + _of_point(spin, turn, lever))
+        unequal = inertia - np.diag(inertia[[2], [2]].repeat(3))
+        forces.append(force)
+        torques.append(inertia @ turn + cross(spin, unequal @ spin) + cross(lever, force))
+    for body_row, point, push in pushes:
+        local = into(tree, where, body_row, push)
+        forces[body_row], torques[body_row] = forces[body_row] - local, torques[body_row] - cross(point, local)
+    effort = array([0.0] * n) if a is None else tree.armature * a
+    for i in range(n - 1, -1, -1):
+        effort[i] = effort[i] + tree.axis[i, 0] @ forces[i] + tree.axis[i, 1] @ torques[i]
+        if (parent := tree.parents[i]) >= 0:
+            force, torque = _to_parent(where[i], forces[i], torques[i])
+            forces[parent], torques[parent] = forces[parent] + force, torques[parent] + torque
+    return effort
+
+
+def mass_matrix(tree: Bodies, where: Sequence[Frame]) -> np.ndarray:
+    """Inertia of the coordinates, as `pin.crba`, whole, shape (n, n)."""
+    n = len(tree)
+    composites = [_Body(tree.mass[i : i + 1], tree.mass[i : i + 1] * tree.lever[i], _about_origin(tree, i)) for i in range(n)]
+    mass = np.empty((n, n), dtype=object)
+    mass[:] = 0.0
+    for i in range(n - 1, -1, -1):
+        force, torque = composites[i].times(*tree.axis[i])
+        mass[i, i] = tree.axis[i, 0] @ force + tree.axis[i, 1] @ torque + tree.armature[i]
+        j = i
+        while (parent := tree.parents[j]) >= 0:
+            force, torque = _to_parent(where[j], force, torque)
+            j = parent
+            mass[i, j] = mass[j, i] = tree.axis[j, 0] @ force + tree.axis[j, 1] @ torque
+        if (parent := tree.parents[i]) >= 0:
+            composites[parent] = composites[parent].plus(composites[i].seen_from_parent(where[i]))
+    return mass
+
+
+def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution of mass @ x = right for a symmetric positive definite matrix; what is zero through branches of the tree is left out."""
+    n, lower, x = len(mass), mass.copy(), right.copy()
+    reciprocals = array([0.0] * n)
+    for k in range(n - 1, -1, -1):
+        reciprocals[k] = 1.0 / lower[k, k]
+        for i in range(k - 1, -1, -1):
+            share = lower[k, i] * reciprocals[k]
+            for j in range(i + 1):
+                lower[i, j] = lower[i, j] - share * lower[k, j]
+            x[i] = x[i] - share * x[k]
+            lower[k, i] = share
+    for k in range(n):
+        x[k] = x[k] * reciprocals[k] - lower[k, :k] @ x[:k] if k else x[k] * reciprocals[k]
+    return x
+
+
+def lost_digits(mass: np.ndarray) -> float:
+    """By how much two ways to solve with a mass matrix may differ, relative: 1000 roundings for each unit of its condition number.
+
+    Args:
+        mass: The matrix, or its upper triangle, in numbers; it is scaled to a unit diagonal first.
+    """
+    whole = np.triu(mass) + np.triu(mass, 1).T
+    root = np.sqrt(np.diag(whole))
+    return float(1e3 * np.finfo(float).eps * np.linalg.cond(whole / root / root[:, None]))
+
+
+def potential_energy(tree: Bodies, where: Sequence[Frame]) -> Any:
+    """Potential energy in gravity [J], zero at the origin of the world."""
+    fallen: list[tuple[np.ndarray, Any]] = []
+    energy: Any = 0.0
+    for i, (rotation, origin) in enumerate(where):
+        gravity, depth = fallen[tree.parents[i]] if tree.parents[i] >= 0 else (tree.gravity, 0.0)
+        fallen.append((rotation.T @ gravity, depth + gravity @ origin))
+        energy = energy - tree.mass[i] * (fallen[i][1] + fallen[i][0] @ tree.lever[i])
+    return energy
+
+
+def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:
+    """A vector of the world in the frame of a joint, shape (3,)."""
+    chain = [body]
+    while (parent := tree.parents[chain[-1]]) >= 0:
+        chain.append(parent)
+    for i in reversed(chain):
+        vector = where[i].rotation.T @ vector
+    return vector
+
+
+def _of_point(spin: np.ndarray, turn: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Acceleration of a point beyond that of the origin, in a frame that spins at a rate and turns up at an acceleration."""
+    return cross(turn, point) + cross(spin, cross(spin, point))
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product, shape (3,)."""
+    return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+class _Body(NamedTuple):
+    """Mass, shape (1,), first moment and inertia about the origin of a frame."""
+
+    mass: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+
+    def times(self, linear: np.ndarray, angular: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Momentum of a velocity, or force of an acceleration."""
+        return self.mass * linear + cross(angular, self.first), cross(self.first, linear) + self.second @ angular
+
+    def plus(self, other: _Body) -> _Body:
+        return _Body(self.mass + other.mass, self.first + other.first, self.second + other.second)
+
+    def seen_from_parent(self, frame: Frame) -> _Body:
+        first = frame.rotation @ self.first
+        arm = _skew(frame.origin)
+        mixed = arm @ _skew(first)
+        second = frame.rotation @ self.second @ frame.rotation.T - mixed - mixed.T - arm @ arm * self.mass
+        second[[1, 2, 2], [0, 0, 1]] = second[[0, 0, 1], [1, 2, 2]]
+        return _Body(self.mass, first + self.mass * frame.origin, second)
+
+
+def _about_origin(tree: Bodies, i: int) -> np.ndarray:
+    arm = _skew(tree.lever[i])
+    return tree.inertia[i] - arm @ arm * tree.mass[i : i + 1]
+
+
+def _to_parent(frame: Frame, force: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    turned = frame.rotation @ force
+    return turned, frame.rotation @ torque + cross(frame.origin, turned)
+
+
+def _skew(a: np.ndarray) -> np.ndarray:
+    return array([0.0, -a[2], a[1], a[2], 0.0, -a[0], -a[1], a[0], 0.0]).reshape(3, 3)
+
+
+def _is_zero(element: Any) -> bool:
+    return isinstance(element, float) and element == 0.0
