@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from benchmarks import accuracy, agreement, engines
+from benchmarks import accuracy, engines
 from benchmarks.agreement import ALLOWED, Truth, sort
+from benchmarks.conduct import conduct
 from benchmarks.contestants import CONTESTANTS, native, ours
-from benchmarks.engines_figure import engines_figure
 from benchmarks.timing import race, stretch
 from benchmarks.workload import Case, Contestant, Result, Run, plain
 from cranedyn.errors import CraneError, ModelError
-from cranedyn.integrator import Integrator, semi_implicit_euler
-from tests.helpers import crane
+from cranedyn.integrator import semi_implicit_euler
+from tests.helpers import crane, extrapolated
 from tests.lagrangian import Lagrangian
 
 CASE = Case()
@@ -133,7 +133,7 @@ def test_c_moves_as_the_equations_on_paper_say(lanes: int) -> None:
         effort = (case.controller.feed_forward - case.controller.damping * v[[0, 1, 4]]).clip(-c.effort_limit, c.effort_limit)
         tau = np.array([*effort[:2], 0.0, 0.0, effort[2]]) - c.damping * v
         a = (end[5:] - v) / case.dt
-        # a is a difference of rates of size 2 over 1 ms, so rounded by 4e-13; it weighs up to √(M_ii M_jj) and the drives' inertia is 2e6
+        # a is a difference of rates of size 2 over 1 ms, so rounded by 4e-13, and |M_ij| <= √(M_ii M_jj)
         mass = np.sqrt(np.diag(paper.mass_matrix(q)))
         assert_allclose(paper.forces(q, v, a) / mass, tau / mass, atol=1e-12 * mass.sum())
         assert_allclose(end[:5], q + case.dt * end[5:], rtol=1e-15, atol=1e-15)
@@ -152,7 +152,16 @@ def test_c_keeps_the_drives_within_their_limits() -> None:
 
 
 @needs_compiler
-def test_c_refuses_a_crane_that_its_equations_do_not_describe(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_c_follows_a_swing_as_fast_as_a_crane_has_with_a_coarse_step() -> None:
+    case = Case(CASE.crane, dt=1e-3, period=1e-2)
+    start = np.concatenate(CASE.crane.state(phi=-0.9, phi_dot=1.0, theta=0.4, theta_dot=-0.5))
+    expected = plain(case, start, 0.5)
+    got = native.CONTESTANTS[0].prepare(case)(start[None], 0.5)
+    assert_allclose(got.ends, expected.ends, rtol=1e-14, atol=1e-14)  # rounding of 500 steps, 2e-16 √500 of a number of size 1
+
+
+@needs_compiler
+def test_c_refuses_a_crane_that_its_equations_do_not_describe() -> None:
     c = crane()
     model = c.model.copy()
     model.inertias[5].lever = np.array([0.1, 0.0, 0.0])
@@ -193,20 +202,55 @@ def test_a_run_is_cut_to_its_time_and_never_longer_than_the_whole() -> None:
         return Result(starts, np.zeros(len(starts)))
 
     assert stretch(CASE, instant, 1, 0.5) == 70.0
-    assert stretch(CASE, plain_run(), 1, 1e-9) == CASE.period
+    assert stretch(CASE, ours.PLAIN.prepare(CASE), 1, 1e-9) == CASE.period
 
 
-def plain_run() -> Run:
-    return ours.PLAIN.prepare(CASE)
-
-
-def test_rows_and_figure_of_engines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    few = [one for one in CONTESTANTS if one is ours.PLAIN or "C by hand" in one.name or "rollout" in one.name]
-    monkeypatch.setattr(engines, "CONTESTANTS", few)
-    monkeypatch.setattr(agreement, "CRANES", 3)
+def test_engines_leaves_tables_in_a_document_and_a_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    few = [one for one in CONTESTANTS if one is ours.PLAIN or one.name.startswith("C by hand")]
     page = tmp_path / "page.md"
     page.write_text("<!-- engines: One crane -->\n<!-- end -->\n", encoding="utf-8")
-    assert engines.main(["--quick", "--rounds", "1", "--out", str(tmp_path), "--document", str(page)]) == 0
-    assert "| plain loop | 1 |" in page.read_text(encoding="utf-8")
-    assert "Many cranes" in capsys.readouterr().out
+    arguments = ["--quick", "--rounds", "1", "--out", str(tmp_path), "--document", str(page)]
+    assert conduct("engines", "", lambda rounds, quick: engines.benchmark(rounds, quick, few), arguments) == 0
+    text = page.read_text(encoding="utf-8")
+    assert re.search(r"^\| plain loop \| 1 \| [\d.]+ \| [\d.]+ \| 1 \| - \|$", text, re.MULTILINE)
+    assert "Many cranes" not in text
+    shown = capsys.readouterr().out
+    assert "One crane for 70 s" in shown
+    assert ("Many cranes at once" in shown) == (native.compiler() is not None)
     assert matplotlib.image.imread(tmp_path / "engines.png").std() > 0.01
+
+
+@pytest.mark.parametrize(("argument", "words"), [("0", "it must be 1 or more"), ("many", "many is no number of rounds")])
+def test_a_number_of_rounds_that_is_none_is_refused(argument: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        engines.main(["--rounds", argument])
+    assert ended.value.code == 2
+    assert words in capsys.readouterr().err
+
+
+# --- Accuracy ------------------------------------------------------------------------------------------------------------------------
+
+
+def test_the_reference_is_where_runs_go_as_their_step_vanishes() -> None:
+    c = CASE.crane
+    _, exact = accuracy.reference(Case(c, period=0.01), 1.0)
+    limit = extrapolated(lambda dt: accuracy.swung(Case(c, dt, 0.01), semi_implicit_euler, 1.0).q, 1e-3)
+    # what is left is of order dt³ = 1e-9 s³, times jerks below 0.1 m/s³ of drives that hold
+    assert np.abs(limit - exact).max() < 1e-10
+
+
+def test_half_the_step_costs_more_and_halves_every_error_of_semi_implicit_euler() -> None:
+    table = accuracy.integrators(1, RNG, steps=(2e-3, 1e-3), duration=6.0)
+    coarse, fine = (row[2:] for row in table.rows)
+    cost, *off = (a / b for a, b in zip(coarse, fine, strict=True))
+    assert cost < 1.0
+    assert_allclose(off, 2.0, rtol=0.25)  # order 1, and of the period's error the terms beyond
+    assert accuracy.accuracy_figure(table).axes[0].get_xscale() == "log"
+
+
+def test_the_start_is_measured_of_those_that_run_and_is_longer_than_that_of_python() -> None:
+    absent = Contestant("absent", lambda: "absent is not installed", ours.PLAIN.prepare)
+    unknown = Contestant("nobody of this name", lambda: None, ours.PLAIN.prepare)
+    (python, bare), (plain_loop, whole) = accuracy.start_up(1, RNG, [absent, unknown, ours.PLAIN]).rows
+    assert (python, plain_loop) == ("Python, nothing else", "plain loop")
+    assert whole > bare > 0.0

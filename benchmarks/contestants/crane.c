@@ -40,7 +40,7 @@ static inline real cosine(real x) {
     return sum;
 }
 
-/* Turn an angle on by less than a hundredth: the series is cut where its terms are below rounding. */
+/* Turn an angle on by less than 1.6e-3 rad: the series is cut where its terms fall below rounding. */
 static inline void turn(real *sin, real *cos, real by) {
     real square = by * by, s = by * (1.0 - square * (1.0 / 6.0)), less = square * (0.5 - square * (1.0 / 24.0));
     real before = *sin;
