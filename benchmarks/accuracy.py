@@ -152,11 +152,13 @@ def accuracy_figure(table: Table) -> Figure:
     """Distance of the payload from where it should be, against the step and against the cost."""
     figure, (left, right) = panels(1, 2, height=4.0, sharey=True)
     for k, name in enumerate(dict.fromkeys(row[0] for row in table.rows)):
-        steps, costs, off = zip(*(row[1:4] for row in table.rows if row[0] == name), strict=True)
+        steps, cost, off = zip(*(row[1:4] for row in table.rows if row[0] == name), strict=True)
         left.plot(steps, off, marker="os^Dv"[k % 5], label=name)
-        right.plot(costs, off, marker="os^Dv"[k % 5], label=name)
+        right.plot(cost, off, marker="os^Dv"[k % 5], label=name)
     left.set(xscale="log", yscale="log", xlabel="physics step [ms]", ylabel="payload off by [m]")
-    right.set(xscale="log", xlabel="computing time per simulated second [ms]")
+    costs = np.log10(np.array([row[2] for row in table.rows], dtype=float))
+    limits = 10.0 ** np.floor(costs.min()), 10.0 ** np.ceil(costs.max())
+    right.set(xscale="log", xlim=limits, xlabel="computing time per simulated second [ms]")
     left.legend(frameon=False)
     return figure
 

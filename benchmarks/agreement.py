@@ -11,7 +11,7 @@ from benchmarks.workload import Case, Contestant, Result, Run, plain
 
 ALLOWED = 1e-9
 """Largest difference with which a contestant is shown: of a coordinate or rate [rad, m, per second], and of an effort as a share of its
-limit. Rounding makes 1e-13 of it; damping taken half a step late already makes 1e-10."""
+limit. Rounding makes a hundred-thousandth of that; swing damping of 1 N m s/rad taken at another time in the step already 0.4 of it."""
 
 STRETCH = 2.0
 """Length of the common stretch [s]."""

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from benchmarks.agreement import Ready
 from benchmarks.contestants.ours import PLAIN
 from benchmarks.timing import race, stretch
-from benchmarks.workload import Case
+from benchmarks.workload import Case, Run
 from cranedyn.figures import panels
 
 SIZES = tuple(10**k for k in range(6))
@@ -20,6 +20,9 @@ SIZES = tuple(10**k for k in range(6))
 
 LENGTHS = (10, 100, 1_000, 10_000, 140_000)
 """Numbers of physics steps."""
+
+_FEWEST = 1_000
+"""Shorter runs are repeated until they have made so many steps."""
 
 _MARKS = "osD^vP*X"
 
@@ -36,13 +39,12 @@ def engines_figure(case: Case, ready: Sequence[Ready], rng: np.random.Generator,
     sizes, lengths = (SIZES[:4], LENGTHS[:3]) if quick else (SIZES, LENGTHS)
     budget = 0.02 if quick else 0.2
     many = [(one, size, stretch(case, one.run, size, budget)) for one in ready if one.contestant.many for size in sizes]
-    single = [(one, 1, steps * case.dt) for one in ready if not one.contestant.many for steps in lengths]
+    single = [(one, 1, length * case.dt) for one in ready if not one.contestant.many for length in lengths]
     runs = [*many, *single]
-    taken = race([partial(one.run, case.starts(cranes), length) for one, cranes, length in runs], 3, rng)
-    costs = [
-        1e9 * float(np.median(times)) / (cranes * case.steps * case.periods(length))
-        for (_, cranes, length), times in zip(runs, taken, strict=True)
-    ]
+    steps = [cranes * case.steps * case.periods(length) for _, cranes, length in runs]
+    times = [max(_FEWEST // count, 1) for count in steps]
+    tasks = [partial(_repeat, one.run, case.starts(cranes), length, n) for (one, cranes, length), n in zip(runs, times, strict=True)]
+    costs = 1e9 * np.median(race(tasks, 3, rng), axis=1) / np.multiply(steps, times)
     figure, (left, right) = panels(1, 2, height=5.2, width=11.0, sharey=True)
     for k, one in enumerate(ready):
         ax, at = (left, sizes) if one.contestant.many else (right, lengths)
@@ -57,3 +59,8 @@ def engines_figure(case: Case, ready: Sequence[Ready], rng: np.random.Generator,
         ax.set(xscale="log", yscale="log")
         ax.legend(frameon=False, fontsize=9.0, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
+
+
+def _repeat(run: Run, starts: np.ndarray, duration: float, times: int) -> None:
+    for _ in range(times):
+        run(starts, duration)

@@ -1,11 +1,12 @@
 /* The crane by hand, as fast as a compiler makes it: the limit for engines that start from any model.
 
-   With e the direction from pivot to payload, n1 and n2 the directions in which it moves with phi and theta, the payload's acceleration less
-   gravity has the part f_l / m along e, because the hoist carries nothing but the payload. What is left of the five equations of Lagrange is
-   solved from the inside: phi and theta each by one division, then slew and trolley as two equations in two unknowns.
+   With e the direction from pivot to payload, n1 and n2 the directions in which it moves with phi and theta, the payload's
+   acceleration less gravity has the part f_l / m along e, because the hoist carries nothing but the payload. What is left of the
+   five equations of Lagrange is solved from the inside: the swings, each by itself, then slew and trolley as two equations.
 
-   Time is counted in steps, u = dt v, as in cranedyn.integrator. Numbers of the crane come from the compiler's command line. LANES cranes move
-   side by side in one vector, GROUPS of them in turn, so that one computes while the other waits for a division. */
+   Time is counted in steps, u = dt v, as in cranedyn.integrator, and mass in that of the payload. Numbers of the crane come from
+   the compiler's command line. LANES cranes move side by side in one vector, GROUPS of vectors in turn, so that one computes while
+   the other waits for a division. */
 
 #if LANES == 1
 typedef double real;
@@ -21,8 +22,9 @@ typedef struct {
     real q[JOINTS], u[JOINTS], sin_phi, cos_phi, sin_theta, cos_theta;
 } crane;
 
-static const double m = PAYLOAD, cart = TROLLEY, inner = INNER, outer = OUTER, slewing = SLEWING, g = GRAVITY * DT * DT;
-static const double damping[JOINTS] = {DT * DAMP_SLEW, DT * DAMP_TROLLEY, DT * DAMP_PHI, DT * DAMP_THETA, DT * DAMP_HOIST};
+static const double cart = TROLLEY / PAYLOAD, inner = INNER / PAYLOAD, both = (INNER + OUTER) / PAYLOAD, g = GRAVITY * DT * DT;
+static const double slewing = (SLEWING + OUTER) / PAYLOAD, unit = DT * DT / PAYLOAD, per = DT / PAYLOAD;
+static const double damping[JOINTS] = {per * DAMP_SLEW, per * DAMP_TROLLEY, per * DAMP_PHI, per * DAMP_THETA, per * DAMP_HOIST};
 static const int drives[3] = {GAMMA, X, L};
 static const double stiffness[3] = {KP_SLEW, KP_TROLLEY, KP_HOIST}, damper[3] = {KD_SLEW, KD_TROLLEY, KD_HOIST};
 static const double feed[3] = {FF_SLEW, FF_TROLLEY, FF_HOIST}, most[3] = {MAX_SLEW, MAX_TROLLEY, MAX_HOIST};
@@ -48,44 +50,44 @@ static inline void turn(real *sin, real *cos, real by) {
     *cos -= before * s + *cos * less;
 }
 
-/* One physics step under efforts in units of a step. */
+/* One physics step under efforts in units of a step and of the payload's mass. */
 static inline void step(crane *c, const real effort[3]) {
-    const real *q = c->q, *u = c->u;
-    const real sp = c->sin_phi, cp = c->cos_phi, st = c->sin_theta, ct = c->cos_theta, x = q[X], l = q[L];
-    const real turned = u[GAMMA], phi = u[PHI], theta = u[THETA], hoisted = u[L];
-    const real e_r = -ct * sp, w = st * sp, lever = l * ct, x_ct = x * ct;
+    const real x = c->q[X], l = c->q[L], slew = c->u[GAMMA], out = c->u[X], phi = c->u[PHI], theta = c->u[THETA], down = c->u[L];
+    const real sp = c->sin_phi, cp = c->cos_phi, st = c->sin_theta, ct = c->cos_theta;
+    const real lever = l * ct, offset = l * st, level = ct * sp, tilt = st * sp, x_ct = x * ct, x_st = x * st;
 
-    /* What the payload's acceleration has of rates and gravity, along e, n1, n2. */
-    const real inward = hoisted * e_r + l * theta * w - lever * phi * cp + u[X];
-    const real twice = turned + turned;
-    const real radial = -turned * turned * (x + l * e_r) + twice * (hoisted * st + lever * theta);
-    const real aside = turned * turned * l * st + twice * inward;
-    const real along = e_r * radial - st * aside - ct * (g * cp + lever * phi * phi) - l * theta * theta;
-    const real across1 = g * sp - cp * radial + 2.0 * phi * (hoisted * ct - l * theta * st);
-    const real across2 = w * radial - ct * aside + st * (g * cp + lever * phi * phi) + 2.0 * hoisted * theta;
+    /* What the payload's acceleration has of rates and gravity: in the plane of phi, across it, and from there along e, n1, n2. */
+    const real v_theta = l * theta, v_phi = lever * phi, v_down = down * ct - v_theta * st, v_across = down * st + v_theta * ct;
+    const real radial = slew * (2.0 * v_across - slew * (x - lever * sp));
+    const real aside = slew * (slew * offset + 2.0 * (out - sp * v_down - cp * v_phi));
+    const real below = sp * radial + cp * g + v_phi * phi;
+    const real along = -ct * below - st * aside - v_theta * theta;
+    const real across1 = sp * g - cp * radial + 2.0 * phi * v_down;
+    const real across2 = st * below - ct * aside + 2.0 * down * theta;
 
-    const real gyro = inner * cp * turned;
-    const real h_phi = gyro * theta - damping[PHI] * phi, h_theta = -gyro * phi - damping[THETA] * theta;
-    const real d1 = m * lever * lever + (inner + outer), d2 = m * l * l + inner;
-    const real both = 1.0 / (d1 * d2), by_d1 = d2 * both, by_d2 = d1 * both;
-    const real rho1 = m * (inner + outer) * by_d1, rho2 = m * inner * by_d2;
-    const real push1 = rho1 * across1 + m * lever * by_d1 * h_phi, push2 = rho2 * across2 + m * l * by_d2 * h_theta;
+    /* The swings by what does not depend on slew and trolley. */
+    const real spin = inner * cp, spin_phi = spin * phi;
+    const real h_phi = spin * theta * slew - damping[PHI] * phi, h_theta = -spin_phi * slew - damping[THETA] * theta;
+    const real d1 = lever * lever + both, d2 = l * l + inner, inverse = 1.0 / (d1 * d2), by_d1 = d2 * inverse, by_d2 = d1 * inverse;
+    const real to1 = lever * by_d1, to2 = l * by_d2, rho1 = both * by_d1, rho2 = inner * by_d2;
+    const real push1 = cp * (rho1 * across1 + to1 * h_phi), push2 = rho2 * across2 + to2 * h_theta;
 
-    const real k1 = -l * st * cp, hoist = effort[2] - damping[L] * hoisted;
-    const real m_gg = slewing + outer + inner * cp * cp + cart * x * x + rho1 * k1 * k1 + rho2 * x_ct * x_ct;
-    const real m_gx = -rho1 * cp * k1 - rho2 * w * x_ct;
-    const real m_xx = cart + rho1 * cp * cp + rho2 * w * w;
-    const real f_g = effort[0] - turned * (damping[GAMMA] + 2.0 * cart * x * u[X]) + x * st * hoist - k1 * push1 + x_ct * push2
-                     - sp * h_theta - inner * cp * theta * phi;
-    const real f_x = effort[1] - damping[X] * u[X] + cart * x * turned * turned - e_r * hoist + cp * push1 - w * push2;
+    /* Slew and trolley. */
+    const real cp2 = cp * cp, share = rho1 * cp2, share_x = rho2 * x_ct, hoist = effort[2] - damping[L] * down;
+    const real m_gg = slewing + inner * cp2 + cart * x * x + share * offset * offset + share_x * x_ct;
+    const real m_gx = share * offset - share_x * tilt, m_xx = cart + share + rho2 * tilt * tilt;
+    const real cart_slew = cart * x * slew;
+    const real f_g = effort[0] - damping[GAMMA] * slew - 2.0 * cart_slew * out + x_st * hoist + offset * push1 + x_ct * push2 - sp * h_theta
+                     - spin_phi * theta;
+    const real f_x = effort[1] - damping[X] * out + cart_slew * slew + level * hoist + push1 - tilt * push2;
     const real by_det = 1.0 / (m_gg * m_xx - m_gx * m_gx);
     const real a_g = (m_xx * f_g - m_gx * f_x) * by_det, a_x = (m_gg * f_x - m_gx * f_g) * by_det;
 
     c->u[GAMMA] += a_g;
     c->u[X] += a_x;
-    c->u[PHI] += (h_phi - m * lever * (across1 + k1 * a_g - cp * a_x)) * by_d1;
-    c->u[THETA] += (h_theta - m * l * (across2 + w * a_x - x_ct * a_g)) * by_d2 - sp * a_g;
-    c->u[L] += hoist * (1.0 / m) + x * st * a_g - e_r * a_x - along;
+    c->u[PHI] += by_d1 * h_phi - to1 * (across1 - cp * (offset * a_g + a_x));
+    c->u[THETA] += by_d2 * h_theta - to2 * (across2 + tilt * a_x - x_ct * a_g) - sp * a_g;
+    c->u[L] += hoist + x_st * a_g + level * a_x - along;
     for (int j = 0; j < JOINTS; j++) c->q[j] += c->u[j];
     turn(&c->sin_phi, &c->cos_phi, c->u[PHI]);
     turn(&c->sin_theta, &c->cos_theta, c->u[THETA]);
@@ -127,7 +129,7 @@ void run(long rounds, long periods, const double *starts, double *ends, double *
                     for (int k = 0; k < 3; k++) log[10 + k] = LANE(effort[n][k], 0);
                     log += 13;
                 }
-                for (int k = 0; k < 3; k++) effort[n][k] *= DT * DT;
+                for (int k = 0; k < 3; k++) effort[n][k] *= unit;
                 c[n].sin_phi = sine(c[n].q[PHI]), c[n].cos_phi = cosine(c[n].q[PHI]);
                 c[n].sin_theta = sine(c[n].q[THETA]), c[n].cos_theta = cosine(c[n].q[THETA]);
             }
