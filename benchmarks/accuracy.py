@@ -172,7 +172,7 @@ def benchmark(rounds: int, quick: bool) -> tuple[Sequence[Table], Callable[[], F
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    return conduct("accuracy", __doc__, benchmark, argv, rounds=5)
+    return conduct("accuracy", __doc__, benchmark, argv, rounds=3)
 
 
 if __name__ == "__main__":

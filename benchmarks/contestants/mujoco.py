@@ -95,5 +95,5 @@ def _rolled_out(case: Case) -> Run:
 CONTESTANTS = (
     Contestant("MuJoCo, mj_step of a control period", _missing, lambda case: _stepped(case, case.steps)),
     Contestant("MuJoCo, mj_step of each step", _missing, lambda case: _stepped(case, 1)),
-    Contestant(f"MuJoCo, rollout on {os.cpu_count()} threads", _missing, _rolled_out, many=True),
+    Contestant(f"MuJoCo, rollout of control periods, {os.cpu_count()} threads", _missing, _rolled_out, many=True),
 )
