@@ -21,14 +21,11 @@ SIZES = tuple(10**k for k in range(6))
 LENGTHS = (10, 100, 1_000, 10_000, 140_000)
 """Numbers of physics steps."""
 
-_FEWEST = 1_000
-"""Shorter runs are repeated until they have made so many steps."""
-
 _MARKS = "osD^vP*X"
 
 
 def engines_figure(case: Case, ready: Sequence[Ready], rng: np.random.Generator, *, quick: bool) -> Figure:
-    """Both as measured, in three shuffled rounds.
+    """Both as measured, in three shuffled rounds; runs of few steps are repeated until they are worth measuring.
 
     Args:
         case: What is run.
@@ -37,12 +34,12 @@ def engines_figure(case: Case, ready: Sequence[Ready], rng: np.random.Generator,
         quick: Leave out the largest numbers.
     """
     sizes, lengths = (SIZES[:4], LENGTHS[:3]) if quick else (SIZES, LENGTHS)
-    budget = 0.02 if quick else 0.2
+    budget, fewest = (0.02, 1_000) if quick else (0.2, 10_000)
     many = [(one, size, stretch(case, one.run, size, budget)) for one in ready if one.contestant.many for size in sizes]
     single = [(one, 1, length * case.dt) for one in ready if not one.contestant.many for length in lengths]
     runs = [*many, *single]
     steps = [cranes * case.steps * case.periods(length) for _, cranes, length in runs]
-    times = [max(_FEWEST // count, 1) for count in steps]
+    times = [max(fewest // count, 1) for count in steps]
     tasks = [partial(_repeat, one.run, case.starts(cranes), length, n) for (one, cranes, length), n in zip(runs, times, strict=True)]
     costs = 1e9 * np.median(race(tasks, 3, rng), axis=1) / np.multiply(steps, times)
     figure, (left, right) = panels(1, 2, height=5.2, width=11.0, sharey=True)
