@@ -14,7 +14,7 @@ from cranedyn.crane import DRIVES, JOINTS
 
 
 def _missing() -> str | None:
-    return None if find_spec("pybullet") else "pybullet is not installed: pip install 'cranedyn[benchmarks]' on Python 3.11, which has a wheel"
+    return None if find_spec("pybullet") else "pybullet is not installed: pip install 'cranedyn[benchmarks]' (its wheel is for Python 3.11)"
 
 
 def _weighed(urdf: str) -> str:
