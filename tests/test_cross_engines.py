@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from numpy.testing import assert_allclose
 
+from benchmarks.contestants.mujoco import twin
 from cranedyn import dynamics
 from cranedyn.controllers import hold_controller
 from cranedyn.crane import JOINTS, Crane, State
@@ -123,15 +124,12 @@ def test_mujoco_has_the_same_accelerations_with_damping(engine: Any) -> None:
 
 
 class Twin:
-    """A URDF in MuJoCo, stepped as `simulate` steps: semi-implicit Euler, damping at the velocity before the step, no joint ranges."""
+    """A URDF in MuJoCo, stepped as `simulate` steps."""
 
     def __init__(self, urdf: str) -> None:
         self.mujoco = pytest.importorskip("mujoco")
-        self.model = self.mujoco.MjModel.from_xml_string(urdf)
+        self.model = twin(urdf, gravity=G, dt=DT)
         self.data = self.mujoco.MjData(self.model)
-        option, off = self.model.opt, self.mujoco.mjtDisableBit
-        option.integrator, option.timestep, option.gravity[:] = self.mujoco.mjtIntegrator.mjINT_EULER, DT, [0.0, 0.0, -G]
-        option.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_EULERDAMP
 
     def run(self, effort: Callable[[int, State], np.ndarray], like: Trajectory) -> np.ndarray:
         """Coordinates and rates, shape (n, 10), from the start of another run on, with efforts held over the same control periods."""

@@ -1,0 +1,179 @@
+"""What a stepping rule costs and what it errs by, and how long each way takes from the start of Python to its first step."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.integrate import solve_ivp
+
+from benchmarks.conduct import conduct
+from benchmarks.contestants import CONTESTANTS
+from benchmarks.timing import race
+from benchmarks.workload import Case, Contestant
+from cranedyn import dynamics
+from cranedyn.analysis import zero_crossings
+from cranedyn.crane import DRIVES, Crane, State
+from cranedyn.figures import panels
+from cranedyn.integrator import Integrator, semi_implicit_euler
+from cranedyn.simulate import simulate
+from cranedyn.trajectory import Trajectory
+from experiments.outcome import Table
+
+INTEGRATORS = (semi_implicit_euler,)
+"""Those that are compared."""
+
+STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
+"""Physics steps [s]; each divides the control period."""
+
+DURATION, PERIOD = 10.0, 1e-2
+"""Length of the run and control period [s]."""
+
+_FIRST_STEP = """
+import sys
+from benchmarks.contestants import CONTESTANTS
+from benchmarks.workload import Case
+case = Case()
+(one,) = (one for one in CONTESTANTS if one.name == sys.argv[1])
+one.prepare(case)(case.starts(1), case.period)
+"""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far a run is off.
+
+    Attributes:
+        place: Largest distance of the payload from where it should be [m].
+        period: Error of the period of the radial swing [s].
+        energy: Most energy that the ledger does not explain [J].
+    """
+
+    place: float
+    period: float
+    energy: float
+
+
+def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and coordinates at the control instants, shapes (n,) and (n, 5), without the error of a step.
+
+    Dormand and Prince's method of order 8 on `pin.aba`, started anew at each control instant because the efforts jump there.
+    """
+    crane, hold, limit = case.crane, case.controller, case.crane.effort_limit
+    times = case.period * np.arange(case.periods(duration) + 1)
+    rows = np.empty((len(times), 10))
+    rows[0] = case.starts(1)[0]
+
+    def rates(t: float, y: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        return np.concatenate([y[5:], dynamics.acceleration(crane, State(y[:5], y[5:]), effort)])
+
+    for k, (q, v) in enumerate(zip(rows[:-1, :5], rows[:-1, 5:], strict=True)):
+        effort = hold.feed_forward + hold.stiffness * (rows[0, DRIVES] - q[DRIVES]) - hold.damping * v[DRIVES]
+        span, held = (0.0, case.period), (effort.clip(-limit, limit),)
+        rows[k + 1] = solve_ivp(rates, span, rows[k], method="DOP853", args=held, rtol=1e-13, atol=1e-15).y[:, -1]
+    return times, rows[:, :5]
+
+
+def swung(case: Case, integrator: Integrator, duration: float) -> Trajectory:
+    """The same run by a stepping rule, with the step of the case."""
+    q, v = np.split(case.starts(1)[0], 2)
+    return simulate(
+        case.crane,
+        case.controller,
+        start=State(q, v),
+        duration=duration,
+        dt=case.dt,
+        control_period=case.period,
+        integrator=integrator,
+    )
+
+
+def errors(crane: Crane, run: Trajectory, times: np.ndarray, exact: np.ndarray) -> Errors:
+    """How far a run is off the exact coordinates at its control instants, shape (n, 5)."""
+    place = max(
+        float(np.linalg.norm(dynamics.payload_position(crane, one) - dynamics.payload_position(crane, other)))
+        for one, other in zip(run.q, exact, strict=True)
+    )
+    period = _period(times, run["phi_rad"]) - _period(times, exact[:, 2])
+    return Errors(place, abs(period), float(np.abs(run.unexplained).max()))
+
+
+def _period(t: np.ndarray, swing: np.ndarray) -> float:
+    crossings = zero_crossings(t, swing)
+    return 2.0 * float(crossings[-1] - crossings[0]) / (len(crossings) - 1)
+
+
+def integrators(rounds: int, rng: np.random.Generator, *, steps: Sequence[float] = STEPS, duration: float = DURATION) -> Table:
+    """Cost and errors of each stepping rule at each step."""
+    crane = Case().crane
+    times, exact = reference(Case(crane, period=PERIOD), duration)
+    ways = [(integrator, Case(crane, dt, PERIOD)) for integrator in INTEGRATORS for dt in steps]
+    costs = np.median(race([partial(swung, case, integrator, duration) for integrator, case in ways], rounds, rng), axis=1) / duration
+    rows = []
+    for (integrator, case), cost in zip(ways, costs, strict=True):
+        off = errors(crane, swung(case, integrator, duration), times, exact)
+        rows.append((integrator.name, 1e3 * case.dt, 1e3 * float(cost), off.place, off.period, off.energy))
+    columns = [("integrator", ""), ("step [ms]", "g"), ("ms per simulated s", ".3g")]
+    columns += [("payload off [m]", ".1e"), ("period off [s]", ".1e"), ("energy off [J]", ".1e")]
+    note = (
+        f"Free swing of 0.1 rad at 15 m for {duration:g} s with the drives held at {1.0 / PERIOD:g} Hz, against a solution of order 8 with "
+        f"tolerance 1e-13. Cost: median of {rounds} shuffled rounds of the whole plain loop. Payload off: its largest distance from where "
+        f"it should be. Energy off: the most that the ledger does not explain."
+    )
+    return Table("Error against cost", columns, rows, note)
+
+
+def start_up(rounds: int, rng: np.random.Generator, contestants: Sequence[Contestant] = CONTESTANTS) -> Table:
+    """Wall time of fresh processes until a first control period is done, of those that come so far; each starts once before it counts."""
+    names = [one.name for one in contestants if one.missing() is None and _process(_FIRST_STEP, one.name)]
+    tasks = [partial(_process, "pass"), *(partial(_process, _FIRST_STEP, name) for name in names)]
+    taken = np.median(race(tasks, rounds, rng), axis=1)
+    note = (
+        f"Wall time of a process from the start of Python until one control period is simulated, median of {rounds} shuffled rounds. "
+        f"All but the first import cranedyn, load the crane and make its controller; C is compiled."
+    )
+    rows = [(name, 1e3 * float(one)) for name, one in zip(["Python, nothing else", *names], taken, strict=True)]
+    return Table("To the first step", [("way", ""), ("ms", ".0f")], rows, note)
+
+
+def _process(script: str, *arguments: str) -> bool:
+    """Run a script in a process of its own; whether it succeeded."""
+    command = [sys.executable, "-c", script, *arguments]
+    return subprocess.run(command, cwd=Path(__file__).parents[1], check=False, capture_output=True).returncode == 0
+
+
+def accuracy_figure(table: Table) -> Figure:
+    """Distance of the payload from where it should be, against the step and against the cost."""
+    figure, (left, right) = panels(1, 2, height=4.0, sharey=True)
+    for k, name in enumerate(dict.fromkeys(row[0] for row in table.rows)):
+        steps, cost, off = zip(*(row[1:4] for row in table.rows if row[0] == name), strict=True)
+        left.plot(steps, off, marker="os^Dv"[k % 5], label=name)
+        right.plot(cost, off, marker="os^Dv"[k % 5], label=name)
+    left.set(xscale="log", yscale="log", xlabel="physics step [ms]", ylabel="payload off by [m]")
+    costs = np.log10(np.array([row[2] for row in table.rows], dtype=float))
+    limits = 10.0 ** np.floor(costs.min()), 10.0 ** np.ceil(costs.max())
+    right.set(xscale="log", xlim=limits, xlabel="computing time per simulated second [ms]")
+    left.legend(frameon=False)
+    return figure
+
+
+def benchmark(rounds: int, quick: bool) -> tuple[Sequence[Table], Callable[[], Figure]]:
+    """Both tables and the figure; quick leaves out the finest steps."""
+    rng = np.random.default_rng(0)
+    found = integrators(rounds, rng, steps=STEPS[:5] if quick else STEPS)
+    return [found, start_up(rounds, rng)], lambda: accuracy_figure(found)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    return conduct("accuracy", __doc__, benchmark, argv, rounds=3)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,87 @@
+"""Whether a contestant runs the same physics: its trajectories against those of the plain loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.workload import Case, Contestant, Result, Run, plain
+
+ALLOWED = 1e-9
+"""Largest difference with which a contestant is shown: of a coordinate or rate [rad, m, per second], and of an effort as a share of its
+limit. Rounding makes a hundred-thousandth of that; swing damping of 1 N m s/rad taken at another time in the step already 0.4 of it."""
+
+STRETCH = 2.0
+"""Length of the common stretch [s]."""
+
+CRANES = 19
+"""How many run together on it: no multiple of any vector's length."""
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A contestant that agrees.
+
+    Attributes:
+        contestant: Who.
+        run: Its way to run the case.
+        apart: Its largest difference from the plain loop, counted as in `ALLOWED`.
+    """
+
+    contestant: Contestant
+    run: Run
+    apart: float
+
+
+class Truth:
+    """The plain loop over the common stretch, from every start."""
+
+    def __init__(self, case: Case) -> None:
+        self._case, self._starts = case, case.starts(CRANES)
+        self._results = [plain(case, start, STRETCH) for start in self._starts]
+
+    def apart(self, run: Run, *, many: bool) -> float:
+        """The largest difference of another way, counted as in `ALLOWED`.
+
+        Of many cranes at the end and in their peaks, of single ones in the whole logs from the first and the last start.
+        """
+        if many:
+            got, wanted = run(self._starts, STRETCH), self._results
+            ends, peaks = np.concatenate([one.ends for one in wanted]), np.concatenate([one.peaks for one in wanted])
+            return max(_largest(got.ends, ends), _largest(got.peaks, peaks))
+        return max(self._of_log(run(self._starts[i][None], STRETCH), self._results[i]) for i in (0, -1))
+
+    def _of_log(self, got: Result, wanted: Result) -> float:
+        scale = np.concatenate([np.ones(10), self._case.crane.effort_limit])
+        if got.log is None or wanted.log is None:
+            return np.inf
+        return max(_largest(got.log / scale, wanted.log / scale), _largest(got.ends, wanted.ends), _largest(got.peaks, wanted.peaks))
+
+
+def _largest(one: np.ndarray, other: np.ndarray) -> float:
+    """Infinite where the shapes differ or there is a number that is none."""
+    if one.shape != other.shape:
+        return np.inf
+    return float(np.nan_to_num(np.abs(one - other), nan=np.inf).max())
+
+
+def sort(case: Case, contestants: Sequence[Contestant]) -> tuple[list[Ready], list[tuple[str, str]]]:
+    """Those that can be compared, and the names of the others with the reason."""
+    truth, ready, refused = Truth(case), [], []
+    for contestant in contestants:
+        reason = contestant.missing()
+        if reason is None:
+            try:
+                run = contestant.prepare(case)
+                apart = truth.apart(run, many=contestant.many)
+            except Exception as error:  # Engines fail each in its own way, and one of them must not end the others.
+                reason = f"it fails: {type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
+            else:
+                if apart <= ALLOWED:
+                    ready.append(Ready(contestant, run, apart))
+                    continue
+                reason = f"it is {apart:.1e} off the plain loop after {STRETCH:g} s, more than {ALLOWED:g}"
+        refused.append((contestant.name, reason))
+    return ready, refused

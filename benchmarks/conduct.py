@@ -1,0 +1,51 @@
+"""The command line of a benchmark: how often to measure, and where tables and figure go."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from cranedyn.command import command
+from cranedyn.figures import save
+from cranedyn.files import make_folder
+from experiments.document import read_document
+from experiments.outcome import Outcome, Table, show
+
+Benchmark = Callable[[int, bool], tuple[Sequence[Table], Callable[[], Figure]]]
+"""From the number of rounds and whether to be quick to the tables, and to what measures and draws the figure if one is asked for."""
+
+
+def conduct(name: str, about: str | None, benchmark: Benchmark, argv: Sequence[str] | None = None, *, rounds: int = 7) -> int:
+    """Measure, print, and write what the command line asks for.
+
+    Returns:
+        0, 2 for bad arguments or files, 130 if interrupted.
+    """
+    parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{name}", description=about)
+    parser.add_argument("--rounds", type=_rounds, default=rounds, metavar="N", help=f"how often each is measured (default {rounds})")
+    parser.add_argument("--quick", action="store_true", help="measure less of each, and less precisely")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"write the figure {name}.png there")
+    parser.add_argument("--document", metavar="FILE.md", help=f"put the tables between their marks <!-- {name}: title --> there")
+    options = parser.parse_args(argv)
+    return command(lambda: _conducted(name, benchmark, options))
+
+
+def _conducted(name: str, benchmark: Benchmark, options: argparse.Namespace) -> int:
+    document = read_document(options.document, name) if options.document else None
+    folder = make_folder(options.out) if options.out else None
+    tables, figure = benchmark(options.rounds, options.quick)
+    show(Outcome(tables, ()))
+    if document is not None:
+        document.write(tables)
+    if folder is not None:
+        print(f"Written to {save(figure(), folder / f'{name}.png')}.")
+    return 0
+
+
+def _rounds(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is no number of rounds; it must be 1 or more")
+    return int(text)

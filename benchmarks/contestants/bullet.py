@@ -1,0 +1,78 @@
+"""PyBullet on the same URDF, stepped from Python."""
+
+from __future__ import annotations
+
+import tempfile
+import xml.etree.ElementTree as ET
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.workload import Case, Contestant, Result, Run, brake, logged
+from cranedyn.crane import DRIVES, JOINTS
+
+
+def _missing() -> str | None:
+    return None if find_spec("pybullet") else "pybullet is not installed: pip install 'cranedyn[benchmarks]' (its wheel is for Python 3.11)"
+
+
+def _weighed(urdf: str) -> str:
+    """A URDF whose fixed links without mass say that they have none, where Bullet would take 1 kg and warn of it."""
+    robot = ET.fromstring(urdf)
+    for link in robot.iterfind("link"):
+        if link.find("inertial") is None:
+            inertial = ET.SubElement(link, "inertial")
+            ET.SubElement(inertial, "mass", value="0")
+            ET.SubElement(inertial, "inertia", {name: "0" for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")})
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _stepped(case: Case, at_once: int) -> Run:
+    """One crane, with so many physics steps in each call of `stepSimulation`.
+
+    Bullet forgets torques after each call. With several steps in a call it holds the damping of the joints over all of them, too.
+    """
+    import pybullet as bullet
+
+    world = bullet.connect(bullet.DIRECT)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "crane.urdf"
+        path.write_text(_weighed(case.crane.urdf), encoding="utf-8")
+        robot = bullet.loadURDF(str(path), useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=world)
+    bullet.setGravity(0.0, 0.0, -case.crane.gravity, physicsClientId=world)
+    substeps = at_once if at_once > 1 else 0
+    bullet.setPhysicsEngineParameter(fixedTimeStep=at_once * case.dt, numSubSteps=substeps, physicsClientId=world)
+    places = {bullet.getJointInfo(robot, i, physicsClientId=world)[1].decode(): i for i in range(bullet.getNumJoints(robot, world))}
+    joints = [places[joint.name] for joint in JOINTS]
+    drives = [joints[i] for i in DRIVES]
+    for i in range(-1, len(places)):
+        bullet.changeDynamics(robot, i, linearDamping=0.0, angularDamping=0.0, maxJointVelocity=1e9, physicsClientId=world)
+    for joint, damping in zip(joints, case.crane.damping, strict=True):
+        bullet.changeDynamics(robot, joint, jointDamping=damping, physicsClientId=world)
+    # A velocity motor without force: otherwise Bullet brakes each joint.
+    bullet.setJointMotorControlArray(robot, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * len(joints), physicsClientId=world)
+    states, control, torque, step = bullet.getJointStates, bullet.setJointMotorControlArray, bullet.TORQUE_CONTROL, bullet.stepSimulation
+    calls = range(case.steps // at_once)
+
+    def run(starts: np.ndarray, duration: float) -> Result:
+        for joint, q, v in zip(joints, starts[0, :5], starts[0, 5:], strict=True):
+            bullet.resetJointState(robot, joint, q, v, physicsClientId=world)
+        effort, log = brake(case, starts[0]), np.empty((case.periods(duration) + 1, 13))
+        for k, row in enumerate(log):
+            q, v, _, _ = zip(*states(robot, joints, world), strict=True)
+            row[:5], row[5:10] = q, v
+            row[10:] = tau = effort(q, v)
+            if k < len(log) - 1:
+                for _ in calls:
+                    control(robot, drives, torque, forces=tau, physicsClientId=world)
+                    step(world)
+        return logged(log)
+
+    return run
+
+
+CONTESTANTS = (
+    Contestant("PyBullet, substeps of a control period", _missing, lambda case: _stepped(case, case.steps)),
+    Contestant("PyBullet, each step", _missing, lambda case: _stepped(case, 1)),
+)

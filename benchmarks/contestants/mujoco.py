@@ -1,0 +1,99 @@
+"""MuJoCo on the same URDF: stepped from Python for one crane, rolled out on all processors for many."""
+
+from __future__ import annotations
+
+import os
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from benchmarks.workload import Case, Contestant, Result, Run, brake, logged, swing
+from cranedyn.crane import DRIVES
+
+
+def twin(urdf: str, *, gravity: float, dt: float) -> Any:
+    """A crane as an MjModel that steps as `simulate` does.
+
+    Semi-implicit Euler, damping at the velocity before the step, no joint ranges.
+
+    Args:
+        urdf: Plain URDF.
+        gravity: Along -Z [m/s²].
+        dt: Physics step [s].
+    """
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(urdf)
+    option, off = model.opt, mujoco.mjtDisableBit
+    option.integrator, option.timestep, option.gravity[:] = mujoco.mjtIntegrator.mjINT_EULER, dt, [0.0, 0.0, -gravity]
+    option.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_EULERDAMP
+    return model
+
+
+def _missing() -> str | None:
+    return None if find_spec("mujoco") else "mujoco is not installed: pip install 'cranedyn[mujoco]'"
+
+
+def _stepped(case: Case, at_once: int) -> Run:
+    """One crane, with so many physics steps in each call of `mj_step`; its efforts are plain numbers between them."""
+    import mujoco
+
+    model = twin(case.crane.urdf, gravity=case.crane.gravity, dt=case.dt)
+    data, step = mujoco.MjData(model), mujoco.mj_step
+    calls = range(case.steps // at_once)
+
+    def run(starts: np.ndarray, duration: float) -> Result:
+        mujoco.mj_resetData(model, data)
+        q, v, tau = data.qpos, data.qvel, data.qfrc_applied
+        q[:], v[:] = starts[0, :5], starts[0, 5:]
+        slew, trolley, hoist = DRIVES.tolist()
+        effort, log = brake(case, starts[0]), np.empty((case.periods(duration) + 1, 13))
+        for k, row in enumerate(log):
+            row[:5], row[5:10] = q, v
+            row[10:] = tau[slew], tau[trolley], tau[hoist] = effort(q.tolist(), v.tolist())
+            if k < len(log) - 1:
+                for _ in calls:
+                    step(model, data, at_once)
+        return logged(log)
+
+    return run
+
+
+def _rolled_out(case: Case) -> Run:
+    """Many cranes, rolled out together over one control period after the other, with their efforts computed by NumPy in between.
+
+    A controller inside the model would be asked at every physics step, which is another controller.
+    """
+    import mujoco
+    from mujoco.rollout import Rollout
+
+    model = twin(case.crane.urdf, gravity=case.crane.gravity, dt=case.dt)
+    threads = os.cpu_count() or 1
+    datas = [mujoco.MjData(model) for _ in range(threads)]
+    full, force = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.mjtState.mjSTATE_QFRC_APPLIED
+    rollout, hold, limit = Rollout(nthread=threads), case.controller, case.crane.effort_limit
+
+    def run(starts: np.ndarray, duration: float) -> Result:
+        count, wanted = len(starts), starts[:, DRIVES]
+        state = np.zeros((count, mujoco.mj_stateSize(model, full)))
+        state[:, 1:11] = starts
+        states, sensors = np.empty((count, case.steps, state.shape[1])), np.empty((count, case.steps, 0))
+        tau, peaks = np.zeros((count, 1, 5)), swing(starts)
+        for _ in range(case.periods(duration)):
+            rows = state[:, 1:11]
+            effort = hold.feed_forward + hold.stiffness * (wanted - rows[:, DRIVES]) - hold.damping * rows[:, 5 + DRIVES]
+            tau[:, 0, DRIVES] = np.clip(effort, -limit, limit)
+            rollout.rollout(model, datas, state, tau, control_spec=int(force), nstep=case.steps, state=states, sensordata=sensors)
+            state = states[:, -1].copy()
+            peaks = np.maximum(peaks, swing(state[:, 1:11]))
+        return Result(state[:, 1:11].copy(), peaks)
+
+    return run
+
+
+CONTESTANTS = (
+    Contestant("MuJoCo, mj_step of a control period", _missing, lambda case: _stepped(case, case.steps)),
+    Contestant("MuJoCo, mj_step of each step", _missing, lambda case: _stepped(case, 1)),
+    Contestant(f"MuJoCo, rollout of control periods, {os.cpu_count()} threads", _missing, _rolled_out, many=True),
+)

@@ -1,0 +1,93 @@
+"""The plain loop against every other way to run the same crane: the whole workload, with control and logging."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.agreement import ALLOWED, STRETCH, Ready, sort
+from benchmarks.conduct import conduct
+from benchmarks.contestants import CONTESTANTS
+from benchmarks.contestants.ours import PLAIN
+from benchmarks.engines_figure import engines_figure
+from benchmarks.timing import race, stretch
+from benchmarks.workload import DURATION, Case, Contestant
+from cranedyn.errors import CraneError
+from experiments.outcome import Table
+
+CRANES = (64, 1024)
+"""How many cranes run together."""
+
+COLUMNS = (("way", ""), ("cranes", ",d"), ("million steps/s", ",.6g"), ("real time", ",.6g"), ("ratio", ",.6g"), ("apart", ".0e"))
+
+
+def measure(case: Case, ready: Sequence[Ready], rounds: int, budget: float, rng: np.random.Generator) -> list[list[float | str | None]]:
+    """A row for each way and number of cranes: steps a second, times real time, ratio to the plain loop of the same round.
+
+    Args:
+        case: What to run.
+        ready: Who, the plain loop among them.
+        rounds: How often.
+        budget: How long each takes in a round [s]; a run is cut to fit, never below a control period.
+        rng: Shuffles the rounds.
+    """
+    entries = [(one, cranes) for one in ready for cranes in (CRANES if one.contestant.many else (1,))]
+    lengths = [stretch(case, one.run, cranes, budget) for one, cranes in entries]
+    tasks = [partial(one.run, case.starts(cranes), length) for (one, cranes), length in zip(entries, lengths, strict=True)]
+    steps = [cranes * case.steps * case.periods(length) for (_, cranes), length in zip(entries, lengths, strict=True)]
+    rates = np.array(steps)[:, None] / race(tasks, rounds, rng)
+    (plain,) = (rate for rate, (one, _) in zip(rates, entries, strict=True) if one.contestant is PLAIN)
+    return [
+        [one.contestant.name, cranes, *_numbers(case, rate, plain), None if one.contestant is PLAIN else one.apart]
+        for (one, cranes), rate in zip(entries, rates, strict=True)
+    ]
+
+
+def _numbers(case: Case, rate: np.ndarray, plain: np.ndarray) -> tuple[float, float, float]:
+    """To three digits."""
+    middle = float(np.median(rate))
+    million, real_time, ratio = (float(f"{value:.3g}") for value in (middle / 1e6, middle * case.dt, np.median(rate / plain)))
+    return million, real_time, ratio
+
+
+def tables(rows: Sequence[Sequence[float | str | None]], refused: Sequence[tuple[str, str]], rounds: int) -> list[Table]:
+    """One crane, many cranes, and who is not shown."""
+    note = (
+        f"Median of {rounds} shuffled rounds, on this machine with whatever else it did. Real time: simulated time of all cranes over wall "
+        f"time. Ratio: to the plain loop of the same round. Apart: largest difference from the plain loop over {STRETCH:g} s, of a "
+        f"coordinate or rate [rad, m, per second] or of an effort as a share of its limit; {ALLOWED:g} at most."
+    )
+    single = [row for row in rows if row[1] == 1]
+    made = [Table(f"One crane for {DURATION:g} s, or as much of them as fits", COLUMNS, single, note)]
+    if len(single) < len(rows):
+        made.append(Table("Many cranes at once", COLUMNS, [row for row in rows if row[1] != 1], note))
+    if refused:
+        made.append(Table("Not shown", (("way", ""), ("why", "")), refused))
+    return made
+
+
+def benchmark(rounds: int, quick: bool, contestants: Sequence[Contestant] = CONTESTANTS) -> tuple[Sequence[Table], Callable[[], Figure]]:
+    """The tables, and what measures and draws the figure.
+
+    Raises:
+        CraneError: If the plain loop itself cannot be shown.
+    """
+    case, rng = Case(), np.random.default_rng(0)
+    ready, refused = sort(case, contestants)
+    if not any(one.contestant is PLAIN for one in ready):
+        raise CraneError(f"Nothing can be compared without the {PLAIN.name}: {dict(refused).get(PLAIN.name, 'it does not take part')}.")
+    rows = measure(case, ready, rounds, 0.05 if quick else 1.0, rng)
+    return tables(rows, refused, rounds), lambda: engines_figure(case, ready, rng, quick=quick)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    return conduct("engines", __doc__, benchmark, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

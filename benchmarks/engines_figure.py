@@ -1,0 +1,63 @@
+"""Cost of a physics step against the number of cranes and against the length of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.agreement import Ready
+from benchmarks.contestants.ours import PLAIN
+from benchmarks.timing import race, stretch
+from benchmarks.workload import Case, Run
+from cranedyn.figures import panels
+
+SIZES = tuple(10**k for k in range(6))
+"""Numbers of cranes."""
+
+LENGTHS = (10, 100, 1_000, 10_000, 140_000)
+"""Numbers of physics steps."""
+
+_MARKS = "osD^vP*X"
+
+
+def engines_figure(case: Case, ready: Sequence[Ready], rng: np.random.Generator, *, quick: bool) -> Figure:
+    """Both as measured, in three shuffled rounds; runs of few steps are repeated until they are worth measuring.
+
+    Args:
+        case: What is run.
+        ready: Who runs it.
+        rng: Shuffles the rounds.
+        quick: Leave out the largest numbers.
+    """
+    sizes, lengths = (SIZES[:4], LENGTHS[:3]) if quick else (SIZES, LENGTHS)
+    budget, fewest = (0.02, 1_000) if quick else (0.2, 10_000)
+    many = [(one, size, stretch(case, one.run, size, budget)) for one in ready if one.contestant.many for size in sizes]
+    single = [(one, 1, length * case.dt) for one in ready if not one.contestant.many for length in lengths]
+    runs = [*many, *single]
+    steps = [cranes * case.steps * case.periods(length) for _, cranes, length in runs]
+    times = [max(fewest // count, 1) for count in steps]
+    tasks = [partial(_repeat, one.run, case.starts(cranes), length, n) for (one, cranes, length), n in zip(runs, times, strict=True)]
+    costs = 1e9 * np.median(race(tasks, 3, rng), axis=1) / np.multiply(steps, times)
+    figure, (left, right) = panels(1, 2, height=5.2, width=11.0, sharey=True)
+    for k, one in enumerate(ready):
+        ax, at = (left, sizes) if one.contestant.many else (right, lengths)
+        cost = [cost for (other, _, _), cost in zip(runs, costs, strict=True) if other is one]
+        colour = "black" if one.contestant is PLAIN else mpl.colormaps["turbo"](0.05 + 0.9 * k / max(len(ready) - 1, 1))
+        ax.plot(at, cost, marker=_MARKS[k % len(_MARKS)], markersize=5.0, color=colour, label=one.contestant.name)
+        if one.contestant is PLAIN:
+            left.axhline(cost[-1], linestyle=":", color="black", label=f"{PLAIN.name}, one crane")
+    left.set(xlabel="cranes at once", ylabel="time per physics step [ns]")
+    right.set(xlabel="physics steps of one crane")
+    for ax in (left, right):
+        ax.set(xscale="log", yscale="log")
+        ax.legend(frameon=False, fontsize=9.0, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    return figure
+
+
+def _repeat(run: Run, starts: np.ndarray, duration: float, times: int) -> None:
+    for _ in range(times):
+        run(starts, duration)

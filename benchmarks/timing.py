@@ -1,0 +1,38 @@
+"""Measuring in turn, in shuffled rounds: what else the machine does meets everyone alike."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from benchmarks.workload import DURATION, Case, Run
+
+
+def seconds(task: Callable[[], object]) -> float:
+    """Wall time of one call, since some tasks use several processors."""
+    before = time.perf_counter()
+    task()
+    return time.perf_counter() - before
+
+
+def race(tasks: Sequence[Callable[[], object]], rounds: int, rng: np.random.Generator) -> np.ndarray:
+    """Wall time of each task in each round [s], shape (tasks, rounds); every round in an order of its own."""
+    taken = np.empty((len(tasks), rounds))
+    for k in range(rounds):
+        for i in rng.permutation(len(tasks)):
+            taken[i, k] = seconds(tasks[i])
+    return taken
+
+
+def stretch(case: Case, run: Run, cranes: int, budget: float) -> float:
+    """Simulated time [s] that takes a way about so many seconds, 70 s at most and a control period at least."""
+    starts, whole = case.starts(cranes), case.periods(DURATION)
+    run(starts, case.period)
+    periods, taken = 1, seconds(lambda: run(starts, case.period))
+    while taken < 0.1 * budget and periods < whole:
+        periods = min(10 * periods, whole)
+        taken = seconds(partial(run, starts, periods * case.period))
+    return min(max(round(periods * budget / taken), 1), whole) * case.period

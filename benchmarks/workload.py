@@ -1,0 +1,127 @@
+"""The workload that every contestant runs: free swing of the project's crane while hold control brakes its drives, all of it logged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cranedyn.controllers import hold_controller
+from cranedyn.controllers.hold import Hold
+from cranedyn.crane import DRIVES, PASSIVE, Crane, State, load_crane
+from cranedyn.simulate import simulate
+
+DURATION = 70.0
+"""Simulated time of a whole run [s]."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A crane, its controller and the clocks.
+
+    Attributes:
+        crane: The crane.
+        controller: Holds the drives where they start, at every control instant until the next.
+        dt: Physics step [s].
+        period: Control period [s].
+    """
+
+    crane: Crane = field(default_factory=load_crane)
+    dt: float = 5e-4
+    period: float = 5e-3
+
+    @property
+    def controller(self) -> Hold:
+        """Of the three drives."""
+        return hold_controller(self.crane)
+
+    @property
+    def steps(self) -> int:
+        """Physics steps in a control period."""
+        return round(self.period / self.dt)
+
+    def periods(self, duration: float) -> int:
+        """Control periods in a run of some time [s]."""
+        return round(duration / self.period)
+
+    def starts(self, cranes: int) -> np.ndarray:
+        """Coordinates and rates of cranes at rest that differ in swing, shape (cranes, 10).
+
+        The first swings by 0.1 rad radially, the last by 0.2 rad radially and 0.1 rad tangentially.
+        """
+        share = np.linspace(0.0, 0.1, cranes)
+        rows = np.tile(np.concatenate(self.crane.state(l=15.0)), (cranes, 1))
+        rows[:, PASSIVE] = np.stack([0.1 + share, share], axis=1)
+        return rows
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run leaves.
+
+    Attributes:
+        ends: Coordinates and rates of each crane at the end, shape (cranes, 10).
+        peaks: The largest swing of each at a control instant, √(φ² + θ²) [rad], shape (cranes,).
+        log: Of a single crane coordinates, rates and efforts at each control instant, shape (periods + 1, 13); None for many.
+    """
+
+    ends: np.ndarray
+    peaks: np.ndarray
+    log: np.ndarray | None = None
+
+
+Run = Callable[[np.ndarray, float], Result]
+"""Runs cranes from their starts, shape (cranes, 10), for a time [s]."""
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """A way to run the workload.
+
+    Attributes:
+        name: What it is called.
+        missing: Why it cannot run here, None if it can.
+        prepare: From a case to what runs it: all that is done once, such as loading a model or compiling.
+        many: Whether it runs many cranes at once and leaves no log; the others run one and leave one.
+    """
+
+    name: str
+    missing: Callable[[], str | None]
+    prepare: Callable[[Case], Run]
+    many: bool = False
+
+
+def logged(log: np.ndarray) -> Result:
+    """The result of a single crane from its log, shape (n, 13)."""
+    return Result(log[-1:, :10].copy(), swing(log).max(keepdims=True), log)
+
+
+def swing(rows: np.ndarray) -> np.ndarray:
+    """√(φ² + θ²) of rows that begin with coordinates [rad]."""
+    return np.linalg.norm(rows[..., PASSIVE], axis=-1)
+
+
+def plain(case: Case, start: np.ndarray, duration: float) -> Result:
+    """The plain loop of cranedyn from one start, shape (10,)."""
+    run = simulate(
+        case.crane, case.controller, start=State(start[:5], start[5:]), duration=duration, dt=case.dt, control_period=case.period
+    )
+    return logged(np.hstack([run.q, run.v, run.effort]))
+
+
+def brake(case: Case, start: np.ndarray) -> Callable[[Sequence[float], Sequence[float]], tuple[float, float, float]]:
+    """The hold controller within the limits of the drives on plain numbers, the fastest that a loop in Python has for one crane."""
+    hold, (slew, trolley, hoist) = case.controller, DRIVES.tolist()
+    (a, b, c), (d, e, f), (i, j, k) = hold.stiffness.tolist(), hold.damping.tolist(), hold.feed_forward.tolist()
+    x, y, z = case.crane.effort_limit.tolist()
+    gamma, radius, length = start[DRIVES].tolist()
+
+    def effort(q: Sequence[float], v: Sequence[float]) -> tuple[float, float, float]:
+        return (
+            max(-x, min(x, i + a * (gamma - q[slew]) - d * v[slew])),
+            max(-y, min(y, j + b * (radius - q[trolley]) - e * v[trolley])),
+            max(-z, min(z, k + c * (length - q[hoist]) - f * v[hoist])),
+        )
+
+    return effort
