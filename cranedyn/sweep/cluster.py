@@ -40,11 +40,11 @@ class Cluster:
         Raises:
             CraneError: If Dask is not installed or no scheduler answers.
         """
-        _check_address(scheduler)
         try:
             from distributed import Client, KilledWorker
         except ImportError:
             raise CraneError("Sweeping on a cluster needs Dask; install it with: pip install 'cranedyn[dask]'") from None
+        _check_address(scheduler)
         self._study, self._address, self._killed = study, scheduler, KilledWorker
         try:
             self._client = Client(scheduler, timeout=CONNECTING, set_as_default=False)

@@ -77,7 +77,9 @@ def grid(**values: Values) -> Design:
     Raises:
         CraneError: As `Design`, or if the table would not fit the memory.
     """
-    return reduce(cross, [Design({name: _column(name, given)}) for name, given in values.items()] or [Design({})])
+    designs = [Design({name: _column(name, given)}) for name, given in values.items()] or [Design({})]
+    _check_memory(math.prod(map(len, designs)), *designs)
+    return reduce(cross, designs)
 
 
 def sampled(count: int, /, *, seed: int, method: str = "sobol", **ranges: tuple[float, float]) -> Design:
@@ -103,12 +105,11 @@ def sampled(count: int, /, *, seed: int, method: str = "sobol", **ranges: tuple[
         raise UnknownName("method of sampling", method, METHODS)
     n, rng = whole("number of points", count, 1, 2**30), np.random.default_rng(whole("seed", seed, 0))
     box = np.array([_range(name, given) for name, given in ranges.items()]).reshape(-1, 2).T
-    power = (n - 1).bit_length()
-    _check_memory(2**power, 8 * len(ranges))
     if not ranges:
         return Design({})
+    _check_memory(n, *(Design({name: np.zeros(1)}) for name in ranges))
     if method == "sobol":
-        points = qmc.Sobol(len(ranges), seed=rng).random_base2(power)[:n]
+        points = qmc.Sobol(len(ranges), seed=rng).random_base2((n - 1).bit_length())[:n]
     else:
         points = qmc.LatinHypercube(len(ranges), seed=rng).random(n)
     low, high = box[0], box[1]
@@ -123,13 +124,14 @@ def cross(a: Design, b: Design) -> Design:
     """
     if shared := [name for name in a.columns if name in b.columns]:
         raise DataError(f"Both designs have the parameter {', '.join(shared)}; each may be in one of them.")
-    _check_memory(len(a) * len(b), sum(column.itemsize for design in (a, b) for column in design.columns.values()))
+    _check_memory(len(a) * len(b), a, b)
     slow = {name: np.repeat(values, len(b)) for name, values in a.columns.items()}
     return Design(slow | {name: np.tile(values, len(a)) for name, values in b.columns.items()})
 
 
-def _check_memory(count: int, width: int) -> None:
-    check_memory(f"A design of {count} cases" if count < 10**15 else "Such a design", float(min(count, 10**300)) * width)
+def _check_memory(count: int, *parts: Design) -> None:
+    width = sum(column.itemsize for part in parts for column in part.columns.values())
+    check_memory(f"A design of {count} cases", float(min(count, 10**300)) * width)
 
 
 def _range(name: str, given: Any) -> tuple[float, float]:
@@ -160,8 +162,10 @@ def _listed(name: str, given: object) -> np.ndarray:
         given = given.tolist()
     items = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
     words = [item for item in items if isinstance(item, str)]
-    if len(words) < len(items):
-        return np.array([number(name, None if isinstance(item, str) else item) for item in items])
+    if 0 < len(words) < len(items):
+        raise OutOfRange(f"column {name}", "of numbers and words", "one of them")
+    if items and not words:
+        return np.array([number(name, item) for item in items])
     for word in words:
         if not word or not word.isprintable():
             raise OutOfRange(f"a value of {name}", repr(word), "a number or a printable word")

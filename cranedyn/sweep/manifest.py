@@ -13,8 +13,8 @@ from pathlib import Path
 from cranedyn.errors import DataError
 from cranedyn.files import make_folder, read_text, written
 
-MANIFEST, LOCK = "_sweep.json", ".lock"
-"""Files beside the parts; Parquet readers that are given the folder skip them."""
+MANIFEST, LOCK, PART = "_sweep.json", ".lock", "part-{:06d}.parquet"
+"""Files of a sweep; Parquet readers that are given the folder skip the first two."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 @contextmanager
 def claimed(folder: Path, manifest: Manifest, chunk_given: bool) -> Iterator[Manifest]:
-    """Have the folder for this process alone, begun if it is empty; what a killed process left half written is removed.
+    """Have the folder for this process alone, begun anew if no part is done; what a killed process left half written is removed.
 
     Yields:
         The manifest that holds: that given, with chunks of the size begun with if none was asked for.
@@ -73,20 +73,28 @@ def claimed(folder: Path, manifest: Manifest, chunk_given: bool) -> Iterator[Man
     Raises:
         DataError: If the folder holds another sweep or anything else, another process is at it, or it cannot be written to.
     """
-    if folder.is_dir() and not (folder / MANIFEST).exists():
-        strangers = sorted(path.name for path in folder.iterdir() if path.name != LOCK and not path.name.startswith("._sweep."))
-        if strangers:
-            raise DataError(f"Cannot sweep in {folder}: it holds other things ({', '.join(strangers[:3])}); give a folder of its own.")
+    if strangers := _strangers(folder):
+        shown = ", ".join(strangers[:3]) + (", …" if strangers[3:] else "")
+        raise DataError(f"Cannot sweep in {folder}: it holds other things ({shown}); give a folder of its own.")
     with _locked(make_folder(folder)):
         for draft in [*folder.glob(".part-*.parquet"), *folder.glob("._sweep.*.json")]:
             with suppress(OSError):
                 draft.unlink()
-        if (folder / MANIFEST).exists():
+        if (folder / MANIFEST).exists() and any(folder.glob(PART.replace("{:06d}", "*"))):
             manifest = _same(folder, read_manifest(folder), manifest, chunk_given)
         else:
             with written(folder / MANIFEST) as file:
                 file.write_text(json.dumps(asdict(manifest), indent=1), encoding="utf-8")
         yield manifest
+
+
+def _strangers(folder: Path) -> list[str]:
+    """What is in a folder that is none of a sweep."""
+    try:
+        names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    except OSError as error:
+        raise DataError(f"Cannot sweep in {folder}: {error.strerror}.") from error
+    return [] if MANIFEST in names else [name for name in names if name != LOCK and not name.startswith("._sweep.")]
 
 
 @contextmanager
@@ -105,12 +113,12 @@ def _locked(folder: Path) -> Iterator[None]:
 
 def _same(folder: Path, found: Manifest, asked: Manifest, chunk_given: bool) -> Manifest:
     differs = [
-        f"its {name} is {there}, not {here}"
+        f"its {name} {there}, not {here}"
         for name, there, here in (
-            ("study", found.study, asked.study),
-            ("parameters", ", ".join(map(str, found.parameters)), ", ".join(asked.parameters)),
-            ("number of cases", found.cases, asked.cases),
-            ("number of cases in a part", found.chunk, asked.chunk if chunk_given else found.chunk),
+            ("study is", found.study, asked.study),
+            ("parameters are", ", ".join(map(str, found.parameters)), ", ".join(asked.parameters)),
+            ("number of cases is", found.cases, asked.cases),
+            ("number of cases in a part is", found.chunk, asked.chunk if chunk_given else found.chunk),
         )
         if there != here
     ]

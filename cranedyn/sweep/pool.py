@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Protocol
 
@@ -163,6 +164,7 @@ def _end_with_parent() -> None:
 @contextmanager
 def _deaf() -> Iterator[None]:
     """Processes started here never hear of Ctrl-C, which goes to all processes of a terminal: their parent ends them."""
+    resource_tracker.ensure_running()  # a process of multiprocessing's own, at whose start it would unblock the signal
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -13,10 +13,7 @@ from cranedyn.errors import DataError
 from cranedyn.files import written
 from cranedyn.sweep.chunk import joined
 from cranedyn.sweep.limits import check_memory
-from cranedyn.sweep.manifest import Manifest, read_manifest
-
-PART = "part-{:06d}.parquet"
-"""Name of a part."""
+from cranedyn.sweep.manifest import PART, Manifest, read_manifest
 
 
 def finished(folder: Path, manifest: Manifest, part: int) -> tuple[int, int] | None:
