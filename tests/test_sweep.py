@@ -142,7 +142,7 @@ def test_damaged_parts_are_computed_again_and_whole_ones_are_not(tmp_path: Path)
     before = [part.stat().st_mtime_ns for part in parts]
     parts[1].write_bytes(parts[1].read_bytes()[:-9])
     parts[2].write_bytes(b"")
-    pq.write_table(pa.table({"error": pa.array([], pa.string())}), parts[3])
+    pq.write_table(pa.table({"error": pa.array([None, None], pa.string())}), parts[3])
     pq.write_table(pa.table({"case": [4]}), parts[4])
     with pytest.raises(DataError, match=r"is not finished: 2 of 6 cases are there; sweep on, or ask for a partial table\."):
         results(tmp_path)

@@ -29,7 +29,7 @@ pytest.importorskip("distributed", reason="the extra dask is not installed")
 @contextmanager
 def _dask(*words: str, log: Path, **environment: str) -> Iterator[subprocess.Popen[bytes]]:
     """A ``dask`` command in a group of its own, all of it killed in the end."""
-    more = {"PYTHONPATH": str(ROOT), "DASK_TEMPORARY_DIRECTORY": str(log.parent), **environment}
+    more = {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), "DASK_TEMPORARY_DIRECTORY": str(log.parent), **environment}
     with log.open("wb") as file:
         process = subprocess.Popen(
             [sys.executable, "-m", "dask", *words], stdout=file, stderr=file, cwd=ROOT, env=os.environ | more, start_new_session=True

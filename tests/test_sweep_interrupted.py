@@ -116,6 +116,15 @@ def test_a_sweep_killed_in_the_middle_goes_on_and_leaves_no_process(tmp_path: Pa
     finish(folder, log, monkeypatch)
 
 
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are looked up in /proc")
+def test_a_sweep_that_is_killed_takes_its_workers_along_in_the_middle_of_a_chunk(tmp_path: Path) -> None:
+    with sweeping(tmp_path / "sweep", tmp_path / "log", pause=50.0) as process:
+        until(lambda: len(ran(tmp_path / "log")[1]) == 2)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait(10)
+        until(lambda: gone(ran(tmp_path / "log")[1]), 10.0)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_sweep_says_how_to_go_on(number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, log = tmp_path / "sweep", tmp_path / "log"

@@ -93,7 +93,7 @@ class Cluster:
         except CraneError:
             raise
         except CancelledError:
-            raise CraneError(f"The scheduler at {self._address} is gone.") from None
+            raise CraneError(f"The scheduler at {self._address} is gone, or runs a version of Dask that does not go with this one.") from None
         except Exception as error:
             raise CraneError(f"The cluster at {self._address} failed: {type(error).__name__}: {error}") from error
 

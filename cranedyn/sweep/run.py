@@ -95,7 +95,7 @@ def sweep(
                         books.take(rows, found)
             unify(folder, manifest)
         except KeyboardInterrupt:
-            done = f"{books.progress.done} of {manifest.cases} cases are done"
+            done = f"{_Books(folder, manifest, design, None).progress.done} of {manifest.cases} cases are done"
             raise KeyboardInterrupt(f"Interrupted: {done}, and kept in {folder}; the same sweep goes on from there.") from None
     return books.progress
 
