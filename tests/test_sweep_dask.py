@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -16,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from cranedyn.errors import CraneError
+from cranedyn.recording.process import free_port
 from cranedyn.sweep import Progress, cluster, grid, results, sweep
 from cranedyn.sweep.chunk import DIED
 from tests import studies
@@ -107,6 +109,31 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(tmp_path: Pa
             studies.squares.__module__ = before
 
 
+def test_the_commands_of_the_documentation_work(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "sweeps.md").read_text().replace("8786", str(free_port()))
+    study, local, clustered = re.findall(r"```(?:python)?\n(.*?)```", text, re.DOTALL)
+    (tmp_path / "swings.py").write_text(study)
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "DASK_TEMPORARY_DIRECTORY": str(tmp_path)}
+    environment["PYTHONPATH"] = f".:{ROOT}"
+    said = []
+    for commands in (local, clustered.replace("PYTHONPATH=.", f"PYTHONPATH=.:{ROOT}")):
+        with (tmp_path / "said").open("w") as out:
+            shell = subprocess.Popen(["bash", "-ec", commands], cwd=tmp_path, env=environment, stdout=out, start_new_session=True)
+        try:
+            assert shell.wait(50) == 0
+        finally:
+            _kill(shell)
+        said.append((tmp_path / "said").read_text())
+        (tmp_path / "out" / "periods").rename(tmp_path / f"periods{len(said)}")
+    columns = "['case', 'way', 'l_m', 'A_rad', 'T_s', 'error']"
+    assert (
+        said[0]
+        == f"2048 cases, 0 bad, 2048 of them computed just now\n{columns}\n2048 cases, 0 bad, 0 of them computed just now\n{columns}\n"
+    )
+    assert said[1] == f"2048 cases, 0 bad, 2048 of them computed just now\n{columns}\n"
+    assert results(tmp_path / "periods1").equals(results(tmp_path / "periods2"))
+
+
 @contextmanager
 def _server(answer: Callable[[socket.socket], object]) -> Iterator[str]:
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -146,9 +173,13 @@ def test_what_is_no_address_is_said_in_a_sentence(address: str, tmp_path: Path) 
         sweep(studies.squares, grid(x=range(4)), tmp_path, scheduler=address)
 
 
-def test_a_scheduler_that_is_not_there_is_said_at_once(tmp_path: Path) -> None:
+def test_a_scheduler_that_is_not_there_is_said_when_it_had_time_to_come(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert cluster.CONNECTING <= 5.0
+    monkeypatch.setattr(cluster, "CONNECTING", 0.5)
+    began = time.monotonic()
     with pytest.raises(CraneError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:1: Connection refused\."):
         sweep(studies.squares, grid(x=range(4)), tmp_path, scheduler="tcp://127.0.0.1:1")
+    assert 0.5 < time.monotonic() - began < 5.0  # half a second of waiting, and the import of Dask
 
 
 def test_without_dask_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import socket
+import time
 from collections.abc import Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from urllib.parse import urlsplit
@@ -18,7 +19,7 @@ from cranedyn.sweep.pool import Rows
 CONNECTING, WORKERLESS = 5.0, 60
 """Seconds in which a scheduler must answer, and in which a worker must come."""
 
-_LONGEST_GREETING = 1_000_000
+_PAUSE, _LONGEST_GREETING = 0.1, 1_000_000
 
 
 class Cluster:
@@ -93,7 +94,9 @@ class Cluster:
         except CraneError:
             raise
         except CancelledError:
-            raise CraneError(f"The scheduler at {self._address} is gone, or runs a version of Dask that does not go with this one.") from None
+            raise CraneError(
+                f"The scheduler at {self._address} is gone, or runs a version of Dask that does not go with this one."
+            ) from None
         except Exception as error:
             raise CraneError(f"The cluster at {self._address} failed: {type(error).__name__}: {error}") from error
 
@@ -105,7 +108,7 @@ class Cluster:
 
 
 def _check_address(scheduler: str) -> None:
-    """Return if a Dask server greets there, with the length of its first message; Dask itself would wait for the greeting without end."""
+    """Return if a Dask server greets there, with the length of its first message; Dask itself would wait for that without end."""
     try:
         parts = urlsplit(scheduler)
         host, port = parts.hostname, parts.port
@@ -113,10 +116,19 @@ def _check_address(scheduler: str) -> None:
         host = port = None
     if not (host and port and parts.scheme in ("tcp", "tls")):
         raise CraneError(f"The address of a scheduler is {scheduler!r}; allowed is one like tcp://127.0.0.1:8786.")
-    try:
-        with socket.create_connection((host, port), timeout=CONNECTING) as probe:
-            greeting = probe.recv(8, socket.MSG_WAITALL) if parts.scheme == "tcp" else bytes(8)
-    except OSError as error:
-        raise CraneError(f"No Dask scheduler answers at {scheduler}: {error.strerror or error}.") from error
+    greeting = _greeting(scheduler, (host, port)) if parts.scheme == "tcp" else bytes(8)
     if len(greeting) < 8 or int.from_bytes(greeting, "little") > _LONGEST_GREETING:
         raise CraneError(f"No Dask scheduler answers at {scheduler}: what listens there is something else.")
+
+
+def _greeting(scheduler: str, place: tuple[str, int]) -> bytes:
+    """The first bytes that are said there; a scheduler that is just being started may take its time to listen."""
+    for again in range(round(CONNECTING / _PAUSE), -1, -1):
+        try:
+            with socket.create_connection(place, timeout=CONNECTING) as probe:
+                return probe.recv(8, socket.MSG_WAITALL)
+        except OSError as error:
+            if not (again and isinstance(error, ConnectionRefusedError)):
+                raise CraneError(f"No Dask scheduler answers at {scheduler}: {error.strerror or error}.") from error
+        time.sleep(_PAUSE)
+    return b""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -90,3 +91,5 @@ def results(folder: str | Path, *, partial: bool = False) -> pa.Table:
 def _write(path: Path, table: pa.Table) -> None:
     with written(path) as file:
         pq.write_table(table, file)
+        with file.open("rb") as whole:
+            os.fsync(whole.fileno())  # a machine that goes down must not leave the name without the content
