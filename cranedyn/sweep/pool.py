@@ -66,7 +66,8 @@ class Cores:
         self._free: list[_Lane] = []
         self._busy: dict[object, tuple[_Lane, Rows]] = {}
         try:
-            self._lanes += [_Lane(study) for _ in range(count)]
+            for _ in range(count):
+                self._lanes.append(_Lane(study))
             for lane in self._lanes:
                 lane.check()
         except BaseException:
