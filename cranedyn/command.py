@@ -35,8 +35,8 @@ def command(run: Callable[[], int]) -> int:
         except CraneError as error:
             print(f"error: {error}", file=sys.stderr)
             return REFUSED
-        except KeyboardInterrupt:
-            print("Interrupted.", file=sys.stderr)
+        except KeyboardInterrupt as stop:
+            print(str(stop) or "Interrupted.", file=sys.stderr)
             return INTERRUPTED
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -19,6 +20,20 @@ settings.load_profile("cranedyn")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _TRIED: Counter[str] = Counter()
+
+
+@pytest.fixture
+def limited() -> Iterator[None]:
+    """A minute and no more, for tests that wait for other processes."""
+
+    def over(*_: object) -> None:
+        raise TimeoutError("the test has taken a minute")
+
+    before = signal.signal(signal.SIGALRM, over)
+    signal.setitimer(signal.ITIMER_REAL, 60.0)
+    yield
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    signal.signal(signal.SIGALRM, before)
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -1,0 +1,173 @@
+"""Where chunks are computed: by what rules, and in processes of this machine."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
+from typing import Protocol
+
+import numpy as np
+import pyarrow as pa
+
+from cranedyn.errors import CraneError
+from cranedyn.sweep.chunk import evaluate, load
+
+Rows = tuple[int, int]
+"""The first case of a chunk, and that after its last."""
+
+_SPAWN = multiprocessing.get_context("spawn")
+
+
+class Pool(Protocol):
+    """Takes chunks of cases and gives back their results.
+
+    Attributes:
+        exact: Whether a chunk whose worker died is itself to blame; elsewhere another that was computed beside it may be.
+    """
+
+    exact: bool
+
+    def room(self) -> int:
+        """How many chunks it takes at a time, one at least."""
+
+    def submit(self, rows: Rows, columns: Mapping[str, np.ndarray]) -> None:
+        """Have a chunk computed."""
+
+    def wait(self) -> list[tuple[Rows, pa.Table | None]]:
+        """The chunks that are done, one at least, each with its results, or None where its worker died.
+
+        Raises:
+            CraneError: If nothing can be computed here any more.
+        """
+
+    def close(self) -> None:
+        """End what is under way."""
+
+
+class Cores:
+    """Processes of this machine, each with a pipe of its own: of one that dies it is known over which chunk, and no other suffers."""
+
+    exact = True
+
+    def __init__(self, study: str, count: int) -> None:
+        """Start the processes and wait until they have imported the study.
+
+        Raises:
+            CraneError: If they cannot.
+        """
+        self._study = study
+        self._lanes: list[_Lane] = []
+        self._free: list[_Lane] = []
+        self._busy: dict[object, tuple[_Lane, Rows]] = {}
+        try:
+            for _ in range(count):
+                self._lanes.append(_Lane(study))
+            for lane in self._lanes:
+                lane.check()
+        except BaseException:
+            self.close()
+            raise
+        self._free += self._lanes
+
+    def room(self) -> int:
+        """As many as there are processes."""
+        return len(self._lanes)
+
+    def submit(self, rows: Rows, columns: Mapping[str, np.ndarray]) -> None:
+        """Give a chunk to a process that has nothing to do."""
+        lane = self._free.pop()
+        self._busy[lane.pipe] = lane, rows
+        with suppress(OSError):  # it has died: that is found by waiting
+            lane.pipe.send(columns)
+
+    def wait(self) -> list[tuple[Rows, pa.Table | None]]:
+        """The chunks that are done; a process that died has a successor."""
+        done = []
+        for pipe in wait([lane.pipe for lane, _ in self._busy.values()]):
+            lane, rows = self._busy.pop(pipe)
+            try:
+                done.append((rows, lane.received()))
+            except (EOFError, OSError):
+                done.append((rows, None))
+                lane = self._replaced(lane)
+            self._free.append(lane)
+        return done
+
+    def close(self) -> None:
+        """Kill the processes, whatever they do."""
+        for lane in self._lanes:
+            lane.end()
+
+    def _replaced(self, lane: _Lane) -> _Lane:
+        lane.end()
+        self._lanes.remove(lane)
+        self._lanes.append(_Lane(self._study))
+        self._lanes[-1].check()
+        return self._lanes[-1]
+
+
+class _Lane:
+    """A process and the pipe to it."""
+
+    def __init__(self, study: str) -> None:
+        self.pipe, theirs = _SPAWN.Pipe()
+        self.process = _SPAWN.Process(target=_serve, args=(theirs, study), daemon=True)
+        with _deaf():
+            self.process.start()
+        theirs.close()
+
+    def check(self) -> None:
+        try:
+            self.received()
+        except (EOFError, OSError):
+            raise CraneError(
+                "A worker process ended before it began; a script that sweeps must do so under if __name__ == '__main__'."
+            ) from None
+
+    def received(self) -> pa.Table | None:
+        found = self.pipe.recv()
+        if isinstance(found, CraneError):
+            raise found
+        return found
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.join()
+        self.pipe.close()
+
+
+def _serve(pipe: Connection, study: str) -> None:
+    """Compute chunks until there is nobody to compute for."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with suppress(EOFError, OSError):
+        try:
+            load(study)
+            pipe.send(None)
+            while True:
+                pipe.send(evaluate(study, pipe.recv()))
+        except CraneError as error:
+            pipe.send(error)
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Processes started here never hear of Ctrl-C, which goes to all processes of a terminal: their parent ends them."""
+    resource_tracker.ensure_running()  # a process of multiprocessing's own, at whose start it would unblock the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,194 @@
+"""Sweeps that are killed, interrupted or left by their workers: nothing that was done is lost, and nothing is done twice."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from cranedyn.sweep import Progress, grid, results, sweep
+from tests import studies
+from tests.helpers import ROOT, files
+
+pytestmark = pytest.mark.usefixtures("limited")
+CASES, CHUNK = 24, 2
+
+_SWEEP = """
+import sys
+from cranedyn.command import command
+from cranedyn.sweep import grid, sweep
+from tests import studies
+
+def main():
+    sweep(studies.logged, grid(x=range(int(sys.argv[2]))), sys.argv[1], chunk=int(sys.argv[3]), workers=2)
+    return 0
+
+if __name__ == "__main__":
+    sys.exit(command(main))
+"""
+
+
+def until(holds: Callable[[], object], seconds: float = 30.0) -> None:
+    """Return as soon as it holds."""
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "it did not come to hold"
+        time.sleep(0.01)
+
+
+@contextmanager
+def sweeping(folder: Path, log: Path, pause: float = 0.1) -> Iterator[subprocess.Popen[str]]:
+    """A slow sweep in a process of its own, in a group of its own as a terminal would have it; ended in any case."""
+    script = log.with_name("slow.py")
+    script.write_text(_SWEEP)
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(folder), str(CASES), str(CHUNK)],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "SWEEP_LOG": str(log), "SWEEP_PAUSE": str(pause)},
+        start_new_session=True,
+    )
+    try:
+        yield process
+    finally:
+        try:
+            os.killpg(process.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        process.communicate(timeout=10)
+
+
+def parts(folder: Path) -> dict[str, int]:
+    """The finished parts and when they were written."""
+    return {path.name: path.stat().st_mtime_ns for path in folder.glob("part-*.parquet")}
+
+
+def ran(log: Path) -> tuple[Counter[int], set[int]]:
+    """How often each case was run, and by which processes."""
+    lines = [line.split() for line in log.read_text().splitlines()] if log.exists() else []
+    return Counter(int(x) for _, x in lines), {int(pid) for pid, _ in lines}
+
+
+def gone(pids: set[int]) -> bool:
+    """Whether none of these processes runs any more."""
+    return not any(Path(f"/proc/{pid}").exists() and "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text() for pid in pids)
+
+
+def finish(folder: Path, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sweep on, here; every case is there once, and none of a part that was there has been run again."""
+    there = parts(folder)
+    kept = {CHUNK * int(name[5:11]) + i for name in there for i in range(CHUNK)}
+    monkeypatch.setenv("SWEEP_LOG", str(log))
+    monkeypatch.setenv("SWEEP_PAUSE", "0")
+    end = sweep(studies.logged, grid(x=range(CASES)), folder, chunk=CHUNK, workers=2)
+    assert end == Progress(CASES, CASES, 0, len(kept))
+    table = results(folder)
+    assert table["case"].to_pylist() == list(range(CASES))
+    assert table["y"].to_pylist() == [float(x * x) for x in range(CASES)]
+    runs = ran(log)[0]
+    assert {x: runs[x] for x in kept} == dict.fromkeys(kept, 1)
+    assert all(1 <= runs[x] <= 2 for x in range(CASES))  # twice only those that were under way
+    assert sum(runs.values()) <= CASES + 2 * CHUNK  # two chunks at most
+    assert parts(folder).items() >= there.items()  # not even written again
+    assert all(name in (".lock", "_sweep.json") or name.startswith("part-") for name in files(folder))
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are looked up in /proc")
+def test_a_sweep_killed_in_the_middle_goes_on_and_leaves_no_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, log = tmp_path / "sweep", tmp_path / "log"
+    with sweeping(folder, log) as process:
+        until(lambda: len(parts(folder)) >= 3)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait(10)
+        until(lambda: gone(ran(log)[1]), 10.0)
+    assert 3 <= len(parts(folder)) < CASES // CHUNK
+    (folder / f".part-000009.{process.pid}.parquet").write_text("half")
+    (folder / f"._sweep.{process.pid}.json").write_text("half")
+    finish(folder, log, monkeypatch)
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are looked up in /proc")
+def test_a_sweep_that_is_killed_takes_its_workers_along_in_the_middle_of_a_chunk(tmp_path: Path) -> None:
+    with sweeping(tmp_path / "sweep", tmp_path / "log", pause=50.0) as process:
+        until(lambda: len(ran(tmp_path / "log")[1]) == 2)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait(10)
+        until(lambda: gone(ran(tmp_path / "log")[1]), 10.0)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_sweep_says_how_to_go_on(number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, log = tmp_path / "sweep", tmp_path / "log"
+    with sweeping(folder, log, pause=0.3) as process:
+        until(lambda: len(parts(folder)) >= 2)
+        if number == signal.SIGINT:
+            os.killpg(process.pid, number)  # as a terminal does: all processes hear of it
+        else:
+            process.send_signal(number)
+        _, err = process.communicate(timeout=10)
+    done = CHUNK * len(parts(folder))
+    assert err == f"Interrupted: {done} of {CASES} cases are done, and kept in {folder}; the same sweep goes on from there.\n"
+    assert process.returncode == 130
+    assert gone(ran(log)[1])
+    finish(folder, log, monkeypatch)
+
+
+def test_an_interruption_while_workers_start_is_as_quiet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, log = tmp_path / "sweep", tmp_path / "log"
+    with sweeping(folder, log) as process:
+        until(lambda: (folder / "_sweep.json").exists())
+        time.sleep(0.1)
+        os.killpg(process.pid, signal.SIGINT)
+        _, err = process.communicate(timeout=10)
+    assert process.returncode == 130
+    assert err.startswith("Interrupted: 0 of 24 cases are done") and err.count("\n") == 1
+    finish(folder, log, monkeypatch)
+
+
+def test_two_processes_never_sweep_the_same_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "sweep"
+    with sweeping(folder, tmp_path / "log", pause=1.0) as one:
+        until(lambda: (tmp_path / "log").exists())
+        (tmp_path / "b").mkdir()
+        with sweeping(folder, tmp_path / "b" / "log") as other:
+            _, err = other.communicate(timeout=30)
+        assert (other.returncode, err) == (2, f"error: Cannot sweep in {folder}: another process is sweeping there.\n")
+        assert one.poll() is None
+
+
+def test_a_worker_that_is_killed_costs_its_chunk_a_second_try_and_no_other(tmp_path: Path) -> None:
+    folder, log = tmp_path / "sweep", tmp_path / "log"
+    with sweeping(folder, log) as process:
+        until(lambda: len(parts(folder)) >= 2)
+        _, pids = ran(log)
+        os.kill(min(pids), signal.SIGKILL)
+        assert process.wait(30) == 0
+    runs, after = ran(log)
+    assert len(after) == 3  # it had a successor
+    assert sorted(runs) == list(range(CASES)) and sum(runs.values()) <= CASES + CHUNK
+    assert results(folder)["error"].null_count == CASES
+
+
+_UNGUARDED = """
+import sys
+from cranedyn.sweep import grid, sweep
+from tests import studies
+sweep(studies.squares, grid(x=range(4)), sys.argv[1], workers=1)
+"""
+
+
+def test_a_script_that_sweeps_while_it_is_imported_is_told_how_not_to(tmp_path: Path) -> None:
+    (tmp_path / "careless.py").write_text(_UNGUARDED)
+    command = [sys.executable, str(tmp_path / "careless.py"), str(tmp_path / "sweep")]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    run = subprocess.run(command, capture_output=True, text=True, timeout=30, env=environment, check=False)
+    assert run.stderr.splitlines()[-1].endswith("before it began; a script that sweeps must do so under if __name__ == '__main__'.")
