@@ -96,7 +96,8 @@ def blank(parents: Sequence[int]) -> Bodies:
 def array(elements: Sequence[Any]) -> np.ndarray:
     """An object array, numbers among its elements as Python floats."""
     made = np.empty(len(elements), dtype=object)
-    made[:] = [float(element) if isinstance(element, float | int) else element for element in elements]
+    for i, element in enumerate(elements):
+        made[i] = float(element) if isinstance(element, float | int) else element
     return made
 
 

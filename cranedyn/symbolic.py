@@ -34,7 +34,7 @@ def rnea(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
     if model.nq != model.nv:
         raise ModelError(f"{model.name} has {model.nq} coordinates for {model.nv} rates; to be made symbols it needs one for each.")
     tree = tree.with_numbers(tree.numbers().tolist())
-    angles, rates, accelerations = (rigid_body.array(ca.vertsplit(part)) for part in (q, v, a))
+    angles, rates, accelerations = (rigid_body.array(ca.vertsplit(ca.densify(part))) for part in (q, v, a))
     return ca.vertcat(*rigid_body.inverse_dynamics(tree, rigid_body.frames(tree, angles), rates, accelerations))
 
 
