@@ -21,12 +21,12 @@ from cranedyn import dynamics
 from cranedyn.analysis import zero_crossings
 from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.figures import panels
-from cranedyn.integrator import Integrator, semi_implicit_euler
+from cranedyn.integrator import Integrator, rk4, semi_implicit_euler
 from cranedyn.simulate import simulate
 from cranedyn.trajectory import Trajectory
 from experiments.outcome import Table
 
-INTEGRATORS = (semi_implicit_euler,)
+INTEGRATORS = (semi_implicit_euler, rk4)
 """Those that are compared."""
 
 STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)

@@ -10,7 +10,7 @@ import numpy as np
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import Hold
 from cranedyn.crane import DRIVES, PASSIVE, Crane, State, load_crane
-from cranedyn.simulate import simulate
+from cranedyn.simulate import Controller, EngineName, simulate
 
 DURATION = 70.0
 """Simulated time of a whole run [s]."""
@@ -102,10 +102,18 @@ def swing(rows: np.ndarray) -> np.ndarray:
     return np.linalg.norm(rows[..., PASSIVE], axis=-1)
 
 
-def plain(case: Case, start: np.ndarray, duration: float) -> Result:
-    """The plain loop of cranedyn from one start, shape (10,)."""
+def plain(
+    case: Case, start: np.ndarray, duration: float, *, controller: Controller | None = None, engine: EngineName = "pinocchio"
+) -> Result:
+    """The loop of cranedyn from one start, shape (10,), under the case's controller if no other is given."""
     run = simulate(
-        case.crane, case.controller, start=State(start[:5], start[5:]), duration=duration, dt=case.dt, control_period=case.period
+        case.crane,
+        case.controller if controller is None else controller,
+        start=State(start[:5], start[5:]),
+        duration=duration,
+        dt=case.dt,
+        control_period=case.period,
+        engine=engine,
     )
     return logged(np.hstack([run.q, run.v, run.effort]))
 

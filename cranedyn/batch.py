@@ -5,29 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from cranedyn.clocks import clocks
+from cranedyn.clocks import Clocks, clocks
+from cranedyn.compiled import inputs
 from cranedyn.compiled.checked import check, compiled
-from cranedyn.compiled.kernel import FORCE, ROW, STATE, SUMMARY, Recipe, places, size
+from cranedyn.compiled.kernel import ROW, STATE, SUMMARY, Recipe, places, size
 from cranedyn.compiled.memory import grouped, run, ungrouped
-from cranedyn.compiled.tables import NO_FORCE, Table, aim, law, table
-from cranedyn.controllers.affine import Affine, AffineController
-from cranedyn.crane import DRIVES, Crane, State
-from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.crane import Crane, State
+from cranedyn.errors import OutOfRange, number
 from cranedyn.integrator import Integrator, semi_implicit_euler
-from cranedyn.references import Reference, hold
-from cranedyn.references.wanted import tabulated
+from cranedyn.references import Reference
 from cranedyn.simulate import Controller, Drive
 
 _LANES = 8
 _CHECKED = 16
 """Cranes of a batch whose accelerations are compared with Pinocchio's; the code is the same for all."""
-
-_LARGEST = 4e9
-"""Memory that tables and records of a batch may take [byte]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,38 +106,41 @@ def simulate_batch(
         CraneError: If a controller is not affine in the state.
         ModelError: If the code would not do what Pinocchio does.
     """
+    if drive not in ("effort", "motion"):
+        raise OutOfRange("drive", drive, "effort or motion")
+    if buffers and drive == "motion":
+        raise OutOfRange("drive", drive, "effort where there are buffers")
     clock = clocks(duration, dt, control_period)
-    count = _count(crane=crane, controller=controller, reference=reference, start=start)
-    cranes, state = _each(crane, count), _starts(start, count)
+    number("time at the start", since, "s", "-1e9 to 1e9")
+    cranes = inputs.count(crane=crane, controller=controller, reference=reference, start=start)
+    state, offsets = inputs.starts(start, cranes), None
+    if sensor_offset is not None:
+        offsets = inputs.rows("sensor_offset", sensor_offset, cranes, 10)
+    rows = clock.periods // every + 1 if (every := inputs.whole("record", record, 0)) else 0
+    inputs.recorded(cranes, rows)
     times = since + control_period * np.arange(clock.periods + 1)
-    after = clock.periods if residual_from is None else math.ceil((residual_from - since) / control_period - 1e-9)
-    laws, aims, integrals, integrates = _tables(_each(controller, count), reference, state, times)
-    forces = _forces(force, count)
-    offsets = None if sensor_offset is None else _rows("sensor_offset", sensor_offset, count, 10)
-    rows = clock.periods // _whole("record", record, 0) + 1 if record else 0
-    _fits(count, rows, laws, aims, forces)
+    control, forces = inputs.control(controller, reference, state, times), inputs.forces(force, cranes)
     recipe = Recipe(
         _LANES,
         drive,
         integrator.name,
         buffers,
-        integral=integrates,
+        integral=control.integrates,
         offset=offsets is not None,
         forces=force is not None,
-        shared=(laws.shared, aims.shared, forces.shared),
+        shared=(control.law.shared, control.aim.shared, forces.shared),
         log=rows > 0,
         summary=True,
     )
-    distinct = {id(one): one for one in cranes}
-    code, varied = compiled(list(distinct.values()), recipe)
-    for one, own in list(zip(distinct.values(), varied, strict=True))[:_CHECKED]:
+    which, distinct = inputs.distinct(crane, cranes)
+    code, varied = compiled(distinct, recipe)
+    for one, own in list(zip(distinct, varied, strict=True))[:_CHECKED]:
         check(one, code, own)
-    which = {key: row for row, key in enumerate(distinct)}
     memory = {
-        "state": grouped(np.concatenate([state.q, state.v, integrals, np.zeros((count, 4))], axis=1), _LANES),
-        "numbers": grouped(varied[[which[id(one)] for one in cranes]], _LANES),
-        "starts": grouped(np.stack([laws.starts, aims.starts, forces.starts], axis=1), _LANES),
-        "summary": grouped(np.tile([0.0, 0.0, math.inf, 0.0, 0.0, 0.0], (count, 1)), _LANES),
+        "state": grouped(np.concatenate([state.q, state.v, control.integrals, np.zeros((cranes, 4))], axis=1), _LANES),
+        "numbers": grouped(varied[which], _LANES),
+        "starts": grouped(np.stack([control.law.starts, control.aim.starts, forces.starts], axis=1), _LANES),
+        "summary": grouped(np.tile([0.0, 0.0, math.inf, 0.0, 0.0, 0.0], (cranes, 1)), _LANES),
     }
     memory["log"] = np.empty((len(memory["state"]), rows * size(ROW), _LANES))
     if offsets is not None:
@@ -152,25 +149,25 @@ def simulate_batch(
         code,
         memory,
         threads,
-        law=laws.rows,
-        aim=aims.rows,
+        law=control.law.rows,
+        aim=control.aim.rows,
         force=forces.rows,
-        law_rows=laws.length,
-        aim_rows=aims.length,
+        law_rows=control.law.length,
+        aim_rows=control.aim.length,
         force_rows=forces.length,
         first=0,
         last=clock.periods + 1,
         end=clock.periods,
         steps=clock.steps,
         small=clock.small,
-        every=max(record, 1),
-        after=after,
+        every=max(every, 1),
+        after=_instant(residual_from, since, clock),
         dt=dt,
         period=control_period,
     )
     state_at, row_at, kept_at = places(STATE), places(ROW), places(SUMMARY)
-    ended, kept = (ungrouped(memory[name], count) for name in ("state", "summary"))
-    log = ungrouped(memory["log"], count).reshape(count, rows, size(ROW))
+    ended, kept = (ungrouped(memory[name], cranes) for name in ("state", "summary"))
+    log = ungrouped(memory["log"], cranes).reshape(cranes, rows, size(ROW))
     first_invalid = kept[:, kept_at["invalid"]][:, 0]
     return Batch(
         end=State(ended[:, state_at["q"]], ended[:, state_at["v"]]),
@@ -178,104 +175,12 @@ def simulate_batch(
         residual_swing=np.sqrt(kept[:, kept_at["residual"]][:, 0]),
         largest_effort=kept[:, kept_at["effort"]],
         valid_until=since + control_period * first_invalid,
-        t=times[:: max(record, 1)][:rows],
+        t=times[:: max(every, 1)][:rows],
         **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort")},
         energy=log[:, :, row_at["energy"]][:, :, 0],
     )
 
 
-def _count(**given: Any) -> int:
-    """How many cranes are asked for: what is a sequence must be as long as the others."""
-    lengths = {name: _length(value) for name, value in given.items()}
-    counts = {name: length for name, length in lengths.items() if length is not None}
-    count = max(counts.values(), default=1)
-    for name, length in counts.items():
-        if length != count or length == 0:
-            raise OutOfRange(f"number of {name}s", length, f"1 or as many as there are others, {count}")
-    return count
-
-
-def _length(value: Any) -> int | None:
-    if isinstance(value, State):
-        return len(value.q) if np.ndim(value.q) == 2 else None
-    return len(value) if isinstance(value, Sequence) else None
-
-
-def _each(value: Any, count: int) -> Sequence[Any]:
-    return value if _length(value) is not None else [value] * count
-
-
-def _starts(start: State | Sequence[State], count: int) -> State:
-    """One row for each crane."""
-    whole = start if isinstance(start, State) else State(*(np.array(part) for part in zip(*start, strict=True)))
-    return State(*(_rows(f"{name} at the start", part, count, 5) for name, part in zip(("coordinates", "rates"), whole, strict=True)))
-
-
-def _rows(name: str, value: Any, count: int, columns: int) -> np.ndarray:
-    try:
-        rows = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise OutOfRange(name, "no array of numbers", f"an array of shape ({columns},) or ({count}, {columns})") from None
-    if rows.shape not in ((columns,), (count, columns)):
-        raise OutOfRange(name, f"an array of shape {rows.shape}", f"one of shape ({columns},) or ({count}, {columns})")
-    if not np.isfinite(rows).all():
-        raise OutOfRange(name, float(rows[~np.isfinite(rows)][0]), "finite")
-    return np.broadcast_to(rows, (count, columns))
-
-
-def _whole(name: str, value: Any, least: int) -> int:
-    if not isinstance(value, int | np.integer) or value < least:
-        raise OutOfRange(name, value, f"a whole number >= {least}")
-    return int(value)
-
-
-def _tables(controllers: Sequence[Controller], reference: Any, start: State, times: np.ndarray) -> tuple[Table, Table, np.ndarray, bool]:
-    """Tables of controllers and of what they are about, integrals at the start, shape (n, 3), and whether there are any."""
-    given = _length(reference) is not None
-    laws: dict[int, tuple[int, np.ndarray]] = {}
-    aims: dict[tuple[int, int | bytes], tuple[int, np.ndarray]] = {}
-    forms: list[Affine] = []
-    law_of, aim_of = [], []
-    for k, controller in enumerate(controllers):
-        one = reference[k] if given else hold(State(start.q[k], start.v[k])) if reference is None else reference
-        key = (id(controller), start.q[k, DRIVES].tobytes() if reference is None else id(one))
-        if key not in aims:
-            wanted = tabulated(one, times).position
-            form = controller.affine(times, wanted) if isinstance(controller, AffineController) else None
-            if form is None:
-                raise CraneError(f"{type(controller).__name__} is not affine in the state, or has run before; a batch needs one that is.")
-            aims[key] = len(aims), aim(form, wanted)
-            laws.setdefault(id(controller), (len(laws), law(form)))
-            forms.append(form)
-        law_of.append(laws[id(controller)][0])
-        aim_of.append(aims[key][0])
-    integrals = np.array([form.integral for form in forms])[aim_of]
-    integrates = any(form.integral_gain.any() for form in forms)
-    return _table(laws, law_of), _table(aims, aim_of), integrals, integrates
-
-
-def _table(found: dict[Any, tuple[int, np.ndarray]], chosen: Sequence[int]) -> Table:
-    return table([rows for _, rows in found.values()], chosen)
-
-
-def _forces(force: np.ndarray | None, count: int) -> Table:
-    if force is None:
-        return table([NO_FORCE], [0] * count)
-    rows = np.asarray(force, dtype=float)
-    columns = size(FORCE)
-    if rows.ndim == 2 and rows.shape[1] == columns and len(rows):
-        return table([rows], [0] * count)
-    if rows.ndim == 3 and rows.shape[0] == count and rows.shape[2] == columns and rows.shape[1]:
-        return table(list(rows), range(count))
-    raise OutOfRange("force", f"an array of shape {rows.shape}", f"one of shape (m, {columns}) or ({count}, m, {columns})")
-
-
-def _fits(count: int, rows: int, *tables: Table) -> None:
-    """Refuse what would take more memory than there should be."""
-    needed = 2 * 8 * count * rows * size(ROW)
-    if needed > _LARGEST:
-        raise OutOfRange(
-            "record",
-            f"{rows} rows of {count} cranes",
-            f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g} GB: record less, or fewer cranes",
-        )
+def _instant(t: float | None, since: float, clock: Clocks) -> int:
+    """The first control instant at or after a time [s]; the last for None."""
+    return clock.periods if t is None else math.ceil((number("residual_from", t, "s") - since) / clock.period - 1e-9)

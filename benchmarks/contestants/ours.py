@@ -2,9 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
 from benchmarks.workload import Case, Contestant, Result, Run, plain
+from cranedyn.crane import State
+from cranedyn.integrator import Integrator, semi_implicit_euler
+from cranedyn.references import Wanted
+
+
+def _no_need() -> None:
+    """Always there."""
+
+
+def _llvm() -> str | None:
+    try:
+        import llvmlite  # noqa: F401
+    except ModuleNotFoundError:
+        return "llvmlite is not installed: pip install 'cranedyn[compiled]'"
+    return None
 
 
 def _loop(case: Case) -> Run:
@@ -14,7 +32,54 @@ def _loop(case: Case) -> Run:
     return run
 
 
-PLAIN = Contestant("plain loop", lambda: None, _loop)
+def _stepping(case: Case) -> Run:
+    """A controller in Python, compiled steps in between."""
+    hold = case.controller
+
+    def controller(t: float, state: State, wanted: Wanted) -> np.ndarray:
+        return hold(t, state, wanted)
+
+    return _compiled(case, controller)
+
+
+def _closed(case: Case) -> Run:
+    """Control and steps compiled."""
+    return _compiled(case, case.controller)
+
+
+def _compiled(case: Case, controller: Callable[[float, State, Wanted], np.ndarray]) -> Run:
+    def run(starts: np.ndarray, duration: float) -> Result:
+        return plain(case, starts[0], duration, controller=controller, engine="compiled")
+
+    run(case.starts(1), case.period)
+    return run
+
+
+def _batch(threads: int | None, integrator: Integrator = semi_implicit_euler) -> Callable[[Case], Run]:
+    """Eight cranes in a vector, control and steps compiled."""
+
+    def prepare(case: Case) -> Run:
+        from cranedyn.batch import simulate_batch
+
+        together = partial(simulate_batch, case.crane, case.controller, dt=case.dt, control_period=case.period, threads=threads)
+
+        def run(starts: np.ndarray, duration: float) -> Result:
+            found = together(start=State(starts[:, :5], starts[:, 5:]), duration=duration, integrator=integrator)
+            return Result(np.hstack(found.end), found.peak_swing)
+
+        run(case.starts(1), case.period)
+        return run
+
+    return prepare
+
+
+PLAIN = Contestant("plain loop", _no_need, _loop)
 """Every ratio is to this one."""
 
-CONTESTANTS = (PLAIN,)
+CONTESTANTS = (
+    PLAIN,
+    Contestant("Python controller, compiled steps", _llvm, _stepping),
+    Contestant("compiled closed loop", _llvm, _closed),
+    Contestant("compiled batch, 1 thread", _llvm, _batch(1), many=True),
+    Contestant("compiled batch, all cores", _llvm, _batch(None), many=True),
+)

@@ -31,12 +31,12 @@ class Table:
         return len(self.rows) == self.length
 
 
-def table(arrays: Sequence[np.ndarray], chosen: Sequence[int]) -> Table:
+def table(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> Table:
     """Tables of different lengths, shape (n, columns) each, and which of them each crane goes by."""
     length = max(len(rows) for rows in arrays)
     whole = [rows if len(rows) == length else np.concatenate([rows, rows[-1:].repeat(length - len(rows), axis=0)]) for rows in arrays]
     stacked = np.ascontiguousarray(whole[0] if len(whole) == 1 else np.concatenate(whole), dtype=float)
-    return Table(stacked, length, np.asarray(chosen, dtype=np.int64) * length)
+    return Table(stacked, length, chosen.astype(np.int64) * length)
 
 
 def law(form: Affine) -> np.ndarray:

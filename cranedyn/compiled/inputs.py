@@ -1,0 +1,188 @@
+"""What a batch is given: one of a kind for all cranes or one for each, checked and laid out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cranedyn.compiled.kernel import AIM, FORCE, LAW, ROW, size
+from cranedyn.compiled.tables import NO_FORCE, Table, aim, law, table
+from cranedyn.controllers.affine import Affine, AffineController
+from cranedyn.crane import DRIVES, State
+from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.references import Reference, hold
+from cranedyn.references.wanted import tabulated
+
+_LARGEST = 4e9
+"""Memory that the tables or the records of a batch may take [byte]."""
+
+
+class Control(NamedTuple):
+    """Controllers and what they are about, as tables.
+
+    Attributes:
+        law, aim: The tables.
+        integrals: What was integrated before, shape (n, 3).
+        integrates: Whether any controller does.
+    """
+
+    law: Table
+    aim: Table
+    integrals: np.ndarray
+    integrates: bool
+
+
+def count(**given: Any) -> int:
+    """How many cranes are asked for.
+
+    Raises:
+        OutOfRange: If there are neither one nor as many as of the others of something.
+    """
+    lengths = {name: length for name, value in given.items() if (length := _length(value)) is not None}
+    most = max(lengths.values(), default=1)
+    for name, length in lengths.items():
+        if length != most or length == 0:
+            raise OutOfRange(f"number of {name}s", length, f"1 or as many as there are others, {most}" if most else "1 or more")
+    return most
+
+
+def _length(value: Any) -> int | None:
+    if isinstance(value, State):
+        return len(value.q) if np.ndim(value.q) == 2 else None
+    return len(value) if isinstance(value, Sequence) else None
+
+
+def each(value: Any, cranes: int) -> Sequence[Any]:
+    """One for each crane."""
+    return value if _length(value) is not None else [value] * cranes
+
+
+def starts(start: State | Sequence[State], cranes: int) -> State:
+    """Coordinates and rates at the start, shape (n, 5) each.
+
+    Raises:
+        OutOfRange: If they have another shape, or one is not finite.
+    """
+    whole = start if isinstance(start, State) else State(*(np.array(part) for part in zip(*start, strict=True)))
+    return State(*(rows(f"{name} at the start", part, cranes, 5) for name, part in zip(("coordinates", "rates"), whole, strict=True)))
+
+
+def rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
+    """Finite numbers, one row for all or one for each crane, shape (n, columns).
+
+    Raises:
+        OutOfRange: If they have another shape, or one is not finite.
+    """
+    try:
+        found = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise OutOfRange(name, "no array of numbers", f"an array of shape ({columns},) or ({cranes}, {columns})") from None
+    if found.shape not in ((columns,), (cranes, columns)):
+        raise OutOfRange(name, f"an array of shape {found.shape}", f"one of shape ({columns},) or ({cranes}, {columns})")
+    _finite(name, found)
+    return np.broadcast_to(found, (cranes, columns))
+
+
+def whole(name: str, value: Any, least: int) -> int:
+    """A whole number.
+
+    Raises:
+        OutOfRange: If it is none, or less than allowed.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise OutOfRange(name, value, f"a whole number >= {least}")
+    return int(value)
+
+
+def control(controller: Any, reference: Any, start: State, times: np.ndarray) -> Control:
+    """Tables of controllers and references, one for each that is another object; None as reference holds the drives at the start.
+
+    Raises:
+        CraneError: If a controller is not affine in the state.
+        OutOfRange: If the tables would take more than 4 GB.
+    """
+    cranes = len(start.q)
+    aims_of, references = distinct(_references(reference, start), cranes)
+    laws_of, controllers = distinct(controller, cranes)
+    pairs, pair_of = np.unique(np.stack([laws_of, aims_of], axis=1), axis=0, return_inverse=True)
+    _fits("duration", f"{len(pairs)} tables of {len(times)} control instants", len(pairs) * len(times) * (size(AIM) + size(LAW)))
+    laws: dict[int, np.ndarray] = {}
+    aims, forms = [], []
+    for which, about in pairs.tolist():
+        wanted = tabulated(references[about], times).position
+        form = _form(controllers[which], times, wanted)
+        laws.setdefault(which, law(form))
+        aims.append(aim(form, wanted))
+        forms.append(form)
+    return Control(
+        table([laws[which] for which in range(len(controllers))], laws_of),
+        table(aims, pair_of.ravel()),
+        np.array([form.integral for form in forms])[pair_of.ravel()],
+        any(bool(form.integral_gain.any()) for form in forms),
+    )
+
+
+def _references(reference: Any, start: State) -> Any:
+    """The references; where there is none, one hold for each place at which drives start."""
+    if reference is not None:
+        return reference
+    drives, which = np.unique(start.q[:, DRIVES], axis=0, return_inverse=True)
+    first = {place: row for row, place in reversed(list(enumerate(which.ravel().tolist())))}
+    holds: list[Reference] = [hold(State(start.q[first[place]], start.v[first[place]])) for place in range(len(drives))]
+    return holds[0] if len(holds) == 1 else [holds[place] for place in which.ravel().tolist()]
+
+
+def distinct(value: Any, cranes: int) -> tuple[np.ndarray, list[Any]]:
+    """Which of the different objects each crane has, shape (n,), and these."""
+    if _length(value) is None:
+        return np.zeros(cranes, dtype=int), [value]
+    found = {id(one): one for one in value}
+    number = {key: row for row, key in enumerate(found)}
+    return np.array([number[id(one)] for one in value]), list(found.values())
+
+
+def _form(controller: Any, times: np.ndarray, wanted: np.ndarray) -> Affine:
+    form = controller.affine(times, wanted) if isinstance(controller, AffineController) else None
+    if form is None:
+        name = getattr(controller, "__name__", type(controller).__name__)
+        raise CraneError(f"The controller {name} is not affine in the state, or has run before; a batch needs one that is and has not.")
+    return form
+
+
+def forces(force: Any, cranes: int) -> Table:
+    """A table of outside forces for all cranes, shape (m, 6), or one for each, shape (n, m, 6); None for none.
+
+    Raises:
+        OutOfRange: If they have another shape, or one is not finite.
+    """
+    if force is None:
+        return table([NO_FORCE], np.zeros(cranes, dtype=int))
+    found, columns = np.asarray(force, dtype=float), size(FORCE)
+    _finite("force", found)
+    if found.ndim == 2 and found.shape[1] == columns and len(found):
+        return table([found], np.zeros(cranes, dtype=int))
+    if found.ndim == 3 and found.shape[0] == cranes and found.shape[2] == columns and found.shape[1]:
+        return table(list(found), np.arange(cranes))
+    raise OutOfRange("force", f"an array of shape {found.shape}", f"one of shape (m, {columns}) or ({cranes}, m, {columns})")
+
+
+def recorded(cranes: int, instants: int) -> None:
+    """Return if what is to be recorded fits.
+
+    Raises:
+        OutOfRange: If it would take more than 4 GB, arranged by lanes and by cranes.
+    """
+    _fits("record", f"{instants} rows of {cranes} cranes", 2 * cranes * instants * size(ROW))
+
+
+def _fits(name: str, what: str, numbers: float) -> None:
+    if 8.0 * numbers > _LARGEST:
+        most = f"what takes {_LARGEST / 1e9:g} GB at most"
+        raise OutOfRange(name, what, f"{most}; these would take {8.0 * numbers / 1e9:.3g} GB: fewer cranes at a time, or less of them")
+
+
+def _finite(name: str, found: np.ndarray) -> None:
+    if not np.isfinite(found).all():
+        raise OutOfRange(name, float(found[~np.isfinite(found)][0]), "finite")
