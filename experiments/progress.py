@@ -21,17 +21,17 @@ def sweeping(name: str) -> Iterator[Callable[[Progress], None] | None]:
     if not console.is_terminal:
         yield None
         return
-    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[words]}"), TimeElapsedColumn()
+    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[speed]}"), TimeElapsedColumn()
     with Bars(*columns, console=console, transient=True) as bars:
         yield shown(bars, name, time.monotonic)
 
 
 def shown(bars: Bars, name: str, clock: Callable[[], float]) -> Callable[[Progress], None]:
     """Show a sweep among the bars; the clock [s] starts here."""
-    began, task = clock(), bars.add_task(name, total=None, words="")
+    began, task = clock(), bars.add_task(name, total=None, speed="")
 
     def show(progress: Progress) -> None:
-        bars.update(task, total=progress.cases, completed=progress.done, words=words(progress, clock() - began))
+        bars.update(task, total=progress.cases, completed=progress.done, speed=words(progress, clock() - began))
 
     return show
 

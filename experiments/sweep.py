@@ -1,0 +1,111 @@
+"""Sweep: a hundred thousand moves by cranes that are not quite those planned for; how much swing each way to move leaves."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cranedyn.sweep import Design, cross, grid, results, sweep
+from experiments import common
+from experiments.progress import shown
+from experiments.robustness import AFTER, COMBINED, WAYS, robustness
+from experiments.sweep_figures import map_figure, timing_figure
+from experiments.ways import FLAT, PAPER, PD
+
+LOADS, CABLES, DURATIONS = (0.5, 1.5), (-1.5, 1.5), (13.0, 35.0)
+"""Ranges: mass of the payload over that planned for, length of the cable less that measured [m], time for the move [s]."""
+
+Columns = Mapping[str, np.ndarray]
+
+
+def design(world: common.World, points: int, durations: int) -> Design:
+    """Every way with every duration, each on a square of loads and cables; cases of one plan stand together."""
+    plans = grid(
+        way=list(WAYS),
+        duration_s=_even(DURATIONS, durations),
+        gravity_m_s2=world.gravity,
+        dt_s=world.dt,
+        control_period_s=world.control_period,
+    )
+    return cross(plans, grid(load=_even(LOADS, points), cable_error_m=_even(CABLES, points)))
+
+
+def _even(ends: tuple[float, float], count: int) -> list[float]:
+    return np.linspace(*ends, count).tolist()
+
+
+def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+    """Run the sweep, or go on with it, and look at all of it."""
+    folder = common.make_folder(options.folder) / "cases"
+    bars = world.watcher.progress
+    end = sweep(
+        robustness,
+        design(world, options.points, options.durations),
+        folder,
+        chunk=options.points**2,
+        workers=options.workers,
+        scheduler=options.scheduler,
+        progress=None if bars is None else shown(bars, "cases", time.monotonic),
+    )
+    table = results(folder)
+    found = {name: table[name].to_numpy() for name in table.column_names}
+    return common.Outcome(
+        tables=[_ways(found)],
+        claims=_claims(found, end.errors),
+        parameters={**world.parameters(), "points": options.points, "durations": options.durations, "cases": end.cases},
+        figures={"sweep_map": map_figure(found), "sweep_timing": timing_figure(found)},
+    )
+
+
+def _ways(found: Columns) -> common.Table:
+    rows = []
+    for way in WAYS:
+        mine = found["way"] == way
+        left, peak, off = (found[name][mine] for name in ("residual_swing_rad", "peak_swing_rad", "off_goal_m"))
+        bad = int(np.isnan(left).sum())
+        rows.append((way, len(left), bad, *(1e3 * np.nanquantile(left, [0.5, 0.95, 1.0])), 1e3 * np.nanmax(peak), 1e3 * np.nanmax(off)))
+    columns = [("way", ""), ("cases", ",d"), ("bad", "d"), ("median [mrad]", ".3g"), ("95 % below [mrad]", ".3g"), ("worst [mrad]", ".3g")]
+    columns += [("worst on the way [mrad]", ".3g"), ("worst off goal [mm]", ".3g")]
+    note = (
+        f"Swing that is left {AFTER:g} s after the arrival of the {COMBINED.name} move. Loads are {LOADS[0]:g} to {LOADS[1]:g} times that "
+        f"planned for, cables up to {CABLES[1]:g} m longer or shorter than measured, times for the move {DURATIONS[0]:g} to "
+        f"{DURATIONS[1]:g} s. Ways without a controller in their name have drives that follow exactly."
+    )
+    return common.Table(f"Swing left by {len(found['case']):,} moves", columns, rows, note)
+
+
+def _claims(found: Columns, errors: int) -> list[common.Claim]:
+    left = {way: found["residual_swing_rad"][found["way"] == way] for way in WAYS}
+    others = np.array([swing for way, swing in left.items() if way != FLAT])
+    return [
+        common.Claim(f"Each of the {len(found['case']):,} cases is done and none is bad.", errors == 0),
+        common.Claim(f"{FLAT} leaves less swing than any other way, case by case.", bool((left[FLAT] < others).all())),
+        common.Claim(f"{PAPER} leaves less swing than {PD}, case by case.", bool((left[PAPER] < left[PD]).all())),
+    ]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    made = common.parser(
+        "sweep", "How much swing each way to make the combined move leaves where load, cable and time for it differ, case by case."
+    )
+    made.add_argument("--points", type=_count, default=32, metavar="N", help="loads, and cables, between the ends of their ranges")
+    made.add_argument("--durations", type=_count, default=13, metavar="N", help="times for the move")
+    made.add_argument("--workers", type=_count, default=None, metavar="N", help="processes, by default one for each processor")
+    made.add_argument("--scheduler", metavar="tcp://HOST:PORT", default=None, help="run on the workers of this Dask scheduler instead")
+    return common.conduct(made, experiment, argv)
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{value} is not a whole number from 1 on")
+    return value
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,51 @@
+"""Figures of the sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from cranedyn.figures import panels
+
+Columns = Mapping[str, np.ndarray]
+
+
+def map_figure(found: Columns) -> Figure:
+    """Residual swing of each way over load and cable, for the middle one of the durations."""
+    durations = np.unique(found["duration_s"])
+    here = found["duration_s"] == durations[len(durations) // 2]
+    left = 1e3 * found["residual_swing_rad"][here]
+    norm = LogNorm(np.nanmin(left), np.nanmax(left))
+    ways = list(dict.fromkeys(found["way"].tolist()))
+    rows = -(-len(ways) // 4)
+    figure, axes = panels(rows, 4, height=2.6, width=11.0, sharex=True, sharey=True)
+    for ax, way in zip(axes, ways, strict=False):
+        mine = found["way"][here] == way
+        loads, cables = (np.unique(found[name][here][mine]) for name in ("load", "cable_error_m"))
+        drawn = ax.pcolormesh(cables, loads, left[mine].reshape(len(loads), len(cables)), norm=norm, cmap="viridis", rasterized=True)
+        ax.set_title(way, fontsize=10.0)
+        ax.grid(visible=False)
+    for ax in axes[len(ways) :]:
+        ax.set_axis_off()
+    figure.supxlabel("cable longer than measured by [m]", fontsize=11.0)
+    figure.supylabel("payload over that planned for", fontsize=11.0)
+    seconds = f"{durations[len(durations) // 2]:.3g} s"
+    figure.colorbar(drawn, ax=axes, label=f"swing left of a move in {seconds} [mrad]")
+    return figure
+
+
+def timing_figure(found: Columns) -> Figure:
+    """Residual swing of each way over the time for the move: median, and a band from the least to the most."""
+    figure, (ax,) = panels(height=4.6)
+    durations = np.unique(found["duration_s"])
+    for k, way in enumerate(dict.fromkeys(found["way"].tolist())):
+        left = [1e3 * found["residual_swing_rad"][(found["way"] == way) & (found["duration_s"] == d)] for d in durations]
+        least, middle, most = np.nanquantile(np.array(left), [0.0, 0.5, 1.0], axis=1)
+        (line,) = ax.plot(durations, middle, marker="osv^D*Px"[k % 8], markersize=4.0, label=way)
+        ax.fill_between(durations, least, most, color=line.get_color(), alpha=0.15, linewidth=0.0)
+    ax.set(yscale="log", xlabel="time for the move [s]", ylabel="swing left 10 s after it [mrad]")
+    ax.legend(ncols=2, fontsize=9.0)
+    return figure
