@@ -203,7 +203,7 @@ def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solution of mass @ x = right for a symmetric positive definite matrix; what is zero through branches of the tree is left out."""
     n, lower, x = len(mass), mass.copy(), right.copy()
     reciprocals = array([0.0] * n)
-    for k in range(n - 1, -1, -1):
+    for k in range(n - 1, min(n, 2) - 1, -1):
         reciprocals[k] = 1.0 / lower[k, k]
         for i in range(k - 1, -1, -1):
             share = lower[k, i] * reciprocals[k]
@@ -211,8 +211,14 @@ def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
                 lower[i, j] = lower[i, j] - share * lower[k, j]
             x[i] = x[i] - share * x[k]
             lower[k, i] = share
-    for k in range(n):
-        x[k] = x[k] * reciprocals[k] - lower[k, :k] @ x[:k] if k else x[k] * reciprocals[k]
+    if n == 1:
+        return x / lower[0, 0]
+    # two equations are left; by determinants they take one division where elimination takes one after the other
+    (a, c), (b, d) = (lower[0, 0], lower[1, 0]), (lower[1, 1], 1.0)
+    inverse = d / (a * b - c * c)
+    x[0], x[1] = (b * x[0] - c * x[1]) * inverse, (a * x[1] - c * x[0]) * inverse
+    for k in range(2, n):
+        x[k] = x[k] * reciprocals[k] - lower[k, :k] @ x[:k]
     return x
 
 

@@ -15,8 +15,8 @@ from llvmlite import ir
 
 INTEGER, POINTER, DOUBLE = ir.IntType(64), ir.PointerType(), ir.DoubleType()
 
-_FAST = ("contract",)
-"""Products and sums may be fused; nothing else of floating point is bent."""
+_FAST = ("contract", "reassoc", "nsz", "arcp")
+"""Sums and products may be fused and put in another order, the sign of zero is free; infinities and what is not a number stay."""
 
 _LARGEST_ANGLE = 1e6
 """Beyond this the reduction of an angle to a quarter turn loses digits [rad]."""
