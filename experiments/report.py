@@ -28,6 +28,7 @@ EXPERIMENTS = {
     "linear_vs_full": [],
     "b1": [],
     "compare": [],
+    "sweep": [],
     "demo": ["--cycles", "1", "--control", "flat"],
 }
 """What the report is made of, in its order, and the arguments with which missing results are made."""

@@ -1,0 +1,84 @@
+"""The sweep over load, cable and timing: its cases are those of `simulate`, its command keeps, resumes and shows them."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cranedyn.analysis import swing_amplitude
+from cranedyn.crane import State
+from cranedyn.dynamics import payload_position
+from cranedyn.references import Wanted
+from cranedyn.simulate import simulate
+from cranedyn.sweep import results
+from experiments import sweep
+from experiments.robustness import AFTER, COMBINED, WAYS, robustness
+from experiments.world import World
+
+
+def cases(**columns: object) -> dict[str, np.ndarray]:
+    rows = max(np.size(column) for column in columns.values())
+    clocks = {"gravity_m_s2": 9.80665, "dt_s": 1e-3, "control_period_s": 1e-2}
+    return {name: np.resize(np.array(column), rows) for name, column in {**clocks, **columns}.items()}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_case_is_the_move_of_that_crane_alone_with_a_cable_misread(way: str) -> None:
+    load, error, duration = 1.3, 0.7, 20.0
+    found = robustness(cases(way=way, duration_s=duration, load=[1.0, load], cable_error_m=[0.0, error]))
+    world = World(dt=1e-3, control_period=1e-2)
+    crane, move = world.variant(payload_mass=load * world.crane.payload_mass), replace(COMBINED, duration=duration)
+    plan = WAYS[way](world, move)
+    controller, (start, goal) = plan.controller(), move.ends(world.crane)
+    longer = np.array([0.0, 0.0, 0.0, 0.0, error])
+
+    def misled(t: float, state: State, wanted: Wanted) -> np.ndarray:
+        return controller(t, State(state.q - longer, state.v), wanted)
+
+    ends = 1e-2 * math.ceil((plan.arrives + AFTER) / 1e-2 - 1e-9)
+    run = simulate(
+        crane,
+        misled,
+        plan.reference,
+        start=State(start.q + longer, start.v),
+        duration=ends,
+        dt=1e-3,
+        control_period=1e-2,
+        drive=plan.drive,
+        watch="mark",
+    )
+    left = swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], world.gravity)[0]
+    away = np.linalg.norm(payload_position(crane, run.q[-1]) - payload_position(crane, goal.q + longer))
+    # Engines agree to 1e-12 a second; amplitudes of 1e-6 rad are roots of squares of 1e-12, so 1e-9 is round-off's
+    assert found["residual_swing_rad"][1] == pytest.approx(left, abs=1e-9)
+    assert found["peak_swing_rad"][1] == pytest.approx(np.linalg.norm(run.q[:, 2:4], axis=1).max(), abs=1e-9)
+    assert found["off_goal_m"][1] == pytest.approx(away, abs=1e-8)
+    assert run.valid.all() and found["valid_until_s"].count() == 0
+
+
+def test_rows_come_back_in_the_order_of_the_cases_whatever_their_plans() -> None:
+    mixed = cases(way=["spline, ZV", "spline alone", "spline, ZV"], duration_s=[20.0, 20.0, 30.0], load=1.0, cable_error_m=[0.0, 0.5, 0.5])
+    together = robustness(mixed)
+    for row in range(3):
+        alone = robustness({name: column[row : row + 1] for name, column in mixed.items()})
+        assert together["residual_swing_rad"][row] == alone["residual_swing_rad"][0]  # to the bit, whoever runs beside it
+
+
+def test_the_command_sweeps_shows_and_does_not_sweep_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--points", "2", "--durations", "1", "--workers", "1", "--out", str(tmp_path / "out")]
+    assert sweep.main(arguments) == 0
+    result = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
+    assert [claim["holds"] for claim in result["claims"]] == [True] * 3
+    assert all((tmp_path / "out" / name).stat().st_size > 10_000 for name in result["figures"])
+    kept = results(tmp_path / "out" / "cases")
+    assert kept.num_rows == 4 * len(WAYS) == sum(row[1] for row in result["tables"][0]["rows"])
+    parts = {part: part.stat().st_mtime_ns for part in (tmp_path / "out" / "cases").glob("*.parquet")}
+    assert sweep.main(arguments) == 0
+    assert {part: part.stat().st_mtime_ns for part in parts} == parts
+    assert sweep.main([*arguments[:1], "3", *arguments[2:]]) == 2
+    assert "another" in capsys.readouterr().err
