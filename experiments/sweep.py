@@ -79,12 +79,16 @@ def _ways(found: Columns) -> common.Table:
 
 
 def _claims(found: Columns, errors: int) -> list[common.Claim]:
-    left = {way: found["residual_swing_rad"][found["way"] == way] for way in WAYS}
+    left = {way: found["residual_swing_rad"][found["way"] == way].reshape(len(np.unique(found["duration_s"])), -1) for way in WAYS}
     others = np.array([swing for way, swing in left.items() if way != FLAT])
     return [
         common.Claim(f"Each of the {len(found['case']):,} cases is done and none is bad.", errors == 0),
         common.Claim(f"{FLAT} leaves less swing than any other way, case by case.", bool((left[FLAT] < others).all())),
-        common.Claim(f"{PAPER} leaves less swing than {PD}, case by case.", bool((left[PAPER] < left[PD]).all())),
+        common.Claim(
+            f"At every time for the move the worst that {PAPER} leaves is below the median of {PD}, which leaves less in "
+            f"{(left[PAPER] >= left[PD]).sum():,} of {left[PD].size:,} cases.",
+            bool((left[PAPER].max(axis=1) < np.median(left[PD], axis=1)).all()),
+        ),
     ]
 
 
