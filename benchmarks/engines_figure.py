@@ -34,7 +34,7 @@ def engines_figure(case: Case, ready: Sequence[Ready], rng: np.random.Generator,
         quick: Leave out the largest numbers.
     """
     sizes, lengths = (SIZES[:4], LENGTHS[:3]) if quick else (SIZES, LENGTHS)
-    budget, fewest = (0.02, 1_000) if quick else (0.2, 10_000)
+    budget, fewest = (0.02, 1_000) if quick else (0.6, 10_000)
     many = [(one, size, stretch(case, one.run, size, budget)) for one in ready if one.contestant.many for size in sizes]
     single = [(one, 1, length * case.dt) for one in ready if not one.contestant.many for length in lengths]
     runs = [*many, *single]

@@ -65,7 +65,10 @@ def starts(start: State | Sequence[State], cranes: int) -> State:
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
     """
-    whole = start if isinstance(start, State) else State(*(np.array(part) for part in zip(*start, strict=True)))
+    try:
+        whole = start if isinstance(start, State) else State(*(np.array(part) for part in zip(*start, strict=True)))
+    except (TypeError, ValueError):
+        raise OutOfRange("start", type(start).__name__, "a State, one of n rows, or a list of them") from None
     return State(*(rows(f"{name} at the start", part, cranes, 5) for name, part in zip(("coordinates", "rates"), whole, strict=True)))
 
 
@@ -106,11 +109,11 @@ def control(controller: Any, reference: Any, start: State, times: np.ndarray) ->
     cranes = len(start.q)
     aims_of, references = distinct(_references(reference, start), cranes)
     laws_of, controllers = distinct(controller, cranes)
-    pairs, pair_of = np.unique(np.stack([laws_of, aims_of], axis=1), axis=0, return_inverse=True)
+    pairs, pair_of = np.unique(laws_of * len(references) + aims_of, return_inverse=True)
     _fits("duration", f"{len(pairs)} tables of {len(times)} control instants", len(pairs) * len(times) * (size(AIM) + size(LAW)))
     laws: dict[int, np.ndarray] = {}
     aims, forms = [], []
-    for which, about in pairs.tolist():
+    for which, about in (divmod(pair, len(references)) for pair in pairs.tolist()):
         wanted = tabulated(references[about], times).position
         form = _form(controllers[which], times, wanted)
         laws.setdefault(which, law(form))
@@ -118,8 +121,8 @@ def control(controller: Any, reference: Any, start: State, times: np.ndarray) ->
         forms.append(form)
     return Control(
         table([laws[which] for which in range(len(controllers))], laws_of),
-        table(aims, pair_of.ravel()),
-        np.array([form.integral for form in forms])[pair_of.ravel()],
+        table(aims, pair_of),
+        np.array([form.integral for form in forms])[pair_of],
         any(bool(form.integral_gain.any()) for form in forms),
     )
 
@@ -128,10 +131,11 @@ def _references(reference: Any, start: State) -> Any:
     """The references; where there is none, one hold for each place at which drives start."""
     if reference is not None:
         return reference
-    drives, which = np.unique(start.q[:, DRIVES], axis=0, return_inverse=True)
-    first = {place: row for row, place in reversed(list(enumerate(which.ravel().tolist())))}
-    holds: list[Reference] = [hold(State(start.q[first[place]], start.v[first[place]])) for place in range(len(drives))]
-    return holds[0] if len(holds) == 1 else [holds[place] for place in which.ravel().tolist()]
+    drives = start.q[:, DRIVES]
+    if (drives == drives[0]).all():
+        return hold(State(start.q[0], start.v[0]))
+    holds: dict[bytes, Reference] = {}
+    return [holds.setdefault(place.tobytes(), hold(State(q, v))) for place, q, v in zip(drives, *start, strict=True)]
 
 
 def distinct(value: Any, cranes: int) -> tuple[np.ndarray, list[Any]]:
