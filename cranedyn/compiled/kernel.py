@@ -120,12 +120,14 @@ class Kernel(NamedTuple):
         run: The loop, from the address of a `Call`.
         answer: Accelerations at one state for each lane, from the addresses of q, v, command and force, of the varied numbers, and of where
             the five accelerations go.
+        agreed: Varied numbers of the cranes with which it was compared with Pinocchio.
     """
 
     recipe: Recipe
     machine: Machine
     run: Any
     answer: Any
+    agreed: set[bytes]
 
 
 def kernel(parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> Kernel:
@@ -134,7 +136,7 @@ def kernel(parents: Sequence[int], constants: Sequence[float | None], recipe: Re
     _Loop(Code(module, "run", ["call"], recipe.lanes), parents, constants, recipe).emit()
     _emit_answer(Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes), parents, constants, recipe)
     machine = translated(module)
-    return Kernel(recipe, machine, machine.function("run", 1), machine.function("answer", 3))
+    return Kernel(recipe, machine, machine.function("run", 1), machine.function("answer", 3), set())
 
 
 def _plant(code: Code, own: ir.Value, parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> Plant:
