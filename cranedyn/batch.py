@@ -11,12 +11,12 @@ import numpy as np
 
 from cranedyn.clocks import clocks
 from cranedyn.compiled.checked import check, compiled
-from cranedyn.compiled.kernel import FORCE, ROW, STATE, SUMMARY, Recipe, places, size
+from cranedyn.compiled.kernel import AIM, FORCE, LAW, ROW, STATE, SUMMARY, Recipe, places, size
 from cranedyn.compiled.memory import grouped, run, ungrouped
-from cranedyn.compiled.tables import NO_FORCE, Table, aim, law, table
-from cranedyn.controllers.affine import Affine, AffineController
+from cranedyn.compiled.tables import NO_FORCE, Table, aim, law, shortened, table
+from cranedyn.controllers.affine import Affine, form
 from cranedyn.crane import DRIVES, Crane, State
-from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.errors import CraneError, OutOfRange, number, within
 from cranedyn.integrator import Integrator, semi_implicit_euler
 from cranedyn.references import Reference, hold
 from cranedyn.references.wanted import tabulated
@@ -103,29 +103,38 @@ def simulate_batch(
         sensor_offset: What the sensors add to coordinates and rates, shape (10,) for all or (n, 10).
         buffers: Whether buffers end the ranges of the drives.
         integrator: The stepping rule.
-        residual_from: When swing begins to count as residual [s]; by default at the end.
+        residual_from: When swing begins to count as residual [s], within the run; by default at its end.
         record: Record every that manieth control instant; 0 for none.
         threads: How many; by default one for each processor.
 
     Raises:
-        OutOfRange: If numbers of cranes differ, an array has another shape, or records would not fit into 4 GB.
+        OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not finite, a time is not in the run, or
+            records or tables would not fit into 4 GB.
         CraneError: If a controller is not affine in the state.
         ModelError: If the code would not do what Pinocchio does.
     """
     clock = clocks(duration, dt, control_period)
+    if drive not in ("effort", "motion"):
+        raise OutOfRange("drive", drive, "effort or motion")
+    if buffers and drive != "effort":
+        raise OutOfRange("buffers", buffers, "False where the drives follow prescribed motion")
+    number("time at the start", since, "s", "-1e9 to 1e9")
+    swings_out = since + duration if residual_from is None else within("residual_from", residual_from, since, since + duration, "s")
+    after = math.ceil((swings_out - since) / control_period - 1e-9)
+    rows = clock.periods // _whole("record", record, 0) + 1 if record else 0
+    workers = None if threads is None else _whole("threads", threads, 1)
     count = _count(crane=crane, controller=controller, reference=reference, start=start)
     cranes, state = _each(crane, count), _starts(start, count)
+    _fits("record", f"{rows} rows of {count} cranes", 2 * count * rows * size(ROW))
+    _fits("duration", f"{clock.periods} control periods", 2 * clock.periods * (size(LAW) + size(AIM)))
     times = since + control_period * np.arange(clock.periods + 1)
-    after = clock.periods if residual_from is None else math.ceil((residual_from - since) / control_period - 1e-9)
     laws, aims, integrals, integrates = _tables(_each(controller, count), reference, state, times)
     forces = _forces(force, count)
     offsets = None if sensor_offset is None else _rows("sensor_offset", sensor_offset, count, 10)
-    rows = clock.periods // _whole("record", record, 0) + 1 if record else 0
-    _fits(count, rows, laws, aims, forces)
     recipe = Recipe(
         _LANES,
         drive,
-        integrator.name,
+        integrator,
         buffers,
         integral=integrates,
         offset=offsets is not None,
@@ -151,7 +160,7 @@ def simulate_batch(
     run(
         code,
         memory,
-        threads,
+        workers,
         law=laws.rows,
         aim=aims.rows,
         force=forces.rows,
@@ -191,7 +200,7 @@ def _count(**given: Any) -> int:
     count = max(counts.values(), default=1)
     for name, length in counts.items():
         if length != count or length == 0:
-            raise OutOfRange(f"number of {name}s", length, f"1 or as many as there are others, {count}")
+            raise OutOfRange(f"number of {name}s", length, f"{max(count, 1)}, as many as there are of others, or one alone for all")
     return count
 
 
@@ -207,8 +216,11 @@ def _each(value: Any, count: int) -> Sequence[Any]:
 
 def _starts(start: State | Sequence[State], count: int) -> State:
     """One row for each crane."""
-    whole = start if isinstance(start, State) else State(*(np.array(part) for part in zip(*start, strict=True)))
-    return State(*(_rows(f"{name} at the start", part, count, 5) for name, part in zip(("coordinates", "rates"), whole, strict=True)))
+    try:
+        q, v = start if isinstance(start, State) else zip(*start, strict=True)
+    except (TypeError, ValueError):
+        raise OutOfRange("start", type(start).__name__, "a State, one with rows, or a sequence of States") from None
+    return State(_rows("coordinates at the start", q, count, 5), _rows("rates at the start", v, count, 5))
 
 
 def _rows(name: str, value: Any, count: int, columns: int) -> np.ndarray:
@@ -232,37 +244,46 @@ def _whole(name: str, value: Any, least: int) -> int:
 def _tables(controllers: Sequence[Controller], reference: Any, start: State, times: np.ndarray) -> tuple[Table, Table, np.ndarray, bool]:
     """Tables of controllers and of what they are about, integrals at the start, shape (n, 3), and whether there are any."""
     given = _length(reference) is not None
-    laws: dict[int, tuple[int, np.ndarray]] = {}
-    aims: dict[tuple[int, int | bytes], tuple[int, np.ndarray]] = {}
+    laws: list[np.ndarray] = []
+    aims: list[np.ndarray] = []
     forms: list[Affine] = []
-    law_of, aim_of = [], []
+    found: dict[tuple[int, int | bytes], tuple[int, int]] = {}
+    last_law: dict[int, int] = {}
+    chosen, lengths = [], (0, 0)
     for k, controller in enumerate(controllers):
         one = reference[k] if given else hold(State(start.q[k], start.v[k])) if reference is None else reference
         key = (id(controller), start.q[k, DRIVES].tobytes() if reference is None else id(one))
-        if key not in aims:
+        if key not in found:
             wanted = tabulated(one, times).position
-            form = controller.affine(times, wanted) if isinstance(controller, AffineController) else None
-            if form is None:
+            common = form(controller, times, wanted)
+            if common is None:
                 raise CraneError(f"{type(controller).__name__} is not affine in the state, or has run before; a batch needs one that is.")
-            aims[key] = len(aims), aim(form, wanted)
-            laws.setdefault(id(controller), (len(laws), law(form)))
-            forms.append(form)
-        law_of.append(laws[id(controller)][0])
-        aim_of.append(aims[key][0])
-    integrals = np.array([form.integral for form in forms])[aim_of]
-    integrates = any(form.integral_gain.any() for form in forms)
-    return _table(laws, law_of), _table(aims, aim_of), integrals, integrates
-
-
-def _table(found: dict[Any, tuple[int, np.ndarray]], chosen: Sequence[int]) -> Table:
-    return table([rows for _, rows in found.values()], chosen)
+            forms.append(common)
+            aims.append(shortened(aim(common, wanted)))
+            rows = law(common)
+            if id(controller) not in last_law or not np.array_equal(rows, laws[last_law[id(controller)]]):
+                last_law[id(controller)] = len(laws)
+                laws.append(rows)
+            found[key] = last_law[id(controller)], len(aims) - 1
+            lengths = max(lengths[0], len(rows)), max(lengths[1], len(aims[-1]))
+            needed = 2 * (len(laws) * lengths[0] * size(LAW) + len(aims) * lengths[1] * size(AIM))
+            _fits("number of controllers and references", f"{len(laws)} and {len(aims)} or more", needed)
+        chosen.append(found[key])
+    law_of, aim_of = zip(*chosen, strict=True)
+    integrals = np.array([common.integral for common in forms])[list(aim_of)]
+    return table(laws, law_of), table(aims, aim_of), integrals, any(common.integral_gain.any() for common in forms)
 
 
 def _forces(force: np.ndarray | None, count: int) -> Table:
     if force is None:
         return table([NO_FORCE], [0] * count)
-    rows = np.asarray(force, dtype=float)
     columns = size(FORCE)
+    try:
+        rows = np.asarray(force, dtype=float)
+    except (TypeError, ValueError):
+        raise OutOfRange("force", "no array of numbers", f"an array of shape (m, {columns}) or ({count}, m, {columns})", "N") from None
+    if not np.isfinite(rows).all():
+        raise OutOfRange("force", float(rows[~np.isfinite(rows)][0]), "finite", "N")
     if rows.ndim == 2 and rows.shape[1] == columns and len(rows):
         return table([rows], [0] * count)
     if rows.ndim == 3 and rows.shape[0] == count and rows.shape[2] == columns and rows.shape[1]:
@@ -270,12 +291,8 @@ def _forces(force: np.ndarray | None, count: int) -> Table:
     raise OutOfRange("force", f"an array of shape {rows.shape}", f"one of shape (m, {columns}) or ({count}, m, {columns})")
 
 
-def _fits(count: int, rows: int, *tables: Table) -> None:
+def _fits(name: str, given: str, numbers: int) -> None:
     """Refuse what would take more memory than there should be."""
-    needed = 2 * 8 * count * rows * size(ROW)
+    needed = 8 * numbers
     if needed > _LARGEST:
-        raise OutOfRange(
-            "record",
-            f"{rows} rows of {count} cranes",
-            f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g} GB: record less, or fewer cranes",
-        )
+        raise OutOfRange(name, given, f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g} GB")
