@@ -119,9 +119,12 @@ def simulate_batch(
     if buffers and drive != "effort":
         raise OutOfRange("buffers", buffers, "False where the drives follow prescribed motion")
     number("time at the start", since, "s", "-1e9 to 1e9")
-    swings_out = since + duration if residual_from is None else within("residual_from", residual_from, since, since + duration, "s")
-    after = math.ceil((swings_out - since) / control_period - 1e-9)
-    rows = clock.periods // _whole("record", record, 0) + 1 if record else 0
+    after = clock.periods
+    if residual_from is not None:
+        first = (within("residual_from", residual_from, since, since + duration, "s") - since) / control_period
+        after = min(after, math.ceil(first - 1e-6))
+    every = _whole("record", record, 0)
+    rows = clock.periods // every + 1 if every else 0
     workers = None if threads is None else _whole("threads", threads, 1)
     count = _count(crane=crane, controller=controller, reference=reference, start=start)
     cranes, state = _each(crane, count), _starts(start, count)
@@ -172,7 +175,7 @@ def simulate_batch(
         end=clock.periods,
         steps=clock.steps,
         small=clock.small,
-        every=max(record, 1),
+        every=max(every, 1),
         after=after,
         dt=dt,
         period=control_period,
@@ -187,7 +190,7 @@ def simulate_batch(
         residual_swing=np.sqrt(kept[:, kept_at["residual"]][:, 0]),
         largest_effort=kept[:, kept_at["effort"]],
         valid_until=since + control_period * first_invalid,
-        t=times[:: max(record, 1)][:rows],
+        t=times[:: max(every, 1)][:rows],
         **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort")},
         energy=log[:, :, row_at["energy"]][:, :, 0],
     )
