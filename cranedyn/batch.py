@@ -14,7 +14,7 @@ from cranedyn.compiled.checked import check, compiled
 from cranedyn.compiled.kernel import AIM, FORCE, LAW, ROW, STATE, SUMMARY, Recipe, places, size
 from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.compiled.tables import NO_FORCE, Table, aim, law, shortened, table
-from cranedyn.controllers.affine import Affine, form
+from cranedyn.controllers.affine import form
 from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.errors import CraneError, OutOfRange, number, within
 from cranedyn.integrator import Integrator, semi_implicit_euler
@@ -127,9 +127,9 @@ def simulate_batch(
     rows = clock.periods // every + 1 if every else 0
     workers = None if threads is None else _whole("threads", threads, 1)
     count = _count(crane=crane, controller=controller, reference=reference, start=start)
-    cranes, state = _each(crane, count), _starts(start, count)
     _fits("record", f"{rows} rows of {count} cranes", 2 * count * rows * size(ROW))
     _fits("duration", f"{clock.periods} control periods", 2 * clock.periods * (size(LAW) + size(AIM)))
+    cranes, state = _each(crane, count), _starts(start, count)
     times = since + control_period * np.arange(clock.periods + 1)
     laws, aims, integrals, integrates = _tables(_each(controller, count), reference, state, times)
     forces = _forces(force, count)
@@ -249,7 +249,8 @@ def _tables(controllers: Sequence[Controller], reference: Any, start: State, tim
     given = _length(reference) is not None
     laws: list[np.ndarray] = []
     aims: list[np.ndarray] = []
-    forms: list[Affine] = []
+    integrals: list[np.ndarray] = []
+    integrates = False
     found: dict[tuple[int, int | bytes], tuple[int, int]] = {}
     last_law: dict[int, int] = {}
     chosen, lengths = [], (0, 0)
@@ -261,7 +262,8 @@ def _tables(controllers: Sequence[Controller], reference: Any, start: State, tim
             common = form(controller, times, wanted)
             if common is None:
                 raise CraneError(f"{type(controller).__name__} is not affine in the state, or has run before; a batch needs one that is.")
-            forms.append(common)
+            integrals.append(common.integral)
+            integrates = integrates or bool(common.integral_gain.any())
             aims.append(shortened(aim(common, wanted)))
             rows = law(common)
             if id(controller) not in last_law or not np.array_equal(rows, laws[last_law[id(controller)]]):
@@ -273,8 +275,7 @@ def _tables(controllers: Sequence[Controller], reference: Any, start: State, tim
             _fits("number of controllers and references", f"{len(laws)} and {len(aims)} or more", needed)
         chosen.append(found[key])
     law_of, aim_of = zip(*chosen, strict=True)
-    integrals = np.array([common.integral for common in forms])[list(aim_of)]
-    return table(laws, law_of), table(aims, aim_of), integrals, any(common.integral_gain.any() for common in forms)
+    return table(laws, law_of), table(aims, aim_of), np.array(integrals)[list(aim_of)], integrates
 
 
 def _forces(force: np.ndarray | None, count: int) -> Table:

@@ -76,7 +76,7 @@ def both(c: Crane, controller: Callable[[], Controller], *given: Any, **how: Any
     return plain, compiled
 
 
-# --- every combination -------------------------------------------------------------------------------------------------------------
+# --- whole runs -------------------------------------------------------------------------------------------------------------------
 
 PERIOD, LASTS = 1e-2, 0.6
 
@@ -119,25 +119,6 @@ FORCES: dict[str, Callable[[], Disturbance | None]] = {
     "push": lambda: wind.push((500.0, -300.0, 100.0), (40.0, 60.0, 0.0), at=0.2),
     "wind": lambda: wind.wind(crane(), wind.steady(12.0), direction=2.0, payload_area=4.0, trolley_area=1.0),
 }
-
-
-@pytest.mark.parametrize(
-    ("controller", "watch"),
-    [(name, watch) for name, (drive, _) in CONTROLLERS.items() for watch in ("stop", "mark", "buffers")[: 3 if drive == "effort" else 2]],
-)
-@pytest.mark.parametrize("blows", FORCES)
-@pytest.mark.parametrize(("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"])
-def test_both_engines_record_the_same(controller: str, integrator: Integrator, dt: float, blows: str, watch: Any) -> None:
-    drive, made = CONTROLLERS[controller]
-    c = _crane(watch)
-    how: dict[str, Any] = {"start": _start(), "duration": LASTS, "dt": dt, "control_period": PERIOD, "drive": drive, "watch": watch}
-    plain, compiled = both(c, made, _reference(), **how, integrator=integrator, disturbance=FORCES[blows]())
-    agree(c, plain, compiled)
-    assert (np.ptp(plain.q, axis=0) > 1e-3).all()  # everything moves
-    if watch != "stop" and controller not in ("lqr", "integral"):
-        assert plain.q[:, 1].max() > 10.05
-    if watch == "buffers" and controller not in ("lqr", "integral"):
-        assert plain.outside[-1, 1] != 0.0
 
 
 @pytest.mark.parametrize("controller", ["hold", "integral", "python", "follow"])
@@ -473,6 +454,28 @@ except CraneError as error:
     sentence = "The compiled engine needs llvmlite, which is not installed: pip install 'cranedyn[compiled]'.\n"
     found = python(script)
     assert found.stdout == "[]\n" + 2 * sentence, found.stderr
+
+
+# --- every combination -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("controller", "watch"),
+    [(name, watch) for name, (drive, _) in CONTROLLERS.items() for watch in ("stop", "mark", "buffers")[: 3 if drive == "effort" else 2]],
+)
+@pytest.mark.parametrize("blows", FORCES)
+@pytest.mark.parametrize(("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"])
+def test_both_engines_record_the_same(controller: str, integrator: Integrator, dt: float, blows: str, watch: Any) -> None:
+    drive, made = CONTROLLERS[controller]
+    c = _crane(watch)
+    how: dict[str, Any] = {"start": _start(), "duration": LASTS, "dt": dt, "control_period": PERIOD, "drive": drive, "watch": watch}
+    plain, compiled = both(c, made, _reference(), **how, integrator=integrator, disturbance=FORCES[blows]())
+    agree(c, plain, compiled)
+    assert (np.ptp(plain.q, axis=0) > 1e-3).all()  # everything moves
+    if watch != "stop" and controller not in ("lqr", "integral"):
+        assert plain.q[:, 1].max() > 10.05
+    if watch == "buffers" and controller not in ("lqr", "integral"):
+        assert plain.outside[-1, 1] != 0.0
 
 
 # --- the rule of Runge and Kutta -----------------------------------------------------------------------------------------------------
