@@ -14,7 +14,7 @@ from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.kernel import ROW, STATE, SUMMARY, Recipe, places, size
 from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.crane import Crane, State
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import OutOfRange, number, within
 from cranedyn.integrator import Integrator, semi_implicit_euler
 from cranedyn.references import Reference
 from cranedyn.simulate import Controller, Drive
@@ -95,33 +95,35 @@ def simulate_batch(
         sensor_offset: What the sensors add to coordinates and rates, shape (10,) for all or (n, 10).
         buffers: Whether buffers end the ranges of the drives.
         integrator: The stepping rule.
-        residual_from: When swing begins to count as residual [s]; by default at the end.
+        residual_from: When swing begins to count as residual [s], within the run; by default at its end.
         record: Record every that manieth control instant; 0 for none.
         threads: How many; by default one for each processor.
 
     Raises:
-        OutOfRange: If numbers of cranes differ, an array has another shape, or records would not fit into 4 GB.
+        OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not finite, a time is not in the run, or
+            records or tables would not fit into 4 GB.
         CraneError: If a controller is not affine in the state.
         ModelError: If the code would not do what Pinocchio does.
     """
+    clock = clocks(duration, dt, control_period)
     if drive not in ("effort", "motion"):
         raise OutOfRange("drive", drive, "effort or motion")
-    if buffers and drive == "motion":
-        raise OutOfRange("drive", drive, "effort where there are buffers")
-    clock = clocks(duration, dt, control_period)
+    if buffers and drive != "effort":
+        raise OutOfRange("buffers", buffers, "False where the drives follow prescribed motion")
     number("time at the start", since, "s", "-1e9 to 1e9")
+    after = _instant(residual_from, since, clock)
+    every, workers = inputs.whole("record", record, 0), None if threads is None else inputs.whole("threads", threads, 1)
     cranes = inputs.count(crane=crane, controller=controller, reference=reference, start=start)
-    state, offsets = inputs.starts(start, cranes), None
-    if sensor_offset is not None:
-        offsets = inputs.rows("sensor_offset", sensor_offset, cranes, 10)
-    rows = clock.periods // every + 1 if (every := inputs.whole("record", record, 0)) else 0
-    inputs.recorded(cranes, rows)
+    rows = clock.periods // every + 1 if every else 0
+    inputs.fits(cranes, rows, clock.periods)
+    state = inputs.starts(start, cranes)
+    offsets = None if sensor_offset is None else inputs.rows("sensor_offset", sensor_offset, cranes, 10)
     times = since + control_period * np.arange(clock.periods + 1)
     control, forces = inputs.control(controller, reference, state, times), inputs.forces(force, cranes)
     recipe = Recipe(
         _LANES,
         drive,
-        integrator.name,
+        integrator,
         buffers,
         integral=control.integrates,
         offset=offsets is not None,
@@ -144,7 +146,7 @@ def simulate_batch(
     run(
         code,
         memory,
-        threads,
+        workers,
         law=control.law.rows,
         aim=control.aim.rows,
         force=forces.rows,
@@ -157,7 +159,7 @@ def simulate_batch(
         steps=clock.steps,
         small=clock.small,
         every=max(every, 1),
-        after=_instant(residual_from, since, clock),
+        after=after,
         dt=dt,
         period=control_period,
     )
@@ -178,5 +180,8 @@ def simulate_batch(
 
 
 def _instant(t: float | None, since: float, clock: Clocks) -> int:
-    """The first control instant at or after a time [s]; the last for None."""
-    return clock.periods if t is None else math.ceil((number("residual_from", t, "s") - since) / clock.period - 1e-9)
+    """The first control instant at or after a time within the run [s]; the last for None."""
+    if t is None:
+        return clock.periods
+    end = since + clock.periods * clock.period
+    return min(clock.periods, math.ceil((within("residual_from", t, since, end, "s") - since) / clock.period - 1e-6))

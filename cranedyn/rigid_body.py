@@ -105,16 +105,19 @@ def bodies(model: pin.Model) -> Bodies:
     """The numbers of a model.
 
     Raises:
-        ModelError: If a joint does not have one degree of freedom.
+        ModelError: If a joint does not have one degree of freedom, or there is none.
     """
+    if model.njoints < 2:
+        raise ModelError(f"The model {model.name!r} has no joint that moves.")
     rows: list[tuple[Any, ...]] = []
     neutral = pin.neutral(model)
     for i in range(1, model.njoints):
         joint, place, body = model.joints[i], model.jointPlacements[i], model.inertias[i]
-        if (joint.nv, joint.idx_v) != (1, i - 1):
+        kind = joint.shortname()
+        if (joint.nv, joint.idx_v) != (1, i - 1) or kind == "JointModelComposite":
             raise ModelError(
-                f"{model.names[i]} is a {joint.shortname()} with {joint.nv} degrees of freedom; "
-                "joints must be revolute, prismatic or helical with one each to be compiled or made symbols."
+                f"{model.names[i]} is a {kind}; to be compiled or made symbols, joints must be revolute, prismatic or helical, "
+                "with one degree of freedom each."
             )
         at = joint.createData()
         joint.calc(at, neutral)

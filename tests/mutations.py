@@ -142,6 +142,93 @@ MUTATIONS = (
         "inertia = 0.0",
         ("control",),
     ),
+    Mutation(
+        "the Coriolis term of the recursions has the wrong sign",
+        "cranedyn/rigid_body.py",
+        "gain = gain + cross(2.0 * spin, along * rate)",
+        "gain = gain - cross(2.0 * spin, along * rate)",
+        ("rigid_body",),
+    ),
+    Mutation(
+        "compiled robots are taken as they come",
+        "cranedyn/compiled/model.py",
+        "if not off <= _AGREEMENT and not off <= rigid_body.lost_digits(pin.crba(model, data, q)):",
+        "if False:",
+        ("compiled_model",),
+    ),
+    Mutation(
+        "compiled cranes are taken as they come",
+        "cranedyn/compiled/checked.py",
+        "if not off <= _AGREEMENT and not off <= rigid_body.lost_digits(mass):",
+        "if False:",
+        ("compiled",),
+    ),
+    Mutation(
+        "compiled cranes have no joint damping",
+        "cranedyn/compiled/plant.py",
+        "pushes=pushes) + self.damping * v",
+        "pushes=pushes)",
+        ("compiled",),
+    ),
+    Mutation(
+        "compiled forces act on the wrong body", "cranedyn/compiled/plant.py", "_PIVOT, _LOAD = 2, 4", "_PIVOT, _LOAD = 1, 4", ("compiled",)
+    ),
+    Mutation(
+        "compiled buffers pull",
+        "cranedyn/compiled/plant.py",
+        "pushes.append(code.chosen(push * beyond < 0.0, push, 0.0))",
+        "pushes.append(push)",
+        ("compiled",),
+    ),
+    Mutation(
+        "a compiled integrator grows beyond the limit of its drive",
+        "cranedyn/compiled/kernel.py",
+        "integrals[i] = code.chosen(free, on, integrals[i])",
+        "integrals[i] = on",
+        ("compiled",),
+    ),
+    Mutation(
+        "what a compiled loop integrated is forgotten",
+        "cranedyn/compiled/engine.py",
+        "if isinstance(controller, Remembering):",
+        "if False:",
+        ("compiled",),
+    ),
+    Mutation(
+        "a compiled loop logs efforts a period late",
+        "cranedyn/compiled/kernel.py",
+        "row = [*q, *v, *command, *effort, *before,",
+        "row = [*q, *v, *command, *before, *effort,",
+        ("compiled",),
+    ),
+    Mutation(
+        "compiled RK4 gives way to small steps too late",
+        "cranedyn/compiled/step.py",
+        "rough = code.either(plant.beyond(q), plant.beyond(there))",
+        "rough = plant.beyond(q)",
+        ("compiled",),
+    ),
+    Mutation(
+        "RK4 weighs its accelerations wrongly",
+        "cranedyn/integrator.py",
+        "u = u + (a1 + 2.0 * (a2 + a3) + a4) / 6.0",
+        "u = u + (a1 + a2 + a3 + 3.0 * a4) / 6.0",
+        ("compiled",),
+    ),
+    Mutation(
+        "cranes of a batch have each other's numbers",
+        "cranedyn/batch.py",
+        "varied[[which[id(one)] for one in cranes]]",
+        "varied[[which[id(one)] for one in cranes[::-1]]]",
+        ("batch",),
+    ),
+    Mutation(
+        "a swing of a batch counts as residual a row late",
+        "cranedyn/batch.py",
+        "after = min(after, math.ceil(first - 1e-6))",
+        "after = min(after, math.ceil(first - 1e-6) + 1)",
+        ("batch",),
+    ),
 )
 
 

@@ -11,10 +11,10 @@ import pinocchio as pin
 from cranedyn import rigid_body
 from cranedyn.compiled.kernel import Kernel, Recipe, kernel
 from cranedyn.compiled.plant import numbers
-from cranedyn.compiled.step import STEPS
-from cranedyn.crane import PASSIVE, Crane, State
+from cranedyn.compiled.step import in_code
+from cranedyn.crane import DRIVES, PASSIVE, Crane, State
 from cranedyn.drives import EffortDrives, MotionDrives, Outside
-from cranedyn.errors import ModelError, OutOfRange
+from cranedyn.errors import ModelError
 
 _CHECKED = 16
 
@@ -31,8 +31,7 @@ def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarra
         OutOfRange: If there is no code for the stepping rule.
         ModelError: If the code does not do what Pinocchio does.
     """
-    if recipe.integrator not in STEPS:
-        raise OutOfRange("integrator of the compiled engine", recipe.integrator, f"{' or '.join(STEPS)}; the engine pinocchio takes any")
+    in_code(recipe.integrator)
     rows = np.array([numbers(crane) for crane in cranes])
     varied = (rows != rows[0]).any(axis=0)
     constants = np.where(varied, np.nan, rows[0])
@@ -71,7 +70,9 @@ def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
         q = rng.uniform(crane.lower, crane.upper)
         q[PASSIVE] = rng.uniform(-1.4, 1.4, 2)
         v, force = rng.normal(size=5), rng.normal(size=6) * crane.payload_mass
-        command = rng.uniform(-1.0, 1.0, 3) * (crane.effort_limit if recipe.drive == "effort" else 1.0)
+        command, mass = rng.uniform(-1.0, 1.0, 3), pin.crba(crane.model, crane.data, q)
+        if recipe.drive == "effort":
+            command = np.clip(command * mass.diagonal()[DRIVES], -crane.effort_limit, crane.effort_limit)
         if outside is not None:
             outside.force = force.reshape(2, 3)
         drives.take(command, State(q, v))
@@ -79,5 +80,5 @@ def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
         given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
         code.answer(given.ctypes.data, own.ctypes.data, found.ctypes.data)
         off = float(np.abs(found - expected[:, None]).max() / np.abs(expected).max())
-        if not off <= _AGREEMENT and not off <= rigid_body.lost_digits(pin.crba(crane.model, crane.data, q)):
+        if not off <= _AGREEMENT and not off <= rigid_body.lost_digits(mass):
             raise ModelError(f"The compiled crane moves otherwise than Pinocchio's: accelerations differ by {off:.1e} of the largest.")

@@ -9,8 +9,9 @@ import numpy as np
 
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.kernel import FORCE, LAW, ROW, STATE, Call, Kernel, Recipe, places, size
+from cranedyn.compiled.step import in_code
 from cranedyn.compiled.tables import aim, held, law
-from cranedyn.controllers.affine import Affine, AffineController, Remembering
+from cranedyn.controllers.affine import Affine, Remembering, form
 from cranedyn.crane import State
 from cranedyn.drives import Limits
 from cranedyn.engine import DIVERGED, Engine, Setting
@@ -33,7 +34,8 @@ class CompiledEngine(Engine):
     """
 
     def __init__(self, setting: Setting, start: State) -> None:
-        """Begin at a state, without command."""
+        """Begin at a state, without command; OutOfRange if there is no code for the stepping rule."""
+        in_code(setting.integrator)
         self.state, self._setting = start, setting
         self._outside = setting.outside(setting.clocks.dt, buffers=setting.buffers)
         self._limits = Limits(setting.crane) if setting.drive == "effort" else None
@@ -56,7 +58,7 @@ class CompiledEngine(Engine):
         recipe = Recipe(
             1,
             self._setting.drive,
-            self._setting.integrator.name,
+            self._setting.integrator,
             self._setting.buffers,
             integral=integral,
             offset=False,
@@ -121,18 +123,18 @@ class CompiledEngine(Engine):
 
         A block in which anything is out of the ordinary is left undone, for whoever goes through it instant by instant.
         """
-        if self._setting.forces or not isinstance(controller, AffineController):
+        if self._setting.forces:
             return
         clocks, first = self._setting.clocks, 0
         while first <= clocks.periods:
             times = since + clocks.period * np.arange(first, min(first + _BLOCK, clocks.periods + 1))
             try:
                 wanted = tabulated(reference, times).position
-                form = controller.affine(times, wanted)
+                common = form(controller, times, wanted)
             except CraneError:
-                form = None
-            block = None if form is None else self._run(form, wanted, clocks.periods - first)
-            if form is None or block is None:
+                common = None
+            block = None if common is None else self._run(common, wanted, clocks.periods - first)
+            if block is None:
                 break
             if isinstance(controller, Remembering):
                 controller.resume(float(times[-1]), self._memory[_AT["integral"]])
@@ -142,12 +144,12 @@ class CompiledEngine(Engine):
             yield first
         self.take(self._memory[_AT["held"]].copy())
 
-    def _run(self, form: Affine, wanted: np.ndarray, end: int) -> dict[str, np.ndarray] | None:
+    def _run(self, common: Affine, wanted: np.ndarray, end: int) -> dict[str, np.ndarray] | None:
         """A block of rows by name; None, and all as before, if a number in it is not finite or a joint moves too fast."""
         before, n = self._memory.copy(), len(wanted)
-        self._memory[_AT["integral"]] = form.integral
-        code, call = self._code(integral=bool(form.integral_gain.any()), log=True)
-        rows, laws, aims = np.empty((n, size(ROW))), law(form), aim(form, wanted)
+        self._memory[_AT["integral"]] = common.integral
+        code, call = self._code(integral=bool(common.integral_gain.any()), log=True)
+        rows, laws, aims = np.empty((n, size(ROW))), law(common), aim(common, wanted)
         code.run(call.set(law=laws, aim=aims, law_rows=len(laws), aim_rows=n, log=rows, last=n, end=end).address)
         block = {name: rows[:, where] for name, where in places(ROW).items()}
         if np.isfinite(rows).all() and (np.square(block["v"]).sum(axis=1) < DIVERGED**2).all():

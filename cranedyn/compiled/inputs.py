@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.compiled.kernel import AIM, FORCE, LAW, ROW, size
-from cranedyn.compiled.tables import NO_FORCE, Table, aim, law, table
-from cranedyn.controllers.affine import Affine, AffineController
+from cranedyn.compiled.tables import NO_FORCE, Table, aim, law, shortened, table
+from cranedyn.controllers.affine import Affine, form
 from cranedyn.crane import DRIVES, State
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.references import Reference, hold
@@ -44,7 +44,7 @@ def count(**given: Any) -> int:
     most = max(lengths.values(), default=1)
     for name, length in lengths.items():
         if length != most or length == 0:
-            raise OutOfRange(f"number of {name}s", length, f"1 or as many as there are others, {most}" if most else "1 or more")
+            raise OutOfRange(f"number of {name}s", length, f"{max(most, 1)}, as many as there are of others, or one alone for all")
     return most
 
 
@@ -66,10 +66,10 @@ def starts(start: State | Sequence[State], cranes: int) -> State:
         OutOfRange: If they have another shape, or one is not finite.
     """
     try:
-        whole = start if isinstance(start, State) else State(*(np.array(part) for part in zip(*start, strict=True)))
+        q, v = start if isinstance(start, State) else zip(*start, strict=True)
     except (TypeError, ValueError):
-        raise OutOfRange("start", type(start).__name__, "a State, one of n rows, or a list of them") from None
-    return State(*(rows(f"{name} at the start", part, cranes, 5) for name, part in zip(("coordinates", "rates"), whole, strict=True)))
+        raise OutOfRange("start", type(start).__name__, "a State, one with rows, or a sequence of States") from None
+    return State(rows("coordinates at the start", q, cranes, 5), rows("rates at the start", v, cranes, 5))
 
 
 def rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
@@ -110,21 +110,23 @@ def control(controller: Any, reference: Any, start: State, times: np.ndarray) ->
     aims_of, references = distinct(_references(reference, start), cranes)
     laws_of, controllers = distinct(controller, cranes)
     pairs, pair_of = np.unique(laws_of * len(references) + aims_of, return_inverse=True)
-    _fits("duration", f"{len(pairs)} tables of {len(times)} control instants", len(pairs) * len(times) * (size(AIM) + size(LAW)))
-    laws: dict[int, np.ndarray] = {}
-    aims, forms = [], []
+    laws: list[np.ndarray] = []
+    aims, integrals, law_of_pair, integrates = [], [], [], False
+    last: dict[int, int] = {}
     for which, about in (divmod(pair, len(references)) for pair in pairs.tolist()):
         wanted = tabulated(references[about], times).position
-        form = _form(controllers[which], times, wanted)
-        laws.setdefault(which, law(form))
-        aims.append(aim(form, wanted))
-        forms.append(form)
-    return Control(
-        table([laws[which] for which in range(len(controllers))], laws_of),
-        table(aims, pair_of),
-        np.array([form.integral for form in forms])[pair_of],
-        any(bool(form.integral_gain.any()) for form in forms),
-    )
+        common = _form(controllers[which], times, wanted)
+        integrals.append(common.integral)
+        integrates = integrates or bool(common.integral_gain.any())
+        aims.append(shortened(aim(common, wanted)))
+        rows_of_law = law(common)
+        if which not in last or not np.array_equal(rows_of_law, laws[last[which]]):
+            last[which] = len(laws)
+            laws.append(rows_of_law)
+        law_of_pair.append(last[which])
+        needed = 2 * (len(laws) * max(map(len, laws)) * size(LAW) + len(aims) * max(map(len, aims)) * size(AIM))
+        _fit("number of controllers and references", f"{len(laws)} and {len(aims)} or more", needed)
+    return Control(table(laws, np.array(law_of_pair)[pair_of]), table(aims, pair_of), np.array(integrals)[pair_of], integrates)
 
 
 def _references(reference: Any, start: State) -> Any:
@@ -148,11 +150,10 @@ def distinct(value: Any, cranes: int) -> tuple[np.ndarray, list[Any]]:
 
 
 def _form(controller: Any, times: np.ndarray, wanted: np.ndarray) -> Affine:
-    form = controller.affine(times, wanted) if isinstance(controller, AffineController) else None
-    if form is None:
-        name = getattr(controller, "__name__", type(controller).__name__)
-        raise CraneError(f"The controller {name} is not affine in the state, or has run before; a batch needs one that is and has not.")
-    return form
+    common = form(controller, times, wanted)
+    if common is None:
+        raise CraneError(f"{type(controller).__name__} is not affine in the state, or has run before; a batch needs one that is.")
+    return common
 
 
 def forces(force: Any, cranes: int) -> Table:
@@ -163,8 +164,12 @@ def forces(force: Any, cranes: int) -> Table:
     """
     if force is None:
         return table([NO_FORCE], np.zeros(cranes, dtype=int))
-    found, columns = np.asarray(force, dtype=float), size(FORCE)
-    _finite("force", found)
+    columns = size(FORCE)
+    try:
+        found = np.asarray(force, dtype=float)
+    except (TypeError, ValueError):
+        raise OutOfRange("force", "no array of numbers", f"an array of shape (m, {columns}) or ({cranes}, m, {columns})", "N") from None
+    _finite("force", found, "N")
     if found.ndim == 2 and found.shape[1] == columns and len(found):
         return table([found], np.zeros(cranes, dtype=int))
     if found.ndim == 3 and found.shape[0] == cranes and found.shape[2] == columns and found.shape[1]:
@@ -172,21 +177,22 @@ def forces(force: Any, cranes: int) -> Table:
     raise OutOfRange("force", f"an array of shape {found.shape}", f"one of shape (m, {columns}) or ({cranes}, m, {columns})")
 
 
-def recorded(cranes: int, instants: int) -> None:
-    """Return if what is to be recorded fits.
+def fits(cranes: int, instants: int, periods: int) -> None:
+    """Return if what is to be recorded, arranged by lanes and by cranes, and the tables of one controller can fit.
 
     Raises:
-        OutOfRange: If it would take more than 4 GB, arranged by lanes and by cranes.
+        OutOfRange: If they would take more than 4 GB.
     """
-    _fits("record", f"{instants} rows of {cranes} cranes", 2 * cranes * instants * size(ROW))
+    _fit("record", f"{instants} rows of {cranes} cranes", 2 * cranes * instants * size(ROW))
+    _fit("duration", f"{periods} control periods", 2 * periods * (size(LAW) + size(AIM)))
 
 
-def _fits(name: str, what: str, numbers: float) -> None:
-    if 8.0 * numbers > _LARGEST:
-        most = f"what takes {_LARGEST / 1e9:g} GB at most"
-        raise OutOfRange(name, what, f"{most}; these would take {8.0 * numbers / 1e9:.3g} GB: fewer cranes at a time, or less of them")
+def _fit(name: str, given: str, numbers: int) -> None:
+    needed = 8 * numbers
+    if needed > _LARGEST:
+        raise OutOfRange(name, given, f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g} GB")
 
 
-def _finite(name: str, found: np.ndarray) -> None:
+def _finite(name: str, found: np.ndarray, unit: str = "") -> None:
     if not np.isfinite(found).all():
-        raise OutOfRange(name, float(found[~np.isfinite(found)][0]), "finite")
+        raise OutOfRange(name, float(found[~np.isfinite(found)][0]), "finite", unit)

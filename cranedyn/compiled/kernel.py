@@ -13,8 +13,9 @@ from llvmlite import ir
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER, Code, Value, Variable
 from cranedyn.compiled.machine import Machine, translated
 from cranedyn.compiled.plant import Plant, plant
-from cranedyn.compiled.step import STEPS
+from cranedyn.compiled.step import in_code
 from cranedyn.crane import DRIVES
+from cranedyn.integrator import Integrator
 from cranedyn.rigid_body import array
 
 STATE = {"q": 5, "v": 5, "integral": 3, "held": 3, "buffers": 1}
@@ -55,7 +56,7 @@ class Recipe:
     Attributes:
         lanes: How many cranes it runs at once.
         drive: "effort" or "motion".
-        integrator: Name of the stepping rule.
+        integrator: The stepping rule.
         buffers: Whether there are buffers at the ends of the ranges.
         integral: Whether the controller integrates.
         offset: Whether the sensors are wrong by an offset.
@@ -66,7 +67,7 @@ class Recipe:
 
     lanes: int
     drive: str
-    integrator: str
+    integrator: Integrator
     buffers: bool
     integral: bool
     offset: bool
@@ -207,7 +208,7 @@ class _Loop:
             self._control(instant, forces)
             with code.when(code.builder.icmp_signed("<", instant, self.given["end"])):
                 with code.loop(0, self.given["steps"]):
-                    step, work = STEPS[self.recipe.integrator], self.state["buffers"][0].get()
+                    step, work = in_code(self.recipe.integrator), self.state["buffers"][0].get()
                     q, v, held = (self._get(part) for part in ("q", "v", "held"))
                     q, v, work = step(self.plant, q, v, held, forces, self.dt, work, self.given["small"])
                     self._set("q", q)

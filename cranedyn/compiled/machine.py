@@ -7,12 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from cranedyn.errors import CraneError
-
-try:
-    from llvmlite import binding, ir
-except ModuleNotFoundError as error:
-    raise CraneError("The compiled engine needs llvmlite, which is not installed: pip install 'cranedyn[compiled]'.") from error
+from llvmlite import binding, ir
 
 
 @dataclass(frozen=True, eq=False)

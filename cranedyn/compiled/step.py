@@ -1,4 +1,4 @@
-"""Stepping rules in code, by the names of those in `cranedyn.integrator`."""
+"""Stepping rules in code, those of `cranedyn.integrator`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import numpy as np
 from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.plant import Plant
 from cranedyn.crane import DRIVES
-from cranedyn.integrator import rk4, semi_implicit_euler
+from cranedyn.errors import OutOfRange
+from cranedyn.integrator import Integrator, rk4, semi_implicit_euler
 from cranedyn.rigid_body import array
 
 Step = Callable[[Plant, np.ndarray, np.ndarray, np.ndarray, Any, Value, Any, Any], tuple[np.ndarray, np.ndarray, Any]]
@@ -82,4 +83,16 @@ def _times(factor: Any, vector: np.ndarray) -> np.ndarray:
     return array([factor * part for part in vector])
 
 
-STEPS: dict[str, Step] = {semi_implicit_euler.name: _semi_implicit_euler, rk4.name: _rk4}
+_STEPS: dict[Integrator, Step] = {semi_implicit_euler: _semi_implicit_euler, rk4: _rk4}
+
+
+def in_code(integrator: Integrator) -> Step:
+    """A stepping rule in code.
+
+    Raises:
+        OutOfRange: If there is none for it.
+    """
+    if integrator not in _STEPS:
+        known = " or ".join(rule.name for rule in _STEPS)
+        raise OutOfRange("integrator of compiled code", integrator.name, f"{known} of cranedyn.integrator; engine = pinocchio takes any")
+    return _STEPS[integrator]

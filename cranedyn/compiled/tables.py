@@ -57,6 +57,12 @@ def aim(form: Affine, positions: np.ndarray) -> np.ndarray:
     return rows
 
 
+def shortened(rows: np.ndarray) -> np.ndarray:
+    """Rows without those at the end that repeat the one before."""
+    changes = np.flatnonzero((rows[1:] != rows[:-1]).any(axis=1))
+    return rows[: int(changes[-1]) + 2 if len(changes) else 1].copy()
+
+
 def held(command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tables of one row with which the drives just hold a command, shape (3,)."""
     rows = np.zeros((1, size(LAW)))

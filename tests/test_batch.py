@@ -1,0 +1,400 @@
+"""Many cranes at once: each as if it were alone, and only what is asked for is kept."""
+
+from __future__ import annotations
+
+import math
+import tracemalloc
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+
+from cranedyn import watch
+from cranedyn.analysis import swing_amplitude
+from cranedyn.batch import Batch, simulate_batch
+from cranedyn.controllers import follow, hold_controller, lqr
+from cranedyn.controllers.affine import Affine, at_drives, without_integral
+from cranedyn.controllers.hold import Hold
+from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.tracking import Tracking
+from cranedyn.crane import Crane, State
+from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.integrator import Integrator, rk4, semi_implicit_euler
+from cranedyn.linear import feedback_gain
+from cranedyn.references import Reference, Wanted, hold, plumb, ramp
+from cranedyn.simulate import Controller, simulate
+from cranedyn.trajectory import Trajectory
+from tests.helpers import G, crane
+from tests.test_compiled import allowed_between
+
+PERIOD, LASTS = 1e-2, 0.5
+CLOCK: dict[str, Any] = {"duration": LASTS, "dt": 1e-3, "control_period": PERIOD}
+ROWS = 51
+
+
+# --- each as if it were alone --------------------------------------------------------------------------------------------------------
+
+
+def _cranes(count: int) -> list[Crane]:
+    sizes = [{}, {"payload_mass": 700.0}, {"payload_mass": 2500.0, "damp_swing": 900.0}, {"trolley_mass": 900.0, "trolley_effort": 3e3}]
+    return [crane(**sizes[i % 4]) for i in range(count)]
+
+
+def _starts(count: int) -> State:
+    rng = np.random.default_rng(5)
+    q = crane().start.q + rng.uniform(-1.0, 1.0, (20, 5)) * [0.5, 3.0, 0.2, 0.2, 3.0]
+    return State(q[:count], rng.uniform(-0.1, 0.1, (20, 5))[:count])
+
+
+def _references(count: int) -> list[Reference]:
+    starts = _starts(count)
+    return [ramp(hold(State(starts.q[i], starts.v[i])), "xl"[i % 2], 0.2, rate=0.3 + 0.05 * i, at=0.1) for i in range(count)]
+
+
+@cache
+def _tracking(i: int) -> Tracking:
+    return lqr(crane(), plumb(_references(i + 1)[i], LASTS, PERIOD), dt=1e-3)
+
+
+def _controllers(count: int) -> list[Any]:
+    """Fresh ones, since some remember: three holds, one of them shared, tables and integrators."""
+    shared = hold_controller(crane(), gravity=G)
+    kinds: list[Callable[[int], Any]] = [
+        lambda i: shared,
+        lambda i: hold_controller(crane(), stiffness=(4e5, 2e5 + 1e4 * i, 3e4)),
+        lambda i: _tracking(i % 8),
+        lambda i: HoistIntegral(_tracking(i % 8), 2e3, 1.3e4),
+    ]
+    return [kinds[i % 4](i) for i in range(count)]
+
+
+def _offset(controller: Controller, offset: np.ndarray) -> Controller:
+    return lambda t, state, wanted: controller(t, State(state.q + offset[:5], state.v + offset[5:]), wanted)
+
+
+def _same(c: Crane, alone: Trajectory, batch: Batch, i: int) -> None:
+    """Crane i of a batch did what it does alone."""
+    allowed = allowed_between(c, alone, 1e-12)
+    for name in ("q", "v", "command", "effort", "energy"):
+        off = np.abs(getattr(alone, name) - getattr(batch, name)[i]).max(axis=0)
+        assert (off <= allowed[name]).all(), f"crane {i}, {name}: {off} where {allowed[name]} is allowed"
+    assert [batch.end.q[i].tolist(), batch.end.v[i].tolist()] == [batch.q[i, -1].tolist(), batch.v[i, -1].tolist()]
+    assert batch.peak_swing[i] == pytest.approx(np.hypot(alone.q[:, 2], alone.q[:, 3]).max(), rel=1e-11)
+    assert_allclose(batch.largest_effort[i], np.abs(alone.effort).max(axis=0), rtol=1e-11)
+    invalid = np.flatnonzero(alone.valid == 0.0)
+    assert batch.valid_until[i] == (pytest.approx(alone.t[invalid[0]]) if len(invalid) else math.inf)
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 20])
+def test_each_crane_of_a_batch_does_what_it_does_alone(count: int) -> None:
+    cranes, starts, references = _cranes(count), _starts(count), _references(count)
+    rng = np.random.default_rng(6)
+    force, offsets = rng.normal(size=(count, 30, 6)) * 200.0, rng.normal(size=(count, 10)) * 0.01
+    batch = simulate_batch(cranes, _controllers(count), references, start=starts, force=force, sensor_offset=offsets, record=1, **CLOCK)
+    assert len(batch) == count
+    for i, controller in enumerate(_controllers(count)):
+
+        def push(t: float, state: State, rows: np.ndarray = force[i]) -> np.ndarray:
+            return rows[min(round(t / PERIOD), 29)].reshape(2, 3)
+
+        asked = _offset(controller, offsets[i])
+        alone = simulate(cranes[i], asked, references[i], start=State(starts.q[i], starts.v[i]), disturbance=push, watch="mark", **CLOCK)
+        _same(cranes[i], alone, batch, i)
+
+
+@pytest.mark.parametrize(("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"])
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+def test_drives_and_stepping_rules_are_those_of_a_run_alone(drive: Any, integrator: Integrator, dt: float) -> None:
+    count, how = 9, {**CLOCK, "dt": dt, "drive": drive, "integrator": integrator}
+    cranes, starts, references = _cranes(count), _starts(count), _references(count)
+    controllers = [follow(reference, PERIOD) for reference in references] if drive == "motion" else hold_controller(crane())
+    batch = simulate_batch(cranes, controllers, references, start=starts, record=1, since=1.0, **how)
+    for i in range(count):
+        one = controllers if isinstance(controllers, Hold) else controllers[i]
+        start = State(starts.q[i], starts.v[i])
+        _same(cranes[i], simulate(cranes[i], one, references[i], start=start, since=1.0, watch="mark", **how), batch, i)
+
+
+@pytest.mark.parametrize(("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"])
+def test_buffers_act_on_the_cranes_that_reach_them(integrator: Integrator, dt: float) -> None:
+    count, c, how = 9, crane(trolley_max=11.0), {**CLOCK, "dt": dt, "integrator": integrator}
+    starts = [c.state(x=9.0 + 0.24 * i, x_dot=0.5, phi=0.05, theta=0.02) for i in range(count)]
+    pull = Hold(np.zeros(3), np.array([0.0, 0.0, 2e4]), np.array([1e3, 500.0, -1000.0 * G]))
+    batch = simulate_batch(c, pull, start=starts, buffers=True, record=1, **how)
+    runs = [simulate(c, pull, start=start, watch="buffers", **how) for start in starts]
+    for i, alone in enumerate(runs):
+        _same(c, alone, batch, i)
+    assert 0 < sum(alone.outside[-1, 1] != 0.0 for alone in runs) < count
+
+
+def test_without_a_reference_each_holds_where_it_starts_and_what_is_given_once_is_for_all() -> None:
+    c, brake, starts = crane(), hold_controller(crane(), gravity=G), _starts(5)
+    batch = simulate_batch(c, brake, start=starts, force=np.full((1, 6), 100.0), sensor_offset=np.full(10, 0.001), record=1, **CLOCK)
+    each = simulate_batch(
+        [c] * 5,
+        [brake] * 5,
+        [hold(State(*rows)) for rows in zip(*starts, strict=True)],
+        start=[State(*rows) for rows in zip(*starts, strict=True)],
+        force=np.full((5, 3, 6), 100.0),
+        sensor_offset=np.full((5, 10), 0.001),
+        record=1,
+        **CLOCK,
+    )
+    assert_allclose(batch.q, each.q, rtol=0, atol=1e-12)  # rounding: tables that are shared are read by other code
+    alone = simulate_batch(c, brake, start=State(starts.q[3], starts.v[3]), record=1, **CLOCK)
+    assert len(alone) == 1
+
+
+class _Scheduled:
+    """A hold that is stiffer where its reference is farther out."""
+
+    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+        form = self.affine(np.array([t]), wanted.position[None])
+        return form.feed_forward[0] - form.gain[0] @ (np.concatenate(state) - form.wanted[0])
+
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
+        gain = [feedback_gain(np.array([5e5, 1e4 * x, 3e4]), np.array([1e6, 5e4, 2e4])) for x in positions[:, 1]]
+        feed_forward = np.tile([0.0, 0.0, -1000.0 * G], (len(times), 1))
+        return without_integral(feed_forward, np.array(gain), at_drives(positions, np.zeros_like(positions)))
+
+
+def test_a_controller_that_looks_at_its_reference_does_so_for_each_crane() -> None:
+    controller, references, starts = _Scheduled(), _references(9), _starts(9)
+    batch = simulate_batch(crane(), controller, references, start=starts, record=1, **CLOCK)
+    for i, reference in enumerate(references):
+        _same(crane(), simulate(crane(), controller, reference, start=State(starts.q[i], starts.v[i]), watch="mark", **CLOCK), batch, i)
+
+
+def test_controllers_that_remember_begin_with_it_and_are_left_as_they_are() -> None:
+    first = HoistIntegral(_tracking(0), 2e3, 1.3e4, integral=-0.3)
+    none = HoistIntegral(_tracking(0), 2e3, 1.3e4)
+    batch = simulate_batch(crane(), [first, none], _references(1)[0], start=State(_starts(1).q[0], _starts(1).v[0]), record=1, **CLOCK)
+    assert (first.integral, none.integral) == (-0.3, 0.0)
+    assert_allclose(batch.command[0, 0] - batch.command[1, 0], [0.0, 0.0, -600.0], atol=1e-9)  # k_i times what is remembered; rounding
+    again = simulate_batch(crane(), [first, none], _references(1)[0], start=State(_starts(1).q[0], _starts(1).v[0]), record=1, **CLOCK)
+    assert again.q.tobytes() == batch.q.tobytes()
+
+
+# --- no crane feels another ----------------------------------------------------------------------------------------------------------
+
+
+def _many(order: Sequence[int], **how: Any) -> Batch:
+    """Twenty cranes in some order."""
+    cranes, starts, controllers, references = _cranes(20), _starts(20), _controllers(20), _references(20)
+    return simulate_batch(
+        [cranes[i] for i in order],
+        [controllers[i] for i in order],
+        [references[i] for i in order],
+        start=State(starts.q[list(order)], starts.v[list(order)]),
+        **{"record": 1, **CLOCK, **how},
+    )
+
+
+def _bits(batch: Batch, order: Sequence[int]) -> list[bytes]:
+    names = ("peak_swing", "residual_swing", "largest_effort", "valid_until", "q", "v", "command", "effort", "energy")
+    # adding zero makes no difference between the two zeros
+    return [(getattr(batch, name)[list(order)] + 0.0).tobytes() for name in names]
+
+
+def test_the_order_of_the_cranes_changes_no_bit() -> None:
+    usual, order = _many(range(20)), np.random.default_rng(8).permutation(20).tolist()
+    assert _bits(_many(order), np.argsort(order).tolist()) == _bits(usual, range(20))
+
+
+def test_the_number_of_threads_changes_no_bit() -> None:
+    assert (
+        _bits(_many(range(20), threads=1), range(20)) == _bits(_many(range(20), threads=3), range(20)) == _bits(_many(range(20)), range(20))
+    )
+
+
+def test_a_crane_that_diverges_harms_no_other_and_says_so() -> None:
+    starts = _starts(9)
+    calm = hold_controller(crane(), gravity=G)
+    wild = Hold(calm.stiffness, -np.array([1e300, 1e300, 1e300]), calm.feed_forward)
+    c = replace(crane(), effort_limit=np.full(3, np.inf))
+    usual = simulate_batch(c, [calm] * 8 + [calm], start=starts, record=1, **CLOCK)
+    harmed = simulate_batch(c, [calm] * 4 + [wild] + [calm] * 4, start=starts, record=1, **CLOCK)
+    others = [i for i in range(9) if i != 4]
+    assert_allclose(harmed.q[others], usual.q[others], rtol=0, atol=1e-12)  # rounding: tables that are shared are read by other code
+    for values in (harmed.end.q[4], harmed.peak_swing[4], harmed.residual_swing[4]):
+        assert not np.isfinite(values).all()
+    assert harmed.valid_until[4] < 0.1
+    assert np.isfinite(harmed.peak_swing[others]).all()
+
+
+# --- what is kept --------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
+    count, c = 9, crane(swing_limit=0.2, trolley_max=11.5)
+    starts, since, late = _starts(count), 2.0, 2.3
+    references = [ramp(hold(State(*rows)), "x", 2.0, rate=1.0, at=2.1) for rows in zip(*starts, strict=True)]
+    controllers = [follow(reference, PERIOD) for reference in references] if drive == "motion" else hold_controller(c, gravity=G)
+    batch = simulate_batch(c, controllers, references, start=starts, since=since, record=1, residual_from=late, drive=drive, **CLOCK)
+    rows = batch.t >= late - 1e-9
+    ended = 0
+    for i in range(count):
+        q, v, effort = batch.q[i], batch.v[i], batch.effort[i]
+        assert batch.peak_swing[i] == pytest.approx(np.hypot(q[:, 2], q[:, 3]).max(), rel=1e-14)  # rounding
+        amplitude = swing_amplitude(q[rows, 2:4], v[rows, 2:4], q[rows, 4], G)
+        assert batch.residual_swing[i] == pytest.approx(amplitude.max(), rel=1e-14)
+        assert batch.largest_effort[i].tolist() == np.abs(effort).max(axis=0).tolist()
+        event = watch.first_event(c, q, v, effort[:, 2])
+        assert batch.valid_until[i] == (math.inf if event is None else pytest.approx(batch.t[event.row], abs=1e-12))
+        ended += event is not None
+        assert batch.end.q[i].tolist() == q[-1].tolist()
+    assert 0 < ended < count
+    assert_allclose(batch.t, since + PERIOD * np.arange(ROWS), atol=1e-12)
+
+
+def test_by_default_the_swing_left_at_the_end_is_residual() -> None:
+    for since in (0.0, 1e6 + 0.1):
+        found = simulate_batch(crane(), hold_controller(crane(), gravity=G), start=_starts(3), since=since, record=1, **CLOCK)
+        expected = [swing_amplitude(q[-1:, 2:4], v[-1:, 2:4], q[-1, 4], G)[0] for q, v in zip(found.q, found.v, strict=True)]
+        assert found.residual_swing == pytest.approx(expected, rel=1e-14)  # rounding
+
+
+@pytest.mark.parametrize("every", [2, 7, 50, 51, 1000])
+def test_every_nth_row_is_recorded(every: int) -> None:
+    whole, thinned = _many(range(20)), _many(range(20), record=every)
+    for name in ("q", "v", "command", "effort", "energy"):
+        assert getattr(thinned, name).tobytes() == np.ascontiguousarray(getattr(whole, name)[:, ::every]).tobytes()
+    assert thinned.t.tolist() == whole.t[::every].tolist()
+
+
+def _peak(call: Callable[[], Any]) -> float:
+    """Memory taken on the way [MB], code and tables kept from an earlier call not counted."""
+    call()
+    tracemalloc.start()
+    try:
+        call()
+        return tracemalloc.get_traced_memory()[1] / 1e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_what_is_not_recorded_takes_no_memory() -> None:
+    c, brake, starts = crane(), hold_controller(crane(), gravity=G), State(np.tile(crane().start.q, (256, 1)), np.zeros((256, 5)))
+    # the log of 256 cranes and 501 rows of 22 numbers takes 23 MB; with it off, some arrays of 256 times 30 numbers and one table remain
+    how = {"start": starts, "duration": 0.5, "dt": 1e-3, "control_period": 1e-3}
+    assert _peak(lambda: simulate_batch(c, brake, record=1, **how)) > 20.0
+    assert _peak(lambda: simulate_batch(c, brake, **how)) < 2.0
+    found = simulate_batch(c, brake, **how)
+    assert [getattr(found, name).size for name in ("t", "q", "v", "command", "effort", "energy")] == [0] * 6
+    assert_allclose(found.end.q, starts.q, atol=1e-12)
+
+
+def test_tables_are_kept_once_and_no_longer_than_they_change() -> None:
+    rng = np.random.default_rng(0)
+    starts = State(crane().start.q + rng.uniform(-0.5, 0.5, (100, 5)) * [1, 1, 0.1, 0.1, 1], np.zeros((100, 5)))
+    clock = {"duration": 1.0, "dt": 1e-3, "control_period": 1e-3}
+    # 100 tables of 1001 rows of 13 numbers for where each is held would be 10 MB, and as many controllers' of 42 numbers 34 MB
+    assert _peak(lambda: simulate_batch(crane(), hold_controller(crane()), start=starts, **clock)) < 2.0
+    shared, reference = lqr(crane(), plumb(_references(1)[0], 1.0, 1e-3), dt=1e-3, every=100), _references(1)[0]
+    assert _peak(lambda: simulate_batch(crane(), shared, reference, start=starts, **clock)) < 3.0
+
+
+# --- what is refused -----------------------------------------------------------------------------------------------------------------
+
+NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"crane": _cranes(8)}, "number of cranes is 8; allowed is 9, as many as there are of others, or one alone for all"),
+        ({"controller": _controllers(1)}, "number of controllers is 1; allowed is 9, as many as there are of others, or one alone"),
+        ({"reference": _references(10)}, "number of (cranes|starts) is 9; allowed is 10, as many as there are of others"),
+        ({"start": []}, "number of starts is 0; allowed is"),
+        ({"start": [crane().start] * 4}, "number of starts is 4; allowed is 9"),
+        ({"start": 3.0}, "start is float; allowed is a State, one with rows, or a sequence of States"),
+        ({"start": [3.0] * 9}, "start is list; allowed is a State"),
+        (
+            {"start": State(np.zeros((9, 4)), np.zeros((9, 5)))},
+            r"coordinates at the start is an array of shape \(9, 4\); allowed is one of",
+        ),
+        ({"start": State(NINE.q, np.zeros((8, 5)))}, r"rates at the start is an array of shape \(8, 5\); allowed is one of .* \(9, 5\)"),
+        ({"start": State(NINE.q, NINE.v + np.nan)}, "rates at the start is nan; allowed is finite"),
+        ({"start": [State(np.zeros(5), np.zeros(3 + i % 2)) for i in range(9)]}, "rates at the start is no array of numbers"),
+        ({"force": np.zeros((9, 5))}, r"force is an array of shape \(9, 5\); allowed is one of shape \(m, 6\) or \(9, m, 6\)"),
+        ({"force": np.zeros((8, 3, 6))}, r"force is an array of shape \(8, 3, 6\); allowed is one of shape \(m, 6\) or \(9, m, 6\)"),
+        ({"force": np.zeros((0, 6))}, r"force is an array of shape \(0, 6\)"),
+        ({"force": np.full((2, 6), np.inf)}, "force is inf N; allowed is finite"),
+        ({"force": "wind"}, "force is no array of numbers"),
+        ({"sensor_offset": np.zeros(9)}, r"sensor_offset is an array of shape \(9,\); allowed is one of shape \(10,\) or \(9, 10\)"),
+        ({"sensor_offset": np.full(10, np.nan)}, "sensor_offset is nan; allowed is finite"),
+        ({"record": -1}, "record is -1; allowed is a whole number >= 0"),
+        ({"record": 2.5}, "record is 2.5; allowed is a whole number >= 0"),
+        ({"threads": 0}, "threads is 0; allowed is a whole number >= 1"),
+        ({"drive": "velocity"}, "drive is velocity; allowed is effort or motion"),
+        ({"drive": "motion", "buffers": True}, "buffers is True; allowed is False where the drives follow prescribed motion"),
+        ({"residual_from": 0.6}, "residual_from is 0.6 s; allowed is 0 to 0.5"),
+        ({"residual_from": math.nan}, "residual_from is nan s"),
+        ({"since": math.inf}, "time at the start is inf s"),
+        ({"dt": 3e-3}, "control_period is 0.01 s; allowed is a multiple of dt"),
+        ({"integrator": Integrator("mine", lambda *given: given, 0.0)}, "integrator of compiled code is mine; allowed is"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_a_sentence(wrong: dict[str, Any], sentence: str) -> None:
+    right: dict[str, Any] = {"crane": _cranes(9), "controller": hold_controller(crane()), "start": NINE, **CLOCK}
+    with pytest.raises(OutOfRange, match=f"^{sentence}"):
+        simulate_batch(**{**right, **wrong})
+
+
+class _Louder(Hold):
+    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+        return 1.1 * super().__call__(t, state, wanted)
+
+
+def test_controllers_that_have_no_common_form_are_refused_by_name() -> None:
+    ran = HoistIntegral(_tracking(0), 2e3, 1.3e4)
+    simulate(crane(), ran, _references(1)[0], start=State(_starts(1).q[0], _starts(1).v[0]), **CLOCK)
+    louder = _Louder(np.ones(3), np.ones(3))
+    for controller, name in ((lambda t, state, wanted: np.zeros(3), "function"), (ran, "HoistIntegral"), (louder, "_Louder")):
+        with pytest.raises(CraneError, match=f"{name} is not affine in the state, or has run before; a batch needs one that is"):
+            simulate_batch(crane(), [hold_controller(crane()), controller], start=State(NINE.q[:2], NINE.v[:2]), **CLOCK)
+
+
+@pytest.mark.parametrize(
+    ("clock", "sentence"),
+    [
+        (
+            {"duration": 1000.0, "record": 1},
+            "record is 100001 rows of 100000 cranes; allowed is what takes 4 GB at most; these would take 3.52e+03 GB",
+        ),
+        ({"duration": 1e6, "dt": 1e-4, "control_period": 1e-4}, "duration is 10000000000 control periods; allowed is what takes 4 GB"),
+    ],
+)
+def test_what_would_not_fit_into_memory_is_refused_before_any_is_taken(clock: dict[str, Any], sentence: str) -> None:
+    starts = State(np.broadcast_to(crane().start.q, (100000, 5)), np.zeros((100000, 5)))
+    tracemalloc.start()
+    try:
+        with pytest.raises(OutOfRange) as caught:
+            simulate_batch(crane(), hold_controller(crane()), start=starts, **{**CLOCK, **clock})
+        assert tracemalloc.get_traced_memory()[1] < 1e6
+    finally:
+        tracemalloc.stop()
+    assert str(caught.value).startswith(sentence)
+
+
+def test_tables_that_would_not_fit_are_refused_while_they_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cranedyn.compiled.inputs._LARGEST", 2e5)
+    asked: list[int] = []
+
+    def reference(i: int) -> Reference:
+        def wanted(t: float) -> Wanted:
+            asked.append(i)
+            return Wanted(np.array([0.0, 10.0 + t, 15.0]), np.zeros(3), np.zeros(3))
+
+        return wanted
+
+    with pytest.raises(OutOfRange, match=r"number of controllers and references is 1 and \d+ or more; allowed is what takes 0\.0002 GB"):
+        simulate_batch(crane(), hold_controller(crane()), [reference(i) for i in range(100)], start=crane().start, **CLOCK)
+    assert max(asked) < 30

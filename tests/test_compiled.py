@@ -1,0 +1,537 @@
+"""One loop, two engines: compiled code records what Pinocchio's algorithms record, and fails in the same words."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+
+from cranedyn import dynamics, rigid_body, wind
+from cranedyn.controllers import follow, hold_controller, lqr
+from cranedyn.controllers.hold import Hold
+from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.tracking import Tracking
+from cranedyn.crane import DRIVES, Crane, State, load_crane
+from cranedyn.errors import CraneError, ModelError, OutOfRange, RunError
+from cranedyn.integrator import Integrator, rk4, semi_implicit_euler
+from cranedyn.references import Reference, Wanted, hold, plumb, ramp
+from cranedyn.simulate import Controller, Disturbance, simulate
+from cranedyn.trajectory import COLUMNS, Trajectory, join
+from tests.helpers import G, constant, crane, locked, python
+from tests.test_properties import CALM, Case, cases, kinds, run
+
+DAMPED = {"damp_slew": 3e4, "damp_trolley": 200.0, "damp_swing": 5e2, "damp_hoist": 700.0}
+
+EPS = float(np.finfo(float).eps)
+
+
+def _inertia(c: Crane) -> np.ndarray:
+    return np.diag(pin.crba(c.model, c.data, c.start.q))[DRIVES]
+
+
+def allowed_between(c: Crane, run: Trajectory, per_second: float) -> dict[str, np.ndarray]:
+    """How far two engines may be apart, for each column.
+
+    A share of the column's largest value for each second; and rounding where a number is made from differences of others: where motion is
+    prescribed, accelerations are differences of rates over the period, and work is a force times differences of positions.
+    """
+    seconds = max(float(np.ptp(run.t)), run.parameters["control_period_s"])
+    allowed = {name: per_second * seconds * np.abs(getattr(run, name)).max(axis=0, initial=0.0) for name in COLUMNS}
+    fastest, farthest, most = (np.abs(values[:, DRIVES]).max(axis=0) for values in (run.v, run.q, run.v))
+    if run.parameters["drive"] == "motion":
+        jumps = 8.0 * EPS * fastest / run.parameters["control_period_s"] * _inertia(c)
+        allowed["command"], allowed["effort"] = allowed["command"] + jumps, allowed["effort"] + jumps
+        allowed["work"] = allowed["work"] + jumps * most * seconds
+    allowed["work"] = allowed["work"] + len(run) * EPS * farthest * np.abs(run.effort).max(axis=0)
+    reach = np.abs(run.force).max() * 100.0 + np.abs(run.effort).max()
+    allowed["outside"] = allowed["outside"] + len(run) * EPS * reach
+    return allowed | {"t": EPS * np.abs(run.t).max(initial=0.0), "valid": np.zeros(())}
+
+
+def agree(c: Crane, plain: Trajectory, compiled: Trajectory, per_second: float = 1e-12) -> None:
+    """Every column of two runs."""
+    assert len(plain) == len(compiled)
+    assert (plain.parameters["engine"], compiled.parameters["engine"]) == ("pinocchio", "compiled")
+    assert {**plain.parameters, "engine": "compiled"} == compiled.parameters
+    for name, allowed in allowed_between(c, plain, per_second).items():
+        off = np.abs(getattr(plain, name) - getattr(compiled, name)).max(axis=0, initial=0.0)
+        assert (off <= allowed).all(), f"{name}: {off} where {allowed} is allowed"
+
+
+def both(c: Crane, controller: Callable[[], Controller], *given: Any, **how: Any) -> tuple[Trajectory, Trajectory]:
+    """A run in each engine, each with a controller of its own."""
+    plain, compiled = (simulate(c, controller(), *given, **how, engine=engine) for engine in ("pinocchio", "compiled"))
+    return plain, compiled
+
+
+# --- whole runs -------------------------------------------------------------------------------------------------------------------
+
+PERIOD, LASTS = 1e-2, 0.6
+
+
+@cache
+def _crane(watch: str) -> Crane:
+    """One whose trolley meets the end of its path, but where that would end the run."""
+    return crane(**DAMPED, trolley_max=22.0 if watch == "stop" else 10.05)
+
+
+def _start() -> State:
+    return crane().state(phi=0.15, theta=-0.1, gamma_dot=0.02, x_dot=0.3, l_dot=-0.04, phi_dot=0.05, theta_dot=0.1)
+
+
+def _reference() -> Reference:
+    return ramp(ramp(ramp(hold(_start()), "x", 0.5, rate=0.3, at=0.0), "gamma", 0.01, rate=0.05, at=0.05), "l", -0.02, rate=0.05, at=0.05)
+
+
+@cache
+def _lqr() -> Tracking:
+    return lqr(_crane("stop"), plumb(_reference(), LASTS, PERIOD), dt=1e-3)
+
+
+def _plain_function() -> Controller:
+    brake = hold_controller(crane(), gravity=G)
+    return lambda t, state, wanted: brake(t, state, wanted)
+
+
+CONTROLLERS: dict[str, tuple[str, Callable[[], Controller]]] = {
+    "hold": ("effort", lambda: hold_controller(crane(), gravity=9.7)),
+    "lqr": ("effort", _lqr),
+    "integral": ("effort", lambda: HoistIntegral(_lqr(), 2e3, 1.2e4)),
+    "python": ("effort", _plain_function),
+    "follow": ("motion", lambda: follow(_reference(), PERIOD)),
+    "python motion": ("motion", lambda: lambda t, state, wanted: np.array([0.05, 0.5, -0.3]) * math.cos(3.0 * t)),
+}
+
+FORCES: dict[str, Callable[[], Disturbance | None]] = {
+    "no wind": lambda: None,
+    "push": lambda: wind.push((500.0, -300.0, 100.0), (40.0, 60.0, 0.0), at=0.2),
+    "wind": lambda: wind.wind(crane(), wind.steady(12.0), direction=2.0, payload_area=4.0, trolley_area=1.0),
+}
+
+
+@pytest.mark.parametrize("controller", ["hold", "integral", "python", "follow"])
+def test_a_run_of_many_blocks_is_the_same(controller: str) -> None:
+    drive, made = CONTROLLERS[controller]
+    c, told = crane(**DAMPED), []
+    tracking = lqr(c, plumb(_reference(), 4.2, 2e-3), dt=1e-3)
+    if controller == "integral":
+        made = lambda: HoistIntegral(tracking, 2e3, 2e4)  # noqa: E731
+    elif controller == "follow":
+        made = lambda: follow(_reference(), 2e-3)  # noqa: E731
+    how: dict[str, Any] = {"start": _start(), "duration": 8.4, "dt": 1e-3, "control_period": 2e-3, "drive": drive, "watch": "mark"}
+    plain, compiled = both(c, made, _reference(), **how, progress=told.append)
+    assert len(plain) == 4201
+    agree(c, plain, compiled)
+    assert told[:4201] == plain.t.tolist()
+    assert told[4201:] == pytest.approx(plain.t.tolist() if controller == "python" else [3.998, 7.998, 8.4], abs=1e-12)
+
+
+def test_at_the_limits_of_the_drives_the_engines_cut_alike() -> None:
+    c = crane(**DAMPED, trolley_effort=2e3, slew_effort=1e4, hoist_effort=9.9e3)
+    for made in (lambda: hold_controller(c, gravity=G), _plain_function):
+        plain, compiled = both(c, made, _reference(), start=_start(), duration=2.0, watch="mark")
+        agree(c, plain, compiled)
+        assert (np.abs(plain.effort).max(axis=0) == c.effort_limit).all()
+        assert (np.abs(compiled.effort).max(axis=0) == c.effort_limit).all()
+
+
+@pytest.mark.parametrize("gravity", [1.62, 24.8])
+def test_in_other_gravity_the_engines_agree(gravity: float) -> None:
+    c = load_crane(gravity=gravity)
+    agree(c, *both(c, lambda: hold_controller(c, gravity=gravity), _reference(), start=_start(), duration=1.0, watch="mark"))
+
+
+@pytest.mark.parametrize("since", [1.0, 5e4])
+def test_a_run_that_begins_at_another_time_is_the_same(since: float) -> None:
+    c = crane()
+    reference = ramp(hold(_start()), "x", 0.3, rate=1.0, at=since + 0.1)
+    for made in (lambda: hold_controller(c, gravity=G), lambda: HoistIntegral(_lqr(), 2e3, 1.2e4)):
+        agree(c, *both(c, made, reference, start=_start(), since=since, duration=0.5, dt=1e-3, control_period=PERIOD, watch="mark"))
+
+
+def test_drives_without_limits_are_compiled_too() -> None:
+    c = replace(crane(), effort_limit=np.full(3, np.inf))
+    agree(c, *both(c, lambda: hold_controller(c, gravity=G), _reference(), start=_start(), duration=0.2))
+
+
+# --- cranes of all sizes -------------------------------------------------------------------------------------------------------------
+
+
+def _per_second(c: Crane, q: np.ndarray) -> float:
+    return max(1e-12, rigid_body.lost_digits(pin.crba(c.model, c.data, q)))
+
+
+@settings(max_examples=12)
+@given(cases(CALM), kinds)
+def test_cranes_of_all_sizes_agree_step_by_step(case: Case, drive: str) -> None:
+    plain, compiled = (run(case, drive, duration=0.2, engine=engine) for engine in ("pinocchio", "compiled"))
+    agree(case.crane, plain, compiled, _per_second(case.crane, case.start_q))
+
+
+@settings(max_examples=12)
+@given(cases(CALM), st.sampled_from(["mark", "buffers"]), st.sampled_from([semi_implicit_euler, rk4]))
+def test_cranes_of_all_sizes_agree_where_loops_run_ahead(case: Case, watch: Any, integrator: Integrator) -> None:
+    c = case.crane
+    inertia = np.diag(pin.crba(c.model, c.data, case.start_q))[DRIVES]
+    brake = Hold(inertia, 2.0 * inertia, dynamics.holding_effort(c, case.start_q))
+    reference = hold(State(case.start_q + 0.1 * np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros(5)))
+    how: dict[str, Any] = {"start": case.start, "duration": 0.3, "dt": 1e-3, "control_period": 1e-2, "watch": watch}
+    try:
+        plain = simulate(c, brake, reference, **how, integrator=integrator)
+    except RunError as error:
+        with pytest.raises(RunError) as caught:
+            simulate(c, brake, reference, **how, integrator=integrator, engine="compiled")
+        assert caught.value.joint == error.joint
+        assert caught.value.t == error.t
+    else:
+        agree(c, plain, simulate(c, brake, reference, **how, integrator=integrator, engine="compiled"), _per_second(c, case.start_q))
+
+
+# --- controllers that remember -------------------------------------------------------------------------------------------------------
+
+
+def test_what_an_integrator_remembers_is_what_the_plain_loop_leaves_it() -> None:
+    c = crane(payload_mass=1100.0)
+    made = [HoistIntegral(_lqr(), 2e3, 1.12e4) for _ in range(2)]
+    for controller, engine in zip(made, ("pinocchio", "compiled"), strict=True):
+        simulate(c, controller, _reference(), start=_start(), duration=0.8, dt=1e-3, control_period=PERIOD, engine=engine)  # type: ignore[arg-type]
+    plain, compiled = made
+    assert abs(plain.integral) > 1e-3
+    assert compiled.integral == pytest.approx(plain.integral, rel=1e-12)
+    assert compiled._t == plain._t == 0.8
+
+
+def test_at_its_limit_the_integrator_stops_alike_and_comes_back() -> None:
+    c, quiet = crane(payload_mass=1300.0, trolley_max=30.0), hold(_start())
+    tracking = lqr(crane(), plumb(quiet, 3.0, PERIOD), dt=1e-3)
+    how: dict[str, Any] = {"start": _start(), "duration": 3.0, "dt": 1e-3, "control_period": PERIOD}
+    plain, compiled = both(c, lambda: HoistIntegral(tracking, 2e4, 1.25e4), quiet, **how)
+    agree(c, plain, compiled)
+    assert np.abs(plain.command[:, 2]).max() > 1.2e4
+    free = simulate(c, HoistIntegral(tracking, 2e4, 1e9), quiet, **how)
+    assert np.abs(free.q - plain.q).max() > 1e-3  # the limit matters
+
+
+@pytest.mark.parametrize("name", ["hold", "integral", "python", "follow"])
+def test_pieces_of_a_run_joined_are_the_whole(name: str) -> None:
+    drive, made = CONTROLLERS[name]
+    c, controller = crane(), made()
+    how: dict[str, Any] = {"dt": 1e-3, "control_period": PERIOD, "drive": drive, "watch": "mark", "engine": "compiled"}
+    whole = simulate(c, made(), _reference(), start=_start(), duration=0.6, **how)
+    pieces = [simulate(c, controller, _reference(), start=_start(), duration=0.2, **how)]
+    for since in (0.2, 0.4):
+        pieces.append(simulate(c, controller, _reference(), start=pieces[-1].state(-1), since=since, duration=0.2, **how))
+    agree(c, replace(whole, parameters={**whole.parameters, "engine": "pinocchio"}), join(pieces))
+
+
+def test_a_variant_that_answers_otherwise_is_asked() -> None:
+    class Louder(Hold):
+        def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+            return 1.1 * super().__call__(t, state, wanted)
+
+    c, brake = crane(), hold_controller(crane(), gravity=G)
+    louder = Louder(brake.stiffness, brake.damping, brake.feed_forward)
+    plain, compiled = both(c, lambda: louder, _reference(), start=_start(), duration=0.2)
+    agree(c, plain, compiled)
+    assert plain.effort[0].tolist() == (1.1 * brake(0.0, _start(), _reference()(0.0))).tolist()
+
+
+# --- what goes wrong -----------------------------------------------------------------------------------------------------------------
+
+
+def _rounded(error: Exception) -> str:
+    """Its sentence with six digits of each number."""
+    return re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.6g}", str(error))
+
+
+def _failures(c: Crane, controller: Callable[[], Controller], *given: Any, **how: Any) -> list[RunError]:
+    """How a run ends in each engine: the same words, time and joint, and records that agree."""
+    found = []
+    for engine in ("pinocchio", "compiled"):
+        with pytest.raises(RunError) as caught:
+            simulate(c, controller(), *given, **how, engine=engine)
+        found.append(caught.value)
+    plain, compiled = found
+    assert _rounded(plain) == _rounded(compiled)
+    assert (plain.t, plain.joint) == (compiled.t, compiled.joint)
+    assert plain.trajectory is not None
+    assert compiled.trajectory is not None
+    return found
+
+
+def _same_failure(c: Crane, controller: Callable[[], Controller], *given: Any, **how: Any) -> RunError:
+    plain, compiled = _failures(c, controller, *given, **how)
+    agree(c, plain.trajectory, compiled.trajectory)  # type: ignore[arg-type]
+    return compiled
+
+
+@pytest.mark.parametrize("name", ["hold", "python"])
+def test_a_joint_that_leaves_its_range_ends_both_runs_at_the_same_row(name: str) -> None:
+    # rows of 1 ms: the end of the path comes in the second block of those that run ahead
+    c, reference = crane(), ramp(hold(crane().state(x=20.0)), "x", 4.0, rate=1.0, at=0.2)
+    made = CONTROLLERS[name][1]
+    failure = _same_failure(c, made, reference, start=c.state(x=20.0), duration=5.0, dt=1e-3, control_period=1e-3)
+    assert failure.joint == "trolley_joint"
+    assert "trolley_joint is at 22.0" in str(failure)
+    assert 2.0 < failure.t < 3.0
+
+
+def test_a_hoist_that_pushes_the_rope_ends_both_runs() -> None:
+    reference = ramp(hold(crane().start), "l", 5.0, rate=20.0, at=0.05)
+    failure = _same_failure(crane(), lambda: hold_controller(crane(), gravity=G), reference, duration=2.0)
+    assert "the rope would have to push" in str(failure)
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_a_run_that_diverges_ends_alike(wrapped: bool) -> None:
+    c = crane(hoist_effort=1e12)
+    wild = hold_controller(c, damping=(1e6, 5e4, 1e6))
+    controller: Controller = (lambda t, state, wanted: wild(t, state, wanted)) if wrapped else wild
+    plain, compiled = (_diverging(c, controller, engine) for engine in ("pinocchio", "compiled"))
+    assert (plain.t, plain.joint) == (compiled.t, compiled.joint)
+    assert compiled.trajectory is not None
+    assert plain.trajectory is not None
+    assert len(compiled.trajectory) == len(plain.trajectory) == round(plain.t / 5e-3)
+    assert all(np.isfinite(getattr(compiled.trajectory, name)).all() for name in COLUMNS)
+    # the error grows as the motion does, by which both are scaled
+    agree(c, plain.trajectory, compiled.trajectory, 1e-9)
+
+
+def _diverging(c: Crane, controller: Controller, engine: Any) -> RunError:
+    with pytest.raises(RunError, match=r"The run diverged at t = .* s: hoist_joint moves at") as caught:
+        simulate(c, controller, start=c.state(l_dot=0.1), duration=60.0, watch="mark", engine=engine)
+    return caught.value
+
+
+def _after(t0: float, action: Callable[[], np.ndarray]) -> Callable[[], Controller]:
+    brake = hold_controller(crane(), gravity=G)
+    return lambda: lambda t, state, wanted: brake(t, state, wanted) if t < t0 else action()
+
+
+def _raise(error: BaseException) -> Any:
+    raise error
+
+
+@pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        (lambda: np.array([0.0, math.nan, 0.0]), "The controller commanded .* at t = 0.0500 s; trolley_joint needs a finite number"),
+        (lambda: np.zeros(2), r"At t = 0.05 s: command of the controller is an array of shape \(2,\)"),
+        (lambda: _raise(CraneError("No answer.")), "At t = 0.05 s: No answer."),
+        (lambda: _raise(KeyboardInterrupt()), r"Interrupted at t = 0.050 s\."),
+    ],
+    ids=["not a number", "two numbers", "an error", "Ctrl-C"],
+)
+@pytest.mark.parametrize("integrator", [semi_implicit_euler, rk4], ids=["Euler", "RK4"])
+def test_a_controller_that_cannot_answer_ends_both_runs_in_the_same_words(
+    action: Callable[[], np.ndarray], words: str, integrator: Integrator
+) -> None:
+    failure = _same_failure(crane(), _after(0.05, action), _reference(), start=_start(), duration=0.2, integrator=integrator)
+    assert pytest.approx(0.05) == failure.t
+    assert failure.trajectory is not None
+    assert len(failure.trajectory) == 10
+    with pytest.raises(RunError, match=words):
+        raise failure
+
+
+@pytest.mark.parametrize("row", [1, 30])
+def test_a_table_with_a_number_missing_ends_both_runs_where_it_is_reached(row: int) -> None:
+    feed_forward = _lqr().feed_forward.copy()
+    feed_forward[row, 2] = math.nan
+    how: dict[str, Any] = {"start": _start(), "duration": 0.6, "dt": 1e-3, "control_period": PERIOD}
+    found = _failures(crane(), lambda: replace(_lqr(), feed_forward=feed_forward), _reference(), **how)
+    assert found[1].joint == "hoist_joint"
+    assert [len(failure.trajectory) for failure in found if failure.trajectory is not None] == [row, row]
+
+
+def test_a_reference_that_cannot_answer_ends_both_runs_in_the_same_words() -> None:
+    def reference(t: float) -> Wanted:
+        return hold(crane().start)(t) if t < 0.3 else _raise(CraneError("There is no plan from here on."))
+
+    failure = _same_failure(crane(), lambda: hold_controller(crane(), gravity=9.7), reference, duration=1.0)
+    assert str(failure) == "At t = 0.3 s: There is no plan from here on."
+    assert failure.trajectory is not None
+    assert len(failure.trajectory) == 60
+
+
+def test_errors_that_are_not_ours_come_through_as_they_are() -> None:
+    for engine in ("pinocchio", "compiled"):
+        with pytest.raises(ZeroDivisionError):
+            simulate(crane(), hold_controller(crane()), lambda t: _raise(ZeroDivisionError()), duration=0.1, engine=engine)  # type: ignore[arg-type]
+
+
+def test_ctrl_c_in_a_loop_that_runs_ahead_keeps_the_blocks_that_are_done() -> None:
+    c = crane()
+    how: dict[str, Any] = {"start": _start(), "duration": 5.0, "dt": 1e-3, "control_period": 1e-3, "watch": "mark"}
+    with pytest.raises(RunError, match=r"Interrupted at t = 1\.999 s\.") as caught:
+        simulate(c, hold_controller(c), _reference(), **how, engine="compiled", progress=lambda t: _raise(KeyboardInterrupt()))
+    assert caught.value.trajectory is not None
+    agree(c, simulate(c, hold_controller(c), _reference(), **{**how, "duration": 1.999}), caught.value.trajectory)
+
+
+def test_disturbances_that_are_no_forces_end_both_runs_in_the_same_words() -> None:
+    force = lambda t, state: np.zeros((2, 3)) if t < 0.1 else np.full((2, 3), math.nan)  # noqa: E731
+    failure = _failures(crane(), _plain_function, _reference(), start=_start(), duration=0.2, disturbance=force)[1]
+    assert "force of the disturbance" in str(failure)
+
+
+# --- what is refused -----------------------------------------------------------------------------------------------------------------
+
+
+def test_an_engine_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(OutOfRange, match="engine is steam; allowed is pinocchio or compiled"):
+        simulate(crane(), locked, duration=0.1, engine="steam")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["explicit Euler", "RK4"])
+def test_a_stepping_rule_without_code_is_refused_before_anything_is_asked_whatever_its_name(name: str) -> None:
+    rule = Integrator(name, lambda *given: _raise(AssertionError()), lead=0.0)
+    for controller in (hold_controller(crane()), lambda t, state, wanted: _raise(AssertionError())):
+        with pytest.raises(OutOfRange, match=rf"integrator of compiled code is {name}; allowed is semi-implicit Euler or RK4"):
+            simulate(crane(), controller, duration=0.1, integrator=rule, engine="compiled")
+
+
+def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return rigid_body.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] + a[1] * b[0]])
+
+
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+def test_code_that_moves_otherwise_is_refused(drive: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cranedyn.rigid_body.cross", _wrong_cross)
+    c = load_crane(payload_mass=1234.5)
+    with pytest.raises(ModelError, match=r"The compiled crane moves otherwise than Pinocchio's: accelerations differ by .* of the largest"):
+        simulate(c, CONTROLLERS["hold" if drive == "effort" else "follow"][1](), duration=0.1, drive=drive, engine="compiled")
+
+
+@pytest.mark.parametrize("share", [1e-9, -1e-9])
+def test_a_crane_that_is_a_billionth_heavier_than_its_model_is_refused(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    from cranedyn.compiled import checked
+
+    c, honest = load_crane(payload_mass=1234.5, hoist_effort=1e12), checked.numbers
+
+    def numbers(one: Crane) -> np.ndarray:
+        heavier = replace(one, model=one.model.copy())
+        heavier.model.inertias[5].mass *= 1.0 + share
+        return honest(heavier)
+
+    monkeypatch.setattr("cranedyn.compiled.checked.numbers", numbers)
+    with pytest.raises(ModelError, match="moves otherwise"):
+        simulate(c, hold_controller(c), duration=0.1, engine="compiled")
+
+
+def test_llvmlite_is_imported_where_it_is_used_and_missed_in_a_sentence() -> None:
+    script = """
+import sys
+from cranedyn.controllers import hold_controller
+from cranedyn.crane import load_crane
+from cranedyn.errors import CraneError
+from cranedyn.simulate import simulate
+crane = load_crane()
+simulate(crane, hold_controller(crane), duration=0.01)
+print([name for name in sys.modules if "llvm" in name or "compiled" in name])
+sys.modules["llvmlite"] = None
+try:
+    simulate(crane, hold_controller(crane), duration=0.01, engine="compiled")
+except CraneError as error:
+    print(error)
+try:
+    import cranedyn.batch
+except CraneError as error:
+    print(error)
+"""
+    sentence = "The compiled engine needs llvmlite, which is not installed: pip install 'cranedyn[compiled]'.\n"
+    found = python(script)
+    assert found.stdout == "[]\n" + 2 * sentence, found.stderr
+
+
+# --- every combination -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("controller", "watch"),
+    [(name, watch) for name, (drive, _) in CONTROLLERS.items() for watch in ("stop", "mark", "buffers")[: 3 if drive == "effort" else 2]],
+)
+@pytest.mark.parametrize("blows", FORCES)
+@pytest.mark.parametrize(("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"])
+def test_both_engines_record_the_same(controller: str, integrator: Integrator, dt: float, blows: str, watch: Any) -> None:
+    drive, made = CONTROLLERS[controller]
+    c = _crane(watch)
+    how: dict[str, Any] = {"start": _start(), "duration": LASTS, "dt": dt, "control_period": PERIOD, "drive": drive, "watch": watch}
+    plain, compiled = both(c, made, _reference(), **how, integrator=integrator, disturbance=FORCES[blows]())
+    agree(c, plain, compiled)
+    assert (np.ptp(plain.q, axis=0) > 1e-3).all()  # everything moves
+    if watch != "stop" and controller not in ("lqr", "integral"):
+        assert plain.q[:, 1].max() > 10.05
+    if watch == "buffers" and controller not in ("lqr", "integral"):
+        assert plain.outside[-1, 1] != 0.0
+
+
+# --- the rule of Runge and Kutta -----------------------------------------------------------------------------------------------------
+
+ENGINES = pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+
+
+@ENGINES
+def test_the_error_of_rk4_falls_with_the_fourth_power_of_the_step(engine: Any) -> None:
+    c = crane(**DAMPED)
+    start, effort = c.state(phi=0.3, theta=-0.2, gamma_dot=0.05, x_dot=0.3), np.array([2e4, 500.0, -9700.0])
+
+    def rates(_: float, y: np.ndarray) -> np.ndarray:
+        return np.concatenate([y[5:], dynamics.acceleration(c, State(y[:5], y[5:]), effort)])
+
+    exact = solve_ivp(rates, (0.0, 4.0), np.concatenate(start), "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+
+    def miss(dt: float) -> float:
+        run = simulate(c, constant(*effort), start=start, duration=4.0, dt=dt, control_period=0.2, integrator=rk4, engine=engine)
+        return float(np.abs(np.concatenate(run.state(-1)) - exact).max())
+
+    coarse, fine = miss(0.1), miss(0.05)
+    assert 1e-8 < fine < 1e-4  # far above rounding and the reference
+    assert coarse / fine == pytest.approx(16.0, rel=0.15)  # order 4; the next order is 0.05 s times rates of 2/s
+
+
+@ENGINES
+def test_one_step_of_rk4_a_period_is_as_good_as_a_thousand_times_smaller_ones(engine: Any) -> None:
+    c = crane(**DAMPED)
+    how: dict[str, Any] = {"start": _start(), "duration": 1.0, "control_period": PERIOD}
+    found = simulate(c, hold_controller(c, gravity=G), _reference(), **how, dt=PERIOD, integrator=rk4, engine=engine)
+    fine = simulate(c, hold_controller(c, gravity=G), _reference(), **how, dt=PERIOD / 20, integrator=rk4, engine=engine)
+    assert np.abs(found.q - fine.q).max() < 1e-7  # (stiffest rate 50/s of the brake · 10 ms)⁵ / 120 of some centimetres, damped
+
+
+@ENGINES
+def test_rk4_keeps_the_energy_of_a_swing(engine: Any) -> None:
+    c = crane(damp_swing=0.0)
+    found = simulate(c, locked, start=c.state(phi=0.5, theta=0.3), duration=20.0, dt=5e-3, drive="motion", integrator=rk4, engine=engine)
+    whole = 1000.0 * G * 15.0 * (1.0 - math.cos(0.5))
+    # (ω dt)⁵/144 a step with ω = 0.8/s, thousands of steps; the semi-implicit rule would ripple by ω dt = 4e-3
+    assert np.ptp(found.energy) < 1e-9 * whole
+
+
+@ENGINES
+def test_where_buffers_act_rk4_gives_way_to_small_steps(engine: Any) -> None:
+    c = crane(trolley_max=11.0, **DAMPED)
+    how: dict[str, Any] = {"start": c.state(x=10.8, x_dot=1.0), "duration": 1.5, "watch": "buffers", "engine": engine}
+    push = constant(0.0, 500.0, -1000.0 * G)
+    found = simulate(c, push, **how, control_period=5e-2, dt=5e-2, integrator=rk4)
+    small = simulate(c, push, **how, control_period=5e-2, dt=5e-4)
+    assert small.q[:, 1].max() > 11.01
+    assert small.outside[-1, 1] < -100.0
+    # small steps of order 20/s · 0.5 ms = 1 % of the depth; a step of 50 ms through the buffer, ω dt = 1, is off by as much as the depth
+    depth = small.q[:, 1].max() - 11.0
+    assert np.abs(found.q[:, 1] - small.q[:, 1]).max() < 0.1 * depth
+    assert found.outside[-1, 1] == pytest.approx(small.outside[-1, 1], rel=0.03)
+    coarse = simulate(c, push, **how, control_period=5e-2, dt=5e-2)
+    assert np.abs(coarse.q[:, 1] - small.q[:, 1]).max() > 0.1 * depth
