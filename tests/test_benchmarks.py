@@ -250,12 +250,15 @@ def test_the_reference_is_where_runs_go_as_their_step_vanishes() -> None:
     assert np.abs(limit - exact).max() < 1e-10
 
 
-def test_half_the_step_costs_more_and_halves_every_error_of_semi_implicit_euler() -> None:
-    table = accuracy.integrators(1, RNG, steps=(2e-3, 1e-3), duration=6.0)
-    coarse, fine = (row[2:] for row in table.rows)
-    cost, *off = (a / b for a, b in zip(coarse, fine, strict=True))
+def test_half_the_step_costs_more_and_halves_every_error_of_semi_implicit_euler_and_rk4_errs_a_sixteenth() -> None:
+    table = accuracy.integrators(1, RNG, steps=(1e-2, 5e-3, 2e-3, 1e-3), duration=6.0)
+    euler, rk4 = ([row[2:] for row in table.rows if row[0] == rule.name] for rule in accuracy.INTEGRATORS)
+    cost, *off = (a / b for a, b in zip(*euler[2:], strict=True))
     assert cost < 1.0
     assert_allclose(off, 2.0, rtol=0.25)  # order 1, and of the period's error the terms beyond
+    cost, place, period, _ = (a / b for a, b in zip(*rk4[:2], strict=True))
+    assert cost < 1.0
+    assert_allclose([place, period], 16.0, rtol=0.25)  # order 4; the ledger's error is that of its own trapezoidal rule
     assert accuracy.accuracy_figure(table).axes[0].get_xscale() == "log"
 
 
