@@ -11,7 +11,8 @@ import numpy as np
 from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import inputs
 from cranedyn.compiled.checked import compiled
-from cranedyn.compiled.kernel import ROW, STATE, SUMMARY, Recipe, places, size
+from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.layout import ROW, STATE, SUMMARY, places, size
 from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.crane import Crane, State
 from cranedyn.errors import OutOfRange, number, within

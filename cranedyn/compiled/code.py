@@ -10,22 +10,14 @@ from contextlib import contextmanager
 from functools import reduce
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
+
+from cranedyn.compiled.angles import sine_and_cosine
 
 INTEGER, POINTER, DOUBLE = ir.IntType(64), ir.PointerType(), ir.DoubleType()
 
 _FAST = ("contract", "reassoc", "nsz", "arcp")
 """Sums and products may be fused and put in another order, the sign of zero is free; infinities and what is not a number stay."""
-
-_LARGEST_ANGLE = 1e6
-"""Beyond this the reduction of an angle to a quarter turn loses digits [rad]."""
-
-_HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
-"""π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody & Waite 1980)."""
-
-_SINE = (-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362880.0, -1.0 / 39916800.0, 1.0 / 6227020800.0, -1.0 / 1307674368000.0)
-_COSINE = (-0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3628800.0, 1.0 / 479001600.0, -1.0 / 87178291200.0, 1.0 / 20922789888000.0)
 
 
 class Value:
@@ -127,41 +119,13 @@ class Code:
         return Value(self, self.builder.select(condition, self.value(yes).held, self.value(no).held))
 
     def sine_and_cosine(self, angle: Value) -> tuple[Value, Value]:
-        """Sine and cosine together [rad], to about one unit in the last place; not a number beyond a million rad.
-
-        The angle less the nearest whole number of quarter turns goes into two Taylor polynomials, which end below the precision of a
-        double at 45°; the number of quarter turns tells which is which and their signs. Libraries' functions would do one lane at a time.
-        """
+        """Sine and cosine together [rad], see `cranedyn.compiled.angles`; asked for the same value again they are those there are."""
         if angle.held not in self._angles:
-            small = self.everywhere(self.call("llvm.fabs", angle) < np.pi / 4.0)
-            with self.builder.if_else(small, likely=True) as (then, otherwise):
-                with then:
-                    plain = self._of_eighth_turn(angle)
-                    block = self.builder.block
-                with otherwise:
-                    turned = self._of_any_angle(angle)
-                    other = self.builder.block
-            self._angles[angle.held] = self._either(plain[0], block, turned[0], other), self._either(plain[1], block, turned[1], other)
+            self._angles[angle.held] = sine_and_cosine(self, angle)
         return self._angles[angle.held]
 
-    def _of_eighth_turn(self, angle: Value) -> tuple[Value, Value]:
-        square = angle * angle
-        sine = self.fused(angle * square, self._polynomial(square, _SINE), angle)
-        return sine, self.fused(square, self._polynomial(square, _COSINE), 1.0)
-
-    def _of_any_angle(self, angle: Value) -> tuple[Value, Value]:
-        quarters = self.call("llvm.rint", angle * (2.0 / np.pi))
-        rest = angle
-        for part in _HALF_PI:
-            rest = self.fused(-quarters, self.value(part), rest)
-        sine, cosine = self._of_eighth_turn(rest)
-        quarter = quarters - self.call("llvm.floor", quarters * 0.25) * 4.0
-        half = self.call("llvm.floor", quarter * 0.5)
-        odd, sign = quarter - half * 2.0 > 0.5, 1.0 - half * 2.0
-        sign = self.chosen(self.call("llvm.fabs", angle) < _LARGEST_ANGLE, sign, np.nan)
-        return self.chosen(odd, cosine, sine) * sign, self.chosen(odd, -sine, cosine) * sign
-
-    def _either(self, a: Value, from_a: ir.Block, b: Value, from_b: ir.Block) -> Value:
+    def joined(self, a: Value, from_a: ir.Block, b: Value, from_b: ir.Block) -> Value:
+        """The value of one block or the other, whichever this point was reached from."""
         phi = self.builder.phi(self.type)
         phi.add_incoming(a.held, from_a)
         phi.add_incoming(b.held, from_b)
@@ -197,12 +161,6 @@ class Code:
         module = self.function.module
         kind = ir.FunctionType(answer, [value.type for value in values])
         return self.builder.call(module.globals.get(name) or ir.Function(module, kind, name), values)
-
-    def _polynomial(self, x: Value, coefficients: Sequence[float]) -> Value:
-        value = self.value(coefficients[-1])
-        for coefficient in reversed(coefficients[:-1]):
-            value = self.fused(value, x, coefficient)
-        return value
 
     def integer(self, number: int) -> ir.Value:
         """A whole number known now."""

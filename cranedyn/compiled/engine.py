@@ -8,7 +8,8 @@ from functools import partial
 import numpy as np
 
 from cranedyn.compiled.checked import compiled
-from cranedyn.compiled.kernel import FORCE, LAW, ROW, STATE, Call, Kernel, Recipe, places, size
+from cranedyn.compiled.kernel import Kernel, Recipe
+from cranedyn.compiled.layout import FORCE, LAW, ROW, STATE, Call, places, size
 from cranedyn.compiled.step import in_code
 from cranedyn.compiled.tables import aim, held, law
 from cranedyn.controllers.affine import Affine, Remembering, form

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.compiled.kernel import AIM, FORCE, LAW, ROW, size
+from cranedyn.compiled.layout import AIM, FORCE, LAW, ROW, size
 from cranedyn.compiled.tables import NO_FORCE, Table, aim, law, shortened, table
 from cranedyn.controllers.affine import Affine, form
 from cranedyn.crane import DRIVES, State

@@ -7,7 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from cranedyn.compiled.kernel import Call, Kernel
+from cranedyn.compiled.kernel import Kernel
+from cranedyn.compiled.layout import Call
 
 _PARTS = 8
 """Parts into which the groups are divided for each thread, so that none waits long for the last."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.compiled.kernel import AIM, FORCE, LAW, places, size
+from cranedyn.compiled.layout import AIM, FORCE, LAW, places, size
 from cranedyn.controllers.affine import Affine
 
 
