@@ -166,37 +166,73 @@ def test_drives_without_limits_are_compiled_too() -> None:
     agree(c, *both(c, lambda: hold_controller(c, gravity=G), _reference(), start=_start(), duration=0.2))
 
 
-# --- cranes of all sizes -------------------------------------------------------------------------------------------------------------
+# --- what is refused -----------------------------------------------------------------------------------------------------------------
 
 
-def _per_second(c: Crane, q: np.ndarray) -> float:
-    return max(1e-12, rigid_body.lost_digits(pin.crba(c.model, c.data, q)))
+def test_an_engine_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(OutOfRange, match="engine is steam; allowed is pinocchio or compiled"):
+        simulate(crane(), locked, duration=0.1, engine="steam")  # type: ignore[arg-type]
 
 
-@settings(max_examples=12)
-@given(cases(CALM), kinds)
-def test_cranes_of_all_sizes_agree_step_by_step(case: Case, drive: str) -> None:
-    plain, compiled = (run(case, drive, duration=0.2, engine=engine) for engine in ("pinocchio", "compiled"))
-    agree(case.crane, plain, compiled, _per_second(case.crane, case.start_q))
+@pytest.mark.parametrize("name", ["explicit Euler", "RK4"])
+def test_a_stepping_rule_without_code_is_refused_before_anything_is_asked_whatever_its_name(name: str) -> None:
+    rule = Integrator(name, lambda *given: _raise(AssertionError()), lead=0.0)
+    for controller in (hold_controller(crane()), lambda t, state, wanted: _raise(AssertionError())):
+        with pytest.raises(OutOfRange, match=rf"integrator of compiled code is {name}; allowed is semi-implicit Euler or RK4"):
+            simulate(crane(), controller, duration=0.1, integrator=rule, engine="compiled")
 
 
-@settings(max_examples=12)
-@given(cases(CALM), st.sampled_from(["mark", "buffers"]), st.sampled_from([semi_implicit_euler, rk4]))
-def test_cranes_of_all_sizes_agree_where_loops_run_ahead(case: Case, watch: Any, integrator: Integrator) -> None:
-    c = case.crane
-    inertia = np.diag(pin.crba(c.model, c.data, case.start_q))[DRIVES]
-    brake = Hold(inertia, 2.0 * inertia, dynamics.holding_effort(c, case.start_q))
-    reference = hold(State(case.start_q + 0.1 * np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros(5)))
-    how: dict[str, Any] = {"start": case.start, "duration": 0.3, "dt": 1e-3, "control_period": 1e-2, "watch": watch}
-    try:
-        plain = simulate(c, brake, reference, **how, integrator=integrator)
-    except RunError as error:
-        with pytest.raises(RunError) as caught:
-            simulate(c, brake, reference, **how, integrator=integrator, engine="compiled")
-        assert caught.value.joint == error.joint
-        assert caught.value.t == error.t
-    else:
-        agree(c, plain, simulate(c, brake, reference, **how, integrator=integrator, engine="compiled"), _per_second(c, case.start_q))
+def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return rigid_body.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] + a[1] * b[0]])
+
+
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+def test_code_that_moves_otherwise_is_refused(drive: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cranedyn.rigid_body.cross", _wrong_cross)
+    c = load_crane(payload_mass=1234.5)
+    with pytest.raises(ModelError, match=r"The compiled crane moves otherwise than Pinocchio's: accelerations differ by .* of the largest"):
+        simulate(c, CONTROLLERS["hold" if drive == "effort" else "follow"][1](), duration=0.1, drive=drive, engine="compiled")
+
+
+@pytest.mark.parametrize("share", [1e-9, -1e-9])
+def test_a_crane_that_is_a_billionth_heavier_than_its_model_is_refused(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    from cranedyn.compiled import checked
+
+    c, honest = load_crane(payload_mass=1234.5, hoist_effort=1e12), checked.numbers
+
+    def numbers(one: Crane) -> np.ndarray:
+        heavier = replace(one, model=one.model.copy())
+        heavier.model.inertias[5].mass *= 1.0 + share
+        return honest(heavier)
+
+    monkeypatch.setattr("cranedyn.compiled.checked.numbers", numbers)
+    with pytest.raises(ModelError, match="moves otherwise"):
+        simulate(c, hold_controller(c), duration=0.1, engine="compiled")
+
+
+def test_llvmlite_is_imported_where_it_is_used_and_missed_in_a_sentence() -> None:
+    script = """
+import sys
+from cranedyn.controllers import hold_controller
+from cranedyn.crane import load_crane
+from cranedyn.errors import CraneError
+from cranedyn.simulate import simulate
+crane = load_crane()
+simulate(crane, hold_controller(crane), duration=0.01)
+print([name for name in sys.modules if "llvm" in name or "compiled" in name])
+sys.modules["llvmlite"] = None
+try:
+    simulate(crane, hold_controller(crane), duration=0.01, engine="compiled")
+except CraneError as error:
+    print(error)
+try:
+    import cranedyn.batch
+except CraneError as error:
+    print(error)
+"""
+    sentence = "The compiled engine needs llvmlite, which is not installed: pip install 'cranedyn[compiled]'.\n"
+    found = python(script)
+    assert found.stdout == "[]\n" + 2 * sentence, found.stderr
 
 
 # --- controllers that remember -------------------------------------------------------------------------------------------------------
@@ -387,75 +423,6 @@ def test_disturbances_that_are_no_forces_end_both_runs_in_the_same_words() -> No
     assert "force of the disturbance" in str(failure)
 
 
-# --- what is refused -----------------------------------------------------------------------------------------------------------------
-
-
-def test_an_engine_that_does_not_exist_is_refused() -> None:
-    with pytest.raises(OutOfRange, match="engine is steam; allowed is pinocchio or compiled"):
-        simulate(crane(), locked, duration=0.1, engine="steam")  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("name", ["explicit Euler", "RK4"])
-def test_a_stepping_rule_without_code_is_refused_before_anything_is_asked_whatever_its_name(name: str) -> None:
-    rule = Integrator(name, lambda *given: _raise(AssertionError()), lead=0.0)
-    for controller in (hold_controller(crane()), lambda t, state, wanted: _raise(AssertionError())):
-        with pytest.raises(OutOfRange, match=rf"integrator of compiled code is {name}; allowed is semi-implicit Euler or RK4"):
-            simulate(crane(), controller, duration=0.1, integrator=rule, engine="compiled")
-
-
-def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return rigid_body.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] + a[1] * b[0]])
-
-
-@pytest.mark.parametrize("drive", ["effort", "motion"])
-def test_code_that_moves_otherwise_is_refused(drive: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cranedyn.rigid_body.cross", _wrong_cross)
-    c = load_crane(payload_mass=1234.5)
-    with pytest.raises(ModelError, match=r"The compiled crane moves otherwise than Pinocchio's: accelerations differ by .* of the largest"):
-        simulate(c, CONTROLLERS["hold" if drive == "effort" else "follow"][1](), duration=0.1, drive=drive, engine="compiled")
-
-
-@pytest.mark.parametrize("share", [1e-9, -1e-9])
-def test_a_crane_that_is_a_billionth_heavier_than_its_model_is_refused(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    from cranedyn.compiled import checked
-
-    c, honest = load_crane(payload_mass=1234.5, hoist_effort=1e12), checked.numbers
-
-    def numbers(one: Crane) -> np.ndarray:
-        heavier = replace(one, model=one.model.copy())
-        heavier.model.inertias[5].mass *= 1.0 + share
-        return honest(heavier)
-
-    monkeypatch.setattr("cranedyn.compiled.checked.numbers", numbers)
-    with pytest.raises(ModelError, match="moves otherwise"):
-        simulate(c, hold_controller(c), duration=0.1, engine="compiled")
-
-
-def test_llvmlite_is_imported_where_it_is_used_and_missed_in_a_sentence() -> None:
-    script = """
-import sys
-from cranedyn.controllers import hold_controller
-from cranedyn.crane import load_crane
-from cranedyn.errors import CraneError
-from cranedyn.simulate import simulate
-crane = load_crane()
-simulate(crane, hold_controller(crane), duration=0.01)
-print([name for name in sys.modules if "llvm" in name or "compiled" in name])
-sys.modules["llvmlite"] = None
-try:
-    simulate(crane, hold_controller(crane), duration=0.01, engine="compiled")
-except CraneError as error:
-    print(error)
-try:
-    import cranedyn.batch
-except CraneError as error:
-    print(error)
-"""
-    sentence = "The compiled engine needs llvmlite, which is not installed: pip install 'cranedyn[compiled]'.\n"
-    found = python(script)
-    assert found.stdout == "[]\n" + 2 * sentence, found.stderr
-
-
 # --- every combination -------------------------------------------------------------------------------------------------------------
 
 
@@ -535,3 +502,36 @@ def test_where_buffers_act_rk4_gives_way_to_small_steps(engine: Any) -> None:
     assert found.outside[-1, 1] == pytest.approx(small.outside[-1, 1], rel=0.03)
     coarse = simulate(c, push, **how, control_period=5e-2, dt=5e-2)
     assert np.abs(coarse.q[:, 1] - small.q[:, 1]).max() > 0.1 * depth
+
+
+# --- cranes of all sizes -------------------------------------------------------------------------------------------------------------
+
+
+def _per_second(c: Crane, q: np.ndarray) -> float:
+    return max(1e-12, rigid_body.lost_digits(pin.crba(c.model, c.data, q)))
+
+
+@settings(max_examples=12)
+@given(cases(CALM), kinds)
+def test_cranes_of_all_sizes_agree_step_by_step(case: Case, drive: str) -> None:
+    plain, compiled = (run(case, drive, duration=0.2, engine=engine) for engine in ("pinocchio", "compiled"))
+    agree(case.crane, plain, compiled, _per_second(case.crane, case.start_q))
+
+
+@settings(max_examples=12)
+@given(cases(CALM), st.sampled_from(["mark", "buffers"]), st.sampled_from([semi_implicit_euler, rk4]))
+def test_cranes_of_all_sizes_agree_where_loops_run_ahead(case: Case, watch: Any, integrator: Integrator) -> None:
+    c = case.crane
+    inertia = np.diag(pin.crba(c.model, c.data, case.start_q))[DRIVES]
+    brake = Hold(inertia, 2.0 * inertia, dynamics.holding_effort(c, case.start_q))
+    reference = hold(State(case.start_q + 0.1 * np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros(5)))
+    how: dict[str, Any] = {"start": case.start, "duration": 0.3, "dt": 1e-3, "control_period": 1e-2, "watch": watch}
+    try:
+        plain = simulate(c, brake, reference, **how, integrator=integrator)
+    except RunError as error:
+        with pytest.raises(RunError) as caught:
+            simulate(c, brake, reference, **how, integrator=integrator, engine="compiled")
+        assert caught.value.joint == error.joint
+        assert caught.value.t == error.t
+    else:
+        agree(c, plain, simulate(c, brake, reference, **how, integrator=integrator, engine="compiled"), _per_second(c, case.start_q))
