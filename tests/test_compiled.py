@@ -30,7 +30,7 @@ from cranedyn.references import Reference, Wanted, hold, plumb, ramp
 from cranedyn.simulate import Controller, Disturbance, simulate
 from cranedyn.trajectory import COLUMNS, Trajectory, join
 from tests.helpers import G, constant, crane, locked, python
-from tests.test_properties import CALM, Case, cases, kinds, run
+from tests.test_properties import CALM, VARIANTS, Case, cases, kinds, run
 
 DAMPED = {"damp_slew": 3e4, "damp_trolley": 200.0, "damp_swing": 5e2, "damp_hoist": 700.0}
 
@@ -55,6 +55,10 @@ def allowed_between(c: Crane, run: Trajectory, per_second: float) -> dict[str, n
         allowed["command"], allowed["effort"] = allowed["command"] + jumps, allowed["effort"] + jumps
         allowed["work"] = allowed["work"] + jumps * most * seconds
     allowed["work"] = allowed["work"] + len(run) * EPS * farthest * np.abs(run.effort).max(axis=0)
+    # where nothing moves, rounding of the weight that is held
+    weight = 1e-3 * per_second * seconds * run.parameters["gravity_m_s2"]
+    allowed["v"], allowed["q"] = allowed["v"] + weight, allowed["q"] + weight * seconds
+    allowed["dissipated"] = allowed["dissipated"] + seconds * weight * (c.damping @ (2.0 * np.abs(run.v).max(axis=0, initial=0.0) + weight))
     reach = np.abs(run.force).max() * 100.0 + np.abs(run.effort).max()
     allowed["outside"] = allowed["outside"] + len(run) * EPS * reach
     return allowed | {"t": EPS * np.abs(run.t).max(initial=0.0), "valid": np.zeros(())}
@@ -192,6 +196,13 @@ def test_code_that_moves_otherwise_is_refused(drive: Any, monkeypatch: pytest.Mo
     c = load_crane(payload_mass=1234.5)
     with pytest.raises(ModelError, match=r"The compiled crane moves otherwise than Pinocchio's: accelerations differ by .* of the largest"):
         simulate(c, CONTROLLERS["hold" if drive == "effort" else "follow"][1](), duration=0.1, drive=drive, engine="compiled")
+
+
+def test_a_heavy_load_under_a_light_trolley_is_not_refused_for_rounding_in_the_world_frame() -> None:
+    # pin.aba in the world's frame, as the loop calls it, is off by 1.5e-11 of the acceleration at one of the states that are compared
+    c = load_crane(gravity=11.2, **VARIANTS[-2])
+    start = c.state(phi=0.1)
+    assert len(simulate(c, soft_hold(c, start.q), start=start, duration=0.1, watch="mark", engine="compiled")) == 21
 
 
 @pytest.mark.parametrize("share", [1e-9, -1e-9])
@@ -417,6 +428,15 @@ def test_ctrl_c_in_a_loop_that_runs_ahead_keeps_the_blocks_that_are_done() -> No
     agree(c, simulate(c, hold_controller(c), _reference(), **{**how, "duration": 1.999}), caught.value.trajectory)
 
 
+def test_a_loop_of_very_small_steps_is_looked_at_before_long() -> None:
+    told: list[float] = []
+    how: dict[str, Any] = {"duration": 0.3, "dt": 1e-7, "control_period": 1e-2, "progress": told.append}
+    found = simulate(crane(), hold_controller(crane(), gravity=G), start=_start(), **how, engine="compiled")
+    assert told == pytest.approx([0.09, 0.19, 0.29, 0.3])  # a million steps of 0.1 µs are ten control periods
+    coarse = simulate(crane(), hold_controller(crane(), gravity=G), start=_start(), **{**how, "dt": 1e-5}, engine="compiled")
+    assert np.abs(found.q - coarse.q).max() < 1e-5  # order dt
+
+
 def test_disturbances_that_are_no_forces_end_both_runs_in_the_same_words() -> None:
     force = lambda t, state: np.zeros((2, 3)) if t < 0.1 else np.full((2, 3), math.nan)  # noqa: E731
     failure = _failures(crane(), _plain_function, _reference(), start=_start(), duration=0.2, disturbance=force)[1]
@@ -507,23 +527,30 @@ def test_where_buffers_act_rk4_gives_way_to_small_steps(engine: Any) -> None:
 # --- cranes of all sizes -------------------------------------------------------------------------------------------------------------
 
 
-def _per_second(c: Crane, q: np.ndarray) -> float:
+def per_second(c: Crane, q: np.ndarray) -> float:
+    """The share by which two engines may drift apart in a second: 1e-12, or what a mass matrix of this condition makes of rounding."""
     return max(1e-12, rigid_body.lost_digits(pin.crba(c.model, c.data, q)))
+
+
+def soft_hold(c: Crane, q: np.ndarray) -> Hold:
+    """A brake of 1 rad/s for what each drive feels where nothing else is held."""
+    upper = np.triu(pin.crba(c.model, c.data, q))
+    felt = 1.0 / np.diag(np.linalg.inv(upper + np.triu(upper, 1).T))[DRIVES]
+    return Hold(felt, 2.0 * felt, dynamics.holding_effort(c, q))
 
 
 @settings(max_examples=12)
 @given(cases(CALM), kinds)
 def test_cranes_of_all_sizes_agree_step_by_step(case: Case, drive: str) -> None:
     plain, compiled = (run(case, drive, duration=0.2, engine=engine) for engine in ("pinocchio", "compiled"))
-    agree(case.crane, plain, compiled, _per_second(case.crane, case.start_q))
+    agree(case.crane, plain, compiled, per_second(case.crane, case.start_q))
 
 
 @settings(max_examples=12)
 @given(cases(CALM), st.sampled_from(["mark", "buffers"]), st.sampled_from([semi_implicit_euler, rk4]))
 def test_cranes_of_all_sizes_agree_where_loops_run_ahead(case: Case, watch: Any, integrator: Integrator) -> None:
     c = case.crane
-    inertia = np.diag(pin.crba(c.model, c.data, case.start_q))[DRIVES]
-    brake = Hold(inertia, 2.0 * inertia, dynamics.holding_effort(c, case.start_q))
+    brake = soft_hold(c, case.start_q)
     reference = hold(State(case.start_q + 0.1 * np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros(5)))
     how: dict[str, Any] = {"start": case.start, "duration": 0.3, "dt": 1e-3, "control_period": 1e-2, "watch": watch}
     try:
@@ -534,4 +561,4 @@ def test_cranes_of_all_sizes_agree_where_loops_run_ahead(case: Case, watch: Any,
         assert caught.value.joint == error.joint
         assert caught.value.t == error.t
     else:
-        agree(c, plain, simulate(c, brake, reference, **how, integrator=integrator, engine="compiled"), _per_second(c, case.start_q))
+        agree(c, plain, simulate(c, brake, reference, **how, integrator=integrator, engine="compiled"), per_second(c, case.start_q))
