@@ -147,7 +147,7 @@ MUTATIONS = (
         "cranedyn/rigid_body.py",
         "gain = gain + cross(2.0 * spin, along * rate)",
         "gain = gain - cross(2.0 * spin, along * rate)",
-        ("rigid_body",),
+        ("compiled",),
     ),
     Mutation(
         "compiled robots are taken as they come",
@@ -171,7 +171,7 @@ MUTATIONS = (
         ("compiled",),
     ),
     Mutation(
-        "compiled forces act on the wrong body", "cranedyn/compiled/plant.py", "_PIVOT, _LOAD = 2, 4", "_PIVOT, _LOAD = 1, 4", ("compiled",)
+        "compiled forces act on the wrong body", "cranedyn/compiled/plant.py", "_PIVOT, _LOAD = 2, 4", "_PIVOT, _LOAD = 2, 3", ("compiled",)
     ),
     Mutation(
         "compiled buffers pull",

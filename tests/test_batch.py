@@ -23,7 +23,7 @@ from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.crane import Crane, State
+from cranedyn.crane import Crane, State, load_crane
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.integrator import Integrator, rk4, semi_implicit_euler
 from cranedyn.linear import feedback_gain
@@ -31,7 +31,8 @@ from cranedyn.references import Reference, Wanted, hold, plumb, ramp
 from cranedyn.simulate import Controller, simulate
 from cranedyn.trajectory import Trajectory
 from tests.helpers import G, crane
-from tests.test_compiled import allowed_between
+from tests.test_compiled import allowed_between, per_second, soft_hold
+from tests.test_properties import LAB, VARIANTS
 
 PERIOD, LASTS = 1e-2, 0.5
 CLOCK: dict[str, Any] = {"duration": LASTS, "dt": 1e-3, "control_period": PERIOD}
@@ -78,9 +79,9 @@ def _offset(controller: Controller, offset: np.ndarray) -> Controller:
     return lambda t, state, wanted: controller(t, State(state.q + offset[:5], state.v + offset[5:]), wanted)
 
 
-def _same(c: Crane, alone: Trajectory, batch: Batch, i: int) -> None:
+def _same(c: Crane, alone: Trajectory, batch: Batch, i: int, share: float = 1e-12) -> None:
     """Crane i of a batch did what it does alone."""
-    allowed = allowed_between(c, alone, 1e-12)
+    allowed = allowed_between(c, alone, share)
     for name in ("q", "v", "command", "effort", "energy"):
         off = np.abs(getattr(alone, name) - getattr(batch, name)[i]).max(axis=0)
         assert (off <= allowed[name]).all(), f"crane {i}, {name}: {off} where {allowed[name]} is allowed"
@@ -149,6 +150,23 @@ def test_without_a_reference_each_holds_where_it_starts_and_what_is_given_once_i
     assert_allclose(batch.q, each.q, rtol=0, atol=1e-12)  # rounding: tables that are shared are read by other code
     alone = simulate_batch(c, brake, start=State(starts.q[3], starts.v[3]), record=1, **CLOCK)
     assert len(alone) == 1
+
+
+@pytest.mark.parametrize("buffers", [False, True])
+def test_cranes_from_the_workshop_to_the_harbour_on_any_planet_are_one_batch(buffers: bool) -> None:
+    rng = np.random.default_rng(3)
+    cranes = [load_crane(gravity=float(rng.uniform(2.0, 20.0)), **values) for values in (*VARIANTS[-5:], LAB, {})]
+    starts = [State((c.lower + c.upper) / 2.0 + [0.1, 0.0, 0.15, -0.1, 0.0], rng.normal(size=5) * 0.03) for c in cranes]
+    force = 0.3 * rng.normal(size=(7, 60, 6)) * np.array([[c.payload_mass] * 3 + [c.trolley_mass] * 3 for c in cranes])[:, None]
+    holds = [soft_hold(c, start.q) for c, start in zip(cranes, starts, strict=True)]
+    batch = simulate_batch(cranes, holds, start=starts, force=force, buffers=buffers, record=1, **CLOCK)
+    for i, (c, start, brake) in enumerate(zip(cranes, starts, holds, strict=True)):
+
+        def push(t: float, state: State, rows: np.ndarray = force[i]) -> np.ndarray:
+            return rows[round(t / PERIOD)].reshape(2, 3)
+
+        alone = simulate(c, brake, start=start, disturbance=push, watch="buffers" if buffers else "mark", **CLOCK)
+        _same(c, alone, batch, i, per_second(c, start.q))
 
 
 class _Scheduled:

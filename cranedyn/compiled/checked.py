@@ -12,8 +12,8 @@ from cranedyn import rigid_body
 from cranedyn.compiled.kernel import Kernel, Recipe, kernel
 from cranedyn.compiled.plant import numbers
 from cranedyn.compiled.step import in_code
-from cranedyn.crane import DRIVES, PASSIVE, Crane, State
-from cranedyn.drives import EffortDrives, MotionDrives, Outside
+from cranedyn.crane import DRIVES, PASSIVE, Crane
+from cranedyn.dynamics import follow_drives, full, outside_effort
 from cranedyn.errors import ModelError
 
 _CHECKED = 16
@@ -63,20 +63,19 @@ def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
     """
     rng = np.random.default_rng(0)
     lanes, recipe = code.recipe.lanes, code.recipe
-    outside = Outside(crane, 1.0, buffers=False) if recipe.forces else None
-    drives = (EffortDrives if recipe.drive == "effort" else MotionDrives)(crane, 1.0, outside)
+    model, data, damping = crane.model, crane.data, crane.damping
     own, found = np.repeat(varied[:, None], lanes, axis=1), np.empty((5, lanes))
     for _ in range(8):
         q = rng.uniform(crane.lower, crane.upper)
         q[PASSIVE] = rng.uniform(-1.4, 1.4, 2)
         v, force = rng.normal(size=5), rng.normal(size=6) * crane.payload_mass
-        command, mass = rng.uniform(-1.0, 1.0, 3), pin.crba(crane.model, crane.data, q)
+        command, mass = rng.uniform(-1.0, 1.0, 3), pin.crba(model, data, q)
+        pushed = outside_effort(model, data, q, force.reshape(2, 3)) if recipe.forces else np.zeros(5)
         if recipe.drive == "effort":
             command = np.clip(command * mass.diagonal()[DRIVES], -crane.effort_limit, crane.effort_limit)
-        if outside is not None:
-            outside.force = force.reshape(2, 3)
-        drives.take(command, State(q, v))
-        expected = drives.acceleration(q, v)
+            expected = pin.aba(model, data, q, v, full(command) - damping * v + pushed)
+        else:
+            expected = follow_drives(model, data, q, v, full(command), damping, pushed)
         given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
         code.answer(given.ctypes.data, own.ctypes.data, found.ctypes.data)
         off = float(np.abs(found - expected[:, None]).max() / np.abs(expected).max())

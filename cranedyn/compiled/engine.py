@@ -21,8 +21,8 @@ from cranedyn.log import Log
 from cranedyn.references import Reference
 from cranedyn.references.wanted import tabulated
 
-_BLOCK = 2000
-"""Control instants that a closed loop runs ahead before it is looked at."""
+_BLOCK, _STEPS = 2000, 1_000_000
+"""Control instants, and physics steps, that a closed loop runs ahead at most before it is looked at; Ctrl-C waits for as long."""
 
 _AT, _FEED_FORWARD = places(STATE), places(LAW)["feed_forward"]
 
@@ -127,8 +127,9 @@ class CompiledEngine(Engine):
         if self._setting.forces:
             return
         clocks, first = self._setting.clocks, 0
+        ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
         while first <= clocks.periods:
-            times = since + clocks.period * np.arange(first, min(first + _BLOCK, clocks.periods + 1))
+            times = since + clocks.period * np.arange(first, min(first + ahead, clocks.periods + 1))
             try:
                 wanted = tabulated(reference, times).position
                 common = form(controller, times, wanted)
