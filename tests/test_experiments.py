@@ -511,6 +511,7 @@ def test_results_go_to_a_folder_of_the_experiments_name(tmp_path: Path, monkeypa
 def test_only_the_articles_world_judges_its_numbers() -> None:
     assert common.World(9.8).judged(True) is True
     assert common.World(9.8).judged(np.bool_(False)) is False  # type: ignore[arg-type]
+    assert common.World(9.8, engine="compiled").judged(True) is True  # the same to round-off
     for world in (
         common.World(),
         common.World(9.8, {"payload_mass": 900}),
@@ -733,4 +734,11 @@ def test_a_world_runs_on_its_own_clocks_and_numbers() -> None:
     same = simulate(world.crane, hold_controller(world.crane), duration=0.2, dt=1e-3, control_period=2e-2)
     assert isinstance(found, Trajectory)
     assert found.q.tolist() == same.q.tolist()
-    assert world.parameters() == {"gravity_m_s2": 3.7, "dt_s": 1e-3, "control_period_s": 2e-2, "watch": "stop", "payload_mass": "700"}
+    assert world.parameters() == {
+        "gravity_m_s2": 3.7,
+        "dt_s": 1e-3,
+        "control_period_s": 2e-2,
+        "watch": "stop",
+        "engine": "pinocchio",
+        "payload_mass": "700",
+    }

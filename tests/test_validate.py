@@ -22,7 +22,8 @@ from cranedyn.integrator import Acceleration, Integrator
 from cranedyn.simulate import simulate
 from experiments import validate
 from experiments.oracles import conserved, hoisting, moves, reading, slewing, swing
-from experiments.oracles.check import LARGE, POINT, Build, G, Oracle, check, point_crane
+from experiments.oracles.check import LARGE, POINT, G, Oracle, check, point_crane
+from experiments.oracles.reading import Bench
 from tests.helpers import files, turned
 from tests.lagrangian import Lagrangian
 
@@ -142,9 +143,9 @@ def test_runs_that_have_no_limit_hold_nothing() -> None:
 # --- a plant that is wrong ---------------------------------------------------------------------------------------------------------
 
 
-def _failing(part: Callable[[Build], list[Oracle]], crane: Crane, words: str) -> int:
+def _failing(part: Callable[[Bench], list[Oracle]], crane: Crane, words: str) -> int:
     """How many rows do not hold on a crane, of those that begin with some words."""
-    rows = [oracle for oracle in part(lambda **values: crane) if oracle.name.startswith(words)]
+    rows = [oracle for oracle in part(Bench(lambda **values: crane)) if oracle.name.startswith(words)]
     assert rows
     return sum(not check(oracle, HALVINGS).holds for oracle in rows)
 
@@ -176,7 +177,7 @@ def test_twice_the_gravity_is_noticed() -> None:
     ],
 )
 def test_a_number_of_the_crane_that_is_off_a_little_is_noticed(
-    part: Callable[[Build], list[Oracle]], words: str, values: dict[str, float]
+    part: Callable[[Bench], list[Oracle]], words: str, values: dict[str, float]
 ) -> None:
     assert _failing(part, point_crane(**values), words) == 1
 
@@ -202,7 +203,7 @@ def test_coriolis_and_centrifugal_forces_that_are_lost_are_noticed(monkeypatch: 
 def test_spoilt_cranes_make_claims_fail_and_the_exit_code_say_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(validate, "PARTS", {"Locked drives": lambda build: swing.oracles(build)[:2]})
+    monkeypatch.setattr(validate, "PARTS", {"Locked drives": lambda bench: swing.oracles(bench)[:2]})
     assert validate.main(["--spoil", "payload_inertia:=5", "--halvings", "3", "--out", str(tmp_path / "out")]) == 1
     assert capsys.readouterr().out.count("\nFAILS ") == 3  # both periods, and no order where an error does not vanish
 
