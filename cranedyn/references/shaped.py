@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from cranedyn.errors import number
-from cranedyn.references.wanted import Reference, Wanted
+from cranedyn.references.wanted import Reference, Tabulating, Wanted, tabulated
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +56,33 @@ def _decay(damping_ratio: float) -> float:
     return math.exp(-math.pi * ratio / math.sqrt(1.0 - ratio**2))
 
 
+@dataclass(frozen=True, eq=False)
+class Shaped(Tabulating):
+    """A reference in parts.
+
+    Attributes:
+        base: What is wanted without shaping.
+        delays: When each part comes [s].
+        amplitudes: Share of the command that each carries.
+    """
+
+    base: Reference
+    delays: np.ndarray
+    amplitudes: np.ndarray
+
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        parts = tabulated(self.base, np.subtract.outer(times, self.delays).ravel())
+        return Wanted(*(np.tensordot(self.amplitudes, part.reshape(len(times), -1, 3), (0, 1)) for part in parts))
+
+
 def shaped(base: Reference, shaper: Shaper, period: float) -> Reference:
     """Shape all drives of a reference for one swing period [s].
 
     Raises:
         OutOfRange: If the period is not positive.
     """
-    delays = number("swing period", period, "s", "> 0") * shaper.fractions
-
-    def reference(t: float) -> Wanted:
-        parts = [base(t - delay) for delay in delays]
-        return Wanted(*(np.tensordot(shaper.amplitudes, column, 1) for column in zip(*parts, strict=True)))
-
-    return reference
+    return Shaped(base, number("swing period", period, "s", "> 0") * shaper.fractions, shaper.amplitudes)
 
 
 def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: float, *, step: float = 5e-3) -> Reference:
