@@ -36,7 +36,7 @@ from cranedyn.simulate import simulate
 from cranedyn.trajectory import COLUMNS, Trajectory, read
 from experiments import a1, a1_identify, a2, a3, common, energy, mass_ratio
 from experiments import world as world_room
-from tests.helpers import files, turned
+from tests.helpers import FAST, files, turned
 
 EXPERIMENTS = {"a1": a1, "a2": a2, "a3": a3, "energy": energy, "mass_ratio": mass_ratio}
 ARTICLE = {"a1", "a2", "a3"}
@@ -100,6 +100,15 @@ def test_every_claim_holds_and_the_exit_code_says_so(name: str, ran: Callable[[s
     assert [claim["sentence"] for claim in found.result["claims"] if claim["holds"] is not True] == []
     assert len(found.result["claims"]) >= 3
     assert found.text.count("\nholds      ") == len(found.result["claims"])
+
+
+@pytest.mark.parametrize("name", ["a1", "a2"])
+def test_an_experiment_prints_the_same_whatever_computes_its_steps(name: str, ran: Callable[[str], Ran], tmp_path: Path) -> None:
+    pytest.importorskip("llvmlite", reason="llvmlite is not installed: pip install 'cranedyn[compiled]'")
+    code, text = _run(EXPERIMENTS[name], ["--gravity", "9.8", "--engine", "compiled", "--out", str(tmp_path / name)])
+    assert code == 0
+    assert text.splitlines()[:-1] == ran(name).text.splitlines()[:-1]  # the last says where the files are
+    assert _strict((tmp_path / name / "result.json").read_text())["parameters"]["engine"] == "compiled"
 
 
 FILES = {
@@ -357,7 +366,7 @@ def flipped(tmp_path_factory: pytest.TempPathFactory) -> Crane:
 def test_flipping_the_axis_in_the_xacro_flips_the_sign_of_the_correlation(
     drive: str, gains: tuple[float, float], flipped: Crane, ran: Callable[[str], Ran]
 ) -> None:
-    mirrored = agreement(*a3.by_paper(a3.run(common.World(9.8), gains, crane=flipped))[1:3]).correlation
+    mirrored = agreement(*a3.by_paper(a3.run(common.World(9.8, engine=FAST), gains, crane=flipped))[1:3]).correlation
     usual = next(row["correlation"] for row in ran("a3").table("Tangential swing") if row["slew drive"] == drive)
     assert mirrored < -0.99 < 0.99 < usual
     assert mirrored == pytest.approx(-usual, abs=1e-3)  # the same run, measured in the mirror; the first state of the model is mirrored too
@@ -403,7 +412,7 @@ def test_a3_does_not_judge_a_place_that_was_not_published(
     kept = read(ran("a3").folder / "a3.parquet")
     monkeypatch.setattr(a3, "run", lambda *_, **__: kept)
     monkeypatch.setattr(a3, "stages", lambda *_: [("all causes gone", a3.PUBLISHED)])
-    code, text = _run(a3, ["--gravity", "9.8", "--radius", "12", "--out", str(tmp_path / "out")])
+    code, text = _run(a3, ["--gravity", "9.8", "--radius", "12", "--engine", FAST, "--out", str(tmp_path / "out")])
     assert code == 1  # the stand-in for the models misses more than half a percent
     assert text.count("not judged Amplitude, correlation and RMS") == 1
 
