@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from cranedyn.crane import State
 from cranedyn.errors import OutOfRange, UnknownName
-from cranedyn.references import Leg, Push, Reference, ei, hold, operator, plumb, pulse, ramp, shaped, spline
+from cranedyn.references import Leg, Push, Reference, ei, hold, itinerary, operator, plumb, pulse, ramp, shaped, shaped_hoisting, spline, zv
 from cranedyn.references.tour import tour
 from cranedyn.references.wanted import tabulated
-from tests.helpers import crane
+from tests.helpers import G, crane
 
 START = State(np.array([0.5, 12.0, 0.0, 0.0, 9.0]), np.zeros(5))
 BASE = hold(START)
@@ -39,9 +39,24 @@ LEGS = tour(crane(), [Leg("out", x=12.0), Leg("in", x=10.0)], lambda a, b: plumb
         PUSHES,
         operator(START, [], accelerations=(0.02, 0.4, 0.4)),
         shaped(PUSHES, ei(), 1.3),
+        shaped_hoisting(PUSHES, zv(), G, 5.0),
         LEGS,
+        itinerary(START, [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)], rates=(0.1, 0.5, 0.4), dwell=0.3),
     ],
-    ids=["hold", "pulse", "ramp", "ramp on a function", "spline", "motion", "operator", "nobody", "shaped", "tour"],
+    ids=[
+        "hold",
+        "pulse",
+        "ramp",
+        "ramp on a function",
+        "spline",
+        "motion",
+        "operator",
+        "nobody",
+        "shaped",
+        "shaped hoisting",
+        "tour",
+        "itinerary",
+    ],
 )
 def test_many_times_at_once_are_wanted_as_each_by_itself(reference: Reference) -> None:
     times = np.arange(-0.5, 9.0, 0.005)
