@@ -563,6 +563,17 @@ def test_progress_is_told_twice_a_second_and_only_to_a_terminal() -> None:
     assert moments == [0.0, 0.5, 1.0, 1.5, 2.0]
 
 
+def test_progress_that_is_told_once_in_a_while_is_shown_each_time() -> None:
+    progress = Progress(console=Console(file=io.StringIO()))
+    told = common.Watcher(progress).run("x", 30.0)
+    moments: list[float] = []
+    progress.update = lambda task, completed, **_: moments.append(completed)  # type: ignore[method-assign]
+    assert told is not None
+    for t in (9.995, 19.995, 29.995, 30.0):
+        told(t)
+    assert moments == [9.995, 19.995, 29.995, 30.0]
+
+
 def _csv(path: Path, **columns: np.ndarray) -> None:
     np.savetxt(path, np.stack(list(columns.values()), axis=1), delimiter=",", header=",".join(columns), comments="", fmt="%.17g")
 

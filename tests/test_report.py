@@ -80,6 +80,7 @@ def test_claims_and_the_command_that_repeats_them_are_on_the_page(made: Path) ->
         result = json.loads((made / name / "result.json").read_text())
         assert all(claim["sentence"].split("(")[0].strip()[:40] in text for claim in result["claims"])
         assert f"python -m experiments.{name}" in text
+        assert result["parameters"]["engine"] == FAST
 
 
 def test_results_that_are_there_are_collected_not_run_again(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
