@@ -80,8 +80,8 @@ def turbulence(
     values = [noise[0]]
     for kick in noise[1:]:
         values.append(keep * values[-1] + math.sqrt(1.0 - keep**2) * kick)
-    times = step * np.arange(count)
-    return lambda t: base(t) + float(np.interp(t, times, values))
+    times, gusts = step * np.arange(count), np.array(values)
+    return lambda t: base(t) + float(np.interp(t, times, gusts))
 
 
 def wind(crane: Crane, speed: Speed, *, direction: float, payload_area: float, trolley_area: float = 0.0) -> Disturbance:

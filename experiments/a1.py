@@ -240,7 +240,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     made.add_argument("--swing", type=float, default=SWING, metavar="PHI", help="swing to aim at [rad]")
     made.add_argument("--identify", action="store_true", help="find the unpublished gains of trolley and hoist from the published columns")
     common.add_files(made, COLUMNS, "values")
-    common.add_mode(made, "identify", "gravity", "dt", "control_period", "values")
+    common.add_mode(made, "identify", "gravity", "dt", "control_period", "values", "engine")
     return common.conduct(made, experiment, argv)
 
 

@@ -6,9 +6,11 @@ import argparse
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import get_args
 
 from cranedyn.errors import DataError
 from cranedyn.files import check_writable
+from cranedyn.simulate import EngineName
 
 
 def parser(name: str, description: str) -> argparse.ArgumentParser:
@@ -24,8 +26,19 @@ def parser(name: str, description: str) -> argparse.ArgumentParser:
     made.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
     made.add_argument("--serve", action="store_true", help="serve the recording to a browser on this machine until Ctrl-C")
     made.add_argument("--port", type=int, default=9090, metavar="P", help="where --serve has its page; the data is at the next port")
+    add_engine(made)
     made.set_defaults(experiment=name, live=False, modes={})
     return made
+
+
+def add_engine(made: argparse.ArgumentParser) -> None:
+    """Add the choice of what computes a step."""
+    made.add_argument(
+        "--engine",
+        choices=get_args(EngineName),
+        default="pinocchio",
+        help="what computes a step: Pinocchio's algorithms, or code compiled for the crane, which agrees to round-off and is faster",
+    )
 
 
 def add_mode(made: argparse.ArgumentParser, name: str, *uses: str) -> None:

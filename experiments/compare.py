@@ -122,8 +122,9 @@ def _made(world: common.World, move: Move, way: str, all_cases: bool) -> dict[st
             found[case.name] = Result(None, UNSEEING)
             continue
         calls: list[float] = []
+        noted = plan._replace(controller=partial(_timed, plan.controller, calls)) if way == MPC else plan
         try:
-            run, scored = make(world, move, plan._replace(controller=partial(_timed, plan.controller, calls)), case)
+            run, scored = make(world, move, noted, case)
             found[case.name] = Result(scored, "", run if case == NOMINAL and all_cases else None, np.array(calls))
         except CraneError as error:
             if isinstance(error.__context__, KeyboardInterrupt):

@@ -52,7 +52,7 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
             powers_table(hoisted),
         ],
         claims=claims(found, rates, angles, hoisted),
-        parameters={"gravity_m_s2": world.gravity, "dt_s": world.dt, "control_period_s": world.control_period},
+        parameters={"gravity_m_s2": world.gravity, "dt_s": world.dt, "control_period_s": world.control_period, "engine": world.engine},
         trajectories={case.job.name.replace(", ", "_").replace(" ", "_"): case.run for case in shown},
         figures={name: swing_figure(case, world.gravity) for name, case in zip(("swing_slew", "swing_all"), shown, strict=True)}
         | {"slews": slew_figure(slow, short, GOOD), "dropped": dropped_figure(found, SHOWN)},

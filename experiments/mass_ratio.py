@@ -18,6 +18,7 @@ from cranedyn.figures import COLOURS, panels
 from cranedyn.references import spline
 from cranedyn.trajectory import Trajectory
 from experiments import common
+from experiments.oracles.reading import locked
 
 LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)
 """Masses of each dummy link [kg]; its inertia is 1 m² times that."""
@@ -33,9 +34,7 @@ def swing(world: common.World, link: float) -> Trajectory:
     """Free swing from rest with the drives locked and dummy links of a given mass [kg]."""
     crane = world.variant(dummy_mass=link, dummy_inertia=link, damp_swing=0)
     start = crane.state(l=LENGTH, phi=SWING)
-    return world.simulate(
-        crane, lambda t, state, wanted: np.zeros(3), None, start=start, duration=DURATION, label=f"links of {link:g} kg", drive="motion"
-    )
+    return world.simulate(crane, locked, None, start=start, duration=DURATION, label=f"links of {link:g} kg", drive="motion")
 
 
 def period(trajectory: Trajectory) -> float:

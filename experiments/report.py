@@ -17,6 +17,7 @@ from cranedyn.command import INTERRUPTED, command
 from cranedyn.errors import DataError, UnknownName
 from cranedyn.files import check_writable, make_folder, read_text, written
 from experiments import common
+from experiments.arguments import add_engine
 
 EXPERIMENTS = {
     "a1": ["--gravity", "9.8"],
@@ -127,11 +128,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--only", nargs="+", metavar="NAME", default=list(EXPERIMENTS), help="which experiments (default all)")
     parser.add_argument("--again", action="store_true", help="run experiments whose results are there already, too")
+    add_engine(parser)
     return command(lambda: _main(parser.parse_args(argv)))
 
 
 def _main(options: argparse.Namespace) -> int:
     folder, codes = Path(options.out), [0]
+    engine = [] if options.engine == "pinocchio" else ["--engine", options.engine]
     for name in options.only:
         if name not in EXPERIMENTS:
             raise UnknownName("experiment", name, EXPERIMENTS)
@@ -139,7 +142,7 @@ def _main(options: argparse.Namespace) -> int:
     for name in options.only:
         if options.again or not (folder / name / "result.json").is_file():
             make_folder(folder)
-            code = importlib.import_module(f"experiments.{name}").main([*EXPERIMENTS[name], "--out", str(folder / name)])
+            code = importlib.import_module(f"experiments.{name}").main([*EXPERIMENTS[name], *engine, "--out", str(folder / name)])
             if code == INTERRUPTED:
                 return code
             codes.append(code)

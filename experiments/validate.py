@@ -13,8 +13,8 @@ from cranedyn.description import parse_values
 from cranedyn.errors import number
 from experiments import common
 from experiments.oracles import conserved, hoisting, moves, slewing, swing
-from experiments.oracles.check import STEP, Build, Check, G, check, point_crane
-from experiments.oracles.reading import locked
+from experiments.oracles.check import STEP, Check, G, check, point_crane
+from experiments.oracles.reading import Bench, locked
 
 PARTS = {
     "Locked drives": swing.oracles,
@@ -29,9 +29,9 @@ ORDER = 0.02
 """How far a measured order may be from a whole number."""
 
 
-def checks(build: Build, halvings: int) -> dict[str, list[Check]]:
+def checks(bench: Bench, halvings: int) -> dict[str, list[Check]]:
     """Every oracle of every part, run."""
-    return {title: [check(oracle, halvings) for oracle in oracles(build)] for title, oracles in PARTS.items()}
+    return {title: [check(oracle, halvings) for oracle in oracles(bench)] for title, oracles in PARTS.items()}
 
 
 def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
@@ -44,6 +44,7 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     def build(**values: object) -> Crane:
         return point_crane(**{**values, **spoilt})
 
+    bench = Bench(build, world.engine)
     telling = {
         "oval swing": (build(), swing.oval(build(), *swing.OVALS[1]), 90.0),
         "steady slewing": (*slewing.turning(build, *slewing.STEADY[0]), 75.0),
@@ -53,15 +54,19 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
         name: (crane, world.simulate(crane, locked, None, start=start, duration=duration, label=name, drive="motion", watch="mark"))
         for name, (crane, start, duration) in telling.items()
     }
-    found = checks(build, halvings)
+    found = checks(bench, halvings)
     every = list(itertools.chain(*found.values()))
     tables = [table(title, rows) for title, rows in found.items()]
     return common.Outcome(
         tables=tables,
         claims=[*map(_claim, every), _order(every)],
-        parameters={"gravity_m_s2": G, "coarsest_dt_s": STEP, "halvings": halvings, "spoilt": spoilt},
+        parameters={"gravity_m_s2": G, "coarsest_dt_s": STEP, "halvings": halvings, "spoilt": spoilt, "engine": world.engine},
         trajectories={name.replace(" ", "_"): run for name, (_, run) in runs.items()},
-        figures={"convergence": convergence_figure(every), "ripple": ripple_figure(build()), "oval": oval_figure(runs["oval swing"][1])},
+        figures={
+            "convergence": convergence_figure(every),
+            "ripple": ripple_figure(bench, build()),
+            "oval": oval_figure(runs["oval swing"][1]),
+        },
         recording=[Run(name, crane, run, (100.0 * i, 0.0, 0.0)) for i, (name, (crane, run)) in enumerate(runs.items())],
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -17,11 +18,14 @@ from cranedyn.crane import STANDARD_GRAVITY, Crane, State, load_crane
 from cranedyn.description import parse_values
 from cranedyn.errors import DataError
 from cranedyn.references import Reference
-from cranedyn.simulate import Controller, Disturbance, Drive, Watch, simulate
+from cranedyn.simulate import Controller, Disturbance, Drive, EngineName, Watch, simulate
 from cranedyn.trajectory import Trajectory, read_columns
 from experiments.arguments import add_mode
 
 _LARGEST, _LONGEST_GAP = 1e6, 0.5
+
+_BEAT = 0.5
+"""How much time passes in a run before its progress is shown again [s]."""
 
 
 def add_world(made: argparse.ArgumentParser, *fixed: str) -> None:
@@ -68,13 +72,15 @@ class Watcher:
         progress = self.progress
         if progress is None:
             return None
-        task = progress.add_task(name, total=duration, speed="")
+        task, shown = progress.add_task(name, total=duration, speed=""), -math.inf
 
         def update(t: float) -> None:
-            elapsed = progress.tasks[task].elapsed or 0.0
-            progress.update(task, completed=t, speed=f"{t:6.1f} s, {t / elapsed:.0f}x real time" if elapsed > 0.1 else "")
+            nonlocal shown
+            if t > min(shown + _BEAT, duration) - 1e-9:
+                shown, elapsed = t, progress.tasks[task].elapsed or 0.0
+                progress.update(task, completed=t, speed=f"{t:6.1f} s, {t / elapsed:.0f}x real time" if elapsed > 0.1 else "")
 
-        return lambda t: update(t) if round(t * 200) % 100 == 0 or t >= duration else None
+        return update
 
     def count(self, name: str, total: int) -> Callable[[int], None]:
         """A callback for how many of several tasks are done."""
@@ -113,6 +119,7 @@ class World:
         dt: Physics step [s].
         control_period: Time between control instants [s].
         watch: What to do where the model ceases to hold, see `cranedyn.simulate.simulate`.
+        engine: What computes a step.
         watcher: Shows progress.
     """
 
@@ -121,6 +128,7 @@ class World:
     dt: float = 5e-4
     control_period: float = 5e-3
     watch: Watch = "stop"
+    engine: EngineName = "pinocchio"
     watcher: Watcher = field(default_factory=lambda: Watcher(None))
 
     @cached_property
@@ -159,16 +167,18 @@ class World:
             watch=self.watch if watch is None else watch,
             dt=self.dt,
             control_period=self.control_period,
+            engine=self.engine,
             progress=self.watcher.run(label, duration),
         )
 
     def judged(self, holds: bool) -> bool | None:
-        """Whether a claim about published numbers holds; None unless gravity is the article's 9.8 m/s² and all else is the default."""
-        return bool(holds) if self == replace(World(9.8), watcher=self.watcher) else None
+        """Whether a claim about published numbers holds; None unless gravity is the article's 9.8 m/s² and all but engine the default."""
+        return bool(holds) if self == replace(World(9.8), engine=self.engine, watcher=self.watcher) else None
 
     def parameters(self) -> dict[str, object]:
         """What this world is made of, with units in the names."""
-        return {"gravity_m_s2": self.gravity, "dt_s": self.dt, "control_period_s": self.control_period, "watch": self.watch, **self.values}
+        clocks = {"dt_s": self.dt, "control_period_s": self.control_period}
+        return {"gravity_m_s2": self.gravity, **clocks, "watch": self.watch, "engine": self.engine, **self.values}
 
 
 def world_of(options: argparse.Namespace, watcher: Watcher) -> World:
@@ -178,12 +188,12 @@ def world_of(options: argparse.Namespace, watcher: Watcher) -> World:
         DataError: If a number of the crane is given twice, or would be overridden by the experiment.
     """
     if not hasattr(options, "gravity"):
-        return World(watcher=watcher)
+        return World(engine=options.engine, watcher=watcher)
     values = parse_values(options.values)
     for name in options.fixed:
         if name in values:
             raise DataError(f"{name} is set by the experiment {options.experiment} itself; leave it out of --set.")
-    return World(options.gravity, values, options.dt, options.control_period, options.watch, watcher)
+    return World(options.gravity, values, options.dt, options.control_period, options.watch, options.engine, watcher)
 
 
 def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import subprocess
 import sys
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from cranedyn.crane import Crane, State, load_crane
 from cranedyn.dynamics import prescribed_acceleration
 from cranedyn.errors import CraneError
 from cranedyn.references import Wanted
-from cranedyn.simulate import simulate
+from cranedyn.simulate import EngineName, simulate
 from cranedyn.trajectory import Trajectory
 
 ROOT = Path(__file__).parents[1]
@@ -81,6 +82,13 @@ def extrapolated(run: Callable[[float], np.ndarray | float], dt: float) -> np.nd
 def moved(crane: Crane, start: State, duration: float, dt: float, controller: Callable = locked, period: float | None = None) -> Trajectory:
     """A run with drives of prescribed motion."""
     return simulate(crane, controller, start=start, duration=duration, dt=dt, control_period=period or dt, drive="motion")
+
+
+FAST: EngineName = "compiled" if importlib.util.find_spec("llvmlite") else "pinocchio"
+"""The engine for long runs of which it is not the subject."""
+
+quickly = partial(simulate, engine=FAST)
+"""A run of which the engine is not the subject."""
 
 
 def turned(old: str, new: str, text: str) -> str:

@@ -78,23 +78,23 @@ MUTATIONS = (
     ),
     Mutation(
         "a command is held one step too long",
-        "cranedyn/simulate.py",
-        "integrator.advance(drives.acceleration, drives.model, q, u, steps)",
-        "integrator.advance(drives.acceleration, drives.model, q, u, steps + 1)",
+        "cranedyn/engine.py",
+        "self._drives.model, self.state.q, self._u, self._steps)",
+        "self._drives.model, self.state.q, self._u, self._steps + 1)",
         ("simulate",),
     ),
     Mutation(
         "a command acts one control period late",
         "cranedyn/drives.py",
-        "        self._tau[DRIVES] = self._dt2 * self._effort\n        return command, self._effort",
-        "        self._tau[DRIVES] = self._dt2 * self._before if hasattr(self, '_before') else self._dt2 * self._effort\n"
+        "(self._dt2 * self._effort).tolist()\n        return command, self._effort",
+        "(self._dt2 * getattr(self, '_before', self._effort)).tolist()\n"
         "        self._before = self._effort\n        return command, self._effort",
         ("simulate", "linear"),
     ),
     Mutation(
         "the limits of the drives are not kept",
         "cranedyn/drives.py",
-        "command if inside else command.clip(-self._limit, self._limit)",
+        "command if inside else command.clip(-self._most, self._most)",
         "command",
         ("simulate",),
     ),

@@ -17,13 +17,14 @@ from experiments import common, compare
 from experiments.cases import CASES, NOMINAL, Case, make
 from experiments.moves import LIMITS, MOVES, SWINGING, Move
 from experiments.ways import FLAT, LQR, PAPER, PD, WAYS, joystick
+from tests.helpers import FAST
 
 TROLLEY, COMBINED = MOVES[0], MOVES[-1]
 
 
 @pytest.fixture(scope="module")
 def world() -> common.World:
-    return common.World()
+    return common.World(engine=FAST)
 
 
 def quintic_residual(way: float, duration: float, length: float, gravity: float) -> float:
@@ -33,7 +34,8 @@ def quintic_residual(way: float, duration: float, length: float, gravity: float)
     return abs(way / (duration * length * omega) * 120.0 * (w**2 * math.sin(w / 2) + 6 * w * math.cos(w / 2) - 12 * math.sin(w / 2)) / w**4)
 
 
-def test_the_spline_alone_leaves_what_the_closed_form_says(world: common.World) -> None:
+def test_the_spline_alone_leaves_what_the_closed_form_says() -> None:
+    world = common.World()
     _, found = make(world, TROLLEY, WAYS["spline alone"](world, TROLLEY))
     length = 15.0 + 500.0 / (1000.0 * 15.0)  # payload and dummy links swing as a longer pendulum
     # a hundredth: joint damping over 20 s (1e-4), large swing on the way (θ²/16 = 1e-4 of the period, 3e-3 of a phase of 16 rad)
@@ -112,7 +114,7 @@ def test_an_integrator_does_not_remember_another_run(world: common.World) -> Non
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("compare") / "out"
-    assert compare.main(["--only", "spline alone", PD, PAPER, FLAT, "--out", str(folder)]) == 0
+    assert compare.main(["--only", "spline alone", PD, PAPER, FLAT, "--engine", FAST, "--out", str(folder)]) == 0
     return folder
 
 

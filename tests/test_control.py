@@ -24,8 +24,7 @@ from cranedyn.references.motion import plumb
 from cranedyn.references.operator import Push, operator
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import shortest, spline
-from cranedyn.simulate import simulate
-from tests.helpers import G, big_crane, crane
+from tests.helpers import G, big_crane, crane, quickly
 
 
 def swing_left(run: np.ndarray) -> float:
@@ -60,11 +59,8 @@ def test_the_shortest_spline_reaches_a_limit_and_exceeds_none() -> None:
     rates, accelerations = (0.08, 0.8, 0.8), (0.02, 0.3, 0.4)
     for goal in ((0.6, 12.0, 15.0), (0.0, 20.0, 14.0), (0.01, 10.2, 5.0)):
         (duration,) = shortest(start, [goal], rates=rates, accelerations=accelerations)
-        wanted = [spline(start, [goal], [duration])(t) for t in np.linspace(0.0, duration, 4001)]
-        use = max(
-            (np.abs([w.velocity for w in wanted]).max(axis=0) / rates).max(),
-            (np.abs([w.acceleration for w in wanted]).max(axis=0) / accelerations).max(),
-        )
+        wanted = spline(start, [goal], [duration]).at(np.linspace(0.0, duration, 4001))
+        use = max((np.abs(wanted.velocity).max(axis=0) / rates).max(), (np.abs(wanted.acceleration).max(axis=0) / accelerations).max())
         assert use == pytest.approx(1.0, abs=1e-6)  # 4001 samples meet the peak within 1e-7
 
 
@@ -77,7 +73,7 @@ def test_a_quintic_move_leaves_the_swing_of_the_closed_form(duration: float, deg
     reference = spline(start, [(0.0, 10.0 + way, 20.0)], [duration])
 
     def left(dt: float) -> float:
-        run = simulate(
+        run = quickly(
             point, follow(reference, dt), reference, start=start, duration=duration + 20.0, dt=dt, control_period=dt, drive="motion"
         )
         return swing_left(run["phi_rad"][run.t >= duration])
@@ -186,10 +182,10 @@ def test_a_tracked_flat_motion_arrives_without_swing_and_half_the_payload_keeps_
     first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)
     motion = flat(crane(), first, last, 20.0)
     controller = lqr(crane(), motion)
-    run = simulate(crane(), controller, motion, start=first, duration=30.0)
+    run = quickly(crane(), controller, motion, start=first, duration=30.0)
     assert np.abs(run.since(20.0).q[:, 2:4]).max() < 5e-5
     other = crane(payload_mass=500.0)
-    run = simulate(other, controller, motion, start=other.state(x=10.0, l=15.0), duration=40.0)
+    run = quickly(other, controller, motion, start=other.state(x=10.0, l=15.0), duration=40.0)
     assert np.abs(run.since(39.0).q[:, 2:4]).max() < 1e-3
 
 
@@ -232,11 +228,11 @@ def test_the_hoist_pid_takes_away_a_wrong_weight_and_does_not_wind_up() -> None:
     start = heavy.state(l=15.0)
     reference = spline(start, [(0.0, 10.0, 15.0)], [1.0])
     controller = paper_controller(crane(), plumb(reference, 1.0))
-    run = simulate(heavy, controller, reference, start=start, duration=40.0)
+    run = quickly(heavy, controller, reference, start=start, duration=40.0)
     assert abs(run["l_m"][-1] - 15.0) < 1e-3
     weak = crane(hoist_effort=9000.0)
     stalled = paper_controller(weak, plumb(reference, 1.0))
-    simulate(weak, stalled, reference, start=start, duration=0.5)
+    quickly(weak, stalled, reference, start=start, duration=0.5)
     assert stalled.integral == 0.0
 
 
@@ -266,7 +262,7 @@ def test_a_shaped_move_leaves_almost_no_swing_where_the_bare_one_does() -> None:
     period = 2.0 * math.pi * math.sqrt(15.0 / G)
     left = {}
     for name, reference in (("bare", base), ("zv", shaped(base, zv(), period)), ("zvd", shaped(base, zvd(), period))):
-        run = simulate(point, follow(reference), reference, start=start, duration=25.0, drive="motion")
+        run = quickly(point, follow(reference), reference, start=start, duration=25.0, drive="motion")
         left[name] = swing_left(run["phi_rad"][run.t > 15.0])
         assert run["x_m"][-1] == pytest.approx(10.5, abs=2e-3)  # positions lead velocities by half a step
     # small angles and 5 ms of sampling leave a thousandth
@@ -282,7 +278,7 @@ def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_
     moving = shaped_hoisting(base, zv(), G, 25.0)
     left = {}
     for name, reference in (("bare", base), ("fixed", fixed), ("moving", moving)):
-        run = simulate(
+        run = quickly(
             point, follow(reference), reference, start=start, duration=45.0, drive="motion", watch="mark"
         )  # a hoist stopped at once
         left[name] = swing_left(run["phi_rad"][run.t > 35.0])

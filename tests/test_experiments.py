@@ -36,7 +36,7 @@ from cranedyn.simulate import simulate
 from cranedyn.trajectory import COLUMNS, Trajectory, read
 from experiments import a1, a1_identify, a2, a3, common, energy, mass_ratio
 from experiments import world as world_room
-from tests.helpers import files, turned
+from tests.helpers import FAST, files, turned
 
 EXPERIMENTS = {"a1": a1, "a2": a2, "a3": a3, "energy": energy, "mass_ratio": mass_ratio}
 ARTICLE = {"a1", "a2", "a3"}
@@ -100,6 +100,15 @@ def test_every_claim_holds_and_the_exit_code_says_so(name: str, ran: Callable[[s
     assert [claim["sentence"] for claim in found.result["claims"] if claim["holds"] is not True] == []
     assert len(found.result["claims"]) >= 3
     assert found.text.count("\nholds      ") == len(found.result["claims"])
+
+
+@pytest.mark.parametrize("name", ["a1", "a2"])
+def test_an_experiment_prints_the_same_whatever_computes_its_steps(name: str, ran: Callable[[str], Ran], tmp_path: Path) -> None:
+    pytest.importorskip("llvmlite", reason="llvmlite is not installed: pip install 'cranedyn[compiled]'")
+    code, text = _run(EXPERIMENTS[name], ["--gravity", "9.8", "--engine", "compiled", "--out", str(tmp_path / name)])
+    assert code == 0
+    assert text.splitlines()[:-1] == ran(name).text.splitlines()[:-1]  # the last says where the files are
+    assert _strict((tmp_path / name / "result.json").read_text())["parameters"]["engine"] == "compiled"
 
 
 FILES = {
@@ -357,7 +366,7 @@ def flipped(tmp_path_factory: pytest.TempPathFactory) -> Crane:
 def test_flipping_the_axis_in_the_xacro_flips_the_sign_of_the_correlation(
     drive: str, gains: tuple[float, float], flipped: Crane, ran: Callable[[str], Ran]
 ) -> None:
-    mirrored = agreement(*a3.by_paper(a3.run(common.World(9.8), gains, crane=flipped))[1:3]).correlation
+    mirrored = agreement(*a3.by_paper(a3.run(common.World(9.8, engine=FAST), gains, crane=flipped))[1:3]).correlation
     usual = next(row["correlation"] for row in ran("a3").table("Tangential swing") if row["slew drive"] == drive)
     assert mirrored < -0.99 < 0.99 < usual
     assert mirrored == pytest.approx(-usual, abs=1e-3)  # the same run, measured in the mirror; the first state of the model is mirrored too
@@ -403,7 +412,7 @@ def test_a3_does_not_judge_a_place_that_was_not_published(
     kept = read(ran("a3").folder / "a3.parquet")
     monkeypatch.setattr(a3, "run", lambda *_, **__: kept)
     monkeypatch.setattr(a3, "stages", lambda *_: [("all causes gone", a3.PUBLISHED)])
-    code, text = _run(a3, ["--gravity", "9.8", "--radius", "12", "--out", str(tmp_path / "out")])
+    code, text = _run(a3, ["--gravity", "9.8", "--radius", "12", "--engine", FAST, "--out", str(tmp_path / "out")])
     assert code == 1  # the stand-in for the models misses more than half a percent
     assert text.count("not judged Amplitude, correlation and RMS") == 1
 
@@ -511,6 +520,7 @@ def test_results_go_to_a_folder_of_the_experiments_name(tmp_path: Path, monkeypa
 def test_only_the_articles_world_judges_its_numbers() -> None:
     assert common.World(9.8).judged(True) is True
     assert common.World(9.8).judged(np.bool_(False)) is False  # type: ignore[arg-type]
+    assert common.World(9.8, engine="compiled").judged(True) is True  # the same to round-off
     for world in (
         common.World(),
         common.World(9.8, {"payload_mass": 900}),
@@ -551,6 +561,17 @@ def test_progress_is_told_twice_a_second_and_only_to_a_terminal() -> None:
     for k in range(401):
         told(k * 5e-3)
     assert moments == [0.0, 0.5, 1.0, 1.5, 2.0]
+
+
+def test_progress_that_is_told_once_in_a_while_is_shown_each_time() -> None:
+    progress = Progress(console=Console(file=io.StringIO()))
+    told = common.Watcher(progress).run("x", 30.0)
+    moments: list[float] = []
+    progress.update = lambda task, completed, **_: moments.append(completed)  # type: ignore[method-assign]
+    assert told is not None
+    for t in (9.995, 19.995, 29.995, 30.0):
+        told(t)
+    assert moments == [9.995, 19.995, 29.995, 30.0]
 
 
 def _csv(path: Path, **columns: np.ndarray) -> None:
@@ -733,4 +754,11 @@ def test_a_world_runs_on_its_own_clocks_and_numbers() -> None:
     same = simulate(world.crane, hold_controller(world.crane), duration=0.2, dt=1e-3, control_period=2e-2)
     assert isinstance(found, Trajectory)
     assert found.q.tolist() == same.q.tolist()
-    assert world.parameters() == {"gravity_m_s2": 3.7, "dt_s": 1e-3, "control_period_s": 2e-2, "watch": "stop", "payload_mass": "700"}
+    assert world.parameters() == {
+        "gravity_m_s2": 3.7,
+        "dt_s": 1e-3,
+        "control_period_s": 2e-2,
+        "watch": "stop",
+        "engine": "pinocchio",
+        "payload_mass": "700",
+    }

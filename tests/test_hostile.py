@@ -381,6 +381,7 @@ BAD = [
     (energy, "--dt 1e-300", "dt is 1e-300 s; allowed is "),
     (energy, "--dt 1e-300 --control-period 1e-300", "dt is 1e-300 s; allowed is "),
     (energy, "--dt 1e-7 --control-period 1e-7", "duration is 6 s; allowed is .* at most"),
+    (a1, "--from good.csv --engine compiled", "--engine has no effect beside --from; leave it out"),
     (a1, "--from good.csv --gravity 9.8", "--gravity has no effect beside --from; leave it out"),
     (a1, "--from good.csv --length 5", "--length has no effect beside --from"),
     (a1, "--from good.csv --identify", "--identify has no effect beside --from"),

@@ -23,9 +23,8 @@ from cranedyn.dynamics import holding_effort
 from cranedyn.errors import CraneError, RunError
 from cranedyn.linear import sampled
 from cranedyn.references import Motion, Wanted, flat, plumb, spline
-from cranedyn.simulate import simulate
 from cranedyn.trajectory import Trajectory
-from tests.helpers import G, crane
+from tests.helpers import G, crane, quickly
 
 needs_solver = pytest.mark.skipif(importlib.util.find_spec("daqp") is None, reason="daqp is not installed: pip install 'cranedyn[mpc]'")
 STILL = Wanted(np.zeros(3), np.zeros(3), np.zeros(3))
@@ -111,11 +110,11 @@ def test_with_efforts_at_their_limits_it_is_the_optimum_of_bounded_least_squares
 def test_where_the_lqr_saturates_and_overspeeds_it_keeps_force_and_rate() -> None:
     weak = crane(trolley_effort=2000.0)
     motion, start = at_rest(weak, x=10.0, l=15.0), weak.state(x=10.0, l=15.0, phi=0.15)
-    free = simulate(weak, lqr(weak, motion), motion, start=start, duration=20.0)
+    free = quickly(weak, lqr(weak, motion), motion, start=start, duration=20.0)
     assert np.abs(free.command[:, 1]).max() > 5.0 * 2000.0
     assert rates(free)[1] > 1.5 * 0.4
     controller = mpc(weak, motion, rate_limit=(0.05, 0.4, 0.5))
-    run = simulate(weak, controller, motion, start=start, duration=40.0)
+    run = quickly(weak, controller, motion, start=start, duration=40.0)
     assert np.abs(run.command[:, 1]).max() == pytest.approx(2000.0, rel=1e-9)  # met, and kept to rounding
     # the model is linear: at 0.15 rad the pull of the load is 1 - φ²/2 of it, a hundredth less
     assert rates(run)[1] == pytest.approx(0.4, rel=0.011)
@@ -135,7 +134,7 @@ def test_a_swing_beyond_its_bound_is_no_contradiction_and_is_brought_within() ->
         excess.append(controller.last.excess)
         return command
 
-    run = simulate(crane(), noting, motion, start=start, duration=20.0)
+    run = quickly(crane(), noting, motion, start=start, duration=20.0)
     assert (excess[0][3:] > 0.15).all()  # of 0.12 at first, a little less after the first period
     assert np.max(excess[300:]) < 1e-9  # the solver's tolerance
     # from then on within it, by what the linear model leaves out: φ² + θ² = 0.03 in halves and quarters
@@ -149,7 +148,7 @@ def test_a_swing_limit_holds_on_a_move_that_would_swing_more() -> None:
     start = crane().state(x=10.0, l=15.0)
     motion = plumb(spline(start, [(0.0, 17.0, 15.0)], [12.0]), 12.0)
     free, kept = (
-        np.abs(simulate(crane(), controller, motion, start=start, duration=20.0, watch="mark").q[:, 2]).max()
+        np.abs(quickly(crane(), controller, motion, start=start, duration=20.0, watch="mark").q[:, 2]).max()
         for controller in (lqr(crane(), motion), mpc(crane(), motion, swing_limit=0.035))
     )
     assert free > 1.3 * 0.035
@@ -159,7 +158,7 @@ def test_a_swing_limit_holds_on_a_move_that_would_swing_more() -> None:
 @needs_solver
 def test_the_combined_move_arrives_and_stays_without_swing() -> None:
     motion, start = combined(crane()), crane().state(x=10.0, l=15.0)
-    run = simulate(crane(), mpc(crane(), motion), motion, start=start, duration=40.0)
+    run = quickly(crane(), mpc(crane(), motion), motion, start=start, duration=40.0)
     left = swing_amplitude(run.q[:, 2:4], run.v[:, 2:4], run.q[:, 4], G)
     assert left[4000] < 5e-5  # the plan is exact but to first order in the hoisting
     assert left[-1] < 1e-6
@@ -169,7 +168,7 @@ def test_the_combined_move_arrives_and_stays_without_swing() -> None:
 def test_a_plan_faster_than_the_drives_may_run_is_run_at_their_limits() -> None:
     motion, limit = combined(crane()), np.array([0.055, 0.95, 0.5])
     assert (np.abs(motion.v[:, DRIVES]).max(axis=0) > 1.1 * limit).all()
-    run = simulate(crane(), mpc(crane(), motion, rate_limit=limit), motion, start=crane().state(x=10.0, l=15.0), duration=40.0)
+    run = quickly(crane(), mpc(crane(), motion, rate_limit=limit), motion, start=crane().state(x=10.0, l=15.0), duration=40.0)
     # met; the model is linear and that of the beginning of each 50 ms, in which the plan changes a rate by up to a hundredth of it
     np.testing.assert_allclose(rates(run), limit, rtol=4e-3)
     assert swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], G)[0] < 1e-3
@@ -178,7 +177,7 @@ def test_a_plan_faster_than_the_drives_may_run_is_run_at_their_limits() -> None:
 @needs_solver
 def test_efforts_stay_within_their_limits_between_the_optimisations_too() -> None:
     motion, start, limit = combined(crane()), crane().state(x=10.0, l=15.0, phi=0.05, theta=0.05), np.array([1.9e4, 5e2, 1.0e4])
-    run = simulate(crane(), mpc(crane(), motion, effort_limit=limit), motion, start=start, duration=20.0)
+    run = quickly(crane(), mpc(crane(), motion, effort_limit=limit), motion, start=start, duration=20.0)
     assert (np.abs(run.command) <= limit * (1.0 + 1e-9)).all()  # rounding
     assert (np.abs(run.command).max(axis=0)[:2] > 0.999 * limit[:2]).all()
 
@@ -204,9 +203,9 @@ def test_between_optimisations_the_correction_is_held_and_the_feed_forward_goes_
 def test_a_second_run_does_not_begin_with_what_the_first_held() -> None:
     motion = at_rest(crane(), x=10.0, l=15.0)
     used, other = (mpc(crane(), motion, effort_limit=(4e4, 2e3, 1.2e4)) for _ in range(2))
-    simulate(crane(), used, motion, start=crane().state(x=10.0, l=15.0, phi=-0.1), duration=0.02)
+    quickly(crane(), used, motion, start=crane().state(x=10.0, l=15.0, phi=-0.1), duration=0.02)
     second, first = (
-        simulate(crane(), controller, motion, start=crane().state(x=10.0, l=15.0, phi=0.1), duration=0.02) for controller in (used, other)
+        quickly(crane(), controller, motion, start=crane().state(x=10.0, l=15.0, phi=0.1), duration=0.02) for controller in (used, other)
     )
     assert (second.command == first.command).all()
 
@@ -215,7 +214,7 @@ def test_a_second_run_does_not_begin_with_what_the_first_held() -> None:
 def test_it_works_with_noisy_late_sensors_of_the_drives_alone() -> None:
     motion, start = combined(crane()), crane().state(x=10.0, l=15.0, phi=0.05)
     controller = observed(mpc(crane(), motion, effort_limit=(1e5, 3e3, 1.2e4)), crane(), motion, delay=4)
-    run = simulate(crane(), sensed(controller, delay=4, rng=np.random.default_rng(1)), motion, start=start, duration=40.0)
+    run = quickly(crane(), sensed(controller, delay=4, rng=np.random.default_rng(1)), motion, start=start, duration=40.0)
     assert swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], G)[0] < 1e-3
 
 
@@ -232,7 +231,7 @@ def test_it_keeps_its_period_of_50_ms() -> None:
             taken.append(time.perf_counter() - begun)
         return command
 
-    simulate(crane(), timed, motion, start=start, duration=10.0)
+    quickly(crane(), timed, motion, start=start, duration=10.0)
     assert len(taken) == 201
     assert np.median(taken) < 0.05
 
@@ -252,7 +251,7 @@ def test_an_optimisation_that_fails_ends_the_run_and_no_old_command_goes_on() ->
     controller = mpc(crane(), motion)
     controller.solve = failing(controller, after=3)
     with pytest.raises(RunError, match=r"At t = 0\.15 s the optimisation of the MPC failed: it goes in circles") as caught:
-        simulate(crane(), controller, motion, start=start, duration=1.0)
+        quickly(crane(), controller, motion, start=start, duration=1.0)
     assert caught.value.trajectory is not None
     assert caught.value.trajectory.t[-1] == pytest.approx(0.145)
     assert controller.last is not None

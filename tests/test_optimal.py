@@ -22,8 +22,7 @@ from cranedyn.errors import CraneError, ModelError
 from cranedyn.references import Motion
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import Limits, fastest, use
-from cranedyn.simulate import simulate
-from tests.helpers import G, accelerations, big_crane, crane, states
+from tests.helpers import G, accelerations, big_crane, crane, quickly, states
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
@@ -317,7 +316,7 @@ def test_drives_with_no_way_to_go_stand_still_unless_they_are_set_free() -> None
 
 def test_the_fastest_combined_move_tracked_by_the_lqr_arrives_without_swing() -> None:
     motion, (start, goal) = moved("combined"), ends("combined")
-    run = simulate(crane(), lqr(crane(), motion), motion, start=start, duration=motion.arrival + 5.0)
+    run = quickly(crane(), lqr(crane(), motion), motion, start=start, duration=motion.arrival + 5.0)
     after = run.since(motion.arrival - 1e-9)
     # semi-implicit Euler of 0.5 ms and efforts held for 5 ms leave some 1e-5
     assert np.abs(after.q[:, PASSIVE]).max() < 1e-4

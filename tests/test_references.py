@@ -12,10 +12,58 @@ from hypothesis import strategies as st
 
 from cranedyn.crane import State
 from cranedyn.errors import OutOfRange, UnknownName
-from cranedyn.references import Reference, hold, pulse, ramp
+from cranedyn.references import Leg, Push, Reference, ei, hold, itinerary, operator, plumb, pulse, ramp, shaped, shaped_hoisting, spline, zv
+from cranedyn.references.tour import tour
+from cranedyn.references.wanted import tabulated
+from tests.helpers import G, crane
 
-BASE = hold(State(np.array([0.5, 12.0, 0.0, 0.0, 9.0]), np.zeros(5)))
+START = State(np.array([0.5, 12.0, 0.0, 0.0, 9.0]), np.zeros(5))
+BASE = hold(START)
 PLACE = [0.5, 12.0, 9.0]
+
+
+QUINTIC = spline(START, [(0.0, 14.0, 7.0)], [3.0], at=1.0)
+PUSHES = operator(START, [Push("x", 0.5, 1.0, 3.0), Push("l", -0.8, 2.0, 0.01)], accelerations=(0.02, 0.4, 0.4))
+LEGS = tour(crane(), [Leg("out", x=12.0), Leg("in", x=10.0)], lambda a, b: plumb(spline(a, [b.q[[0, 1, 4]]], [2.0]), 2.0), dwell=0.5)
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [
+        BASE,
+        pulse(BASE, "x", -0.3, at=1.0, width=2.0),
+        ramp(pulse(QUINTIC, "x", -0.3, at=1.0, width=2.0), "l", -1.0, rate=0.5, at=2.0),
+        ramp(lambda t: BASE(t), "gamma", 0.1, rate=0.1, at=1.0),
+        QUINTIC,
+        plumb(QUINTIC, 5.0),
+        PUSHES,
+        operator(START, [], accelerations=(0.02, 0.4, 0.4)),
+        shaped(PUSHES, ei(), 1.3),
+        shaped_hoisting(PUSHES, zv(), G, 5.0),
+        LEGS,
+        itinerary(START, [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)], rates=(0.1, 0.5, 0.4), dwell=0.3),
+    ],
+    ids=[
+        "hold",
+        "pulse",
+        "ramp",
+        "ramp on a function",
+        "spline",
+        "motion",
+        "operator",
+        "nobody",
+        "shaped",
+        "shaped hoisting",
+        "tour",
+        "itinerary",
+    ],
+)
+def test_many_times_at_once_are_wanted_as_each_by_itself(reference: Reference) -> None:
+    times = np.arange(-0.5, 9.0, 0.005)
+    single = [reference(t) for t in times.tolist()]
+    for i, column in enumerate(tabulated(reference, times)):
+        # sums of ten terms up to 14 m in another order round at 1e-15 of them
+        np.testing.assert_allclose(column, [wanted[i] for wanted in single], rtol=0.0, atol=1e-13)
 
 
 @pytest.mark.parametrize("t", [0.0, 3.0, 1e6])

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from experiments import report
+from tests.helpers import FAST
 
 selenium = pytest.importorskip("selenium.webdriver", reason="extra browser (selenium) is not installed")
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -21,7 +22,7 @@ browser = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="Chromium and its
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A report of two experiments, run by the report itself."""
     folder = tmp_path_factory.mktemp("report") / "out"
-    assert report.main(["--out", str(folder), "--only", "energy", "mass_ratio"]) == 0
+    assert report.main(["--out", str(folder), "--only", "energy", "mass_ratio", "--engine", FAST]) == 0
     return folder
 
 
@@ -79,6 +80,7 @@ def test_claims_and_the_command_that_repeats_them_are_on_the_page(made: Path) ->
         result = json.loads((made / name / "result.json").read_text())
         assert all(claim["sentence"].split("(")[0].strip()[:40] in text for claim in result["claims"])
         assert f"python -m experiments.{name}" in text
+        assert result["parameters"]["engine"] == FAST
 
 
 def test_results_that_are_there_are_collected_not_run_again(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:

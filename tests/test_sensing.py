@@ -18,9 +18,9 @@ from cranedyn.crane import Crane, State
 from cranedyn.errors import CraneError
 from cranedyn.linear import sampled
 from cranedyn.references import Motion, Wanted, flat
-from cranedyn.simulate import Controller, simulate
+from cranedyn.simulate import Controller
 from cranedyn.trajectory import Trajectory
-from tests.helpers import G, crane
+from tests.helpers import G, crane, quickly
 
 STILL = Wanted(np.zeros(3), np.zeros(3), np.zeros(3))
 PERIOD = 5e-3
@@ -84,7 +84,7 @@ def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
 
     def run(seed: int) -> Trajectory:
         controller = sensed(lqr(crane(), motion), delay=2, rng=np.random.default_rng(seed))
-        return simulate(crane(), controller, motion, start=start, duration=0.5)
+        return quickly(crane(), controller, motion, start=start, duration=0.5)
 
     assert (run(1).command == run(1).command).all()
     assert (run(1).command != run(2).command).any()
@@ -93,7 +93,7 @@ def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
 def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says() -> None:
     start, motion = crane().state(x=10.0, l=15.0), at_rest(crane(), x=10.0, l=15.0)
     controller = lqr(crane(), motion)
-    run = simulate(crane(), sensed(controller, rng=np.random.default_rng(5)), motion, start=start, duration=120.0)
+    run = quickly(crane(), sensed(controller, rng=np.random.default_rng(5)), motion, start=start, duration=120.0)
     model, gain = sampled(crane(), start), controller.gain[0]
     by_noise = model.b @ gain
     covariance = solve_discrete_lyapunov(model.closed(gain), by_noise @ np.diag(NOISE**2) @ by_noise.T)
@@ -106,9 +106,9 @@ def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says(
 
 def test_sensors_of_one_run_are_refused_in_another() -> None:
     used = sensed(hold_controller(crane()), rng=np.random.default_rng(1))
-    simulate(crane(), used, duration=0.1)
+    quickly(crane(), used, duration=0.1)
     with pytest.raises(CraneError, match="make new ones for each run"):
-        simulate(crane(), used, duration=0.1)
+        quickly(crane(), used, duration=0.1)
 
 
 @pytest.mark.parametrize(
@@ -197,14 +197,14 @@ def test_the_filter_errs_as_much_as_it_says() -> None:
 def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(motion_of: Callable[[Crane], Motion], swing: str) -> None:
     motion = motion_of(crane())
     compared = Compared(observed(lqr(crane(), motion), crane(), motion))
-    simulate(crane(), compared, motion, start=crane().state(x=10.0, l=15.0, **{swing: 0.05}), duration=10.0)
+    quickly(crane(), compared, motion, start=crane().state(x=10.0, l=15.0, **{swing: 0.05}), duration=10.0)
     assert compared.swing(0.0) == pytest.approx(0.05, rel=0.1)  # the first estimate is that it hangs plumb
     assert compared.swing(2.0) < 5e-4
 
 
 def test_without_a_swing_sensor_the_combined_move_ends_as_still_as_with_one() -> None:
     motion, start = combined(crane()), crane().state(x=10.0, l=15.0)
-    run = simulate(crane(), observed(lqr(crane(), motion), crane(), motion), motion, start=start, duration=40.0)
+    run = quickly(crane(), observed(lqr(crane(), motion), crane(), motion), motion, start=start, duration=40.0)
     # the plan is exact but to first order in the hoisting, which the filter takes for 1e-4 rad of swing; 20 s after it the LQR has
     # brought that down by a hundred at least
     assert residual(run) < 1e-6
@@ -215,7 +215,7 @@ def test_an_initial_swing_is_damped_almost_as_well_as_with_a_sensor(swing: str) 
     motion, start = combined(crane()), crane().state(x=10.0, l=15.0, **{swing: 0.1})
     controller = lqr(crane(), motion)
     left = [
-        residual(simulate(crane(), with_or_without, motion, start=start, duration=40.0))
+        residual(quickly(crane(), with_or_without, motion, start=start, duration=40.0))
         for with_or_without in (observed(controller, crane(), motion), controller)
     ]
     # the swing grows known in half a second of the 40: what is left may differ by a quarter
@@ -227,7 +227,7 @@ def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_m
     motion = combined(crane())
     observer = observed(lqr(crane(), motion), crane(), motion, delay=delay)
     compared = Compared(observer, sensed(observer, delay=delay, rng=np.random.default_rng(2)))
-    run = simulate(crane(), compared, motion, start=crane().state(x=10.0, l=15.0), duration=40.0)
+    run = quickly(crane(), compared, motion, start=crane().state(x=10.0, l=15.0), duration=40.0)
     # five deviations of the swing as the filter says them
     assert compared.swing(2.0) < 5.0 * math.sqrt(np.trace(observer.covariance[2:4, 2:4]))
     assert residual(run) < 1e-3
@@ -238,7 +238,7 @@ def test_a_delay_known_to_the_observer_is_predicted_away(motion_of: Callable[[Cr
     motion = motion_of(crane())
     observer = observed(lqr(crane(), motion), crane(), motion, delay=6)
     compared = Compared(observer, sensed(observer, delay=6, noise=np.zeros(10), rng=np.random.default_rng(1)))
-    run = simulate(crane(), compared, motion, start=crane().state(x=10.0, l=15.0, phi=0.05), duration=5.0)
+    run = quickly(crane(), compared, motion, start=crane().state(x=10.0, l=15.0, phi=0.05), duration=5.0)
     assert np.abs(run.v[200:, 1]).max() * 6 * PERIOD > 5e-3  # so far the trolley runs meanwhile [m]
     # as without a delay: a hundredth of the swing; and a fiftieth of that way
     assert compared.swing(1.0) < 5e-4
@@ -257,7 +257,7 @@ def test_the_observer_knows_what_the_drives_cannot_give() -> None:
     weak = crane(trolley_effort=300.0)
     motion = at_rest(weak, x=10.0, l=15.0)
     compared = Compared(observed(lqr(weak, motion), weak, motion))
-    run = simulate(weak, compared, motion, start=weak.state(x=10.0, l=15.0, phi=0.05), duration=5.0)
+    run = quickly(weak, compared, motion, start=weak.state(x=10.0, l=15.0, phi=0.05), duration=5.0)
     assert np.abs(run.command[:, 1]).max() > 1000.0
     assert compared.swing(2.0) < 5e-4
 
@@ -265,18 +265,18 @@ def test_the_observer_knows_what_the_drives_cannot_give() -> None:
 def test_a_start_that_is_told_is_believed() -> None:
     motion, start = at_rest(crane(), x=10.0, l=15.0), crane().state(x=10.0, l=15.0, phi=0.05, theta=-0.03)
     compared = Compared(observed(lqr(crane(), motion), crane(), motion, start=start))
-    simulate(crane(), compared, motion, start=start, duration=1.0)
+    quickly(crane(), compared, motion, start=start, duration=1.0)
     assert compared.swing(0.0) < 2e-3  # the linear model's: φ²/2 = 1e-3 of the load's pull, and cubes
 
 
 def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -> None:
     motion = at_rest(crane(), x=10.0, l=15.0)
     used = observed(lqr(crane(), motion), crane(), motion)
-    simulate(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
+    quickly(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
     with pytest.raises(CraneError, match="a new one for each run"):
-        simulate(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
+        quickly(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
     with pytest.raises(CraneError, match=r"every 0\.005 s"):
-        simulate(crane(), observed(lqr(crane(), motion), crane(), motion), motion, duration=0.1, control_period=0.01)
+        quickly(crane(), observed(lqr(crane(), motion), crane(), motion), motion, duration=0.1, control_period=0.01)
 
 
 @pytest.mark.parametrize(

@@ -20,11 +20,10 @@ from cranedyn.references.flat import cruise, flat
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
 from cranedyn.references.tour import tour
-from cranedyn.simulate import simulate
 from experiments import common, demo
 from experiments.moves import TOUR_LIMITS as LIMITS
 from experiments.tours import CONTROLS
-from tests.helpers import big_crane, crane
+from tests.helpers import FAST, big_crane, crane, quickly
 
 FREE = Limits((10.0, 100.0, 100.0), (10.0, 100.0, 100.0))
 
@@ -86,7 +85,7 @@ def test_drives_that_yield_damp_the_swing_as_much_as_asked() -> None:
     point = big_crane()
     start = point.state(x=30.0, l=20.0, phi=0.01, theta=0.01)
     controller = damped(point, hold(start), ratio=0.2, limits=FREE)
-    run = simulate(point, controller, start=start, duration=40.0, drive="motion")
+    run = quickly(point, controller, start=start, duration=40.0, drive="motion")
     for angle in ("phi_rad", "theta_rad"):
         swing = run[angle]
         tops = [float(np.abs(swing[(run.t >= a) & (run.t < a + 9.2)]).max()) for a in (0.0, 9.2, 18.4)]
@@ -97,7 +96,7 @@ def test_drives_that_yield_damp_the_swing_as_much_as_asked() -> None:
 def test_drives_that_yield_keep_their_rates_and_accelerations() -> None:
     start = crane().state(phi=0.3)
     controller = damped(crane(), hold(start), limits=Limits((0.08, 0.1, 0.8), (0.02, 0.4, 0.4)))
-    run = simulate(crane(), controller, start=start, duration=10.0, drive="motion")
+    run = quickly(crane(), controller, start=start, duration=10.0, drive="motion")
     assert np.abs(np.diff(run["x_dot_m_s"])).max() <= 0.4 * 5e-3 * (1 + 1e-9)
     assert np.abs(run["x_dot_m_s"]).max() == pytest.approx(0.1)
 
@@ -106,7 +105,7 @@ def test_without_yielding_they_follow() -> None:
     start = crane().state(phi=0.1)
     reference = spline(start, [(0.1, 12.0, 14.0)], [10.0])
     runs = [
-        simulate(crane(), controller, reference, start=start, duration=10.0, drive="motion")
+        quickly(crane(), controller, reference, start=start, duration=10.0, drive="motion")
         for controller in (follow(reference), damped(crane(), reference, ratio=0.0, limits=FREE))
     ]
     assert_allclose(runs[0].q, runs[1].q, atol=1e-12)  # rounding
@@ -128,7 +127,7 @@ def test_planned_tours_keep_the_limits(control: str) -> None:
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo") / "out"
-    assert demo.main(["--control", "flat", "--cycles", "1", "--out", str(folder)]) == 0
+    assert demo.main(["--control", "flat", "--cycles", "1", "--engine", FAST, "--out", str(folder)]) == 0
     return folder
 
 

@@ -15,7 +15,7 @@ from cranedyn.crane import State
 from cranedyn.dynamics import outside_effort, payload_position, payload_velocity, pivot_position, pivot_velocity
 from cranedyn.errors import OutOfRange
 from cranedyn.simulate import simulate
-from tests.helpers import G, crane, locked, states
+from tests.helpers import G, crane, locked, quickly, states
 
 POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
 
@@ -47,7 +47,7 @@ def test_a_steady_push_is_rest_at_the_closed_form_angle(force: tuple[float, ...]
 
 def test_a_push_that_comes_at_once_swings_the_load_to_twice_its_rest() -> None:
     c = crane(**POINT)
-    run = simulate(c, locked, start=c.state(x=10.0, l=15.0), duration=20.0, drive="motion", disturbance=wind.push((0.0, 1000.0, 0.0)))
+    run = quickly(c, locked, start=c.state(x=10.0, l=15.0), duration=20.0, drive="motion", disturbance=wind.push((0.0, 1000.0, 0.0)))
     # in the tilted field g_eff the load is a pendulum released at rest atan(F/mg) off its middle, whatever the amplitude
     assert run["phi_rad"].max() == pytest.approx(2.0 * math.atan(1.0 / G), abs=2e-5)  # half a step of lead: ω dt/2 of the amplitude
 
@@ -87,11 +87,12 @@ def test_wind_damps_a_swing_in_its_direction() -> None:
     c = crane(**POINT)
     start = c.state(x=10.0, l=15.0, phi=0.1)
     still, windy = (
-        simulate(
+        quickly(
             c,
             locked,
             start=start,
             duration=60.0,
+            control_period=2e-2,
             drive="motion",
             disturbance=wind.wind(c, wind.steady(speed), direction=math.pi / 2, payload_area=5.0),
         )

@@ -49,8 +49,7 @@ def riccati(
     cost[-1] = final_weight
     for k in range(len(a) - 1, -1, -1):
         push = b[k].T @ cost[k + 1]
-        factor = scipy.linalg.cho_factor(effort_weight + push @ b[k], check_finite=False)
-        gain[k] = scipy.linalg.cho_solve(factor, push @ a[k], check_finite=False)
+        gain[k] = np.linalg.solve(effort_weight + push @ b[k], push @ a[k])
         here = state_weight + a[k].T @ cost[k + 1] @ (a[k] - b[k] @ gain[k])
         cost[k] = (here + here.T) / 2.0
     return Sweep(gain, cost)

@@ -104,6 +104,17 @@ class Itinerary(Timetable):
         moving = gone < np.abs(path)
         return Wanted(stage.origin + np.sign(path) * np.minimum(gone, np.abs(path)), np.sign(path) * self.rates * moving, np.zeros(3))
 
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        origins, targets = np.array([stage.origin for stage in self.stages]), np.array([stage.target for stage in self.stages])
+        begins, ends = np.array([stage.begin for stage in self.stages]), np.array([stage.end for stage in self.stages])
+        here = times - times // self.duration * self.duration
+        under_way = np.minimum(np.searchsorted(ends, here, side="right"), len(ends) - 1)
+        path, gone = (targets - origins)[under_way], np.outer(here - begins[under_way], self.rates)
+        moving = gone < np.abs(path)
+        position = origins[under_way] + np.sign(path) * np.minimum(gone, np.abs(path))
+        return Wanted(position, np.sign(path) * self.rates * moving, np.zeros_like(path))
+
 
 def itinerary(start: State, legs: Sequence[Leg], *, rates: Sequence[float], dwell: float) -> Itinerary:
     """Plan a tour that begins where the drives are.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.crane import DRIVES
-from cranedyn.references.wanted import Reference, Wanted
+from cranedyn.references.wanted import Reference, Wanted, tabulated
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,6 @@ class Motion:
 def plumb(reference: Reference, duration: float, period: float = 5e-3) -> Motion:
     """The motion of a reference [s] with the load hanging plumb under the trolley all the way, sampled at a period [s]."""
     times = period * np.arange(round(duration / period) + 1)
-    wanted = [reference(t) for t in times]
     parts = np.zeros((3, len(times), 5))
-    parts[:, :, DRIVES] = [[w.position for w in wanted], [w.velocity for w in wanted], [w.acceleration for w in wanted]]
+    parts[:, :, DRIVES] = tabulated(reference, times)
     return Motion(period, *parts)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from cranedyn.crane import DRIVES, State
 from cranedyn.errors import number
-from cranedyn.references.wanted import Reference, Wanted, along
+from cranedyn.references.wanted import Reference, Tabulating, Wanted, along
 
 
 class Push(NamedTuple):
@@ -28,6 +30,31 @@ class Push(NamedTuple):
     hold: float
 
 
+@dataclass(frozen=True, eq=False)
+class Operator(Tabulating):
+    """Drives whose accelerations are on for a while, again and again.
+
+    Attributes:
+        start: Slew [rad], trolley radius [m], cable length [m] before all, shape (3,).
+        begins: When each acceleration sets in [s], shape (m,).
+        lasts: How long it lasts [s], shape (m,).
+        accelerations: Of slew [rad/s²], trolley [m/s²], hoist [m/s²], shape (m, 3).
+    """
+
+    start: np.ndarray
+    begins: np.ndarray
+    lasts: np.ndarray
+    accelerations: np.ndarray
+
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        since = np.maximum(times[:, None] - self.begins, 0.0)
+        rising, on = np.minimum(since, self.lasts), (since > 0.0) & (since < self.lasts)
+        parts = (rising * (since - rising / 2.0), rising, on)
+        gone, velocity, acceleration = ((part[:, :, None] * self.accelerations).sum(axis=1) for part in parts)
+        return Wanted(self.start + gone, velocity, acceleration)
+
+
 def operator(start: State, pushes: Sequence[Push], *, accelerations: Sequence[float]) -> Reference:
     """Where the drives get to: each push is a trapezoid in velocity; pushes of one drive must not overlap to be obeyed in full.
 
@@ -41,23 +68,13 @@ def operator(start: State, pushes: Sequence[Push], *, accelerations: Sequence[fl
         UnknownName: If a drive is none of the three.
     """
     limits = [number("acceleration limit", a, "per s²", "> 0") for a in accelerations]
-    moves = []
+    ramps: list[tuple[float, float, np.ndarray]] = []
     for push in pushes:
         axis = along(push.drive)
         limit = float(axis @ limits)
         hold = number("hold of a push", push.hold, "s", "> 0")
-        ramp = min(abs(number("rate of a push", push.rate)) / limit, hold)
-        moves.append((push.at, hold, ramp, np.sign(push.rate) * limit * axis))
-
-    def reference(t: float) -> Wanted:
-        position, velocity, acceleration = start.q[DRIVES].copy(), np.zeros(3), np.zeros(3)
-        for at, hold, ramp, push in moves:
-            for sign, since in ((1.0, t - at), (-1.0, t - at - hold)):
-                if since > 0.0:
-                    rising = min(since, ramp)
-                    position += sign * push * rising * (since - rising / 2.0)
-                    velocity += sign * push * rising
-                    acceleration += sign * push * (since < ramp)
-        return Wanted(position, velocity, acceleration)
-
-    return reference
+        lasts = min(abs(number("rate of a push", push.rate)) / limit, hold)
+        acceleration = math.copysign(limit, push.rate) * axis
+        ramps += [(push.at, lasts, acceleration), (push.at + hold, lasts, -acceleration)]
+    columns = [np.array([ramp[i] for ramp in ramps], dtype=float) for i in range(3)]
+    return Operator(start.q[DRIVES], columns[0], columns[1], columns[2].reshape(-1, 3))

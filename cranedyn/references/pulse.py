@@ -2,8 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+
 from cranedyn.errors import number
-from cranedyn.references.wanted import Reference, Wanted, along
+from cranedyn.references.wanted import Reference, Wanted, along, tabulated
+
+
+@dataclass(frozen=True, eq=False)
+class Pulse:
+    """A reference and a rectangular pulse.
+
+    Attributes:
+        base: What is wanted otherwise.
+        step: How far slew, trolley and hoist are aside [rad, m, m], shape (3,).
+        first, last: When the pulse starts and ends [s].
+    """
+
+    base: Reference
+    step: np.ndarray
+    first: float
+    last: float
+
+    def __call__(self, t: float) -> Wanted:
+        """What is wanted at a time [s]."""
+        wanted = self.base(t)
+        return wanted._replace(position=wanted.position + self.step) if self.first <= t < self.last else wanted
+
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        wanted = tabulated(self.base, times)
+        aside = (self.first <= times) & (times < self.last)
+        return wanted._replace(position=wanted.position + np.outer(aside, self.step))
 
 
 def pulse(base: Reference, drive: str, amplitude: float, *, at: float, width: float) -> Reference:
@@ -23,10 +54,4 @@ def pulse(base: Reference, drive: str, amplitude: float, *, at: float, width: fl
         OutOfRange: For a number that is not finite, or a width that is not positive.
     """
     step = number("pulse amplitude", amplitude) * along(drive)
-    first, last = number("pulse start", at, "s"), at + number("pulse width", width, "s", "> 0")
-
-    def reference(t: float) -> Wanted:
-        wanted = base(t)
-        return wanted._replace(position=wanted.position + step) if first <= t < last else wanted
-
-    return reference
+    return Pulse(base, step, number("pulse start", at, "s"), at + number("pulse width", width, "s", "> 0"))

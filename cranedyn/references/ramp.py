@@ -3,9 +3,43 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+
+import numpy as np
 
 from cranedyn.errors import number
-from cranedyn.references.wanted import Reference, Wanted, along
+from cranedyn.references.wanted import Reference, Wanted, along, tabulated
+
+
+@dataclass(frozen=True, eq=False)
+class Ramp:
+    """A reference and a move at constant speed.
+
+    Attributes:
+        base: What is wanted otherwise.
+        rates: Of slew, trolley and hoist during the move [rad/s, m/s, m/s], shape (3,).
+        first, last: When the move starts and ends [s].
+    """
+
+    base: Reference
+    rates: np.ndarray
+    first: float
+    last: float
+
+    def __call__(self, t: float) -> Wanted:
+        """What is wanted at a time [s]."""
+        wanted = self.base(t)
+        if t < self.first:
+            return wanted
+        moved = wanted._replace(position=wanted.position + (min(t, self.last) - self.first) * self.rates)
+        return moved._replace(velocity=wanted.velocity + self.rates) if t < self.last else moved
+
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        wanted = tabulated(self.base, times)
+        gone, moving = np.clip(times, self.first, self.last) - self.first, (self.first <= times) & (times < self.last)
+        position, velocity = wanted.position + np.outer(gone, self.rates), wanted.velocity + np.outer(moving, self.rates)
+        return Wanted(position, velocity, wanted.acceleration)
 
 
 def ramp(base: Reference, drive: str, by: float, *, rate: float, at: float) -> Reference:
@@ -24,13 +58,4 @@ def ramp(base: Reference, drive: str, by: float, *, rate: float, at: float) -> R
     """
     direction = math.copysign(1.0, number("ramp distance", by)) * along(drive)
     speed = number("ramp rate", rate, "rad/s or m/s", "> 0")
-    first, last = number("ramp start", at, "s"), at + abs(by) / speed
-
-    def reference(t: float) -> Wanted:
-        wanted = base(t)
-        if t < first:
-            return wanted
-        moved = wanted._replace(position=wanted.position + speed * (min(t, last) - first) * direction)
-        return moved._replace(velocity=wanted.velocity + speed * direction) if t < last else moved
-
-    return reference
+    return Ramp(base, speed * direction, number("ramp start", at, "s"), at + abs(by) / speed)

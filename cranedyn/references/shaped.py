@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from cranedyn.errors import number
-from cranedyn.references.wanted import Reference, Wanted
+from cranedyn.references.wanted import Reference, Tabulating, Wanted, tabulated
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +56,53 @@ def _decay(damping_ratio: float) -> float:
     return math.exp(-math.pi * ratio / math.sqrt(1.0 - ratio**2))
 
 
+@dataclass(frozen=True, eq=False)
+class Shaped(Tabulating):
+    """A reference in parts.
+
+    Attributes:
+        base: What is wanted without shaping.
+        delays: When each part comes [s].
+        amplitudes: Share of the command that each carries.
+    """
+
+    base: Reference
+    delays: np.ndarray
+    amplitudes: np.ndarray
+
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        parts = tabulated(self.base, np.subtract.outer(times, self.delays).ravel())
+        return Wanted(*(np.tensordot(self.amplitudes, part.reshape(len(times), -1, 3), (0, 1)) for part in parts))
+
+
 def shaped(base: Reference, shaper: Shaper, period: float) -> Reference:
     """Shape all drives of a reference for one swing period [s].
 
     Raises:
         OutOfRange: If the period is not positive.
     """
-    delays = number("swing period", period, "s", "> 0") * shaper.fractions
+    return Shaped(base, number("swing period", period, "s", "> 0") * shaper.fractions, shaper.amplitudes)
 
-    def reference(t: float) -> Wanted:
-        parts = [base(t - delay) for delay in delays]
-        return Wanted(*(np.tensordot(shaper.amplitudes, column, 1) for column in zip(*parts, strict=True)))
 
-    return reference
+@dataclass(frozen=True, eq=False)
+class ShapedHoisting(Tabulating):
+    """A reference with slew and trolley of their own.
+
+    Attributes:
+        base: What is wanted of the hoist.
+        end: When slew and trolley are there [s].
+        curves: Position of slew and trolley over time, its first and its second derivative.
+    """
+
+    base: Reference
+    end: float
+    curves: tuple[scipy.interpolate.BSpline, ...]
+
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        inside, own = np.clip(times, 0.0, self.end), tabulated(self.base, times)
+        return Wanted(*(np.column_stack([curve(inside), part[:, 2]]) for curve, part in zip(self.curves, own, strict=True)))
 
 
 def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: float, *, step: float = 5e-3) -> Reference:
@@ -91,28 +125,18 @@ def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: f
     """
     number("gravity", gravity, "m/s²", "> 0")
     rows = round(number("duration", duration, "s", "> 0") / step)
-    slowest = 2.0 * math.pi * math.sqrt(max(base(step * k).position[2] for k in range(rows + 1)) / gravity)
+    longest = float(tabulated(base, step * np.arange(rows + 1)).position[:, 2].max())
+    slowest = 2.0 * math.pi * math.sqrt(longest / gravity)
     t = step * np.arange(rows + math.ceil(slowest * shaper.fractions[-1] / step) + 2)
-    wanted = [base(s) for s in t]
-    length = np.array([w.position[2] for w in wanted])
+    wanted = tabulated(base, t)
+    length = wanted.position[:, 2]
     phase = scipy.integrate.cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
     parts = shaper.amplitudes[:, None] * np.interp(phase + 2.0 * math.pi * shaper.fractions[:, None], phase, length) ** 0.25
-    velocities = (parts / parts.sum(axis=0))[:, :, None] * [w.velocity[:2] for w in wanted]
+    velocities = (parts / parts.sum(axis=0))[:, :, None] * wanted.velocity[:, :2]
     ways = scipy.integrate.cumulative_trapezoid(velocities, t, axis=1, initial=0.0)
     moved = np.zeros((len(t), 2))
     for fraction, way in zip(shaper.fractions, ways, strict=True):
         asked = np.interp(phase - 2.0 * math.pi * fraction, phase, t)
         moved += np.stack([np.interp(asked, t, column) for column in way.T], axis=1)
-    curve = scipy.interpolate.make_interp_spline(t, wanted[0].position[:2] + moved, k=3)
-    rate, acceleration = curve.derivative(), curve.derivative(2)
-
-    def reference(s: float) -> Wanted:
-        inside = min(max(s, 0.0), float(t[-1]))
-        now = base(s)
-        return Wanted(
-            np.append(curve(inside), now.position[2]),
-            np.append(rate(inside), now.velocity[2]),
-            np.append(acceleration(inside), now.acceleration[2]),
-        )
-
-    return reference
+    curve = scipy.interpolate.make_interp_spline(t, wanted.position[0, :2] + moved, k=3)
+    return ShapedHoisting(base, float(t[-1]), (curve, curve.derivative(), curve.derivative(2)))

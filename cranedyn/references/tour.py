@@ -29,6 +29,10 @@ class Tour(Timetable):
         """What is wanted of the drives at a time [s]."""
         return self.motion(t % self.duration)
 
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+        return self.motion.at(times % self.duration)
+
 
 def tour(crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motion], *, dwell: float) -> Tour:
     """Plan a tour leg by leg, from where the crane starts and back.

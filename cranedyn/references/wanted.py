@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -35,6 +36,18 @@ def tabulated(reference: Reference, times: np.ndarray) -> Wanted:
         return at_once(times)
     rows = [reference(t) for t in times.tolist()]
     return Wanted(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))
+
+
+class Tabulating(ABC):
+    """A reference that is written down for many times at once."""
+
+    @abstractmethod
+    def at(self, times: np.ndarray) -> Wanted:
+        """What is wanted at many times [s], shape (n, 3) each."""
+
+    def __call__(self, t: float) -> Wanted:
+        """What is wanted at a time [s]."""
+        return Wanted(*(part[0] for part in self.at(np.array([t]))))
 
 
 _DRIVES = ("gamma", "x", "l")

@@ -13,8 +13,8 @@ from cranedyn.dynamics import prescribed_acceleration
 from cranedyn.references import Wanted
 from cranedyn.simulate import Controller, Drive
 from cranedyn.trajectory import Trajectory
-from experiments.oracles.check import MASS, Build, G, Oracle
-from experiments.oracles.reading import crossing, curve, payload, run, speed
+from experiments.oracles.check import MASS, G, Oracle
+from experiments.oracles.reading import Bench, crossing, curve, payload, speed
 
 LENGTH, TROLLEY, STRUCTURE = 20.0, 500.0, 2e5 + 50.0
 """Cable length [m]; mass of the trolley [kg]; inertia about the slew axis of the upper structure and of the trolley itself [kg m²]."""
@@ -23,10 +23,10 @@ DURATION, FREE = 20.0, 9.0
 """Length of a run, and of one with a free drive, which is asked at every step [s]."""
 
 
-def oracles(build: Build) -> list[Oracle]:
+def oracles(bench: Bench) -> list[Oracle]:
     """Energy, momenta, the ledger."""
-    crane = build()
-    return [*_locked(crane), _ripple(crane), _slewing(crane), *_rolling(crane), *_ledgers(build)]
+    crane = bench.build()
+    return [*_locked(bench, crane), _ripple(bench, crane), _slewing(bench, crane), *_rolling(bench, crane), *_ledgers(bench)]
 
 
 def free(crane: Crane, drive: int) -> Controller:
@@ -40,9 +40,9 @@ def free(crane: Crane, drive: int) -> Controller:
     return accelerations
 
 
-def _locked(crane: Crane) -> list[Oracle]:
+def _locked(bench: Bench, crane: Crane) -> list[Oracle]:
     start = crane.state(l=LENGTH, phi=0.6, theta=-0.2, theta_dot=0.3, phi_dot=0.1)
-    swing = cache(lambda dt: run(crane, start, DURATION, dt))
+    swing = cache(lambda dt: bench.run(crane, start, DURATION, dt))
 
     def energy(dt: float) -> float:
         above = swing(dt).energy - swing(dt).energy[0]
@@ -60,20 +60,20 @@ def _locked(crane: Crane) -> list[Oracle]:
     ]
 
 
-def _ripple(crane: Crane) -> Oracle:
+def _ripple(bench: Bench, crane: Crane) -> Oracle:
     """Semi-implicit Euler keeps E - dt/2 m g l φ φ̇ of a small swing, so E has gained ω dt/2 of itself three eighths of a period later."""
     small, omega = 3e-3, math.sqrt(G / LENGTH)
     when, whole = 0.75 * math.pi / omega, MASS * G * LENGTH * small**2 / 2.0
 
     def read(dt: float) -> float:
-        found = run(crane, crane.state(l=LENGTH, phi=small), 5.0, dt)
+        found = bench.run(crane, crane.state(l=LENGTH, phi=small), 5.0, dt)
         gained = curve(found.t, found.energy - found.energy[0], int(np.searchsorted(found.t, when)))
         return float(gained(when)) / whole / (omega * dt / 2.0)
 
     return Oracle("ripple of the energy over that of the step, ω dt/2", "", 1.0, read, small**2, "finite swing")
 
 
-def _slewing(crane: Crane) -> Oracle:
+def _slewing(bench: Bench, crane: Crane) -> Oracle:
     start = crane.state(x=20.0, phi=0.4, theta=0.5, gamma_dot=0.05)
 
     def total(found: Trajectory) -> np.ndarray:
@@ -83,23 +83,23 @@ def _slewing(crane: Crane) -> Oracle:
         return structure * found["gamma_dot_rad_s"] + MASS * (place[:, 0] * rate[:, 1] - place[:, 1] * rate[:, 0])
 
     def read(dt: float) -> float:
-        momenta = total(run(crane, start, FREE, dt, free(crane, 0), every=1))
+        momenta = total(bench.run(crane, start, FREE, dt, free(crane, 0), every=1))
         return float(momenta[-1] / momenta[0])
 
     return Oracle("total angular momentum, free slew, of the first", "", 1.0, read)
 
 
-def _rolling(crane: Crane) -> list[Oracle]:
+def _rolling(bench: Bench, crane: Crane) -> list[Oracle]:
     """A trolley that nothing drives, under a load that is thrown, and one that swings a little."""
     start = crane.state(l=LENGTH, phi=0.5, x_dot=0.2)
 
     def along_the_jib(dt: float) -> float:
         """Of trolley and load; at zero slew the jib points along -Y."""
-        found = run(crane, start, FREE, dt, free(crane, 1), every=1)
+        found = bench.run(crane, start, FREE, dt, free(crane, 1), every=1)
         return float(TROLLEY * found["x_dot_m_s"][-1] - MASS * speed(payload, found)[-1, 1])
 
     def period(dt: float) -> float:
-        found = run(crane, crane.state(l=LENGTH, phi=1e-6), FREE, dt, free(crane, 1), every=1)
+        found = bench.run(crane, crane.state(l=LENGTH, phi=1e-6), FREE, dt, free(crane, 1), every=1)
         return 2.0 * (crossing(found.t, found["phi_rad"], 3) - crossing(found.t, found["phi_rad"], 2))
 
     first = 0.2 * (TROLLEY + MASS)
@@ -110,9 +110,9 @@ def _rolling(crane: Crane) -> list[Oracle]:
     ]
 
 
-def _ledgers(build: Build) -> list[Oracle]:
+def _ledgers(bench: Bench) -> list[Oracle]:
     """Energy gained less work of the drives plus dissipation, over the energy that was moved; all joints damped."""
-    crane = build(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
+    crane = bench.build(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
     start = crane.state(x=15.0, l=LENGTH, phi=0.2, theta=-0.1, gamma_dot=0.03)
     hold = MASS * G
 
@@ -123,7 +123,7 @@ def _ledgers(build: Build) -> list[Oracle]:
         return np.array([0.02 * math.sin(0.5 * t), 0.2 * math.cos(0.4 * t), 0.1 * math.sin(0.3 * t)])
 
     def open_(controller: Controller, drive: Drive, dt: float) -> float:
-        found = run(crane, start, DURATION, dt, controller, drive=drive)
+        found = bench.run(crane, start, DURATION, dt, controller, drive=drive)
         return float(found.unexplained[-1] / np.abs(found.work[-1]).sum())
 
     return [

@@ -12,7 +12,7 @@ from cranedyn.crane import Crane
 from cranedyn.figures import COLOURS, panels
 from cranedyn.trajectory import Trajectory
 from experiments.oracles.check import STEP, Check
-from experiments.oracles.reading import payload, run
+from experiments.oracles.reading import Bench, payload
 from experiments.oracles.swing import LENGTH, OVALS
 
 SWING = 0.5
@@ -40,11 +40,11 @@ def convergence_figure(found: Sequence[Check]) -> Figure:
     return figure
 
 
-def ripple_figure(crane: Crane) -> Figure:
+def ripple_figure(bench: Bench, crane: Crane) -> Figure:
     """Energy of a large swing in its plane, at steps of which each is half of the one before."""
     figure, (ax,) = panels(1, height=3.2)
     for dt, colour in zip((0.02, 0.01, 0.005), ("x", "energy", "l"), strict=True):
-        swing = run(crane, crane.state(l=LENGTH, phi=SWING), 30.0, dt)
+        swing = bench.run(crane, crane.state(l=LENGTH, phi=SWING), 30.0, dt)
         ax.plot(swing.t, swing.energy - swing.energy[0], color=COLOURS[colour], label=f"dt = {1000 * dt:g} ms")
     whole = crane.payload_mass * crane.gravity * LENGTH * (1.0 - np.cos(SWING))
     ax.set(xlabel="time [s]", ylabel=f"gain of energy [J] of {whole:.0f} J")

@@ -9,8 +9,8 @@ import numpy as np
 from cranedyn import theory
 from cranedyn.crane import Crane, State
 from cranedyn.references import spline
-from experiments.oracles.check import Build, G, Oracle
-from experiments.oracles.reading import moved, run
+from experiments.oracles.check import G, Oracle
+from experiments.oracles.reading import Bench
 
 SMALL = 1e-4
 """By how much a swing of the small-angle theory is scaled down in its run; what is left of the finite angle is the square of that."""
@@ -25,15 +25,15 @@ FROM, TO, SLOWLY, LARGE = 20.0, 10.0, 100.0, 45.0
 """Cable length before and after slow hoisting [m], the time it takes [s], and a swing that is not small [°]."""
 
 
-def oracles(build: Build) -> list[Oracle]:
+def oracles(bench: Bench) -> list[Oracle]:
     """Bessel's functions, the three quarter power, and the action."""
-    crane = build()
-    return [*(_constant(crane, *case) for case in CONSTANT), _power(crane), _action(crane)]
+    crane = bench.build()
+    return [*(_constant(bench, crane, *case) for case in CONSTANT), _power(bench, crane), _action(bench, crane)]
 
 
-def _constant(crane: Crane, length: float, rate: float) -> Oracle:
+def _constant(bench: Bench, crane: Crane, length: float, rate: float) -> Oracle:
     def read(dt: float) -> float:
-        found = run(crane, crane.state(l=length, l_dot=rate, phi=SMALL * SWING), AFTER, dt)
+        found = bench.run(crane, crane.state(l=length, l_dot=rate, phi=SMALL * SWING), AFTER, dt)
         return float(found["phi_rad"][-1]) / SMALL
 
     times = np.array([0.0, AFTER])
@@ -44,9 +44,9 @@ def _constant(crane: Crane, length: float, rate: float) -> Oracle:
     return Oracle(f"φ after {AFTER:g} s at {rate:+g} m/s from l = {length:g} m", "rad", closed, read, late, "finite swing")
 
 
-def _hoisted(crane: Crane, start: State, dt: float) -> State:
+def _hoisted(bench: Bench, crane: Crane, start: State, dt: float) -> State:
     slow = spline(start, [(0.0, start.q[1], TO)], [SLOWLY])
-    return moved(crane, start, slow, SLOWLY, dt, every=10).state(-1)
+    return bench.moved(crane, start, slow, SLOWLY, dt, every=10).state(-1)
 
 
 def _fast() -> float:
@@ -56,21 +56,21 @@ def _fast() -> float:
     return float(np.abs(np.gradient(length, SLOWLY * s) / np.sqrt(G * length)).max() ** 2)
 
 
-def _power(crane: Crane) -> Oracle:
+def _power(bench: Bench, crane: Crane) -> Oracle:
     def read(dt: float) -> float:
         small = SMALL * SWING
-        last = _hoisted(crane, crane.state(l=FROM, phi=small), dt)
+        last = _hoisted(bench, crane, crane.state(l=FROM, phi=small), dt)
         return math.log(math.hypot(last.q[2], last.v[2] * math.sqrt(TO / G)) / small) / math.log(TO / FROM)
 
     return Oracle("exponent of the amplitude, l slowly 20 to 10 m", "", -0.75, read, _fast(), "(l̇/ωl)²")
 
 
-def _action(crane: Crane) -> Oracle:
+def _action(bench: Bench, crane: Crane) -> Oracle:
     """From a swing for which the three quarter power does not hold."""
     large = math.radians(LARGE)
 
     def read(dt: float) -> float:
-        last = _hoisted(crane, crane.state(l=FROM, phi=large), dt)
+        last = _hoisted(bench, crane, crane.state(l=FROM, phi=large), dt)
         return math.acos(math.cos(last.q[2]) - TO * last.v[2] ** 2 / (2.0 * G))
 
     closed = float(theory.adiabatic_amplitude(np.array([TO]), FROM, large)[0])

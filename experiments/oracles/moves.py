@@ -9,8 +9,8 @@ import numpy as np
 from cranedyn import theory
 from cranedyn.crane import Crane, State
 from cranedyn.references import Wanted, spline
-from experiments.oracles.check import Build, G, Oracle
-from experiments.oracles.reading import moved, run
+from experiments.oracles.check import G, Oracle
+from experiments.oracles.reading import Bench
 
 LENGTH, SMALL = 20.0, 1e-4
 """Cable length [m]; by how much moves are scaled down in their runs, since the closed forms are for small angles."""
@@ -25,10 +25,11 @@ QUIET, QUIET_DURATION = (1.834566, 2.895032, 4.938452), 20.0
 """Durations in periods of the swing at which a spline leaves none (to six decimals), and the time for which cables are chosen so [s]."""
 
 
-def oracles(build: Build) -> list[Oracle]:
+def oracles(bench: Bench) -> list[Oracle]:
     """Residual swings."""
-    crane = build()
-    return [_pulse(crane), _coast(crane), *(_spline(crane, LENGTH, T) for T in DURATIONS), *(_quiet(crane, ratio) for ratio in QUIET)]
+    crane = bench.build()
+    splines = [_spline(bench, crane, LENGTH, duration) for duration in DURATIONS]
+    return [_pulse(bench, crane), _coast(bench, crane), *splines, *(_quiet(bench, crane, ratio) for ratio in QUIET)]
 
 
 def _left(state: State) -> float:
@@ -41,42 +42,44 @@ def _finite(swing: float) -> float:
     return swing * (SMALL * swing) ** 2
 
 
-def _pulsed(crane: Crane, duration: float, dt: float) -> float:
+def _pulsed(bench: Bench, crane: Crane, duration: float, dt: float) -> float:
     def push(t: float, state: State, wanted: Wanted) -> np.ndarray:
         braking = t > PULSE + COAST - dt / 2.0
         return np.array([0.0, SMALL * PUSH * ((t < PULSE - dt / 2.0) - braking), 0.0])
 
-    return _left(run(crane, crane.state(l=LENGTH), duration, dt, push).state(-1))
+    return _left(bench.run(crane, crane.state(l=LENGTH), duration, dt, push).state(-1))
 
 
-def _pulse(crane: Crane) -> Oracle:
+def _pulse(bench: Bench, crane: Crane) -> Oracle:
     closed = theory.pulse_residual(PUSH, PULSE, LENGTH, G)
     name = f"swing left by {PUSH:g} m/s² for {PULSE:g} s"
-    return Oracle(name, "rad", closed, lambda dt: _pulsed(crane, PULSE + COAST, dt), _finite(2.0 * PUSH / G), "finite swing")
+    return Oracle(name, "rad", closed, lambda dt: _pulsed(bench, crane, PULSE + COAST, dt), _finite(2.0 * PUSH / G), "finite swing")
 
 
-def _coast(crane: Crane) -> Oracle:
+def _coast(bench: Bench, crane: Crane) -> Oracle:
     closed = theory.coast_residual(PUSH, PULSE, COAST, LENGTH, G)
     name = f"the same, {COAST:g} s of coasting and braking"
-    return Oracle(name, "rad", closed, lambda dt: _pulsed(crane, 2.0 * PULSE + COAST, dt), _finite(2.0 * PUSH / G), "finite swing")
+    return Oracle(name, "rad", closed, lambda dt: _pulsed(bench, crane, 2.0 * PULSE + COAST, dt), _finite(2.0 * PUSH / G), "finite swing")
 
 
-def _moved(crane: Crane, length: float, duration: float, dt: float) -> float:
+def _moved(bench: Bench, crane: Crane, length: float, duration: float, dt: float) -> float:
     start = crane.state(l=length)
     goal = (0.0, float(start.q[1]) + SMALL * DISTANCE, length)
-    return _left(moved(crane, start, spline(start, [goal], [duration]), duration, dt).state(-1))
+    return _left(bench.moved(crane, start, spline(start, [goal], [duration]), duration, dt).state(-1))
 
 
-def _spline(crane: Crane, length: float, duration: float) -> Oracle:
+def _spline(bench: Bench, crane: Crane, length: float, duration: float) -> Oracle:
     closed = math.degrees(theory.quintic_residual(DISTANCE, duration, length, G))
     name = f"swing left by a spline of {DISTANCE:g} m in {duration:g} s"
-    return Oracle(
-        name, "°", closed, lambda dt: math.degrees(_moved(crane, length, duration, dt)), math.degrees(_finite(0.2)), "finite swing"
-    )
+
+    def read(dt: float) -> float:
+        return math.degrees(_moved(bench, crane, length, duration, dt))
+
+    return Oracle(name, "°", closed, read, math.degrees(_finite(0.2)), "finite swing")
 
 
-def _quiet(crane: Crane, ratio: float) -> Oracle:
+def _quiet(bench: Bench, crane: Crane, ratio: float) -> Oracle:
     length, *beside = (G * (QUIET_DURATION / (2.0 * math.pi * r)) ** 2 for r in (ratio, ratio - 5e-7, ratio + 5e-7))
     name = f"swing left by one in {ratio:.6f} periods, l = {length:.3f} m"
     decimals = max(theory.quintic_residual(DISTANCE, QUIET_DURATION, near, G) for near in beside)
-    return Oracle(name, "rad", 0.0, lambda dt: _moved(crane, length, QUIET_DURATION, dt), decimals, "six decimals")
+    return Oracle(name, "rad", 0.0, lambda dt: _moved(bench, crane, length, QUIET_DURATION, dt), decimals, "six decimals")

@@ -3,37 +3,67 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import brentq
 
-from cranedyn.controllers import follow
+from cranedyn.controllers import Hold, follow
 from cranedyn.crane import Crane, State
 from cranedyn.errors import DataError
-from cranedyn.references import Reference, Wanted
-from cranedyn.simulate import Controller, Drive, simulate
+from cranedyn.references import Reference
+from cranedyn.simulate import Controller, Drive, EngineName, simulate
 from cranedyn.trajectory import Trajectory
+from experiments.oracles.check import Build
 
 EVERY, SELDOM = 5, 50
 """Physics steps to a control period, and where nothing is commanded and only the end is read."""
 
 
-def locked(t: float, state: State, wanted: Wanted) -> np.ndarray:
-    """Drives of prescribed motion that keep the speed they have."""
-    return np.zeros(3)
+locked = Hold(np.zeros(3), np.zeros(3))
+"""Drives of prescribed motion that keep the speed they have."""
 
 
-def run(
-    crane: Crane, start: State, duration: float, dt: float, controller: Controller = locked, *, every: int = EVERY, drive: Drive = "motion"
-) -> Trajectory:
-    """A run of an oracle, with drives in prescribed motion unless said otherwise; mechanics goes on where a rope or a range would end."""
-    return simulate(crane, controller, start=start, duration=duration, dt=dt, control_period=every * dt, drive=drive, watch="mark")
+@dataclass(frozen=True)
+class Bench:
+    """Where the plant is held against oracles.
 
+    Attributes:
+        build: Makes a crane from numbers of its xacro file.
+        engine: What computes a step.
+    """
 
-def moved(crane: Crane, start: State, reference: Reference, duration: float, dt: float, *, every: int = EVERY) -> Trajectory:
-    """A run whose drives follow a reference."""
-    return run(crane, start, duration, dt, follow(reference, every * dt), every=every)
+    build: Build
+    engine: EngineName = "pinocchio"
+
+    def run(
+        self,
+        crane: Crane,
+        start: State,
+        duration: float,
+        dt: float,
+        controller: Controller = locked,
+        *,
+        every: int = EVERY,
+        drive: Drive = "motion",
+    ) -> Trajectory:
+        """A run with drives in prescribed motion unless said otherwise; mechanics goes on where a rope or a range would end."""
+        return simulate(
+            crane,
+            controller,
+            start=start,
+            duration=duration,
+            dt=dt,
+            control_period=every * dt,
+            drive=drive,
+            watch="mark",
+            engine=self.engine,
+        )
+
+    def moved(self, crane: Crane, start: State, reference: Reference, duration: float, dt: float, *, every: int = EVERY) -> Trajectory:
+        """A run whose drives follow a reference."""
+        return self.run(crane, start, duration, dt, follow(reference, every * dt), every=every)
 
 
 def curve(t: np.ndarray, y: np.ndarray, row: int) -> BSpline:

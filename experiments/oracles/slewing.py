@@ -10,7 +10,7 @@ import numpy as np
 from cranedyn import theory
 from cranedyn.crane import Crane, State
 from experiments.oracles.check import MASS, Build, G, Oracle
-from experiments.oracles.reading import SELDOM, run
+from experiments.oracles.reading import SELDOM, Bench
 
 STEADY = ((50.0, 45.0, 0.8), (25.0, 19.0, 0.5))
 """Trolley radius, cable length [m] and slew rate [1/min] of a 71 EC-B 5 and an L1-24 at the tip of their jibs."""
@@ -22,9 +22,11 @@ RATE, LENGTH, SAMPLE = 0.1, 20.0, 0.5
 """Slew rate [rad/s], cable length [m] and time between samples [s] of the swing seen from the jib."""
 
 
-def oracles(build: Build) -> list[Oracle]:
+def oracles(bench: Bench) -> list[Oracle]:
     """Angles and tensions of steady slewing, and the two frequencies."""
-    return [oracle for case in STEADY for oracle in _steady(build, *case)] + [_stay(build(), *STEADY[0]), *_modes(build())]
+    crane = bench.build()
+    steady = [oracle for case in STEADY for oracle in _steady(bench, *case)]
+    return [*steady, _stay(bench, crane, *STEADY[0]), *_modes(bench, crane)]
 
 
 def turning(build: Build, radius: float, length: float, rpm: float) -> tuple[Crane, State]:
@@ -34,9 +36,9 @@ def turning(build: Build, radius: float, length: float, rpm: float) -> tuple[Cra
     return crane, crane.state(x=radius, l=length, gamma_dot=rpm * math.pi / 30.0)
 
 
-def _steady(build: Build, radius: float, length: float, rpm: float) -> list[Oracle]:
-    rate, (crane, plumb) = rpm * math.pi / 30.0, turning(build, radius, length, rpm)
-    settled = cache(lambda dt: run(crane, plumb, SETTLING, dt, every=SELDOM))
+def _steady(bench: Bench, radius: float, length: float, rpm: float) -> list[Oracle]:
+    rate, (crane, plumb) = rpm * math.pi / 30.0, turning(bench.build, radius, length, rpm)
+    settled = cache(lambda dt: bench.run(crane, plumb, SETTLING, dt, every=SELDOM))
     place = f"x = {radius:g} m, l = {length:g} m, {rpm:g} rpm"
     out = -math.degrees(theory.slewing_swing(radius, length, rate, G))
     pull = theory.slewing_tension(radius, length, rate, G, MASS)
@@ -46,25 +48,25 @@ def _steady(build: Build, radius: float, length: float, rpm: float) -> list[Orac
     ]
 
 
-def _stay(crane: Crane, radius: float, length: float, rpm: float) -> Oracle:
+def _stay(bench: Bench, crane: Crane, radius: float, length: float, rpm: float) -> Oracle:
     rate = rpm * math.pi / 30.0
     start = crane.state(x=radius, l=length, gamma_dot=rate, phi=theory.slewing_swing(radius, length, rate, G))
 
     def strays(dt: float) -> float:
-        swing = run(crane, start, MINUTE, dt, every=SELDOM).q[:, 2:4]
+        swing = bench.run(crane, start, MINUTE, dt, every=SELDOM).q[:, 2:4]
         return float(np.abs(swing - swing[0]).max())
 
     return Oracle("strays from there in a minute without damping", "rad", 0.0, strays)
 
 
-def _modes(crane: Crane) -> list[Oracle]:
+def _modes(bench: Bench, crane: Crane) -> list[Oracle]:
     """From the slew axis, where no centrifugal force bends the cable; two frequencies fitted to φ + iθ (Prony)."""
     start = crane.state(x=0.0, l=LENGTH, gamma_dot=RATE, phi=1e-6, theta_dot=2e-7)
 
     @cache
     def rates(dt: float) -> list[float]:
         """Of the part that turns forward in the plane of φ and θ, and of that which turns back, [rad/s]."""
-        found = run(crane, start, MINUTE, dt)
+        found = bench.run(crane, start, MINUTE, dt)
         every = round(SAMPLE / (found.t[1] - found.t[0]))
         z = (found["phi_rad"] + 1j * found["theta_rad"])[::every]
         a, b = np.linalg.lstsq(np.stack([z[1:-1], z[:-2]], axis=1), z[2:], rcond=None)[0]

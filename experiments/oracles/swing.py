@@ -10,8 +10,8 @@ import numpy as np
 from cranedyn import theory
 from cranedyn.crane import Crane, State
 from cranedyn.trajectory import Trajectory
-from experiments.oracles.check import MASS, Build, G, Oracle
-from experiments.oracles.reading import crossing, curve, payload, root, run
+from experiments.oracles.check import MASS, G, Oracle
+from experiments.oracles.reading import Bench, crossing, curve, payload, root
 
 LENGTH, SHORT = 20.0, 5.0
 """Cable lengths [m]: of a point load, and of a load with inertia, which shows on a short cable."""
@@ -20,25 +20,25 @@ OVALS = ((2.0, 1.0), (8.0, 4.0))
 """Half axes of the ovals [m]."""
 
 
-def oracles(build: Build) -> list[Oracle]:
+def oracles(bench: Bench) -> list[Oracle]:
     """Periods, tensions and precessions."""
-    point, rigid = build(), build(payload_inertia=400.0, dummy_mass=50.0, dummy_inertia=50.0)
+    point, rigid = bench.build(), bench.build(payload_inertia=400.0, dummy_mass=50.0, dummy_inertia=50.0)
     return [
-        *(_period(point, "phi", LENGTH, 0.0, degrees) for degrees in (30.0, 60.0, 90.0)),
-        _period(rigid, "phi", SHORT, 500.0, 60.0),
-        _period(rigid, "theta", SHORT, 450.0, 60.0),
-        *_tensions(point),
-        *_precessions(point),
+        *(_period(bench, point, "phi", LENGTH, 0.0, degrees) for degrees in (30.0, 60.0, 90.0)),
+        _period(bench, rigid, "phi", SHORT, 500.0, 60.0),
+        _period(bench, rigid, "theta", SHORT, 450.0, 60.0),
+        *_tensions(bench, point),
+        *_precessions(bench, point),
     ]
 
 
-def _period(crane: Crane, joint: str, length: float, inertia: float, degrees: float) -> Oracle:
+def _period(bench: Bench, crane: Crane, joint: str, length: float, inertia: float, degrees: float) -> Oracle:
     """Twice the time between passages of the vertical; started there, with the speed that carries the load to its amplitude."""
     amplitude = math.radians(degrees)
     rate = 2.0 * math.sin(amplitude / 2.0) * 2.0 * math.pi / theory.rigid_period(length, G, MASS, inertia)
 
     def read(dt: float) -> float:
-        found = run(crane, crane.state(l=length, **{f"{joint}_dot": rate}), 12.0, dt)
+        found = bench.run(crane, crane.state(l=length, **{f"{joint}_dot": rate}), 12.0, dt)
         return crossing(found.t, found[f"{joint}_rad"], 2)
 
     name = f"period of {degrees:g}°, l = {length:g} m" + (f", {'φ' if joint == 'phi' else 'θ'} with {inertia:g} kg m²" if inertia else "")
@@ -46,9 +46,9 @@ def _period(crane: Crane, joint: str, length: float, inertia: float, degrees: fl
     return Oracle(name, "s", closed, read)
 
 
-def _tensions(crane: Crane) -> list[Oracle]:
+def _tensions(bench: Bench, crane: Crane) -> list[Oracle]:
     """At the lowest point by conservation of energy, and at every row by Newton's law along the rope."""
-    swing = cache(lambda dt: run(crane, crane.state(l=LENGTH, phi=math.radians(60.0)), 10.0, dt))
+    swing = cache(lambda dt: bench.run(crane, crane.state(l=LENGTH, phi=math.radians(60.0)), 10.0, dt))
 
     def lowest(dt: float) -> float:
         t, tension = swing(dt).t, -swing(dt)["F_l_N"]
@@ -81,10 +81,10 @@ def apse(trajectory: Trajectory) -> tuple[float, float]:
     return when, float(curve(t, angle, row)(when)) - float(angle[0]) - 2.0 * math.pi
 
 
-def _precessions(crane: Crane) -> list[Oracle]:
+def _precessions(bench: Bench, crane: Crane) -> list[Oracle]:
     made = []
     for far, near in OVALS:
-        turned = cache(lambda dt, far=far, near=near: apse(run(crane, oval(crane, far, near), 10.0, dt))[1])
+        turned = cache(lambda dt, far=far, near=near: apse(bench.run(crane, oval(crane, far, near), 10.0, dt))[1])
         name = f"precession of an oval of {far:g} m by {near:g} m"
         made.append(Oracle(f"{name}, a revolution", "rad", theory.apsidal_precession(LENGTH, far, near), turned))
         if (far, near) == OVALS[0]:
