@@ -78,7 +78,8 @@ def simulate(
         integrator: The stepping rule.
         engine: "pinocchio" steps by Pinocchio's algorithms. "compiled" steps by code made for this crane, which agrees with them to
             round-off and is many times faster, most of all where nothing in the loop is Python: for a controller that is affine in the
-            state, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`, and no disturbance. It needs the extra `compiled`.
+            state, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`, and no disturbance.
+            Its angles end at a million rad. It needs the extra `compiled`.
         progress: Called with the time [s] at every control instant, or once in a while where a compiled loop runs ahead.
 
     Returns:
