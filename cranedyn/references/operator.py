@@ -50,8 +50,8 @@ class Operator(Tabulating):
         """What is wanted at many times [s], shape (n, 3) each."""
         since = np.maximum(times[:, None] - self.begins, 0.0)
         rising, on = np.minimum(since, self.lasts), (since > 0.0) & (since < self.lasts)
-        parts = (rising * (since - rising / 2.0), rising, on)
-        gone, velocity, acceleration = ((part[:, :, None] * self.accelerations).sum(axis=1) for part in parts)
+        parts = np.array([rising * (since - rising / 2.0), rising, on])
+        gone, velocity, acceleration = (parts[..., None] * self.accelerations).sum(axis=2)
         return Wanted(self.start + gone, velocity, acceleration)
 
 
