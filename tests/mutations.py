@@ -218,15 +218,15 @@ MUTATIONS = (
     Mutation(
         "cranes of a batch have each other's numbers",
         "cranedyn/batch.py",
-        "varied[[which[id(one)] for one in cranes]]",
-        "varied[[which[id(one)] for one in cranes[::-1]]]",
+        "grouped(varied[which], _LANES)",
+        "grouped(varied[which[::-1]], _LANES)",
         ("batch",),
     ),
     Mutation(
         "a swing of a batch counts as residual a row late",
         "cranedyn/batch.py",
-        "after = min(after, math.ceil(first - 1e-6))",
-        "after = min(after, math.ceil(first - 1e-6) + 1)",
+        """"residual_from", t, since, end, "s") - since) / clock.period - 1e-6)""",
+        """"residual_from", t, since, end, "s") - since) / clock.period - 1e-6) + 1""",
         ("batch",),
     ),
 )

