@@ -55,7 +55,10 @@ class Engine:
 
     Attributes:
         state: Where the crane is.
+        look_back: After how many control instants the log should be looked through for what the model does not hold for.
     """
+
+    look_back = 200
 
     def __init__(self, setting: Setting, start: State) -> None:
         """Begin at a state, without command."""

@@ -34,9 +34,6 @@ Watch = Literal["stop", "buffers", "mark"]
 EngineName = Literal["pinocchio", "compiled"]
 """What computes a step."""
 
-_LOOK_BACK = 200
-"""Control instants after which the log is looked through for what the model does not hold for."""
-
 
 def simulate(
     crane: Crane,
@@ -139,7 +136,7 @@ def simulate(
                     log.buffers(*moving.buffers())
                 command, effort = moving.take(_command(controller(t, state, wanted), t))
                 log.row(state, wanted.position, command, effort, before)
-                if k % _LOOK_BACK == 0:
+                if k % moving.look_back == 0:
                     look_back()
                 if progress is not None:
                     progress(t)
@@ -200,6 +197,8 @@ def _forces(answer: object) -> np.ndarray:
 
 
 def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> np.ndarray:
+    if type(answer) is np.ndarray and answer.dtype == float and answer.shape == shape:
+        return answer.copy()
     try:
         array = np.array(answer, dtype=float)
     except (TypeError, ValueError):

@@ -34,12 +34,7 @@ def _loop(case: Case) -> Run:
 
 def _stepping(case: Case) -> Run:
     """A controller in Python, compiled steps in between."""
-    hold = case.controller
-
-    def controller(t: float, state: State, wanted: Wanted) -> np.ndarray:
-        return hold(t, state, wanted)
-
-    return _compiled(case, controller)
+    return _compiled(case, partial(case.controller))
 
 
 def _closed(case: Case) -> Run:

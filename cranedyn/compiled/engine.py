@@ -32,7 +32,10 @@ class CompiledEngine(Engine):
 
     Attributes:
         state: Where the crane is.
+        look_back: As for `Engine`; instants are quicker here.
     """
+
+    look_back = 1000
 
     def __init__(self, setting: Setting, start: State) -> None:
         """Begin at a state, without command; OutOfRange if there is no code for the stepping rule."""
@@ -42,7 +45,8 @@ class CompiledEngine(Engine):
         self._limits = Limits(setting.crane) if setting.drive == "effort" else None
         self._drives = setting.drives(setting.clocks.dt, self._outside)
         self._memory, self._force = np.zeros(size(STATE)), np.zeros((1, size(FORCE)))
-        self._memory[:10] = np.concatenate(start)
+        self._here = self._memory[:10]
+        self._here[:] = np.concatenate(start)
         self._law, self._aim = held(np.zeros(3))
         self._held, self._effort = self._law[0, _FEED_FORWARD], np.zeros(3)
         self._codes: dict[tuple[bool, bool], tuple[Kernel, Call]] = {}
@@ -114,7 +118,7 @@ class CompiledEngine(Engine):
         return self._arrived()
 
     def _arrived(self) -> State:
-        here = self._memory[:10].copy()
+        here = self._here.copy()
         here.setflags(write=False)
         self.state = State(here[:5], here[5:])
         return self.state
