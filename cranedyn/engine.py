@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+import pinocchio as pin
 
 from cranedyn.clocks import Clocks
 from cranedyn.crane import DRIVES, Crane, State
@@ -62,7 +64,7 @@ class Engine:
 
     def __init__(self, setting: Setting, start: State) -> None:
         """Begin at a state, without command."""
-        self.state = start
+        self.state, self._setting = start, setting
         clocks = setting.clocks
         self._dt, self._steps, self._integrator = clocks.dt, clocks.steps, setting.integrator
         self._u, self._per_second = clocks.dt * start.v, np.full(5, 1.0 / clocks.dt)
@@ -80,6 +82,11 @@ class Engine:
         if self._rough is not None:
             self._rough.drives.take(command, self.state)
         return self._drives.take(command, self.state)
+
+    def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Mechanical energy of states in rows [J], zero of height at the ground, shape (n,)."""
+        crane = self._setting.crane
+        return np.array(list(map(partial(pin.computeMechanicalEnergy, crane.model, crane.data), q, v)))
 
     def effort(self) -> np.ndarray:
         """What acts here under the last command, shape (3,)."""

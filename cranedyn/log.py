@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Callable, Mapping
 
 import numpy as np
-import pinocchio as pin
 
 from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.dynamics import payload_position, pivot_position
@@ -16,6 +14,9 @@ from cranedyn.watch import valid
 
 _LARGEST = 4e9
 """Memory that the log of a run and the trajectory made of it may take [byte]."""
+
+Energies = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""From coordinates and rates in rows, shape (n, 5) each, to mechanical energies [J], shape (n,)."""
 
 _ROW = 2 * 8 * sum(len(columns) for columns in COLUMNS.values())
 
@@ -93,7 +94,7 @@ class Log:
         self._rows = self._looked + fresh_row + 1
         return self._since + self._period * (self._rows - 1)
 
-    def trajectory(self, parameters: dict[str, float | str], *, buffers: bool) -> Trajectory:
+    def trajectory(self, parameters: dict[str, float | str], energies: Energies, *, buffers: bool) -> Trajectory:
         """The log as arrays, with its energy ledger.
 
         Work is a force times the displacement that belongs to the velocities, so the lead of the positions is taken off. Where motion is
@@ -114,7 +115,7 @@ class Log:
             wanted=self._wanted[:n],
             command=self._command[:n],
             effort=effort,
-            energy=self._energies(),
+            energy=self._filled(energies),
             work=work,
             dissipated=dissipated,
             force=force,
@@ -123,13 +124,12 @@ class Log:
             parameters=parameters,
         )
 
-    def _energies(self) -> np.ndarray:
-        """Mechanical energy of each row [J], by Pinocchio where it is not known yet."""
+    def _filled(self, energies: Energies) -> np.ndarray:
+        """Mechanical energy of each row [J], computed where it was not logged."""
         energy = self._energy[: self._rows].copy()
         missing = np.isnan(energy)
         if missing.any():
-            rows = self._q[: self._rows][missing], self._v[: self._rows][missing]
-            energy[missing] = list(map(partial(pin.computeMechanicalEnergy, self._crane.model, self._crane.data), *rows))
+            energy[missing] = energies(self._q[: self._rows][missing], self._v[: self._rows][missing])
         return energy
 
     def _work_of_forces(self, middle: np.ndarray, force: np.ndarray) -> np.ndarray:

@@ -102,7 +102,8 @@ def simulate(
 
     def recorded() -> Trajectory:
         made: dict[str, float | str] = {"dt_s": dt, "control_period_s": control_period, "gravity_m_s2": crane.gravity}
-        return log.trajectory({**made, "drive": drive, "engine": engine, "integrator": integrator.name, "watch": watch}, buffers=buffers)
+        made |= {"drive": drive, "engine": engine, "integrator": integrator.name, "watch": watch}
+        return log.trajectory(made, moving.energies, buffers=buffers)
 
     def look_back() -> None:
         if watch == "mark":

@@ -93,6 +93,14 @@ class CompiledEngine(Engine):
         self._effort = self._held[:] = self._limits.cut(command)
         return command, self._effort
 
+    def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """As `Engine.energies`; by code if it was made for stepping."""
+        if self._step is None:
+            return super().energies(q, v)
+        states, count, found = np.hstack([q, v]), np.array([len(q)]), np.empty(len(q))
+        self._code(integral=False, log=False)[0].energies(states.ctypes.data, count.ctypes.data, found.ctypes.data)
+        return found
+
     def effort(self) -> np.ndarray:
         """As `Engine.effort`."""
         return self._drives.effort(self.state) if self._limits is None else self._effort
@@ -118,8 +126,7 @@ class CompiledEngine(Engine):
         return self._arrived()
 
     def _arrived(self) -> State:
-        here = self._here.copy()
-        here.setflags(write=False)
+        here = np.frombuffer(self._here.tobytes())  # a copy that cannot be written to
         self.state = State(here[:5], here[5:])
         return self.state
 

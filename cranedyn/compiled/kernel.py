@@ -57,6 +57,8 @@ class Kernel(NamedTuple):
         run: The loop, from the address of a `Call`.
         answer: Accelerations at one state for each lane, from the addresses of q, v, command and force, of the varied numbers, and of where
             the five accelerations go.
+        energies: Mechanical energy of many states, from the addresses of rows of q and v, of their number and of where the energies go;
+            only of code for one crane that keeps no log.
         agreed: Varied numbers of the cranes with which it was compared with Pinocchio.
     """
 
@@ -64,6 +66,7 @@ class Kernel(NamedTuple):
     machine: Machine
     run: Any
     answer: Any
+    energies: Any
     agreed: set[bytes]
 
 
@@ -72,8 +75,12 @@ def kernel(parents: Sequence[int], constants: Sequence[float | None], recipe: Re
     module = ir.Module()
     _Loop(Code(module, "run", ["call"], recipe.lanes), parents, constants, recipe).emit()
     _emit_answer(Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes), parents, constants, recipe)
+    alone = recipe.lanes == 1 and not recipe.log
+    if alone:
+        _emit_energies(Code(module, "energies", ["given", "count", "energies"], 1), parents, constants, recipe)
     machine = translated(module)
-    return Kernel(recipe, machine, machine.function("run", 1), machine.function("answer", 3), set())
+    energies = machine.function("energies", 3) if alone else None
+    return Kernel(recipe, machine, machine.function("run", 1), machine.function("answer", 3), energies, set())
 
 
 def _plant(code: Code, own: ir.Value, parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> Plant:
@@ -88,6 +95,15 @@ def _emit_answer(code: Code, parents: Sequence[int], constants: Sequence[float |
     q, v, command, forces = (array(given[part]) for part in (slice(5), slice(5, 10), slice(10, 13), slice(13, 19)))
     for i, a in enumerate(crane.answer(q, v, command, forces if recipe.forces else None)[0]):
         code.store(a, code.argument["accelerations"], i * code.lanes)
+    code.end()
+
+
+def _emit_energies(code: Code, parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> None:
+    given, crane = code.argument["given"], _plant(code, code.argument["given"], parents, constants, recipe)
+    with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
+        first = code.product(row, 10)
+        state = array([code.spread(given, code.builder.add(first, code.integer(i))) for i in range(10)])
+        code.store(crane.energy(state[:5], state[5:]), code.argument["energies"], row)
     code.end()
 
 
