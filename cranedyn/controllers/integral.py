@@ -36,7 +36,7 @@ class HoistIntegral:
         """Efforts [N m, N, N], shape (3,)."""
         effort = self.tracking(t, state, wanted)
         error = float(wanted.position[2] - state.q[4])
-        if t > self._t:
+        if t != self._t:
             integral = self.integral + error * self.tracking.period
             pushed = float(effort[2]) + self.integral_gain * integral
             if abs(pushed) <= self.limit or error * pushed < 0.0:
