@@ -66,7 +66,7 @@ class Engine:
         """Begin at a state, without command."""
         self.state, self._setting = start, setting
         clocks = setting.clocks
-        self._dt, self._steps, self._integrator = clocks.dt, clocks.steps, setting.integrator
+        self._steps, self._integrator = clocks.steps, setting.integrator
         self._u, self._per_second = clocks.dt * start.v, np.full(5, 1.0 / clocks.dt)
         gives_way = setting.buffers and setting.integrator.smooth
         self._outside = setting.outside(clocks.dt, buffers=setting.buffers and not gives_way)
