@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -57,9 +58,9 @@ def _numbers(case: Case, rate: np.ndarray, plain: np.ndarray) -> tuple[float, fl
 def tables(rows: Sequence[Sequence[float | str | None]], refused: Sequence[tuple[str, str]], rounds: int) -> list[Table]:
     """One crane, many cranes, and who is not shown."""
     note = (
-        f"Median of {rounds} shuffled rounds, on this machine with whatever else it did. Real time: simulated time of all cranes over wall "
-        f"time. Ratio: to the plain loop of the same round. Apart: largest difference from the plain loop over {STRETCH:g} s, of a "
-        f"coordinate or rate [rad, m, per second] or of an effort as a share of its limit; {ALLOWED:g} at most."
+        f"Median of {rounds} shuffled rounds on {os.cpu_count()} processors, with whatever else they did. Real time: simulated time of "
+        f"all cranes over wall time. Ratio: to the plain loop of the same round. Apart: largest difference from the plain loop over "
+        f"{STRETCH:g} s, of a coordinate or rate [rad, m, per second] or of an effort as a share of its limit; {ALLOWED:g} at most."
     )
     single = [row for row in rows if row[1] == 1]
     made = [Table(f"One crane for {DURATION:g} s, or as much of them as fits", COLUMNS, single, note)]

@@ -28,11 +28,16 @@ def race(tasks: Sequence[Callable[[], object]], rounds: int, rng: np.random.Gene
 
 
 def stretch(case: Case, run: Run, cranes: int, budget: float) -> float:
-    """Simulated time [s] that takes a way about so many seconds, 70 s at most and a control period at least."""
+    """Simulated time [s] that takes a way about so many seconds, 70 s at most and a control period at least.
+
+    It is longer where a run has fixed costs, such as laying out many cranes, so that these are about a tenth of it.
+    """
     starts, whole = case.starts(cranes), case.periods(DURATION)
     run(starts, case.period)
-    periods, taken = 1, seconds(lambda: run(starts, case.period))
-    while taken < 0.1 * budget and periods < whole:
+    periods, fixed = 1, seconds(lambda: run(starts, case.period))
+    taken = fixed
+    while taken < 0.1 * budget + fixed and periods < whole:
         periods = min(10 * periods, whole)
         taken = seconds(partial(run, starts, periods * case.period))
-    return min(max(round(periods * budget / taken), 1), whole) * case.period
+    each = max(taken - fixed, 0.0) / (periods - 1) if periods > 1 and taken > fixed else taken / periods
+    return min(max(round(max(budget, 10.0 * (fixed - each)) / each), 1), whole) * case.period

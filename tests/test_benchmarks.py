@@ -208,12 +208,25 @@ def test_every_round_measures_each_once_in_an_order_of_its_own() -> None:
     assert len(set(orders)) > 1
 
 
-def test_a_run_is_cut_to_its_time_and_never_longer_than_the_whole() -> None:
-    def instant(starts: np.ndarray, duration: float) -> Result:
+def test_a_run_is_cut_to_its_time_but_not_below_ten_times_its_fixed_cost_and_never_longer_than_the_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[float] = []
+
+    def run(starts: np.ndarray, duration: float) -> Result:
+        asked.append(duration)
         return Result(starts, np.zeros(len(starts)))
 
-    assert stretch(CASE, instant, 1, 0.5) == 70.0
-    assert stretch(CASE, ours.PLAIN.prepare(CASE), 1, 1e-9) == CASE.period
+    def costs(fixed: float, each: float) -> None:
+        monkeypatch.setattr("benchmarks.timing.seconds", lambda task: (task(), fixed + each * asked[-1] / CASE.period)[1])
+
+    costs(0.0, 1e-3)
+    assert stretch(CASE, run, 1, 0.5) == pytest.approx(500 * CASE.period)
+    assert stretch(CASE, run, 1, 1e-9) == CASE.period
+    costs(0.2, 1e-3)
+    assert stretch(CASE, run, 1, 0.5) == pytest.approx(2000 * CASE.period)
+    costs(0.0, 1e-9)
+    assert stretch(CASE, run, 1, 0.5) == 70.0
 
 
 def test_engines_leaves_tables_in_a_document_and_a_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
