@@ -283,7 +283,7 @@ def test_progress_is_shown_in_words() -> None:
     said = []
     for progress in (Progress(40, 4000, 0, 40), Progress(50, 4000, 2, 40)):
         show(progress)
-        said.append((bars.tasks[0].completed, bars.tasks[0].total, bars.tasks[0].fields["words"]))
+        said.append((bars.tasks[0].completed, bars.tasks[0].total, bars.tasks[0].fields["speed"]))
     assert said == [(40, 4000, "40 of 4000 cases"), (50, 4000, "50 of 4000 cases, 0.5/s, 2 bad, 2:11:40 left")]
     assert math.isclose(3950 / 0.5, 2 * 3600 + 11 * 60 + 40)
 

@@ -111,7 +111,7 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(tmp_path: Pa
 
 def test_the_commands_of_the_documentation_work(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "sweeps.md").read_text().replace("8786", str(free_port()))
-    study, local, clustered = re.findall(r"```(?:python)?\n(.*?)```", text, re.DOTALL)
+    study, local, clustered, _ = re.findall(r"```(?:python)?\n(.*?)```", text, re.DOTALL)
     (tmp_path / "swings.py").write_text(study)
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "DASK_TEMPORARY_DIRECTORY": str(tmp_path)}
     environment["PYTHONPATH"] = f".:{ROOT}"
