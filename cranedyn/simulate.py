@@ -31,6 +31,8 @@ Drive = Literal["effort", "motion"]
 Watch = Literal["stop", "buffers", "mark"]
 """What to do where the model ceases to hold: stop; let buffers end the ranges of the drives and stop at all else; go on and mark it."""
 
+_NUMBERS = np.dtype(float)
+
 EngineName = Literal["pinocchio", "compiled"]
 """What computes a step."""
 
@@ -198,7 +200,7 @@ def _forces(answer: object) -> np.ndarray:
 
 
 def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> np.ndarray:
-    if type(answer) is np.ndarray and answer.dtype == float and answer.shape == shape:
+    if type(answer) is np.ndarray and answer.dtype is _NUMBERS and answer.shape == shape:
         return answer.copy()
     try:
         array = np.array(answer, dtype=float)
