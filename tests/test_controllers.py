@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.controllers import Hold, follow, hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
+from cranedyn.controllers.tracking import Tracking
 from cranedyn.crane import State
 from cranedyn.references import Wanted, hold, ramp
 from tests.helpers import crane, states
@@ -61,3 +62,13 @@ def test_follow_reaches_the_velocity_that_is_wanted_one_period_later(period: flo
     for t in (0.5, 1.0 - period / 2, 2.0):
         reached = start.v[[0, 1, 4]] + period * drives(t, start, reference(t))
         assert_allclose(reached, reference(t + period).velocity, atol=1e-15)  # rounding
+
+
+def test_tracking_goes_by_its_first_row_before_it_begins_and_by_its_last_when_it_is_over() -> None:
+    rows = np.arange(12.0).reshape(4, 3)
+    tracking = Tracking(0.5, rows, np.zeros((4, 3, 10)), np.zeros((4, 10)))
+    times = np.array([-7.0, -0.5, 0.0, 0.5, 1.5, 9.0])
+    commands = [tracking(t, crane().start, STILL) for t in times]
+    assert_allclose(commands, rows[[0, 0, 0, 1, 3, 3]])
+    form = tracking.affine(times, np.zeros((6, 3)))
+    assert_allclose(form.feed_forward[np.minimum(range(6), len(form.feed_forward) - 1)], commands)

@@ -33,8 +33,8 @@ class Linearised(NamedTuple):
     b: np.ndarray
 
     def row(self, t: float) -> int:
-        """The row for a time [s]; beyond the end the last."""
-        return min(round(t / self.period), len(self.efforts) - 1)
+        """The row for a time [s]; before the beginning the first, beyond the end the last."""
+        return min(max(round(t / self.period), 0), len(self.efforts) - 1)
 
 
 def linearised(crane: Crane, motion: Motion, *, dt: float, every: int, control_period: float | None = None) -> Linearised:

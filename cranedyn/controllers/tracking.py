@@ -15,7 +15,7 @@ from cranedyn.references import Wanted
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """effort = feed_forward[k] - gain[k] (z - wanted[k]) with z = (coordinates, rates); beyond its end the last row holds.
+    """effort = feed_forward[k] - gain[k] (z - wanted[k]) with z = (coordinates, rates); before time 0 k is 0, beyond the end the last.
 
     Attributes:
         period: Time between rows [s], the control period.
@@ -35,7 +35,7 @@ class Tracking:
         Raises:
             OutOfRange: If a coordinate or rate is not finite.
         """
-        k = min(round(t / self.period), len(self.feed_forward) - 1)
+        k = min(max(round(t / self.period), 0), len(self.feed_forward) - 1)
         efforts = self.feed_forward[k] - self.gain[k] @ (np.concatenate(state) - self.wanted[k])
         if not math.isfinite(sum(efforts.tolist())):
             check_finite(state)
@@ -44,7 +44,7 @@ class Tracking:
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """The common form, see `cranedyn.controllers.affine`."""
         last = len(self.feed_forward) - 1
-        rows = np.minimum(np.round(times / self.period).astype(int), last)
+        rows = np.clip(np.round(times / self.period).astype(int), 0, last)
         rows = rows[: int(np.argmax(rows == last)) + 1] if last in rows else rows
         return without_integral(self.feed_forward[rows], self.gain[rows], self.wanted[rows])
 
