@@ -13,30 +13,44 @@ from cranedyn.files import check_writable
 from cranedyn.simulate import EngineName
 
 
-def parser(name: str, description: str) -> argparse.ArgumentParser:
-    """A parser with the arguments that every experiment has."""
+def parser(
+    name: str, description: str, *, recording: bool = True, engines: Sequence[str] = get_args(EngineName)
+) -> argparse.ArgumentParser:
+    """A parser with the arguments that every experiment has.
+
+    Args:
+        name: Of the experiment.
+        description: What it shows.
+        recording: Whether it leaves a recording, which can be saved elsewhere and looked at.
+        engines: What may compute its steps, the default first.
+    """
     made = argparse.ArgumentParser(
         prog=f"python -m experiments.{name}", description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     made.add_argument("--out", metavar="DIR", help=f"folder for results, default out/{name}", default=argparse.SUPPRESS)
-    made.add_argument("--save", metavar="FILE.rrd", help="write the recording here instead of into the folder", default=argparse.SUPPRESS)
     made.add_argument(
         "--document", metavar="FILE.md", help="put the tables between their marks in this document, too", default=argparse.SUPPRESS
     )
-    made.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
-    made.add_argument("--serve", action="store_true", help="serve the recording to a browser on this machine until Ctrl-C")
-    made.add_argument("--port", type=int, default=9090, metavar="P", help="where --serve has its page; the data is at the next port")
-    add_engine(made)
-    made.set_defaults(experiment=name, live=False, modes={})
+    made.set_defaults(experiment=name, live=False, modes={}, view=False, serve=False)
+    if recording:
+        _add_recording(made)
+    add_engine(made, engines)
     return made
 
 
-def add_engine(made: argparse.ArgumentParser) -> None:
-    """Add the choice of what computes a step."""
+def _add_recording(made: argparse.ArgumentParser) -> None:
+    made.add_argument("--save", metavar="FILE.rrd", help="write the recording here instead of into the folder", default=argparse.SUPPRESS)
+    made.add_argument("--view", action="store_true", help="open the recording in the Rerun viewer")
+    made.add_argument("--serve", action="store_true", help="serve the recording to a browser on this machine until Ctrl-C")
+    made.add_argument("--port", type=int, default=9090, metavar="P", help="where --serve has its page; the data is at the next port")
+
+
+def add_engine(made: argparse.ArgumentParser, engines: Sequence[str] = get_args(EngineName)) -> None:
+    """Add the choice of what computes a step, the default first."""
     made.add_argument(
         "--engine",
-        choices=get_args(EngineName),
-        default="pinocchio",
+        choices=engines,
+        default=engines[0],
         help="what computes a step: Pinocchio's algorithms, or code compiled for the crane, which agrees to round-off and is faster",
     )
 

@@ -6,6 +6,7 @@ import argparse
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -56,7 +57,12 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     return common.Outcome(
         tables=[_ways(found)],
         claims=_claims(found, end.errors),
-        parameters={**world.parameters(), "points": options.points, "durations": options.durations, "cases": end.cases},
+        parameters={
+            **replace(world, watch="mark").parameters(),
+            "points": options.points,
+            "durations": options.durations,
+            "cases": end.cases,
+        },
         figures={"sweep_map": map_figure(found), "sweep_timing": timing_figure(found)},
     )
 
@@ -95,7 +101,10 @@ def _claims(found: Columns, errors: int) -> list[common.Claim]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = common.parser(
-        "sweep", "How much swing each way to make the combined move leaves where load, cable and time for it differ, case by case."
+        "sweep",
+        "How much swing each way to make the combined move leaves where load, cable and time for it differ, case by case.",
+        recording=False,
+        engines=("compiled",),
     )
     made.add_argument("--points", type=_count, default=32, metavar="N", help="loads, and cables, between the ends of their ranges")
     made.add_argument("--durations", type=_count, default=13, metavar="N", help="times for the move")

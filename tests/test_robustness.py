@@ -82,3 +82,11 @@ def test_the_command_sweeps_shows_and_does_not_sweep_again(tmp_path: Path, capsy
     assert {part: part.stat().st_mtime_ns for part in parts} == parts
     assert sweep.main([*arguments[:1], "3", *arguments[2:]]) == 2
     assert "another" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("unused", [["--engine", "pinocchio"], ["--view"], ["--serve"], ["--save", "x.rrd"], ["--port", "1"]])
+def test_arguments_that_a_sweep_has_no_use_for_are_refused(unused: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        sweep.main([*unused, "--points", "1"])
+    assert ended.value.code == 2
+    assert unused[0] in capsys.readouterr().err
