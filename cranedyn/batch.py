@@ -15,7 +15,7 @@ from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.layout import ROW, STATE, SUMMARY, places, size
 from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.crane import Crane, State
-from cranedyn.errors import OutOfRange, number, within
+from cranedyn.errors import OutOfRange, number, whole, within
 from cranedyn.integrator import Integrator, semi_implicit_euler
 from cranedyn.references import Reference
 from cranedyn.simulate import Controller, Drive
@@ -113,7 +113,7 @@ def simulate_batch(
         raise OutOfRange("buffers", buffers, "False where the drives follow prescribed motion")
     number("time at the start", since, "s", "-1e9 to 1e9")
     after = _instant(residual_from, since, clock)
-    every, workers = inputs.whole("record", record, 0), None if threads is None else inputs.whole("threads", threads, 1)
+    every, workers = whole("record", record, 0), None if threads is None else whole("threads", threads, 1)
     cranes = inputs.count(crane=crane, controller=controller, reference=reference, start=start)
     rows = clock.periods // every + 1 if every else 0
     inputs.fits(cranes, rows, clock.periods)

@@ -59,9 +59,18 @@ def clocks(duration: float, dt: float, control_period: float) -> Clocks:
             raise OutOfRange(
                 name, step, f"{longest / _MOST_STEPS:g} or more for a run of {longest:g} s, that is {_MOST_STEPS:g} steps", "s"
             )
-    steps, periods = round(control_period / dt), round(duration / control_period)
-    if steps < 1 or abs(steps * dt - control_period) > 1e-9 * control_period:
-        raise OutOfRange("control_period", control_period, f"a multiple of dt = {dt:g} s", "s")
-    if periods < 1 or abs(periods * control_period - duration) > 1e-9 * duration:
-        raise OutOfRange("duration", duration, f"a multiple of control_period = {control_period:g} s", "s")
-    return Clocks(dt, control_period, steps, periods)
+    steps = multiple("control_period", control_period, "dt", dt)
+    return Clocks(dt, control_period, steps, multiple("duration", duration, "control_period", control_period))
+
+
+def multiple(name: str, value: float, of_name: str, of: float) -> int:
+    """How many times one time [s] goes into another.
+
+    Raises:
+        OutOfRange: If one is not positive, or they do not divide.
+    """
+    number(of_name, of, "s", "> 0")
+    times = round(number(name, value, "s", "> 0") / of)
+    if times < 1 or abs(times * of - value) > 1e-9 * value:
+        raise OutOfRange(name, value, f"a multiple of {of_name} = {of:g} s", "s")
+    return times

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from numbers import Integral
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -125,6 +126,17 @@ def within(name: str, value: object, low: float, high: float, unit: str = "") ->
             ends = str(float(low)), str(float(high))
         raise OutOfRange(name, value, " to ".join(ends), unit)
     return x
+
+
+def whole(name: str, value: object, least: int, unit: str = "") -> int:
+    """The value, if it is a whole number from `least` on.
+
+    Raises:
+        OutOfRange: If it is none, or less.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        raise OutOfRange(name, value, f"a whole number >= {least}", unit)
+    return int(value)
 
 
 def _range(allowed: str) -> tuple[float, float, bool]:

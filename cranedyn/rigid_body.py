@@ -18,6 +18,9 @@ import pinocchio as pin
 
 from cranedyn.errors import ModelError
 
+_AGREEMENT = 1e-11
+"""Relative difference of accelerations that is taken for round-off however well the mass matrix is conditioned."""
+
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
@@ -234,6 +237,18 @@ def lost_digits(mass: np.ndarray) -> float:
     whole = np.triu(mass) + np.triu(mass, 1).T
     root = np.sqrt(np.diag(whole))
     return float(1e3 * np.finfo(float).eps * np.linalg.cond(whole / root / root[:, None]))
+
+
+def disagreement(found: np.ndarray, expected: np.ndarray, mass: np.ndarray) -> float:
+    """How far accelerations are from those expected, relative to the largest; 0 where that is round-off.
+
+    Args:
+        found: One state or the same in each row, shape (n,) or (m, n).
+        expected: By Pinocchio, shape (n,).
+        mass: The mass matrix there, or its upper triangle, shape (n, n).
+    """
+    off = float(np.abs(found - expected).max() / np.abs(expected).max())
+    return 0.0 if off <= _AGREEMENT or off <= lost_digits(mass) else off
 
 
 def potential_energy(tree: Bodies, where: Sequence[Frame]) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -18,7 +17,7 @@ from cranedyn.trajectory import Trajectory
 from cranedyn.wind import cosine_gust, steady, wind
 from experiments import common
 from experiments.moves import AFTER, Move, Score, score
-from experiments.ways import Plan
+from experiments.ways import Plan, instant
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ def make(world: common.World, move: Move, plan: Plan, case: Case = NOMINAL, *, l
         controller = sensed(controller, delay=case.delay, noise=noise, rng=np.random.default_rng(1))
     if case.cable:
         controller = _misread(controller, case.cable)
-    duration = world.control_period * math.ceil((plan.arrives + AFTER) / world.control_period - 1e-9)
+    duration = instant(world, plan.arrives + AFTER)
     run = world.simulate(
         crane,
         controller,

@@ -7,23 +7,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 
-from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
 
 from cranedyn.sweep import Progress
+from experiments.world import watching
 
 
 @contextmanager
 def sweeping(name: str) -> Iterator[Callable[[Progress], None] | None]:
     """What to give to `cranedyn.sweep.sweep` as its progress, for as long as the context lasts; None where nobody watches."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[speed]}"), TimeElapsedColumn()
-    with Bars(*columns, console=console, transient=True) as bars:
-        yield shown(bars, name, time.monotonic)
+    with watching() as watcher:
+        yield None if watcher.progress is None else shown(watcher.progress, name, time.monotonic)
 
 
 def shown(bars: Bars, name: str, clock: Callable[[], float]) -> Callable[[Progress], None]:

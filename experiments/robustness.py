@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -15,6 +14,7 @@ from cranedyn.crane import Crane, State
 from cranedyn.dynamics import payload_position
 from cranedyn.references.shaped import Shaper, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import spline
+from cranedyn.theory import point_period
 from experiments import ways
 from experiments.moves import MOVES, Move
 from experiments.world import World
@@ -32,7 +32,7 @@ def _shaped_spline(shaper: Shaper) -> Callable[[World, Move], ways.Plan]:
     """The spline in less time, shaped for the mean cable length, so that it ends when the move should."""
 
     def plan(world: World, move: Move) -> ways.Plan:
-        period = 2.0 * math.pi * math.sqrt((move.start[2] + move.goal[2]) / 2.0 / world.crane.gravity)
+        period = ways.mean_period(world, move)
         base = spline(move.ends(world.crane)[0], [move.goal], [move.duration - period * float(shaper.fractions[-1])])
         reference = shaped(base, shaper, period)
         return ways.Plan(lambda: follow(reference, world.control_period), reference, "motion", move.duration, looks=False)
@@ -42,7 +42,7 @@ def _shaped_spline(shaper: Shaper) -> Callable[[World, Move], ways.Plan]:
 
 def _shaped_for_moving_cable(world: World, move: Move) -> ways.Plan:
     """The same by the shaper that knows how the cable moves."""
-    shorter = move.duration - math.pi * math.sqrt(move.goal[2] / world.crane.gravity)
+    shorter = move.duration - float(point_period(move.goal[2], world.crane.gravity)) / 2.0
     base = spline(move.ends(world.crane)[0], [move.goal], [shorter])
     reference = shaped_hoisting(base, zv(), world.crane.gravity, shorter, step=world.control_period)
     return ways.Plan(lambda: follow(reference, world.control_period), reference, "motion", move.duration, looks=False)
@@ -87,11 +87,11 @@ def robustness(cases: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _made(world: World, way: str, duration: float, loads: np.ndarray, errors: np.ndarray) -> dict[str, np.ndarray]:
     move = replace(COMBINED, duration=duration)
     plan = WAYS[way](world, move)
-    cranes = [_crane(world, float(load)) for load in loads]
+    cranes = [_crane(world.gravity, float(load) * world.crane.payload_mass) for load in loads]
     start, goal = (_longer(end, errors) for end in move.ends(world.crane))
     offset = np.zeros((len(errors), 10))
     offset[:, 4] = -errors
-    ends = math.ceil((plan.arrives + AFTER) / world.control_period - 1e-9) * world.control_period
+    ends = ways.instant(world, plan.arrives + AFTER)
     batch = simulate_batch(
         cranes,
         plan.controller(),
@@ -125,11 +125,6 @@ def _longer(state: State, by: np.ndarray) -> State:
 
 
 @lru_cache(maxsize=4096)
-def _load(gravity: float, load: float) -> Crane:
-    world = World(gravity)
-    return world.variant(payload_mass=load * world.crane.payload_mass)
-
-
-def _crane(world: World, load: float) -> Crane:
+def _crane(gravity: float, payload_mass: float) -> Crane:
     """The crane with another load, the same object for the same load."""
-    return _load(world.gravity, load)
+    return World(gravity).variant(payload_mass=payload_mass)

@@ -22,6 +22,7 @@ from cranedyn.references.shaped import Shaper, ei, shaped, shaped_hoisting, zv, 
 from cranedyn.references.spline import Spline, spline
 from cranedyn.references.wanted import Reference
 from cranedyn.simulate import Controller, Drive
+from cranedyn.theory import point_period
 from experiments import common
 from experiments.moves import LIMITS, Move
 
@@ -100,15 +101,15 @@ def joystick(world: common.World, move: Move) -> tuple[Reference, float]:
 
 def _operator(world: common.World, move: Move) -> Plan:
     reference, end = joystick(world, move)
-    return Plan(lambda: follow(reference, world.control_period), reference, "motion", _instant(world, end), looks=False)
+    return Plan(lambda: follow(reference, world.control_period), reference, "motion", instant(world, end), looks=False)
 
 
 def _shaped(shaper: Shaper) -> Callable[[common.World, Move], Plan]:
     def plan(world: common.World, move: Move) -> Plan:
         base, end = joystick(world, move)
-        period = 2.0 * math.pi * math.sqrt((move.start[2] + move.goal[2]) / 2.0 / world.crane.gravity)
+        period = mean_period(world, move)
         reference = shaped(base, shaper, period)
-        arrives = _instant(world, end + period * float(shaper.fractions[-1]))
+        arrives = instant(world, end + period * float(shaper.fractions[-1]))
         return Plan(lambda: follow(reference, world.control_period), reference, "motion", arrives, looks=False)
 
     return plan
@@ -117,17 +118,22 @@ def _shaped(shaper: Shaper) -> Callable[[common.World, Move], Plan]:
 def _shaped_hoisting(world: common.World, move: Move) -> Plan:
     base, end = joystick(world, move)
     reference = shaped_hoisting(base, zv(), world.crane.gravity, end, step=world.control_period)
-    arrives = _instant(world, end + math.pi * math.sqrt(move.goal[2] / world.crane.gravity))
+    arrives = instant(world, end + float(point_period(move.goal[2], world.crane.gravity)) / 2.0)
     return Plan(lambda: follow(reference, world.control_period), reference, "motion", arrives, looks=False)
 
 
 def _damped(world: common.World, move: Move) -> Plan:
     reference, end = joystick(world, move)
     controller = damped(world.crane, reference, limits=LIMITS, recovery=0.3, control_period=world.control_period)
-    return Plan(lambda: controller, reference, "motion", _instant(world, end))
+    return Plan(lambda: controller, reference, "motion", instant(world, end))
 
 
-def _instant(world: common.World, t: float) -> float:
+def mean_period(world: common.World, move: Move) -> float:
+    """Swing period at the mean of the cable lengths at start and goal [s]."""
+    return float(point_period((move.start[2] + move.goal[2]) / 2.0, world.crane.gravity))
+
+
+def instant(world: common.World, t: float) -> float:
     """The first control instant at or after a time [s]."""
     return world.control_period * float(np.ceil(t / world.control_period - 1e-9))
 

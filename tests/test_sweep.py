@@ -291,7 +291,7 @@ def test_progress_is_shown_in_words() -> None:
 def test_progress_is_told_only_to_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     with told.sweeping("study") as nobody:
         assert nobody is None
-    monkeypatch.setattr(told, "Console", lambda stderr: Console(file=io.StringIO(), force_terminal=True))
+    monkeypatch.setattr("experiments.world.Console", lambda stderr: Console(file=io.StringIO(), force_terminal=True))
     with told.sweeping("study") as somebody:
         assert somebody is not None
         somebody(Progress(1, 2, 0, 0))

@@ -18,9 +18,6 @@ from cranedyn.errors import ModelError
 
 _CHECKED = 16
 
-_AGREEMENT = 1e-11
-"""Largest difference from Pinocchio's accelerations, relative to the largest of them."""
-
 
 def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarray]:
     """Code for cranes that differ in numbers only, and the numbers in which they do, shape (n, m).
@@ -78,6 +75,5 @@ def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
             expected = follow_drives(model, data, q, v, full(command), damping, pushed)
         given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
         code.answer(given.ctypes.data, own.ctypes.data, found.ctypes.data)
-        off = float(np.abs(found - expected[:, None]).max() / np.abs(expected).max())
-        if not off <= _AGREEMENT and not off <= rigid_body.lost_digits(mass):
+        if off := rigid_body.disagreement(found.T, expected, mass):
             raise ModelError(f"The compiled crane moves otherwise than Pinocchio's: accelerations differ by {off:.1e} of the largest.")

@@ -54,11 +54,6 @@ def _length(value: Any) -> int | None:
     return len(value) if isinstance(value, Sequence) else None
 
 
-def each(value: Any, cranes: int) -> Sequence[Any]:
-    """One for each crane."""
-    return value if _length(value) is not None else [value] * cranes
-
-
 def starts(start: State | Sequence[State], cranes: int) -> State:
     """Coordinates and rates at the start, shape (n, 5) each.
 
@@ -86,17 +81,6 @@ def rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
         raise OutOfRange(name, f"an array of shape {found.shape}", f"one of shape ({columns},) or ({cranes}, {columns})")
     _finite(name, found)
     return np.broadcast_to(found, (cranes, columns))
-
-
-def whole(name: str, value: Any, least: int) -> int:
-    """A whole number.
-
-    Raises:
-        OutOfRange: If it is none, or less than allowed.
-    """
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise OutOfRange(name, value, f"a whole number >= {least}")
-    return int(value)
 
 
 def control(controller: Any, reference: Any, start: State, times: np.ndarray) -> Control:

@@ -14,9 +14,6 @@ from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.machine import Machine, translated
 from cranedyn.errors import ModelError, OutOfRange
 
-_AGREEMENT = 1e-11
-"""Largest difference from Pinocchio's accelerations, relative to the largest of them."""
-
 
 @dataclass(frozen=True, eq=False)
 class ForwardDynamics:
@@ -112,8 +109,7 @@ def _check(made: ForwardDynamics) -> None:
         q = pin.integrate(model, pin.neutral(model), rng.uniform(-3.0, 3.0, model.nv))
         v, tau = rng.normal(size=(2, model.nv))
         expected = pin.aba(model, data, q, v, tau)
-        off = np.abs(made(q[None], v[None], tau[None])[0] - expected).max() / np.abs(expected).max()
-        if not off <= _AGREEMENT and not off <= rigid_body.lost_digits(pin.crba(model, data, q)):
+        if off := rigid_body.disagreement(made(q[None], v[None], tau[None])[0], expected, pin.crba(model, data, q)):
             raise ModelError(
                 f"{model.name!r} compiled moves otherwise than in Pinocchio: accelerations differ by {off:.1e} of the largest."
             )

@@ -23,10 +23,10 @@ small steps to take where the motion is not smooth to q, v and that work."""
 def _semi_implicit_euler(
     plant: Plant, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: Any, dt: Value, work: Any, small: Any
 ) -> tuple[np.ndarray, np.ndarray, Any]:
-    faster = v + _times(dt, plant.answer(q, v, command, forces)[0])
+    faster = v + plant.answer(q, v, command, forces)[0] * dt
     if plant.buffers:
         work = work + 0.5 * dt * (plant.pushed_back(q, v) @ (v + faster)[DRIVES])
-    return q + _times(dt, faster), faster, work
+    return q + faster * dt, faster, work
 
 
 def _rk4(
@@ -35,15 +35,15 @@ def _rk4(
     smooth = replace(plant, buffers=False)
     half = 0.5 * dt
     a1 = smooth.answer(q, v, command, forces)[0]
-    v2 = v + _times(half, a1)
-    a2 = smooth.answer(q + _times(half, v), v2, command, forces)[0]
-    v3 = v + _times(half, a2)
-    a3 = smooth.answer(q + _times(half, v2), v3, command, forces)[0]
-    v4 = v + _times(dt, a3)
-    a4 = smooth.answer(q + _times(dt, v3), v4, command, forces)[0]
+    v2 = v + a1 * half
+    a2 = smooth.answer(q + v * half, v2, command, forces)[0]
+    v3 = v + a2 * half
+    a3 = smooth.answer(q + v2 * half, v3, command, forces)[0]
+    v4 = v + a3 * dt
+    a4 = smooth.answer(q + v3 * dt, v4, command, forces)[0]
     sixth = dt * (1.0 / 6.0)
-    there = q + _times(sixth, v + _times(2.0, v2 + v3) + v4)
-    faster = v + _times(sixth, a1 + _times(2.0, a2 + a3) + a4)
+    there = q + (v + 2.0 * (v2 + v3) + v4) * sixth
+    faster = v + (a1 + 2.0 * (a2 + a3) + a4) * sixth
     if not plant.buffers:
         return there, faster, work
     return _where_buffers_act(plant, q, v, command, forces, dt, work, small, there, faster)
@@ -77,10 +77,6 @@ def _where_buffers_act(
             place.set(code.chosen(rough, value.get(), place.get()))
     ended = array([place.get() for place in outcome])
     return ended[:5], ended[5:10], ended[10]
-
-
-def _times(factor: Any, vector: np.ndarray) -> np.ndarray:
-    return array([factor * part for part in vector])
 
 
 _STEPS: dict[Integrator, Step] = {semi_implicit_euler: _semi_implicit_euler, rk4: _rk4}

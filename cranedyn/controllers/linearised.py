@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cranedyn.clocks import multiple
 from cranedyn.crane import Crane, State
 from cranedyn.dynamics import inverse_dynamics
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import OutOfRange
 from cranedyn.linear import sampled
 from cranedyn.references.motion import Motion
 
@@ -64,16 +65,3 @@ def linearised(crane: Crane, motion: Motion, *, dt: float, every: int, control_p
     stretch[-1] = len(rows) - 1
     wanted = np.hstack([motion.q, motion.v])
     return Linearised(motion.period, efforts, wanted, stretch, np.array([m.a for m in models]), np.array([m.b for m in models]))
-
-
-def multiple(name: str, value: float, of_name: str, of: float) -> int:
-    """How many times one time [s] goes into another.
-
-    Raises:
-        OutOfRange: If one is not positive, or they do not divide.
-    """
-    number(of_name, of, "s", "> 0")
-    times = round(number(name, value, "s", "> 0") / of)
-    if times < 1 or abs(times * of - value) > 1e-9 * value:
-        raise OutOfRange(name, value, f"a multiple of {of_name} = {of:g} s", "s")
-    return times

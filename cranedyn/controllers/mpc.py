@@ -15,12 +15,13 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from cranedyn.controllers.linearised import Linearised, linearised, multiple
+from cranedyn.clocks import multiple
+from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT
 from cranedyn.controllers.riccati import Sweep, riccati
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.crane import DRIVES, PASSIVE, Crane, State
-from cranedyn.errors import CraneError, OutOfRange, RunError, number, within
+from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole, within
 from cranedyn.references import Wanted
 from cranedyn.references.motion import Motion
 
@@ -168,8 +169,7 @@ def mpc(
             feed-forward changes within a period by more than twice a limit.
     """
     solve = _solver()
-    if not isinstance(horizon, (int, np.integer)) or horizon < 1:
-        raise OutOfRange("horizon", horizon, "a whole number >= 1", "periods")
+    whole("horizon", horizon, 1, "periods")
     efforts = _limits("effort limit", crane.effort_limit if effort_limit is None else effort_limit, 1)
     rates = _limits("rate limit", crane.model.velocityLimit[DRIVES] if rate_limit is None else rate_limit, 2)
     swing = within("swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, math.pi / 2.0, "rad")

@@ -14,7 +14,7 @@ import numpy as np
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.sensed import NOISE
 from cranedyn.crane import DRIVES, Crane, State
-from cranedyn.errors import CraneError, OutOfRange, number
+from cranedyn.errors import CraneError, OutOfRange, number, whole
 from cranedyn.references import Wanted
 from cranedyn.references.motion import Motion
 from cranedyn.simulate import Controller
@@ -148,8 +148,7 @@ def observed(
         OutOfRange: If a standard deviation is negative or not finite, that of a measurement not positive, their number not as asked, or the
             delay not a whole number from 0 on.
     """
-    if not isinstance(delay, (int, np.integer)) or delay < 0:
-        raise OutOfRange("delay of the observer", delay, "a whole number >= 0", "control periods")
+    late = whole("delay of the observer", delay, 0, "control periods")
     period = motion.period
     reach = np.vstack([np.eye(5) * period**2 / 2.0, np.eye(5) * period])
     return Observed(
@@ -159,7 +158,7 @@ def observed(
         reach @ _covariance("disturbance of the observer", disturbance, 5) @ reach.T,
         _covariance("noise of the observer", noise, 6, "> 0"),
         _covariance("doubt of the observer", doubt, 10),
-        delay,
+        late,
         None if start is None else np.concatenate(start),
     )
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cranedyn.crane import COORDINATES, State
-from cranedyn.errors import CraneError, OutOfRange, number
+from cranedyn.errors import CraneError, OutOfRange, number, whole
 from cranedyn.references import Wanted
 from cranedyn.simulate import Controller
 
@@ -67,8 +67,7 @@ def sensed(
     Raises:
         OutOfRange: If the delay is not a whole number from 0 on, the noise not ten numbers from 0 on, or `rng` not a generator.
     """
-    if not isinstance(delay, (int, np.integer)) or delay < 0:
-        raise OutOfRange("delay of the sensors", delay, "a whole number >= 0", "control periods")
+    late = whole("delay of the sensors", delay, 0, "control periods")
     if not isinstance(rng, np.random.Generator):
         raise OutOfRange("rng of the sensors", repr(rng), "a np.random.Generator, such as np.random.default_rng(1)")
     given = np.asarray(noise, dtype=object).ravel()
@@ -76,4 +75,4 @@ def sensed(
         raise OutOfRange("noise of the sensors", noise, "ten numbers: five coordinates, five rates")
     names = [*COORDINATES, *(f"{c}_dot" for c in COORDINATES)]
     deviations = np.array([number(f"noise of {name}", part, allowed=">= 0") for name, part in zip(names, given, strict=True)])
-    return Sensed(controller, deviations, rng, deque(maxlen=int(delay) + 1))
+    return Sensed(controller, deviations, rng, deque(maxlen=late + 1))
