@@ -98,7 +98,7 @@ RESTING: dict[str, tuple[Reference, float, float, float]] = {
     "motion": (plumb(QUINTIC, 5.0, 0.02), 1.0, 5.0, 0.02),
     "flat": (flat(crane(), crane().state(), crane().state(gamma=0.2, x=13.0, l=8.0), 8.0, period=0.02), 0.0, 8.0, 0.02),
 }
-"""References that jump at multiples of 5 ms only; when they begin to move and when they have arrived [s]; time between rows [s], 0 without."""
+"""References that jump at multiples of 5 ms only; when they begin to move, when they have arrived, and time between rows, 0 without [s]."""
 
 CUT_SHORT = (plumb(ramp(BASE, "x", 0.5, rate=0.1, at=1.0), 3.0, 0.02), 0.98, 3.0, 0.02)
 """Its velocity jumps within the rows."""
