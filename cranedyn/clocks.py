@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from cranedyn.errors import OutOfRange, number, within
 
@@ -15,6 +15,10 @@ _MOST_STEPS = 1e10
 
 _SMALL = 5e-4
 """Longest step in which buffers act, where the stepping rule asks for a smooth motion [s]."""
+
+
+SAME_PERIOD = 1e-3
+"""Share by which two times between control instants may differ and still be the same; a clock at 1e9 s rounds to 1e-7 s."""
 
 
 class Clocks(NamedTuple):
@@ -36,6 +40,18 @@ class Clocks(NamedTuple):
     def small(self) -> int:
         """How many small steps make a physics step where buffers act."""
         return math.ceil(self.dt / _SMALL - 1e-9)
+
+
+@runtime_checkable
+class Timed(Protocol):
+    """A controller that is told how a run is divided before it begins."""
+
+    def run_begins(self, t: float, control_period: float) -> None:
+        """Be told the first control instant [s] and the time between control instants [s].
+
+        Raises:
+            OutOfRange: If the controller was made for a shorter control period.
+        """
 
 
 def clocks(duration: float, dt: float, control_period: float) -> Clocks:
@@ -61,6 +77,16 @@ def clocks(duration: float, dt: float, control_period: float) -> Clocks:
             )
     steps = multiple("control_period", control_period, "dt", dt)
     return Clocks(dt, control_period, steps, multiple("duration", duration, "control_period", control_period))
+
+
+def soon_enough(own: float, control_period: float) -> None:
+    """Return if a run lets a controller answer at least once in its own control period [s]; else it would do too much of everything.
+
+    Raises:
+        OutOfRange: If it does not, by more than a clock at 1e9 s rounds off.
+    """
+    if control_period > own * (1.0 + SAME_PERIOD):
+        raise OutOfRange("control period of the run", control_period, f"that for which the controller was made, {own:g} s, or less", "s")
 
 
 def multiple(name: str, value: float, of_name: str, of: float) -> int:

@@ -22,6 +22,19 @@ def buffer_numbers(crane: Crane) -> tuple[np.ndarray, np.ndarray]:
     return _STOP_FREQUENCY**2 * inertia, 2.0 * _STOP_DAMPING * _STOP_FREQUENCY * inertia
 
 
+def pushed_back(beyond: np.ndarray, rate: np.ndarray, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
+    """What springs with dampers that can push but not pull exert, by how far drives are beyond their ranges and by their rates."""
+    push = -stiffness * beyond - damping * rate
+    return np.where(push * beyond < 0.0, push, 0.0)
+
+
+def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """What the buffers at the ends of the cable push [N] at coordinates and rates in rows, shape (n, 5) each; see `Outside.held`."""
+    stiffness, damping = buffer_numbers(crane)
+    beyond = q[:, 4] - np.clip(q[:, 4], crane.lower[4], crane.upper[4])
+    return pushed_back(beyond, v[:, 4], stiffness[2], damping[2])
+
+
 class Outside:
     """What acts on the joints besides drives, gravity and damping: a force on payload and trolley, and buffers at the ends of the ranges.
 
@@ -47,16 +60,21 @@ class Outside:
         effort = outside_effort(self._model, self._data, q, self._dt**2 * self.force)
         beyond = q[DRIVES] - np.clip(q[DRIVES], self._lower, self._upper)
         if beyond.any():
-            push = -self._stiffness * beyond - self._damping * u[DRIVES]
-            self._push = np.where(push * beyond < 0.0, push, 0.0)
+            self._push = pushed_back(beyond, u[DRIVES], self._stiffness, self._damping)
             effort[DRIVES] += self._push
         return effort
 
     def held(self, state: State) -> float:
-        """What the buffer at the end of the cable takes of the load [N], 0 or negative as the hoist that holds it."""
-        beyond = max(float(state.q[4] - self._upper[2]), 0.0)
-        push = -self._stiffness[2] * beyond - self._damping[2] * self._dt * float(state.v[4])
-        return min(push, 0.0) / self._dt**2 if beyond > 0.0 else 0.0
+        """What the buffers at the ends of the cable push [N], with the sign of the hoist's force.
+
+        At the longest cable that is negative, what the buffer takes of the load. At the shortest the hook block meets the trolley, which
+        pushes it down.
+        """
+        length = state.q[4]
+        beyond = length - min(max(length, self._lower[2]), self._upper[2])
+        if not beyond:
+            return 0.0
+        return float(pushed_back(beyond, self._dt * state.v[4], self._stiffness[2], self._damping[2])) / self._dt**2
 
     def buffer_work(self, state: State) -> float:
         """Work done on the crane by the buffers up to this state [J]."""

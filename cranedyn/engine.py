@@ -100,7 +100,7 @@ class Engine:
         return force
 
     def buffers(self) -> tuple[float, float]:
-        """Work done on the crane by the buffers so far [J], and what that at the end of the cable takes of the load [N]."""
+        """Work done on the crane by the buffers so far [J], and what those at the ends of the cable push [N]."""
         outside = self._outside if self._rough is None else self._rough.outside
         return (0.0, 0.0) if outside is None else (outside.buffer_work(self.state), outside.held(self.state))
 

@@ -64,7 +64,7 @@ class Log:
         self._force[self._rows] = force.ravel()
 
     def buffers(self, work: float, held: float) -> None:
-        """Add to the row that comes next what the buffers did [J], and what that at the end of the cable takes of the load [N]."""
+        """Add to the row that comes next what the buffers did [J], and what those at the ends of the cable push [N]."""
         self._buffer_work[self._rows], self._held[self._rows] = work, held
 
     def block(self, wanted: np.ndarray, block: Mapping[str, np.ndarray]) -> None:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from cranedyn.clocks import clocks
+from cranedyn.clocks import Timed, clocks
 from cranedyn.crane import COORDINATES, DRIVES, JOINTS, Crane, State
 from cranedyn.engine import DIVERGED, Engine, Setting
 from cranedyn.errors import CraneError, OutOfRange, RunError, number
@@ -86,7 +86,7 @@ def simulate(
 
     Raises:
         OutOfRange: If a time is not positive, one does not divide the other, or the log would not fit into 4 GB; if the start is not
-            five finite coordinates and rates, or the command not three numbers.
+            five finite coordinates and rates, or the command not three numbers; if the controller was made for a shorter control period.
         RunError: If the model ceases to hold, state or command stop being finite, the controller cannot answer, or the run is
             interrupted; it carries what was recorded so far.
     """
@@ -101,6 +101,8 @@ def simulate(
     log = Log(crane, since, control_period, clock.periods + 1, integrator.lead * dt)
     moving = _engine(engine)(Setting(crane, clock, drive, disturbance is not None, buffers, integrator), state)
     reference = hold(state) if reference is None else reference
+    if isinstance(controller, Timed):
+        controller.run_begins(since, control_period)
 
     def recorded() -> Trajectory:
         made: dict[str, float | str] = {"dt_s": dt, "control_period_s": control_period, "gravity_m_s2": crane.gravity}

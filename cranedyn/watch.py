@@ -1,4 +1,9 @@
-"""Is the model still a crane here: ranges of the joints, a rope in tension, a load above the ground and below the jib."""
+"""Is the model still a crane here: ranges of the joints, a rope in tension, a load above the ground and below the jib.
+
+The tension is what the load feels: the forces of the hoist and of the buffers at the ends of the cable together. At the shortest cable
+the trolley can push the hook block down, but no rope passes that on to the load: where hoist and buffer together push, the model ceases to
+hold.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.crane import JOINTS, PASSIVE, UNITS, Crane
+from cranedyn.drives import cable_buffers
 from cranedyn.dynamics import pivot_position
 from cranedyn.trajectory import Trajectory
 
@@ -43,7 +49,7 @@ def first_event(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *
         crane: The crane.
         q: Coordinates, shape (n, 5).
         v: Their rates, shape (n, 5).
-        hoist: Force of the hoist, and of the buffer at the end of the cable [N], shape (n,).
+        hoist: Force of the hoist, and of the buffers at the ends of the cable [N], shape (n,).
         buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little is no event.
     """
     found = [event for condition in _conditions(crane, q, v, hoist, buffers) for event in _beginnings(condition)[:1]]
@@ -53,7 +59,8 @@ def first_event(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *
 def events(crane: Crane, run: Trajectory) -> list[Event]:
     """Every beginning of a stretch in which the model does not hold, in the order of time."""
     buffers = run.parameters.get("watch") == "buffers"
-    conditions = _conditions(crane, run.q, run.v, run.effort[:, 2], buffers)
+    hoist = run.effort[:, 2] + (cable_buffers(crane, run.q, run.v) if buffers else 0.0)
+    conditions = _conditions(crane, run.q, run.v, hoist, buffers)
     known = [condition._replace(holds=condition.holds | (run.valid == 1.0)) for condition in conditions]
     return sorted(event for condition in known for event in _beginnings(condition))
 

@@ -7,6 +7,8 @@ from functools import partial
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
 from cranedyn.controllers import follow
@@ -15,7 +17,7 @@ from cranedyn.controllers.paper import SLEW_WEIGHTS, TROLLEY_WEIGHTS, paper_cont
 from cranedyn.controllers.riccati import riccati
 from cranedyn.crane import DRIVES, State
 from cranedyn.dynamics import acceleration, holding_effort, linearise, payload_position, prescribed_acceleration
-from cranedyn.errors import CraneError
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.linear import sampled
 from cranedyn.references import hold, ramp
 from cranedyn.references.flat import flat, smoothstep
@@ -24,6 +26,7 @@ from cranedyn.references.motion import plumb
 from cranedyn.references.operator import Push, operator
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import shortest, spline
+from cranedyn.references.wanted import tabulated
 from tests.helpers import G, big_crane, crane, quickly
 
 
@@ -302,6 +305,39 @@ def test_an_operators_push_is_a_trapezoid_within_the_limit() -> None:
     t = np.linspace(0.0, 12.0, 1201)
     velocity = np.array([reference(s).velocity[1] for s in t])
     assert np.abs(np.diff(velocity) / np.diff(t)).max() <= 0.4 + 1e-9
+
+
+@given(st.lists(st.tuples(st.floats(-0.8, 0.8), st.floats(0.0, 3.0), st.floats(0.01, 4.0)), min_size=1, max_size=4))
+def test_an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits(moves: list[tuple[float, float, float]]) -> None:
+    pushes, t = [], 0.0
+    for rate, pause, lasts in moves:
+        pushes.append(Push("x", rate, t + pause, lasts))
+        t += pause + lasts
+    start = crane().state(x=10.0)
+    reference = operator(start, pushes[::-1], accelerations=(0.02, 0.4, 0.4))
+    wanted = tabulated(reference, np.linspace(-1.0, t + 3.0, 2000))
+    assert np.abs(wanted.acceleration[:, 1]).max() <= 0.4 * (1 + 1e-12)  # rounding, here and below
+    assert np.abs(wanted.velocity[:, 1]).max() <= max(abs(rate) for rate, *_ in moves) + 1e-12
+    assert np.abs(reference(t + 2.1).velocity).max() < 1e-12  # 0.8 m/s are lost in 2 s
+    # asked for is the rate while the joystick is held, zero while it is not; the drive goes there at 0.4 m/s², by steps of 1 ms here
+    speed, times = 0.0, np.arange(0.0, t + 2.5, 1e-3)
+    held = np.zeros(len(times))
+    for push in pushes:
+        held[(times >= push.at) & (times < push.at + push.hold)] = push.rate
+    found = tabulated(reference, times).velocity[:, 1]
+    for asked, there in zip(held, found, strict=True):
+        assert there == pytest.approx(speed, abs=0.4e-3 * 2 * len(pushes))  # each change comes up to a step early or late
+        speed += float(np.clip(asked - speed, -0.4e-3, 0.4e-3))
+
+
+def test_a_joystick_is_in_one_place_at_a_time() -> None:
+    start = crane().state(x=10.0)
+    how = {"accelerations": (0.02, 0.4, 0.4)}
+    with pytest.raises(OutOfRange, match=r"start of a push of x is 2\.0 s; allowed is 4 or later, when the one before it ends"):
+        operator(start, [Push("x", 0.8, 1.0, 3.0), Push("l", 0.5, 1.0, 3.0), Push("x", 0.8, 2.0, 3.0)], **how)
+    operator(start, [Push("x", 0.8, 0.1, 0.2), Push("x", 0.5, 0.3, 1.0), Push("l", 0.5, 0.2, 3.0)], **how)  # 0.1 + 0.2 > 0.3
+    with pytest.raises(OutOfRange, match="start of a push is nan s"):
+        operator(start, [Push("x", 0.8, math.nan, 3.0)], **how)
 
 
 # ------------------------------------------------------------------------------------------------------------------ limits

@@ -9,10 +9,12 @@ from numpy.testing import assert_allclose
 
 from cranedyn.controllers import Hold, follow, hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
+from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.crane import State
 from cranedyn.references import Wanted, hold, ramp
-from tests.helpers import crane, states
+from cranedyn.simulate import Controller, EngineName, simulate
+from tests.helpers import FAST, crane, states
 
 STILL = Wanted(np.array([0.1, 11.0, 14.0]), np.zeros(3), np.zeros(3))
 
@@ -72,3 +74,58 @@ def test_tracking_goes_by_its_first_row_before_it_begins_and_by_its_last_when_it
     assert_allclose(commands, rows[[0, 0, 0, 1, 3, 3]])
     form = tracking.affine(times, np.zeros((6, 3)))
     assert_allclose(form.feed_forward[np.minimum(range(6), len(form.feed_forward) - 1)], commands)
+
+
+@pytest.mark.parametrize("period", [0.2, 0.25, 0.5, 0.75])
+def test_between_rows_tracking_goes_on_straight_lines(period: float) -> None:
+    rng = np.random.default_rng(1)
+    tables = [rng.normal(size=shape) for shape in ((5, 3), (5, 3, 10), (5, 10))]
+    tracking, state = Tracking(0.5, *tables), State(*rng.normal(size=(2, 5)))
+    times = period * np.arange(-2, 15)
+    forward, gain, aim = (
+        np.stack([np.interp(times, 0.5 * np.arange(5), column) for column in table.reshape(5, -1).T], axis=1) for table in tables
+    )
+    expected = forward - (gain.reshape(-1, 3, 10) @ (np.concatenate(state) - aim)[:, :, None])[:, :, 0]
+    commands = np.array([tracking(t, state, STILL) for t in times.tolist()])
+    assert_allclose(commands, expected, atol=1e-13)  # rounding
+    form = tracking.affine(times, np.zeros((len(times), 3)))
+    rows = np.minimum(np.arange(len(times)), len(form.feed_forward) - 1)
+    for table, part in ((forward, form.feed_forward), (gain.reshape(-1, 3, 10), form.gain), (aim, form.wanted)):
+        assert_allclose(part[rows], table, atol=1e-13)
+
+
+def test_a_row_that_is_met_is_that_row_whatever_the_next_one_holds() -> None:
+    rows = np.array([[0.0] * 3, [0.1, 0.2, 0.3], [np.nan] * 3])
+    tracking = Tracking(5e-3, rows, np.zeros((3, 3, 10)), np.zeros((3, 10)))
+    assert tracking(0.005 + 1e-15, crane().start, STILL).tolist() == rows[1].tolist()
+    assert tracking.affine(np.array([0.0, 0.005 - 1e-15]), np.zeros((2, 3))).feed_forward[1].tolist() == rows[1].tolist()
+
+
+def _integral() -> HoistIntegral:
+    return HoistIntegral(Tracking(5e-3, np.zeros((1, 3)), np.zeros((1, 3, 10)), np.zeros((1, 10))), 1e-9, 1.0)
+
+
+def _asked(integral: HoistIntegral) -> Controller:
+    """The same behind a function, which is not told how the run is divided."""
+    return lambda t, state, wanted: integral(t, state, wanted)
+
+
+@pytest.mark.parametrize("period", [2.5e-3, 5e-3, 0.02])
+@pytest.mark.parametrize("engine", ["pinocchio", FAST])
+def test_an_integrator_goes_by_the_period_of_its_loop(period: float, engine: EngineName) -> None:
+    c = crane()
+    away = c.state(l=c.start.q[4] - 0.5)  # where it stays: the drives accelerate by 1e-9 of the integral
+    told, asked = _integral(), _integral()
+    for controller in (told, _asked(asked)):
+        how = {"control_period": period, "engine": engine, "drive": "motion"}
+        simulate(c, controller, hold(c.start), start=away, since=3.0, duration=1.0, **how)
+    assert told.integral == pytest.approx(0.5 * (1.0 + period), rel=1e-8)  # both ends count
+    assert asked.integral == pytest.approx(0.5 * (1.0 + 5e-3), rel=1e-8)  # the first instant as a row of its table
+
+
+def test_where_time_begins_anew_an_integrator_goes_on_as_before() -> None:
+    integral, away = _integral(), crane().state(l=14.5)
+    reference = STILL._replace(position=np.array([0.0, 10.0, 15.0]))
+    for t in (0.0, 0.02, 0.04, 0.0, 0.02):
+        integral(t, away, reference)
+    assert integral.integral == pytest.approx(0.5 * (5e-3 + 4 * 0.02), rel=1e-9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
 import math
@@ -10,7 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -462,6 +463,20 @@ def test_the_share_of_energy_left_is_that_of_the_damped_oscillator(damping: floa
     phi, rate = solve_ivp(rates, (0, 6), [1.0, 0.0], "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
     left = (total * rate**2 + 1000 * 9.80665 * length * phi**2) / (1000 * 9.80665 * length)
     assert energy.damped_share(c, damping, length, 6.0) == pytest.approx(left, rel=1e-8, abs=1e-10)  # integration
+
+
+@pytest.mark.parametrize(("gravity", "swing", "length"), [(5.0, 0.15, 15.0), (1.62, 1.5, 4.0), (25.0, 1.0, 26.0)])
+def test_a_damped_swing_with_locked_drives_is_the_pendulum_in_any_gravity_however_wide(gravity: float, swing: float, length: float) -> None:
+    world = common.World(gravity, engine=FAST)
+    off, allowed = energy.locked_off(world, world.variant(damp_swing=2e5), swing, length)
+    assert 0.1 * allowed < off < allowed  # both of the order of the step
+    finer, _ = energy.locked_off(replace(world, dt=world.dt / 2.0), world.variant(damp_swing=2e5), swing, length)
+    assert off / finer == pytest.approx(2.0, rel=0.01)  # order 1
+
+
+def test_energy_holds_in_a_gravity_that_its_drives_do_not_know() -> None:
+    outcome = energy.experiment(argparse.Namespace(swing=0.15, length=15.0), common.World(5.0, engine=FAST))
+    assert [claim.sentence for claim in outcome.claims if not claim.holds] == []
 
 
 # --- mass ratio --------------------------------------------------------------------------------------------------------------------

@@ -12,7 +12,23 @@ from hypothesis import strategies as st
 
 from cranedyn.crane import State
 from cranedyn.errors import OutOfRange, UnknownName
-from cranedyn.references import Leg, Push, Reference, ei, hold, itinerary, operator, plumb, pulse, ramp, shaped, shaped_hoisting, spline, zv
+from cranedyn.references import (
+    Leg,
+    Push,
+    Reference,
+    ei,
+    flat,
+    hold,
+    itinerary,
+    operator,
+    plumb,
+    pulse,
+    ramp,
+    shaped,
+    shaped_hoisting,
+    spline,
+    zv,
+)
 from cranedyn.references.tour import tour
 from cranedyn.references.wanted import tabulated
 from tests.helpers import G, crane
@@ -64,6 +80,62 @@ def test_many_times_at_once_are_wanted_as_each_by_itself(reference: Reference) -
     for i, column in enumerate(tabulated(reference, times)):
         # sums of ten terms up to 14 m in another order round at 1e-15 of them
         np.testing.assert_allclose(column, [wanted[i] for wanted in single], rtol=0.0, atol=1e-13)
+
+
+LIMITS = (0.02, 0.4, 0.4)
+LEVEL = operator(START, [Push("x", 0.5, 0.0, 3.0), Push("gamma", 0.05, 1.0, 4.0)], accelerations=LIMITS)
+"""Without hoisting the last part of a shaped move comes right at its end."""
+
+RESTING: dict[str, tuple[Reference, float, float, float]] = {
+    "hold": (BASE, 0.0, 0.0, 0.0),
+    "pulse": (pulse(BASE, "x", -0.3, at=1.0, width=2.0), 1.0, 3.0, 0.0),
+    "ramp": (ramp(QUINTIC, "l", -1.0, rate=0.5, at=2.0), 1.0, 4.0, 0.0),
+    "spline": (QUINTIC, 1.0, 4.0, 0.0),
+    "operator": (PUSHES, 1.0, 5.25, 0.0),
+    "shaped": (shaped(PUSHES, ei(), 1.3), 1.0, 6.55, 0.0),
+    "shaped hoisting": (shaped_hoisting(PUSHES, zv(), G, 5.25), 0.0, 10.0, 0.0),
+    "shaped level": (shaped_hoisting(LEVEL, zv(), G, 7.5), 0.0, 12.0, 0.0),
+    "motion": (plumb(QUINTIC, 5.0, 0.02), 1.0, 5.0, 0.02),
+    "flat": (flat(crane(), crane().state(), crane().state(gamma=0.2, x=13.0, l=8.0), 8.0, period=0.02), 0.0, 8.0, 0.02),
+}
+"""References that jump at multiples of 5 ms only; when they begin to move, when they have arrived, and time between rows, 0 without [s]."""
+
+CUT_SHORT = (plumb(ramp(BASE, "x", 0.5, rate=0.1, at=1.0), 3.0, 0.02), 0.98, 3.0, 0.02)
+"""Its velocity jumps within the rows."""
+
+ENDLESS: dict[str, tuple[Reference, float]] = {
+    "itinerary": (
+        itinerary(START, [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)], rates=(0.1, 0.5, 0.4), dwell=0.5),
+        0.0,
+    ),
+    "tour": (LEGS, 5e-3),
+}
+
+
+@pytest.mark.parametrize(
+    ("reference", "spacing"), [*((r, gap) for r, *_, gap in RESTING.values()), *ENDLESS.values()], ids=[*RESTING, *ENDLESS]
+)
+def test_positions_are_the_integrals_of_velocities_and_these_of_accelerations(reference: Reference, spacing: float) -> None:
+    """Simpson's rule within cells of 5 ms, at whose ends all jumps are; it is exact for the polynomials that all references are made of."""
+    cell = 5e-3
+    begins = cell * np.arange(-200, 2800)
+    first, middle, last = (tabulated(reference, begins + share * cell) for share in (0.1, 0.5, 0.9))
+    for of, by in ((0, 1), (1, 2)):
+        gone = 0.8 * cell / 6.0 * (first[by] + 4.0 * middle[by] + last[by])
+        # between rows a straight line has the mean slope, which parts from the rate by its change over a row at most
+        change = np.abs(np.diff(tabulated(reference, spacing * np.arange(-1, 700))[by], axis=0)).max(axis=0)
+        # second derivatives of a spline through samples 5 ms apart round at 1e-16 of 14 m over the square of that, 6e-11
+        assert (np.abs(last[of] - first[of] - gone) <= 0.8 * cell * (change + 1e-9)).all()
+
+
+@pytest.mark.parametrize(("reference", "begin", "end", "_"), [*RESTING.values(), CUT_SHORT], ids=[*RESTING, "motion cut short"])
+def test_a_reference_rests_before_it_begins_and_after_its_end(reference: Reference, begin: float, end: float, _: float) -> None:
+    for edge, further in ((begin, -1.0), (end, 1.0)):
+        there = reference(edge + 1e-3 * further).position
+        for t in edge + further * np.array([1e-3, 0.5, 100.0]):
+            wanted = reference(float(t))
+            np.testing.assert_allclose(wanted.position, there, rtol=0.0, atol=1e-13)  # sums up to 14 m
+            np.testing.assert_allclose([wanted.velocity, wanted.acceleration], 0.0, atol=1e-15)
 
 
 @pytest.mark.parametrize("t", [0.0, 3.0, 1e6])

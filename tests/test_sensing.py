@@ -17,7 +17,7 @@ from cranedyn.controllers.sensed import NOISE
 from cranedyn.crane import Crane, State
 from cranedyn.errors import CraneError
 from cranedyn.linear import sampled
-from cranedyn.references import Motion, Wanted, flat
+from cranedyn.references import Motion, Wanted, flat, plumb, spline
 from cranedyn.simulate import Controller
 from cranedyn.trajectory import Trajectory
 from tests.helpers import G, crane, quickly
@@ -323,3 +323,11 @@ def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(place: int, na
     z[place] = value
     with np.errstate(invalid="ignore"), pytest.raises(CraneError, match=f"{name} the state is {value}.*a finite number"):
         tracking(0.0, State(z[:5], z[5:]), STILL)
+
+
+def test_an_observer_is_asked_at_the_rows_of_its_motion_or_refuses() -> None:
+    motion = plumb(spline(crane().start, [(0.0, 11.0, 15.0)], [4.0]), 4.0)
+    late = 1.0 + PERIOD / 2.0
+    with pytest.raises(CraneError, match=r"This observer is first asked for t = 1.0025 s; its motion has rows every 0.005 s only"):
+        observed(Watched(), crane(), motion)(late, crane().start, STILL)
+    observed(Watched(), crane(), at_rest(crane()))(late, crane().start, STILL)  # wherever it stands still all rows are one

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +24,11 @@ from cranedyn.references.flat import cruise, flat
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
 from cranedyn.references.tour import tour
+from cranedyn.simulate import EngineName, simulate
 from experiments import common, demo
 from experiments.moves import TOUR_LIMITS as LIMITS
 from experiments.tours import CONTROLS, repeated
-from tests.helpers import FAST, big_crane, crane, quickly
+from tests.helpers import FAST, G, big_crane, crane, quickly
 
 FREE = Limits((10.0, 100.0, 100.0), (10.0, 100.0, 100.0))
 
@@ -101,6 +104,30 @@ def test_drives_that_yield_keep_their_rates_and_accelerations() -> None:
     run = quickly(crane(), controller, start=start, duration=10.0, drive="motion")
     assert np.abs(np.diff(run["x_dot_m_s"])).max() <= 0.4 * 5e-3 * (1 + 1e-9)
     assert np.abs(run["x_dot_m_s"]).max() == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("theta", [0.0, 0.1, -0.1])
+def test_at_the_slew_axis_the_slew_does_not_yield_and_every_command_is_finite(theta: float) -> None:
+    reference = hold(crane().start)
+    controller = damped(crane(), reference, limits=FREE)
+    q = crane().start.q.copy()
+    q[1:4] = 0.0, 0.05, theta
+    command = controller(0.0, State(q, np.zeros(5)), reference(0.0))
+    assert command[0] == 0.0
+    assert command[1] == pytest.approx(-2.0 * 0.2 * math.sqrt(G * q[4]) * 0.05 / 5e-3)  # -2 ζ ω l φ within one period
+    q[1] = 1e-9  # beside it the slew yields as fast as it can
+    command = controller(0.0, State(q, np.zeros(5)), reference(0.0))
+    assert command[0] == -math.copysign(10.0, theta) * (theta != 0.0)
+
+
+@pytest.mark.parametrize("made", [follow, lambda reference, period: damped(crane(), reference, limits=FREE, control_period=period)])
+@pytest.mark.parametrize("engine", ["pinocchio", FAST])
+def test_a_controller_made_for_a_shorter_control_period_is_refused(made: Callable, engine: EngineName) -> None:
+    reference = hold(crane().start)
+    run = partial(simulate, crane(), reference=reference, duration=0.1, drive="motion", control_period=0.02, engine=engine)
+    with pytest.raises(OutOfRange, match=r"control period of the run is 0.02 s; allowed is .* 0.005 s, or less"):
+        run(made(reference, 5e-3))
+    run(made(reference, 0.02))
 
 
 def test_without_yielding_they_follow() -> None:

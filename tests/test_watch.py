@@ -12,10 +12,10 @@ from cranedyn.controllers import hold_controller
 from cranedyn.crane import State
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.references import hold, ramp
-from cranedyn.simulate import simulate
+from cranedyn.simulate import EngineName, simulate
 from cranedyn.trajectory import COLUMNS, Trajectory
 from cranedyn.watch import events
-from tests.helpers import G, big_crane, constant, crane, locked
+from tests.helpers import FAST, G, big_crane, constant, crane, locked
 
 
 def outward(watch: str) -> Trajectory:
@@ -74,6 +74,33 @@ def test_a_buffer_at_the_end_of_the_cable_holds_the_load_whose_rope_stays_taut()
     assert 26.4 < run["l_m"][-1] < 26.5
     assert run["valid"].all()
     assert run["W_buffers_J"][-1] < -10.0
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", FAST])
+def test_a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the_load(engine: EngineName) -> None:
+    start = crane().state(l=3.6)
+    brake = hold_controller(crane(), gravity=G)
+    gentle = ramp(hold(start), "l", -0.6, rate=0.2, at=0.5)
+    run = simulate(crane(), brake, gentle, start=start, duration=20.0, watch="buffers", engine=engine)
+    # the drive pulls with 30 kN/m above its aim of 3 m, the buffer pushes with (20 rad/s)² times the load of 1 t below 3.4 m
+    assert run["l_m"][-1] == pytest.approx((3.0 * 3e4 + 3.4 * 4e5) / (3e4 + 4e5), abs=1e-6)
+    assert run["valid"].all()
+    # at 1 m/s the damper alone pushes with 20 kN, the hoist pulls with 10 kN
+    fast = ramp(hold(crane().state(l=6.0)), "l", -3.0, rate=1.0, at=0.5)
+    how = {"start": crane().state(l=6.0), "duration": 5.0}
+    with pytest.raises(RunError, match="the rope would have to push") as caught:
+        simulate(crane(), brake, fast, watch="buffers", engine=engine, **how)
+    error = caught.value
+    assert error.trajectory is not None
+    assert error.trajectory["l_m"][-1] < 3.4
+    assert error.trajectory["valid"].tolist() == [1.0] * (len(error.trajectory) - 1) + [0.0]
+    (event,) = events(crane(), error.trajectory)
+    assert (event.row, event.value) == (len(error.trajectory) - 1, pytest.approx(error.value))
+    if engine == "compiled":
+        from cranedyn.batch import simulate_batch
+
+        batch = simulate_batch(crane(), brake, fast, start=[how["start"]], duration=5.0, buffers=True)
+        assert batch.valid_until[0] == pytest.approx(error.t, abs=1e-9)
 
 
 def test_buffers_are_for_drives_that_take_efforts() -> None:

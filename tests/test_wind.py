@@ -126,6 +126,21 @@ def test_turbulence_has_its_intensity_and_its_time_scale_and_repeats_with_its_se
     assert lag == pytest.approx(math.exp(-1.0), abs=0.1)
 
 
+@pytest.mark.parametrize("ratio", [0.01, 0.2, 1.0, 5.0])
+def test_turbulence_has_its_intensity_at_every_time_however_long_the_step(ratio: float) -> None:
+    rng, seeds, share = np.random.default_rng(5), 4000, np.linspace(0.0, 1.0, 5)
+    found = np.empty((seeds, 5))
+    for row in found:
+        speed = wind.turbulence(wind.steady(10.0), 0.1, rng, duration=2.0 * ratio, time_scale=1.0, step=ratio)
+        row[:] = [speed(ratio * (1.0 + s)) - 10.0 for s in share]
+    # the variance of n normal numbers has the standard deviation √(2/n) of itself, 2.2 %; 4 of these
+    assert_allclose(found.var(axis=0), 1.0, atol=4.0 * math.sqrt(2.0 / seeds))
+    # from the beginning of a step to a share of it: (1 - s + s keep) over the deviation of the line; at its end exp(-step / time scale)
+    keep = math.exp(-ratio)
+    expected = (1.0 - share + share * keep) / np.sqrt(1.0 - 2.0 * share * (1.0 - share) * (1.0 - keep))
+    assert_allclose((found[:, :1] * found).mean(axis=0), expected, atol=4.0 * math.sqrt(2.0 / seeds))
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [

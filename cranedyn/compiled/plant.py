@@ -83,13 +83,8 @@ class Plant:
         return array(pushes)
 
     def held(self, q: np.ndarray, v: np.ndarray) -> Any:
-        """What the buffer at the end of the cable takes of the load [N], 0 or negative."""
-        if not self.buffers:
-            return 0.0
-        code: Code = q[4].code
-        beyond = q[4] - self.upper[4]
-        push = -(self.spring[2] * beyond) - self.damper[2] * v[4]
-        return code.chosen(code.both(beyond > 0.0, push < 0.0), push, 0.0)
+        """What the buffers at the ends of the cable push [N], see `cranedyn.drives.Outside.held`."""
+        return self.pushed_back(q, v)[2] if self.buffers else 0.0
 
     def beyond(self, q: np.ndarray) -> Any:
         """Whether a drive is beyond its range."""
@@ -98,7 +93,7 @@ class Plant:
         return code.either(*sides)
 
     def holds(self, q: np.ndarray, v: np.ndarray, hoist: Any) -> Any:
-        """Whether the model holds at a state under a force of the hoist and of the buffer at the end of the cable, see `cranedyn.watch`."""
+        """Whether the model holds at a state under a force of the hoist and of the buffers of the cable, see `cranedyn.watch`."""
         code: Code = q[0].code
         conditions = [self.damping[4] * v[4] - hoist > 0.0, self.height[0] - q[4] * (np.cos(q[2]) * np.cos(q[3])) >= 0.0]
         for i, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):

@@ -14,7 +14,8 @@ from cranedyn.crane import DRIVES
 class Affine:
     """command = feed_forward[k] - gain[k] (z - wanted[k]) + integral_gain ∫ (position wanted - position), with z = (coordinates, rates).
 
-    Row k is for control instant k; beyond the end of an array its last row holds. At the limit a drive integrates back only.
+    Row k is for control instant k; beyond the end of an array its last row holds. The error at a control instant counts for one control
+    period of the run. At the limit a drive integrates back only.
 
     Attributes:
         feed_forward: Shape (n, 3).

@@ -2,14 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.clocks import soon_enough
 from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.errors import number
 from cranedyn.references import Reference, Wanted
 from cranedyn.references.limits import Limits
+
+
+@dataclass(frozen=True, eq=False)
+class Damped:
+    """Drives that yield to the swing, see `damped`.
+
+    Attributes:
+        gravity: Gravity [m/s²].
+        reference: Its velocity is the command, looked up one control period ahead.
+        ratio: ζ, the share of critical damping that the swing gets.
+        recovery: Share of the distance from the reference's position that is taken back per second [1/s].
+        rates: Largest of slew [rad/s], trolley, hoist [m/s], shape (3,).
+        accelerations: Largest of slew [rad/s²], trolley, hoist [m/s²], shape (3,).
+        control_period: Time between control instants [s].
+    """
+
+    gravity: float
+    reference: Reference
+    ratio: float
+    recovery: float
+    rates: np.ndarray
+    accelerations: np.ndarray
+    control_period: float
+
+    def run_begins(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Timed`."""
+        soon_enough(self.control_period, control_period)
+
+    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+        """Accelerations of slew [rad/s²], trolley and hoist [m/s²], shape (3,)."""
+        _, x, phi, theta, length = state.q
+        turned = theta / x if x != 0.0 else 0.0  # on the slew axis no slewing moves the pivot
+        yielding = 2.0 * self.ratio * np.sqrt(self.gravity * length) * np.array([turned, phi, 0.0])
+        back = self.recovery * (wanted.position - state.q[DRIVES])
+        velocity = np.clip(self.reference(t + self.control_period).velocity + back - yielding, -self.rates, self.rates)
+        return np.clip((velocity - state.v[DRIVES]) / self.control_period, -self.accelerations, self.accelerations)
 
 
 def damped(
@@ -20,11 +57,12 @@ def damped(
     recovery: float = 0.0,
     limits: Limits,
     control_period: float = 5e-3,
-) -> Callable[[float, State, Wanted], np.ndarray]:
+) -> Damped:
     """Reach the reference's velocity less what damps the swing, for `simulate(..., drive="motion")`.
 
     With a pivot that moves at its commanded velocity less 2 ζ ω l φ the small swing obeys φ̈ + 2 ζ ω φ̇ + ω² φ = ẍ/l, ω² = g/l. The
-    position drifts by the integral of the correction, unless it is taken back.
+    position drifts by the integral of the correction, unless it is taken back. On the slew axis, at radius 0, slewing does not move the
+    pivot, so the slew does not yield there.
 
     Args:
         crane: The crane.
@@ -32,20 +70,12 @@ def damped(
         ratio: ζ, the share of critical damping that the swing gets.
         recovery: Share of the distance from the reference's position that is taken back per second [1/s].
         limits: What the drives can do; the command is kept within.
-        control_period: Time between control instants [s], the same as in `simulate`.
+        control_period: Time between control instants [s], the same as in `simulate`; a run in which they are further apart is refused.
 
     Raises:
         OutOfRange: If the ratio is not between 0 and 1, or the recovery negative.
     """
     zeta = number("damping ratio", ratio, "", "0 to 1")
     pull = number("recovery", recovery, "1/s", ">= 0")
-    fastest, most = np.asarray(limits.rates), np.asarray(limits.accelerations)
-
-    def controller(t: float, state: State, wanted: Wanted) -> np.ndarray:
-        _, x, phi, theta, length = state.q
-        yielding = 2.0 * zeta * np.sqrt(crane.gravity * length) * np.array([theta / x, phi, 0.0])
-        back = pull * (wanted.position - state.q[DRIVES])
-        velocity = np.clip(reference(t + control_period).velocity + back - yielding, -fastest, fastest)
-        return np.clip((velocity - state.v[DRIVES]) / control_period, -most, most)
-
-    return controller
+    rates, accelerations = np.asarray(limits.rates), np.asarray(limits.accelerations)
+    return Damped(crane.gravity, reference, zeta, pull, rates, accelerations, control_period)

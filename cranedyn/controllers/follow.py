@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.clocks import soon_enough
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.crane import DRIVES, State
 from cranedyn.linear import feedback_gain
@@ -15,22 +16,28 @@ from cranedyn.references.wanted import tabulated
 
 @dataclass(frozen=True, eq=False)
 class Follow:
-    """Reach the reference's velocity at every control instant; for `simulate(..., drive="motion")`.
+    """Reach the reference's velocity at the next control instant; for `simulate(..., drive="motion")`.
 
     Attributes:
         reference: The reference to follow, looked up one control period ahead.
-        control_period: Time between control instants [s], the same as in `simulate`.
+        control_period: Time between control instants [s], the same as in `simulate`; a run in which they are further apart is refused.
     """
 
     reference: Reference
     control_period: float = 5e-3
+
+    def run_begins(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Timed`."""
+        soon_enough(self.control_period, control_period)
 
     def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
         """Accelerations of slew [rad/s²], trolley and hoist [m/s²], shape (3,)."""
         return (self.reference(t + self.control_period).velocity - state.v[DRIVES]) / self.control_period
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
-        """The common form, see `cranedyn.controllers.affine`."""
+        """The common form, see `cranedyn.controllers.affine`; OutOfRange if the control instants are further apart than the period."""
+        if len(times) > 1:
+            soon_enough(self.control_period, float(times[1] - times[0]))
         ahead = tabulated(self.reference, times + self.control_period).velocity
         gain = feedback_gain(np.zeros(3), np.full(3, 1.0 / self.control_period))
         return without_integral(np.zeros((1, 3)), gain[None], at_drives(np.zeros_like(ahead), ahead))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.crane import State
@@ -17,7 +18,8 @@ from cranedyn.references import Wanted
 class HoistIntegral:
     """A tracking controller whose hoist has an integrator besides; at the limit of the drive it integrates back only (anti-windup).
 
-    It remembers: make a new one for each run. Asked again for the same time it answers without integrating again.
+    It remembers: make a new one for each run. Asked again for the same time it answers without integrating again. An error counts for the
+    time since the controller was last asked; at the first control instant, or where time begins anew, for one control period.
 
     Attributes:
         tracking: What it does without the integrator.
@@ -31,13 +33,27 @@ class HoistIntegral:
     limit: float
     integral: float = field(default=0.0)
     _t: float = field(default=-math.inf, init=False)
+    _elapsed: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Until it knows better, it is asked for each row of its table."""
+        self._elapsed = self.tracking.period
+
+    def run_begins(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Timed`."""
+        self._elapsed = control_period
+        if t > self._t:
+            self._t = t - control_period
 
     def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
         """Efforts [N m, N, N], shape (3,)."""
         effort = self.tracking(t, state, wanted)
         error = float(wanted.position[2] - state.q[4])
         if t != self._t:
-            integral = self.integral + error * self.tracking.period
+            since = t - self._t
+            if 0.0 < since < math.inf and not math.isclose(since, self._elapsed, rel_tol=SAME_PERIOD):
+                self._elapsed = since
+            integral = self.integral + error * self._elapsed
             pushed = float(effort[2]) + self.integral_gain * integral
             if abs(pushed) <= self.limit or error * pushed < 0.0:
                 self.integral = integral
@@ -47,7 +63,7 @@ class HoistIntegral:
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
         """The common form, see `cranedyn.controllers.affine`; None if it was asked for the first of these times before."""
-        if times[0] <= self._t or not math.isclose(times[-1] - times[0], self.tracking.period * (len(times) - 1)):
+        if times[0] <= self._t:
             return None
         hoist = np.array([0.0, 0.0, 1.0])
         return replace(

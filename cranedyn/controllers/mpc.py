@@ -24,6 +24,7 @@ from cranedyn.crane import DRIVES, PASSIVE, Crane, State
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole, within
 from cranedyn.references import Wanted
 from cranedyn.references.motion import Motion
+from cranedyn.rows import SAME, at_place, place
 
 BOUNDED = np.concatenate([5 + DRIVES, PASSIVE])
 """What of coordinates and rates has a bound: γ̇, ẋ, l̇, φ, θ."""
@@ -87,13 +88,13 @@ class Predictive:
             RunError: If the optimisation fails.
             OutOfRange: If a coordinate or rate is not finite.
         """
-        row = self.model.row(t)
-        instant = round(t / self.model.period) // self.ratio
+        row, share = place(t, self.model.period, len(self.model.efforts))
+        instant = math.floor(t / self.model.period + SAME) // self.ratio
         if instant != self._instant or self.last is None or t <= self.last.t:
             check_finite(state)
-            self._correction = self._optimised(t, instant, np.concatenate(state) - self.model.wanted[row])
+            self._correction = self._optimised(t, instant, np.concatenate(state) - at_place(self.model.wanted, row, share))
             self._instant = instant
-        return self.model.efforts[row] + self._correction
+        return at_place(self.model.efforts, row, share) + self._correction
 
     def _optimised(self, t: float, instant: int, deviation: np.ndarray) -> np.ndarray:
         """The first correction of the best sequence."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.sensed import NOISE
 from cranedyn.crane import DRIVES, Crane, State
@@ -69,10 +70,11 @@ class Observed:
         """What the controller commands, shape (3,); of the state it looks at the drives only.
 
         Raises:
-            CraneError: If it is not called once in each period of the motion.
+            CraneError: If it is not called once in each period of the motion, at the time of a row.
         """
         row = self.model.row(t)
         if self.estimate is None:
+            self._at_row(t)
             self._deviation = np.zeros(10) if self.start is None else self.start - self.model.wanted[row]
             self._correct(row, state)
         else:
@@ -88,6 +90,11 @@ class Observed:
         self._since.append((row, command.clip(-self.effort_limit, self.effort_limit) - self.model.efforts[row]))
         self._t = t
         return command
+
+    def _at_row(self, t: float) -> None:
+        rows = t / self.model.period
+        if rows < len(self.model.wanted) - 1 and abs(rows - round(rows)) > SAME_PERIOD:
+            raise CraneError(f"This observer is first asked for t = {t:g} s; its motion has rows every {self.model.period:g} s only.")
 
     def _expect(self, t: float) -> None:
         if abs(t - self._t - self.model.period) > 1e-6 * self.model.period:

@@ -11,14 +11,17 @@ from cranedyn.controllers.affine import Affine, without_integral
 from cranedyn.crane import COORDINATES, UNITS, State
 from cranedyn.errors import number
 from cranedyn.references import Wanted
+from cranedyn.rows import at_place, at_places, place, places
 
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
     """effort = feed_forward[k] - gain[k] (z - wanted[k]) with z = (coordinates, rates); before time 0 k is 0, beyond the end the last.
 
+    Between rows, where a loop is finer than they are, all three lie on straight lines.
+
     Attributes:
-        period: Time between rows [s], the control period.
+        period: Time between rows [s], the control period for which the gains are best.
         feed_forward: Efforts of slew [N m], trolley [N], hoist [N], shape (n, 3).
         gain: Shape (n, 3, 10).
         wanted: The motion to track, shape (n, 10).
@@ -35,8 +38,9 @@ class Tracking:
         Raises:
             OutOfRange: If a coordinate or rate is not finite.
         """
-        k = min(max(round(t / self.period), 0), len(self.feed_forward) - 1)
-        efforts = self.feed_forward[k] - self.gain[k] @ (np.concatenate(state) - self.wanted[k])
+        k, share = place(t, self.period, len(self.feed_forward))
+        gain = at_place(self.gain, k, share)
+        efforts = at_place(self.feed_forward, k, share) - gain @ (np.concatenate(state) - at_place(self.wanted, k, share))
         if not math.isfinite(sum(efforts.tolist())):
             check_finite(state)
         return efforts
@@ -44,9 +48,9 @@ class Tracking:
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """The common form, see `cranedyn.controllers.affine`."""
         last = len(self.feed_forward) - 1
-        rows = np.clip(np.round(times / self.period).astype(int), 0, last)
-        rows = rows[: int(np.argmax(rows == last)) + 1] if last in rows else rows
-        return without_integral(self.feed_forward[rows], self.gain[rows], self.wanted[rows])
+        rows, shares = places(times, self.period, last + 1)
+        count = int(np.argmax(rows == last)) + 1 if last in rows else len(rows)
+        return without_integral(*(at_places(table, rows[:count], shares[:count]) for table in (self.feed_forward, self.gain, self.wanted)))
 
 
 def check_finite(state: State) -> None:

@@ -17,6 +17,9 @@ from cranedyn.references.motion import Motion
 
 _MARGIN = 6
 
+_CLOSEST = 5e-3
+"""Least distance between samples that derivatives are taken from [s]: four in a row magnify rounding by its fourth power."""
+
 
 def smoothstep(s: np.ndarray) -> np.ndarray:
     """From 0 at s = 0 to 1 at s = 1 with four derivatives zero at both ends: 126 s⁵ - 420 s⁶ + 540 s⁷ - 315 s⁸ + 70 s⁹."""
@@ -58,7 +61,8 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: floa
     inertia = (crane.payload_inertia + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
     height = float(pivot_position(crane, start.q)[2])
     ends = np.array([(s.q[0], s.q[1], height - s.q[4] - inertia / s.q[4]) for s in (start, goal)])
-    t = period * np.arange(-_MARGIN, math.ceil(duration / period - 1e-9) + 1 + _MARGIN)
+    each = max(1, math.ceil(_CLOSEST / period - 1e-9))  # rows from one sample to the next
+    t = period * each * np.arange(-_MARGIN, math.ceil(duration / (period * each) - 1e-9) + 1 + _MARGIN)
     share = smoothstep(t / duration) if ramp is None else cruise(t, duration, ramp)
     gamma, radius, z = (ends[0] + (ends[1] - ends[0]) * share[:, None]).T
     path = np.stack([radius * np.sin(gamma), -radius * np.cos(gamma), z], axis=1)
@@ -67,10 +71,11 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: floa
         raise OutOfRange("duration", duration, "longer: the payload would fall faster than gravity and slacken the rope", "s")
     q = recover(path, rope / np.linalg.norm(rope, axis=1)[:, None], height, inertia)
     curve = scipy.interpolate.make_interp_spline(t, q, k=7)
-    inside = slice(_MARGIN, -_MARGIN)
-    v, a = (curve.derivative(order)(t)[inside] for order in (1, 2))
+    rows = period * np.arange(math.ceil(duration / period - 1e-9) + 1)
+    place, v, a = (curve.derivative(order)(rows) for order in range(3))
+    place[::each] = q[_MARGIN:][: len(rows[::each])]
     v[[0, -1]] = a[[0, -1]] = 0.0
-    return Motion(period, q[inside], v, a)
+    return Motion(period, place, v, a)
 
 
 def recover(path: np.ndarray, rope: np.ndarray, height: float, inertia: float = 0.0) -> np.ndarray:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cranedyn.crane import DRIVES
 from cranedyn.references.wanted import Reference, Wanted, tabulated
+from cranedyn.rows import SAME, at_place, at_places, place, places
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A wanted motion at the control instants; before and after it stands still. Itself a reference for the drives.
+    """A wanted motion in rows, with straight lines between them; before and after it stands still. Itself a reference for the drives.
 
     Attributes:
         period: Time between rows [s].
@@ -33,18 +35,26 @@ class Motion:
 
     def __call__(self, t: float) -> Wanted:
         """What is wanted of the drives at a time [s]."""
-        k = min(max(round(t / self.period), 0), len(self.q) - 1)
-        return Wanted(self.q[k, DRIVES], self.v[k, DRIVES], self.a[k, DRIVES])
+        row, share = place(t, self.period, len(self.q))
+        position, velocity, acceleration = (at_place(part, row, share)[DRIVES] for part in (self.q, self.v, self.a))
+        return Wanted(position, velocity, acceleration) if self._moves(t) else Wanted(position, np.zeros(3), np.zeros(3))
 
     def at(self, times: np.ndarray) -> Wanted:
         """What is wanted at many times [s], shape (n, 3) each."""
-        rows = np.clip(np.round(times / self.period).astype(int), 0, len(self.q) - 1)
-        return Wanted(*(part[rows][:, DRIVES] for part in (self.q, self.v, self.a)))
+        row, share = places(times, self.period, len(self.q))
+        position, *derivatives = (at_places(part, row, share)[:, DRIVES] for part in (self.q, self.v, self.a))
+        moving = self._moves(times)[:, None]
+        return Wanted(position, *(np.where(moving, part, 0.0) for part in derivatives))
+
+    def _moves(self, t: Any) -> Any:
+        """Whether a time, or each of many [s], is neither before the first row nor after the last."""
+        return (t >= -SAME * self.period) & (t <= self.arrival + SAME * self.period)
 
 
 def plumb(reference: Reference, duration: float, period: float = 5e-3) -> Motion:
-    """The motion of a reference [s] with the load hanging plumb under the trolley all the way, sampled at a period [s]."""
+    """The motion of a reference over a duration [s], sampled at a period [s], with the load hanging plumb; its last row is at rest."""
     times = period * np.arange(round(duration / period) + 1)
     parts = np.zeros((3, len(times), 5))
     parts[:, :, DRIVES] = tabulated(reference, times)
+    parts[1:, -1] = 0.0
     return Motion(period, *parts)

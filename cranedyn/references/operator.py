@@ -10,8 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.crane import DRIVES, State
-from cranedyn.errors import number
+from cranedyn.errors import OutOfRange, number
 from cranedyn.references.wanted import Reference, Tabulating, Wanted, along
+
+_TOUCH = 1e-9
+"""By how much one push may begin before the last one ends and still follow it: what sums of times round off [s]."""
 
 
 class Push(NamedTuple):
@@ -56,25 +59,45 @@ class Operator(Tabulating):
 
 
 def operator(start: State, pushes: Sequence[Push], *, accelerations: Sequence[float]) -> Reference:
-    """Where the drives get to: each push is a trapezoid in velocity; pushes of one drive must not overlap to be obeyed in full.
+    """Where the drives get to: a joystick asks for a velocity, and its drive goes there as fast as its acceleration allows.
+
+    A push by itself is a trapezoid in velocity, one that comes while the drive still slows down takes it on from there. No velocity is
+    exceeded that was asked for, and no limit.
 
     Args:
         start: Where the drives are.
-        pushes: What the operator does.
+        pushes: What the operator does; in any order, but a joystick has one position at a time: those of one drive must not overlap.
         accelerations: Limits of slew [rad/s²], trolley [m/s²], hoist [m/s²].
 
     Raises:
-        OutOfRange: If a limit or a hold is not positive.
+        OutOfRange: If a limit or a hold is not positive, a number is not finite, or two pushes of one drive overlap.
         UnknownName: If a drive is none of the three.
     """
     limits = [number("acceleration limit", a, "per s²", "> 0") for a in accelerations]
     ramps: list[tuple[float, float, np.ndarray]] = []
-    for push in pushes:
-        axis = along(push.drive)
+    for drive in dict.fromkeys(push.drive for push in pushes):
+        axis = along(drive)
         limit = float(axis @ limits)
-        hold = number("hold of a push", push.hold, "s", "> 0")
-        lasts = min(abs(number("rate of a push", push.rate)) / limit, hold)
-        acceleration = math.copysign(limit, push.rate) * axis
-        ramps += [(push.at, lasts, acceleration), (push.at + hold, lasts, -acceleration)]
+        ramps += [(begin, lasts, math.copysign(limit, lasts) * axis) for begin, lasts in _ramps(drive, pushes, limit)]
     columns = [np.array([ramp[i] for ramp in ramps], dtype=float) for i in range(3)]
-    return Operator(start.q[DRIVES], columns[0], columns[1], columns[2].reshape(-1, 3))
+    return Operator(start.q[DRIVES], columns[0], np.abs(columns[1]), columns[2].reshape(-1, 3))
+
+
+def _ramps(drive: str, pushes: Sequence[Push], limit: float) -> list[tuple[float, float]]:
+    """When a drive accelerates at its limit and for how long [s], negative where it accelerates the other way."""
+    mine = sorted((_checked(push) for push in pushes if push.drive == drive), key=lambda push: push.at)
+    ramps, speed = [], 0.0  # the speed counted in seconds of acceleration
+    for push, following in zip(mine, [*(push.at for push in mine[1:]), math.inf], strict=True):
+        end = push.at + push.hold
+        if following < end - _TOUCH:
+            raise OutOfRange(f"start of a push of {drive}", following, f"{end:g} or later, when the one before it ends", "s")
+        for begin, until, asked in ((push.at, push.hold, push.rate / limit), (end, following - end, 0.0)):
+            lasts = math.copysign(min(abs(asked - speed), max(until, 0.0)), asked - speed)
+            ramps.append((begin, lasts))
+            speed += lasts
+    return ramps
+
+
+def _checked(push: Push) -> Push:
+    rate, at = number("rate of a push", push.rate), number("start of a push", push.at, "s")
+    return Push(push.drive, rate, at, number("hold of a push", push.hold, "s", "> 0"))

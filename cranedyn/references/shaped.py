@@ -85,9 +85,13 @@ def shaped(base: Reference, shaper: Shaper, period: float) -> Reference:
     return Shaped(base, number("swing period", period, "s", "> 0") * shaper.fractions, shaper.amplitudes)
 
 
+_REST = 30
+"""Samples at rest behind a curve: a cubic spline rings about a kink, less by 2 + √3 from sample to sample, so 30 of them leave 1e-17."""
+
+
 @dataclass(frozen=True, eq=False)
 class ShapedHoisting(Tabulating):
-    """A reference with slew and trolley of their own.
+    """A reference with slew and trolley of their own, which stand still before time 0 and after the end.
 
     Attributes:
         base: What is wanted of the hoist.
@@ -102,7 +106,10 @@ class ShapedHoisting(Tabulating):
     def at(self, times: np.ndarray) -> Wanted:
         """What is wanted at many times [s], shape (n, 3) each."""
         inside, own = np.clip(times, 0.0, self.end), tabulated(self.base, times)
-        return Wanted(*(np.column_stack([curve(inside), part[:, 2]]) for curve, part in zip(self.curves, own, strict=True)))
+        position, *derivatives = (curve(inside) for curve in self.curves)
+        moving = ((times >= 0.0) & (times < self.end))[:, None]
+        parts = [position, *(np.where(moving, derivative, 0.0) for derivative in derivatives)]
+        return Wanted(*(np.column_stack([part, hoist[:, 2]]) for part, hoist in zip(parts, own, strict=True)))
 
 
 def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: float, *, step: float = 5e-3) -> Reference:
@@ -127,7 +134,7 @@ def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: f
     rows = round(number("duration", duration, "s", "> 0") / step)
     longest = float(tabulated(base, step * np.arange(rows + 1)).position[:, 2].max())
     slowest = 2.0 * math.pi * math.sqrt(longest / gravity)
-    t = step * np.arange(rows + math.ceil(slowest * shaper.fractions[-1] / step) + 2)
+    t = step * np.arange(rows + math.ceil(slowest * shaper.fractions[-1] / step) + 2 + _REST)
     wanted = tabulated(base, t)
     length = wanted.position[:, 2]
     phase = scipy.integrate.cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
