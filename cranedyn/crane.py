@@ -8,11 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.arguments import described, taken
 from cranedyn.description import XACRO, describe
 from cranedyn.errors import ModelError, OutOfRange, UnknownName, number, within
 from cranedyn.files import read_text
@@ -64,6 +65,30 @@ class State(NamedTuple):
 
     q: np.ndarray
     v: np.ndarray
+
+    @classmethod
+    def checked(cls, name: str, value: Any) -> State:
+        """A state of five finite coordinates and rates that nobody else can change.
+
+        Args:
+            name: Which state it is, for the sentence.
+            value: A state, or two sequences of five numbers.
+
+        Raises:
+            OutOfRange: If it is none.
+        """
+        try:
+            coordinates, rates = value
+        except Exception:  # whatever it is, it is no pair
+            raise OutOfRange(name, described(value), "five coordinates and five rates, all numbers") from None
+        state = cls(*(taken(name, part, np.ndarray).copy() for part in (coordinates, rates)))
+        for kind, part in zip(("coordinates", "rates"), state, strict=True):
+            if part.shape != (5,):
+                raise OutOfRange(f"{kind} at the {name}", described(part), f"five numbers: {', '.join(COORDINATES)}")
+            for coordinate, one in zip(COORDINATES, part, strict=True):
+                number(f"{coordinate} among the {kind} at the {name}", one)
+            part.flags.writeable = False
+        return state
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +194,8 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
         DataError: If the file cannot be read.
     """
     g = number("gravity", gravity, "m/s²", "> 0")
-    path = XACRO if urdf is None else Path(urdf)
+    taken("check_axes", check_axes, bool)
+    path = XACRO if urdf is None else Path(taken("urdf", urdf, str | Path))
     if path.suffix == ".xacro":
         text = describe(path, values, visuals=urdf is not None)
     elif values:

@@ -8,8 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from cranedyn.arguments import checked, described
 from cranedyn.clocks import clocks
-from cranedyn.crane import COORDINATES, DRIVES, JOINTS, Crane, State
+from cranedyn.crane import DRIVES, JOINTS, Crane, State
 from cranedyn.engine import DIVERGED, Engine, Setting
 from cranedyn.errors import CraneError, OutOfRange, RunError, number
 from cranedyn.integrator import Integrator, semi_implicit_euler
@@ -37,6 +38,7 @@ EngineName = Literal["pinocchio", "compiled"]
 """What computes a step."""
 
 
+@checked
 def simulate(
     crane: Crane,
     controller: Controller,
@@ -85,8 +87,8 @@ def simulate(
         What happened, from `since` on.
 
     Raises:
-        OutOfRange: If a time is not positive, one does not divide the other, or the log would not fit into 4 GB; if the start is not
-            five finite coordinates and rates, or the command not three numbers.
+        OutOfRange: If an argument is of another kind; if a time is not positive, one does not divide the other, or the log would not fit
+            into 4 GB; if the start is not five finite coordinates and rates, or the command not three numbers.
         RunError: If the model ceases to hold, state or command stop being finite, the controller cannot answer, or the run is
             interrupted; it carries what was recorded so far.
     """
@@ -96,7 +98,7 @@ def simulate(
     if watch not in ("stop", "mark") and (watch, drive) != ("buffers", "effort"):
         raise OutOfRange("watch", watch, "stop or mark, or buffers where the drives take efforts")
     buffers = watch == "buffers"
-    state = _checked(crane.start if start is None else start)
+    state = State.checked("start", crane.start) if start is None else start
     number("time at the start", since, "s", "-1e9 to 1e9")
     log = Log(crane, since, control_period, clock.periods + 1, integrator.lead * dt)
     moving = _engine(engine)(Setting(crane, clock, drive, disturbance is not None, buffers, integrator), state)
@@ -168,20 +170,6 @@ def _engine(name: str) -> type[Engine]:
     return CompiledEngine
 
 
-def _checked(start: State) -> State:
-    try:
-        state = State(*(np.array(part, dtype=float) for part in start))
-    except (TypeError, ValueError):
-        raise OutOfRange("start", start, "five coordinates and five rates, all numbers") from None
-    for name, part in zip(("coordinates", "rates"), state, strict=True):
-        if part.shape != (5,):
-            raise OutOfRange(f"{name} at the start", f"an array of shape {part.shape}", f"five numbers: {', '.join(COORDINATES)}")
-        for coordinate, value in zip(COORDINATES, part, strict=True):
-            number(f"{coordinate} among the {name} at the start", value)
-        part.flags.writeable = False
-    return state
-
-
 def _command(answer: object, t: float) -> np.ndarray:
     """Three finite numbers."""
     command = _array(answer, "command of the controller", (3,), "three numbers: slew, trolley, hoist")
@@ -203,11 +191,11 @@ def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> n
     if type(answer) is np.ndarray and answer.dtype is _NUMBERS and answer.shape == shape:
         return answer.copy()
     try:
-        array = np.array(answer, dtype=float)
-    except (TypeError, ValueError):
-        raise OutOfRange(name, repr(answer), allowed) from None
-    if array.shape != shape:
-        raise OutOfRange(name, f"an array of shape {array.shape}", allowed)
+        array = None if isinstance(answer, np.ndarray) and np.iscomplexobj(answer) else np.array(answer, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        array = None
+    if array is None or array.shape != shape:
+        raise OutOfRange(name, described(answer if array is None else array), allowed)
     return array
 
 

@@ -133,7 +133,7 @@ def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> Non
         ({"watch": "ignore"}, "watch is ignore"),
         ({"start": (np.zeros(5), np.full(5, np.nan))}, "gamma among the rates at the start is nan"),
         ({"start": (np.zeros(4), np.zeros(5))}, r"coordinates at the start is an array of shape \(4,\)"),
-        ({"start": "rest"}, "start is rest"),
+        ({"start": "rest"}, "start is 'rest'"),
         ({"since": math.nan}, "time at the start is nan"),
         ({"duration": 1e5}, r"s at most: its \d+ rows would take"),
         ({"dt": 1e-14}, "dt is 1e-14 s; allowed is 1e-09 to 1000"),

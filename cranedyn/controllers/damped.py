@@ -6,12 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.errors import number
 from cranedyn.references import Reference, Wanted
 from cranedyn.references.limits import Limits
 
 
+@checked
 def damped(
     crane: Crane,
     reference: Reference,
@@ -39,6 +41,7 @@ def damped(
     """
     zeta = number("damping ratio", ratio, "", "0 to 1")
     pull = number("recovery", recovery, "1/s", ">= 0")
+    number("control_period", control_period, "s", "> 0")
     fastest, most = np.asarray(limits.rates), np.asarray(limits.accelerations)
 
     def controller(t: float, state: State, wanted: Wanted) -> np.ndarray:

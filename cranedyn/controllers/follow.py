@@ -6,13 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.crane import DRIVES, State
+from cranedyn.errors import number
 from cranedyn.linear import feedback_gain
 from cranedyn.references import Reference, Wanted
 from cranedyn.references.wanted import tabulated
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Follow:
     """Reach the reference's velocity at every control instant; for `simulate(..., drive="motion")`.
@@ -25,6 +28,10 @@ class Follow:
     reference: Reference
     control_period: float = 5e-3
 
+    def __post_init__(self) -> None:
+        """Check the period."""
+        number("control_period", self.control_period, "s", "> 0")
+
     def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
         """Accelerations of slew [rad/s²], trolley and hoist [m/s²], shape (3,)."""
         return (self.reference(t + self.control_period).velocity - state.v[DRIVES]) / self.control_period
@@ -36,6 +43,7 @@ class Follow:
         return without_integral(np.zeros((1, 3)), gain[None], at_drives(np.zeros_like(ahead), ahead))
 
 
+@checked
 def follow(reference: Reference, control_period: float = 5e-3) -> Follow:
     """Take motion-controlled drives along a reference, control instants being a period [s] apart."""
     return Follow(reference, control_period)

@@ -7,12 +7,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.crane import State
+from cranedyn.errors import number
 from cranedyn.references import Wanted
 
 
+@checked
 @dataclass(eq=False)
 class HoistIntegral:
     """A tracking controller whose hoist has an integrator besides; at the limit of the drive it integrates back only (anti-windup).
@@ -31,6 +34,11 @@ class HoistIntegral:
     limit: float
     integral: float = field(default=0.0)
     _t: float = field(default=-math.inf, init=False)
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        number("integral gain of the hoist", self.integral_gain, "N/(m s)")
+        number("integral of the hoist", self.integral, "m s")
 
     def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
         """Efforts [N m, N, N], shape (3,)."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cranedyn.arguments import checked, of_drives
 from cranedyn.crane import DRIVES, State
 from cranedyn.errors import number
 from cranedyn.references.wanted import Reference, Tabulating, Wanted, along
@@ -55,6 +56,7 @@ class Operator(Tabulating):
         return Wanted(self.start + gone, velocity, acceleration)
 
 
+@checked
 def operator(start: State, pushes: Sequence[Push], *, accelerations: Sequence[float]) -> Reference:
     """Where the drives get to: each push is a trapezoid in velocity; pushes of one drive must not overlap to be obeyed in full.
 
@@ -67,14 +69,14 @@ def operator(start: State, pushes: Sequence[Push], *, accelerations: Sequence[fl
         OutOfRange: If a limit or a hold is not positive.
         UnknownName: If a drive is none of the three.
     """
-    limits = [number("acceleration limit", a, "per s²", "> 0") for a in accelerations]
+    limits = of_drives("acceleration limit", accelerations, "/s²", "> 0")
     ramps: list[tuple[float, float, np.ndarray]] = []
     for push in pushes:
         axis = along(push.drive)
         limit = float(axis @ limits)
-        hold = number("hold of a push", push.hold, "s", "> 0")
+        at, hold = number("start of a push", push.at, "s"), number("hold of a push", push.hold, "s", "> 0")
         lasts = min(abs(number("rate of a push", push.rate)) / limit, hold)
         acceleration = math.copysign(limit, push.rate) * axis
-        ramps += [(push.at, lasts, acceleration), (push.at + hold, lasts, -acceleration)]
+        ramps += [(at, lasts, acceleration), (at + hold, lasts, -acceleration)]
     columns = [np.array([ramp[i] for ramp in ramps], dtype=float) for i in range(3)]
     return Operator(start.q[DRIVES], columns[0], columns[1], columns[2].reshape(-1, 3))
