@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -12,10 +14,11 @@ from cranedyn.arguments import checked, described
 from cranedyn.clocks import clocks
 from cranedyn.crane import DRIVES, JOINTS, Crane, State
 from cranedyn.engine import DIVERGED, Engine, Setting
-from cranedyn.errors import CraneError, OutOfRange, RunError, number
+from cranedyn.errors import CraneError, OutOfRange, RunError, number, written_out
 from cranedyn.integrator import Integrator, semi_implicit_euler
 from cranedyn.log import Log
 from cranedyn.references import Reference, Wanted, hold
+from cranedyn.references.wanted import setpoint
 from cranedyn.trajectory import Trajectory
 from cranedyn.watch import first_event
 
@@ -88,9 +91,10 @@ def simulate(
 
     Raises:
         OutOfRange: If an argument is of another kind; if a time is not positive, one does not divide the other, or the log would not fit
-            into 4 GB; if the start is not five finite coordinates and rates, or the command not three numbers.
-        RunError: If the model ceases to hold, state or command stop being finite, the controller cannot answer, or the run is
-            interrupted; it carries what was recorded so far.
+            into 4 GB; if the start is not five finite coordinates and rates. At the first instant also if the command is not three
+            numbers or the reference does not want finite ones.
+        RunError: If the model ceases to hold, state, command or setpoint stop being finite, or the run is interrupted; it carries what was
+            recorded so far. So it does if the controller, the reference or the disturbance raises an error, which is then its cause.
     """
     clock = clocks(duration, dt, control_period)
     if drive not in ("effort", "motion"):
@@ -133,7 +137,7 @@ def simulate(
                 t = since + k * control_period
                 if not math.hypot(*state.v.tolist()) < DIVERGED:
                     raise _diverged(t, state)
-                wanted = reference(t)
+                wanted = setpoint(reference(t))
                 before = moving.effort()
                 if disturbance is not None:
                     log.force(moving.push(_forces(disturbance(t, state))))
@@ -150,12 +154,12 @@ def simulate(
             look_back()
     except KeyboardInterrupt:
         raise RunError(f"Interrupted at t = {t:.3f} s.", t=t, trajectory=recorded()) from None
-    except CraneError as error:
-        if not len(log) or (isinstance(error, RunError) and error.trajectory is not None):
+    except Exception as error:
+        if isinstance(error, CraneError) and (not len(log) or (isinstance(error, RunError) and error.trajectory is not None)):
             raise
         look_back()
         joint, value = (error.joint, error.value) if isinstance(error, RunError) else ("", float("nan"))
-        sentence = str(error) if isinstance(error, RunError) else f"At t = {t:.4g} s: {error}"
+        sentence = str(error) if isinstance(error, RunError) else f"At t = {t:.4g} s: {_told(error)}"
         raise RunError(sentence, t=t, joint=joint, value=value, trajectory=recorded()) from error
     return recorded()
 
@@ -168,6 +172,14 @@ def _engine(name: str) -> type[Engine]:
     from cranedyn.compiled.engine import CompiledEngine
 
     return CompiledEngine
+
+
+def _told(error: Exception) -> str:
+    """An error as a sentence; one that is not ours, which a controller may raise, with the place where it was raised."""
+    if isinstance(error, CraneError):
+        return str(error)
+    *_, place = traceback.extract_tb(error.__traceback__)
+    return f"{type(error).__name__} in {place.name}, line {place.lineno} of {Path(place.filename).name}: {written_out(error)}."
 
 
 def _command(answer: object, t: float) -> np.ndarray:

@@ -27,7 +27,7 @@ from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.riccati import riccati
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.crane import State, load_crane
-from cranedyn.errors import CraneError, OutOfRange, number, whole
+from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole
 from cranedyn.integrator import rk4
 from cranedyn.references import Leg, Motion, Push, Wanted, flat, hold, itinerary, operator, plumb, pulse, ramp, shaped, shortest, spline, zv
 from cranedyn.references.limits import Limits, fastest, use
@@ -36,7 +36,7 @@ from cranedyn.references.shaped import Shaper, shaped_hoisting
 from cranedyn.references.spline import Spline
 from cranedyn.references.tour import tour
 from cranedyn.simulate import simulate
-from cranedyn.trajectory import join
+from cranedyn.trajectory import COLUMNS, join, read
 from cranedyn.watch import events
 from tests.helpers import crane
 
@@ -317,3 +317,75 @@ def test_values_are_described_shortly() -> None:
 def test_the_doors_say_name_value_unit_and_what_is_allowed(make: Callable[[], Any], sentence: str) -> None:
     with pytest.raises(OutOfRange, match=sentence):
         make()
+
+
+# --- what goes wrong in a run ------------------------------------------------------------------------------------------------------
+
+
+def _from(t0: float, then: Callable[[], Any], usual: Callable[..., Any]) -> Callable[..., Any]:
+    """A callable of a run that does something else from a time on; it is the first of what it is given."""
+    return lambda t, *more: usual(t, *more) if t < t0 else then()
+
+
+BAD_SETPOINTS: dict[str, tuple[Any, str]] = {
+    "none": (None, "answer of the reference is None; allowed is a Wanted: position, velocity, acceleration"),
+    "an array": (np.zeros(3), r"position that the reference wants is an array of shape \(\); allowed is one of shape \(3,\)"),
+    "two numbers": (Wanted(*np.zeros((3, 2))), r"position that the reference wants is an array of shape \(2,\)"),
+    "nan": (
+        Wanted(np.array([0.0, math.nan, 15.0]), np.zeros(3), np.zeros(3)),
+        "position that the reference wants is an array that holds nan",
+    ),
+    "an endless rate": (Wanted(np.zeros(3), np.full(3, math.inf), np.zeros(3)), "velocity that the reference wants is .* holds inf"),
+    "words": (Wanted("a", "b", "c"), "position that the reference wants is 'a'; allowed is an array of numbers"),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize(("answer", "sentence"), BAD_SETPOINTS.values(), ids=BAD_SETPOINTS)
+def test_a_setpoint_that_is_none_ends_a_run_that_keeps_its_rows(answer: Any, sentence: str, tmp_path: Any) -> None:
+    with pytest.raises(OutOfRange, match=sentence):
+        simulate(C, BRAKE, lambda t: answer, duration=0.1)
+    with pytest.raises(RunError, match=rf"^At t = 0\.05 s: {sentence}") as caught:
+        simulate(C, BRAKE, _from(0.05, lambda: answer, STILL), duration=0.1)
+    kept = caught.value.trajectory
+    assert kept is not None and len(kept) == 10
+    assert len(read(kept.write(tmp_path / "a.parquet"))) == 10
+
+
+def test_a_setpoint_of_lists_is_three_numbers_as_well() -> None:
+    found = simulate(C, BRAKE, lambda t: Wanted([0, 10, 15], [0] * 3, [0] * 3), duration=0.05)  # type: ignore[arg-type]
+    assert np.array_equal(found.q, simulate(C, BRAKE, STILL, duration=0.05).q)
+
+
+@pytest.mark.parametrize("who", ["controller", "reference", "disturbance", "progress"])
+def test_an_error_of_whoever_a_run_calls_is_its_cause_and_its_rows_are_kept(who: str) -> None:
+    usual = {"controller": BRAKE, "reference": STILL, "disturbance": lambda t, state: np.zeros((2, 3)), "progress": lambda t: None}
+    for first, rows in ((0.0, 0), (0.05, 10)):
+        given = {**usual, who: _from(first, lambda: {}["x"], usual[who])}
+        with pytest.raises(RunError, match=rf"^At t = {first:g} s: KeyError in <lambda>, line \d+ of test_arguments\.py: 'x'\.$") as caught:
+            simulate(C, **given, duration=0.1)  # type: ignore[arg-type]
+        assert isinstance(caught.value.__cause__, KeyError)
+        kept = caught.value.trajectory
+        assert kept is not None and len(kept) == rows + (who == "progress")  # which is told after the row is logged
+        assert all(np.isfinite(getattr(kept, name)).all() for name in COLUMNS)
+
+
+def test_a_command_of_complex_numbers_is_refused() -> None:
+    with pytest.raises(OutOfRange, match=r"command of the controller is an array of shape \(3,\); allowed is three numbers"):
+        simulate(C, lambda t, state, wanted: np.array([1j, 0, 0]), duration=0.1)
+
+
+def test_every_row_of_a_table_of_setpoints_must_be_there_and_finite() -> None:
+    class Table:
+        def __init__(self, rows: int, columns: int, value: float = 0.0) -> None:
+            self.answer = Wanted(*np.full((3, rows, columns), value))
+
+        def __call__(self, t: float) -> Wanted:
+            return Wanted(*(part[0] for part in self.answer))
+
+        def at(self, times: np.ndarray) -> Wanted:
+            return self.answer
+
+    assert len(plumb(Table(21, 3), 0.1).q) == 21
+    for table in (Table(20, 3), Table(22, 3), Table(21, 2), Table(21, 3, math.nan)):
+        with pytest.raises(OutOfRange, match="position that the reference wants is an array "):
+            plumb(table, 0.1)

@@ -33,4 +33,7 @@ class Still:
 @checked
 def hold(state: State) -> Reference:
     """Keep the drives where this state has them."""
-    return Still(Wanted(state.q[DRIVES], np.zeros(3), np.zeros(3)))
+    wanted = Wanted(state.q[DRIVES], np.zeros(3), np.zeros(3))
+    for part in wanted:
+        part.flags.writeable = False  # one for the whole run, and handed to whoever asks
+    return Still(wanted)
