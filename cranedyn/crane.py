@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -91,9 +92,19 @@ class State(NamedTuple):
         return state
 
 
+class _Scratch(threading.local):
+    """Scratch memory of Pinocchio: whichever thread asks has its own, made when it first asks."""
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model, self.data = model, model.createData()
+
+    def __reduce__(self) -> tuple[type[_Scratch], tuple[pin.Model]]:
+        return type(self), (self.model,)
+
+
 @dataclass(frozen=True, eq=False)
 class Crane:
-    """A crane as loaded: parameters that do not change during a run.
+    """A crane as loaded: parameters that do not change during a run, and that several threads may use at once.
 
     Attributes:
         written: What gives its plain URDF; ask for `urdf`.
@@ -102,7 +113,6 @@ class Crane:
         lower, upper: Joint ranges [rad or m], shape (5,).
         effort_limit: Largest effort of the drives slew [N m], trolley [N], hoist [N], shape (3,).
         start: Where the URDF lets the drives start, hanging at rest.
-        data: Scratch memory of Pinocchio for `cranedyn.dynamics`; one thread at a time.
     """
 
     written: Callable[[], str] = field(repr=False)
@@ -112,7 +122,16 @@ class Crane:
     upper: np.ndarray
     effort_limit: np.ndarray
     start: State
-    data: pin.Data = field(repr=False)
+    _scratch: _Scratch = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Have scratch memory for each thread."""
+        object.__setattr__(self, "_scratch", _Scratch(self.model))
+
+    @property
+    def data(self) -> pin.Data:
+        """Scratch memory of Pinocchio for `cranedyn.dynamics`, that of the calling thread."""
+        return self._scratch.data
 
     @cached_property
     def urdf(self) -> str:
@@ -227,7 +246,6 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
         upper=upper,
         effort_limit=model.effortLimit[DRIVES].copy(),
         start=State(q, np.zeros(5)),
-        data=model.createData(),
     )
 
 

@@ -8,6 +8,7 @@ import math
 import pkgutil
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import fields
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any
@@ -389,3 +390,7 @@ def test_every_row_of_a_table_of_setpoints_must_be_there_and_finite() -> None:
     for table in (Table(20, 3), Table(22, 3), Table(21, 2), Table(21, 3, math.nan)):
         with pytest.raises(OutOfRange, match="position that the reference wants is an array "):
             plumb(table, 0.1)
+
+
+def test_the_fields_of_a_crane_are_those_that_make_it() -> None:
+    assert [one.name for one in fields(C) if one.init] == ["written", "model", "damping", "lower", "upper", "effort_limit", "start"]

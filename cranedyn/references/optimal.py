@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -36,6 +37,9 @@ most, and that one whose duration is given does not last longer; enough to decid
 
 _INTERVAL = 0.25
 """Longest interval of constant jerk [s]."""
+
+_ALONE = threading.Lock()
+"""CasADi counts who holds its symbols without care for threads, so one thread at a time."""
 
 _MOST, _RAMPS = 10_000, (1e-3, 3600.0)
 """Intervals that a motion may have, and the shortest and longest ramp [s]."""
@@ -117,7 +121,8 @@ def optimal(
     if about / interval > _MOST:
         raise OutOfRange("duration", about, f"{_MOST * interval:g} or less with intervals of {interval:g} s: half the ramp at most", "s")
     guess = _guess(move, about, interval)
-    plan = transcription.solve(_problem(move), guess, equal=True, least=least / len(guess.durations))
+    with _ALONE:
+        plan = transcription.solve(_problem(move), guess, equal=True, least=least / len(guess.durations))
     if duration is not None and plan.durations.sum() > duration + _SOON:
         shortest = math.ceil(100.0 * plan.durations.sum()) / 100.0
         raise OutOfRange("duration", duration, f"at least {shortest:.2f} s to keep all limits", "s")
