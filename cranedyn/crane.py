@@ -37,7 +37,9 @@ PASSIVE = np.array([2, 3])
 
 
 _UPRIGHT = float(np.nextafter(np.pi / 2, 0.0))
-_SINGULAR = 1e-10
+_SINGULAR, _ASTRAY = 1e-10, 1e-3
+_LIGHTEST = 1e-15
+"""Least payload [kg]: Pinocchio adds up bodies that weigh less than 2.2e-16 kg together as if they weighed that."""
 
 
 class _Joint(NamedTuple):
@@ -301,12 +303,16 @@ def _check_numbers(model: pin.Model) -> None:
         if not np.isfinite(inertia.inertia).all() or np.linalg.eigvalsh(inertia.inertia).min() < -1e-9 * np.abs(inertia.inertia).max():
             raise OutOfRange(f"inertia moved by {joint.name}", inertia.inertia.tolist(), "positive semidefinite", "kg m²")
     number("payload mass", model.inertias[5].mass, "kg", "> 0")
+    number("payload mass", model.inertias[5].mass, "kg", f"{_LIGHTEST:g} to 1e30")
     number("shortest cable", model.lowerPositionLimit[4], "m", "> 0")
 
 
 def _check_solvable(model: pin.Model, q: np.ndarray, path: Path) -> None:
-    """The mass matrix, scaled to a unit diagonal, must be far enough from singular for its inverse to keep some digits of a double."""
-    data = model.createData()
+    """The mass matrix, scaled to a unit diagonal, must be far enough from singular for its inverse to keep some digits of a double.
+
+    The articulated-body algorithm, which goes through other numbers, must accelerate the crane under all its efforts as that matrix does.
+    """
+    data, none = model.createData(), np.zeros(5)
     mass = np.triu(pin.crba(model, data, q))
     mass += np.triu(mass, 1).T
     own = np.diag(mass)
@@ -317,6 +323,11 @@ def _check_solvable(model: pin.Model, q: np.ndarray, path: Path) -> None:
     share = float(np.linalg.eigvalsh(mass / np.sqrt(own) / np.sqrt(own)[:, None])[0])
     if not share > _SINGULAR:
         raise OutOfRange("smallest eigenvalue of the scaled mass matrix", f"{share:.1e}", f"> {_SINGULAR:g}: masses differ too much")
+    effort = np.where(np.isin(np.arange(5), DRIVES), model.effortLimit, 0.0)
+    expected = np.linalg.solve(mass / np.sqrt(own) / np.sqrt(own)[:, None], (effort - pin.rnea(model, data, q, none, none)) / np.sqrt(own))
+    found = pin.aba(model, data, q, none, effort, pin.Convention.WORLD) * np.sqrt(own)
+    if not np.abs(found - expected).max() <= _ASTRAY * np.abs(expected).max():
+        raise ModelError(f"{path} cannot be simulated: its masses and lengths differ so much that accelerations lose all their digits.")
 
 
 def _initial(robot: ET.Element) -> dict[str, str]:
