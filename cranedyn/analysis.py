@@ -13,7 +13,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import linregress
 
-from cranedyn.errors import DataError
+from cranedyn.arguments import checked, finite, shaped
+from cranedyn.errors import DataError, number
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class SwingFit:
         return self.amplitude_at(t) * np.cos(2.0 * math.pi / self.period * t + self.phase) + self.offset
 
 
+@checked
 def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
     """Fit a decaying cosine by least squares.
 
@@ -60,6 +62,8 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
     Raises:
         DataError: If the record holds fewer than two swings, or the fit does not converge.
     """
+    t = finite("t", t, ("n",), "s")
+    swing = finite("swing", swing, t.shape, "rad")
     if len(t) == 0:
         raise DataError("The record holds no row where a swing is to be fitted.")
     centred = swing - swing.mean()
@@ -96,14 +100,18 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
     )
 
 
+@checked
 def zero_crossings(t: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Times at which a signal changes sign, by linear interpolation between samples; error O(dt²) of the period."""
+    y = shaped("y", y, shaped("t", t, ("n",)).shape)
     i = np.flatnonzero((np.signbit(y[:-1]) != np.signbit(y[1:])) & (y[:-1] != y[1:]))
     return t[i] - y[i] * (t[i + 1] - t[i]) / (y[i + 1] - y[i])
 
 
+@checked
 def peaks(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times and heights of the largest |y| between neighbouring zero crossings, by a parabola through the three samples at the top."""
+    y = shaped("y", y, shaped("t", t, ("n",)).shape)
     size = np.abs(y)
     edges = np.flatnonzero(np.signbit(y[:-1]) != np.signbit(y[1:])) + 1
     i = np.array([first + int(np.argmax(size[first:last])) for first, last in itertools.pairwise(edges)], dtype=int)
@@ -134,12 +142,14 @@ class PowerLaw:
         return self.factor * np.asarray(x, dtype=float) ** self.exponent
 
 
+@checked
 def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
     """Fit a power law by least squares on logarithms.
 
     Raises:
         DataError: If fewer than three points are given, all x are alike, or a number is not positive.
     """
+    y = finite("y", y, finite("x", x, ("n",)).shape)
     if len(x) < 3 or np.ptp(x) == 0.0:
         raise DataError(f"A power law needs three points of different abscissa, here are {len(x)}.")
     if not min(np.min(x), np.min(y)) > 0.0:
@@ -169,12 +179,14 @@ class Agreement:
         return self.rms / self.measured
 
 
+@checked
 def agreement(measured: np.ndarray, modelled: np.ndarray) -> Agreement:
     """Compare two signals of the same times, shape (n,) each.
 
     Raises:
         DataError: If one of them does not move.
     """
+    modelled = finite("modelled", modelled, finite("measured", measured, ("n",)).shape)
     for name, signal in (("measured", measured), ("modelled", modelled)):
         if len(signal) == 0 or np.ptp(signal) == 0.0 or np.var(signal) == 0.0:
             raise DataError(f"The {name} signal does not move, so there is nothing to compare.")
@@ -186,6 +198,7 @@ def agreement(measured: np.ndarray, modelled: np.ndarray) -> Agreement:
     )
 
 
+@checked
 def swing_amplitude(swing: np.ndarray, rates: np.ndarray, length: np.ndarray | float, gravity: float) -> np.ndarray:
     """Amplitude that a small swing would keep if the drives stood still from now on [rad], shape (n,).
 
@@ -195,9 +208,14 @@ def swing_amplitude(swing: np.ndarray, rates: np.ndarray, length: np.ndarray | f
         length: Cable length [m].
         gravity: Gravity [m/s²].
     """
+    rates = shaped("rates", rates, shaped("swing", swing, ("n", 2), "rad").shape, "rad/s")
+    if np.ndim(length):
+        shaped("length", length, (len(swing),), "m")
+    number("gravity", gravity, "m/s²", "> 0")
     return np.sqrt(np.sum(swing**2, axis=1) + np.sum(rates**2, axis=1) * length / gravity)
 
 
+@checked
 def settling_time(t: np.ndarray, distance: np.ndarray, within: float) -> float:
     """When a distance has come within a bound for good [s]; inf if it has not by the end.
 
@@ -206,6 +224,9 @@ def settling_time(t: np.ndarray, distance: np.ndarray, within: float) -> float:
         distance: Distances, not negative, shape (n,).
         within: The bound.
     """
+    distance = shaped("distance", distance, shaped("t", t, ("n",), "s").shape)
+    if not len(t):
+        raise DataError("The record holds no row where a time of settling is looked for.")
     outside = np.flatnonzero(~(distance <= within))
     if not len(outside):
         return float(t[0])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import inputs
 from cranedyn.compiled.checked import compiled
@@ -56,6 +57,7 @@ class Batch:
         return len(self.peak_swing)
 
 
+@checked
 def simulate_batch(
     crane: Crane | Sequence[Crane],
     controller: Controller | Sequence[Controller],

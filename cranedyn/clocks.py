@@ -13,6 +13,9 @@ _STEPS = 1e-9, 1e3
 _MOST_STEPS = 1e10
 """A run of more physics steps than this would take most of a day."""
 
+_MOST_ROWS = 4_000_000
+"""A planned motion of more rows than this would take gigabytes; so many are five hours at 200 Hz."""
+
 _SMALL = 5e-4
 """Longest step in which buffers act, where the stepping rule asks for a smooth motion [s]."""
 
@@ -89,6 +92,19 @@ def soon_enough(own: float, control_period: float) -> None:
         raise OutOfRange("control period of the run", control_period, f"that for which the controller was made, {own:g} s, or less", "s")
 
 
+def intervals(name: str, duration: float, step: float) -> int:
+    """How many steps a duration takes, the last of which may end after it: one less than there are rows in a table.
+
+    Raises:
+        OutOfRange: If one is not positive, or there would be more than 4 million.
+    """
+    number(name, duration, "s", "> 0")
+    number("step", step, "s", "> 0")
+    if duration / step > _MOST_ROWS:
+        raise OutOfRange(name, duration, f"{_MOST_ROWS * step:g} or less: {_MOST_ROWS} rows that are {step:g} s apart", "s")
+    return math.ceil(duration / step - 1e-9)
+
+
 def multiple(name: str, value: float, of_name: str, of: float) -> int:
     """How many times one time [s] goes into another.
 
@@ -96,7 +112,8 @@ def multiple(name: str, value: float, of_name: str, of: float) -> int:
         OutOfRange: If one is not positive, or they do not divide.
     """
     number(of_name, of, "s", "> 0")
-    times = round(number(name, value, "s", "> 0") / of)
+    ratio = number(name, value, "s", "> 0") / of
+    times = round(ratio) if math.isfinite(ratio) else 0
     if times < 1 or abs(times * of - value) > 1e-9 * value:
         raise OutOfRange(name, value, f"a multiple of {of_name} = {of:g} s", "s")
     return times

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+import threading
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.arguments import described, taken
 from cranedyn.description import XACRO, describe
 from cranedyn.errors import ModelError, OutOfRange, UnknownName, number, within
 from cranedyn.files import read_text
@@ -35,7 +37,9 @@ PASSIVE = np.array([2, 3])
 
 
 _UPRIGHT = float(np.nextafter(np.pi / 2, 0.0))
-_SINGULAR = 1e-10
+_SINGULAR, _ASTRAY = 1e-10, 1e-3
+_LIGHTEST = 1e-15
+"""Least payload [kg]: Pinocchio adds up bodies that weigh less than 2.2e-16 kg together as if they weighed that."""
 
 
 class _Joint(NamedTuple):
@@ -65,10 +69,44 @@ class State(NamedTuple):
     q: np.ndarray
     v: np.ndarray
 
+    @classmethod
+    def checked(cls, name: str, value: Any) -> State:
+        """A state of five finite coordinates and rates that nobody else can change.
+
+        Args:
+            name: Which state it is, for the sentence.
+            value: A state, or two sequences of five numbers.
+
+        Raises:
+            OutOfRange: If it is none.
+        """
+        try:
+            coordinates, rates = value
+        except Exception:  # whatever it is, it is no pair
+            raise OutOfRange(name, described(value), "five coordinates and five rates, all numbers") from None
+        state = cls(*(taken(name, part, np.ndarray).copy() for part in (coordinates, rates)))
+        for kind, part in zip(("coordinates", "rates"), state, strict=True):
+            if part.shape != (5,):
+                raise OutOfRange(f"{kind} at the {name}", described(part), f"five numbers: {', '.join(COORDINATES)}")
+            for coordinate, one in zip(COORDINATES, part, strict=True):
+                number(f"{coordinate} among the {kind} at the {name}", one)
+            part.flags.writeable = False
+        return state
+
+
+class _Scratch(threading.local):
+    """Scratch memory of Pinocchio: whichever thread asks has its own, made when it first asks."""
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model, self.data = model, model.createData()
+
+    def __reduce__(self) -> tuple[type[_Scratch], tuple[pin.Model]]:
+        return type(self), (self.model,)
+
 
 @dataclass(frozen=True, eq=False)
 class Crane:
-    """A crane as loaded: parameters that do not change during a run.
+    """A crane as loaded: parameters that do not change during a run, and that several threads may use at once.
 
     Attributes:
         written: What gives its plain URDF; ask for `urdf`.
@@ -77,7 +115,6 @@ class Crane:
         lower, upper: Joint ranges [rad or m], shape (5,).
         effort_limit: Largest effort of the drives slew [N m], trolley [N], hoist [N], shape (3,).
         start: Where the URDF lets the drives start, hanging at rest.
-        data: Scratch memory of Pinocchio for `cranedyn.dynamics`; one thread at a time.
     """
 
     written: Callable[[], str] = field(repr=False)
@@ -87,7 +124,16 @@ class Crane:
     upper: np.ndarray
     effort_limit: np.ndarray
     start: State
-    data: pin.Data = field(repr=False)
+    _scratch: _Scratch = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Have scratch memory for each thread."""
+        object.__setattr__(self, "_scratch", _Scratch(self.model))
+
+    @property
+    def data(self) -> pin.Data:
+        """Scratch memory of Pinocchio for `cranedyn.dynamics`, that of the calling thread."""
+        return self._scratch.data
 
     @cached_property
     def urdf(self) -> str:
@@ -169,7 +215,8 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
         DataError: If the file cannot be read.
     """
     g = number("gravity", gravity, "m/s²", "> 0")
-    path = XACRO if urdf is None else Path(urdf)
+    taken("check_axes", check_axes, bool)
+    path = XACRO if urdf is None else Path(taken("urdf", urdf, str | Path))
     if path.suffix == ".xacro":
         text = describe(path, values, visuals=urdf is not None)
     elif values:
@@ -201,7 +248,6 @@ def load_crane(urdf: str | Path | None = None, *, gravity: float = STANDARD_GRAV
         upper=upper,
         effort_limit=model.effortLimit[DRIVES].copy(),
         start=State(q, np.zeros(5)),
-        data=model.createData(),
     )
 
 
@@ -257,12 +303,16 @@ def _check_numbers(model: pin.Model) -> None:
         if not np.isfinite(inertia.inertia).all() or np.linalg.eigvalsh(inertia.inertia).min() < -1e-9 * np.abs(inertia.inertia).max():
             raise OutOfRange(f"inertia moved by {joint.name}", inertia.inertia.tolist(), "positive semidefinite", "kg m²")
     number("payload mass", model.inertias[5].mass, "kg", "> 0")
+    number("payload mass", model.inertias[5].mass, "kg", f"{_LIGHTEST:g} to 1e30")
     number("shortest cable", model.lowerPositionLimit[4], "m", "> 0")
 
 
 def _check_solvable(model: pin.Model, q: np.ndarray, path: Path) -> None:
-    """The mass matrix, scaled to a unit diagonal, must be far enough from singular for its inverse to keep some digits of a double."""
-    data = model.createData()
+    """The mass matrix, scaled to a unit diagonal, must be far enough from singular for its inverse to keep some digits of a double.
+
+    The articulated-body algorithm, which goes through other numbers, must accelerate the crane under all its efforts as that matrix does.
+    """
+    data, none = model.createData(), np.zeros(5)
     mass = np.triu(pin.crba(model, data, q))
     mass += np.triu(mass, 1).T
     own = np.diag(mass)
@@ -273,6 +323,11 @@ def _check_solvable(model: pin.Model, q: np.ndarray, path: Path) -> None:
     share = float(np.linalg.eigvalsh(mass / np.sqrt(own) / np.sqrt(own)[:, None])[0])
     if not share > _SINGULAR:
         raise OutOfRange("smallest eigenvalue of the scaled mass matrix", f"{share:.1e}", f"> {_SINGULAR:g}: masses differ too much")
+    effort = np.where(np.isin(np.arange(5), DRIVES), model.effortLimit, 0.0)
+    expected = np.linalg.solve(mass / np.sqrt(own) / np.sqrt(own)[:, None], (effort - pin.rnea(model, data, q, none, none)) / np.sqrt(own))
+    found = pin.aba(model, data, q, none, effort, pin.Convention.WORLD) * np.sqrt(own)
+    if not np.abs(found - expected).max() <= _ASTRAY * np.abs(expected).max():
+        raise ModelError(f"{path} cannot be simulated: its masses and lengths differ so much that accelerations lose all their digits.")
 
 
 def _initial(robot: ET.Element) -> dict[str, str]:

@@ -110,8 +110,10 @@ class Engine:
             q, self._u = self._integrator.advance(self._drives.acceleration, self._drives.model, self.state.q, self._u, self._steps)
         else:
             q = self._advance_to_buffers(self._rough)
+        v = self._u * self._per_second
         q.setflags(write=False)
-        self.state = State(q, self._u * self._per_second)
+        v.setflags(write=False)
+        self.state = State(q, v)
         return self.state
 
     def _advance_to_buffers(self, rough: _Rough) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterable
 from numbers import Integral
 from typing import TYPE_CHECKING
@@ -49,8 +50,15 @@ class OutOfRange(CraneError):
     def __init__(self, name: str, value: object, allowed: str, unit: str = "") -> None:
         """Keep the values and phrase the sentence."""
         self.name, self.value, self.allowed, self.unit = name, value, allowed, unit
-        shown = f"{value} {unit}".strip()
-        super().__init__(f"{name} is {shown}; allowed is {allowed}.")
+        super().__init__(f"{name} is {f'{written_out(value)} {unit}'.strip()}; allowed is {allowed}.")
+
+
+def written_out(value: object) -> str:
+    """A value as text; what it is if there is none, as of a whole number of more than 4300 digits."""
+    try:
+        return str(value)
+    except Exception:  # whatever the value of a stranger raises
+        return f"{type(value).__name__} that cannot be written out"
 
 
 class UnknownName(CraneError):
@@ -105,7 +113,7 @@ def number(name: str, value: object, unit: str = "", allowed: str = "any") -> fl
     """
     try:
         x = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
+    except Exception:  # whatever the conversion of a stranger's value raises
         raise OutOfRange(name, value, "a number" if allowed == "any" else f"a number {allowed}", unit) from None
     low, high, strict = _range(allowed)
     if not math.isfinite(x) or x < low or x > high or (strict and x == low):
@@ -136,6 +144,8 @@ def whole(name: str, value: object, least: int, unit: str = "") -> int:
     """
     if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise OutOfRange(name, value, f"a whole number >= {least}", unit)
+    if int(value) > sys.maxsize:
+        raise OutOfRange(name, value, f"a whole number up to {sys.maxsize:g}", unit)
     return int(value)
 
 

@@ -9,8 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.arguments import checked, finite
+from cranedyn.clocks import clocks
 from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.dynamics import holding_effort, linearise
+from cranedyn.errors import OutOfRange, whole, within
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +35,7 @@ class Sampled:
         return self.a - self.b @ gain
 
 
+@checked
 def sampled(crane: Crane, state: State, effort: np.ndarray | None = None, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
     """Linearise a crane about a state and step it exactly as `simulate` does: semi-implicit Euler under a held effort.
 
@@ -41,21 +45,27 @@ def sampled(crane: Crane, state: State, effort: np.ndarray | None = None, *, dt:
         effort: What the drives exert there, shape (3,); None for what balances gravity.
         dt: Physics step [s].
         control_period: Time over which efforts are held [s], a multiple of `dt`.
+
+    Raises:
+        OutOfRange: If a time is out of range or the period not a multiple of `dt`, or the effort not three finite numbers.
     """
-    by_state, by_effort = linearise(crane, state, holding_effort(crane, state.q) if effort is None else effort)
+    steps = clocks(control_period, dt, control_period).steps
+    exerted = holding_effort(crane, state.q) if effort is None else finite("effort", effort, (3,), "N m, N, N")
+    by_state, by_effort = linearise(crane, state, exerted)
     step_v = np.hstack([np.zeros((5, 5)), np.eye(5)]) + dt * by_state
     step = np.vstack([np.eye(5, 10) + dt * step_v, step_v])
     push = np.vstack([dt * dt * by_effort, dt * by_effort])
-    held = np.linalg.matrix_power(np.block([[step, push], [np.zeros((3, 10)), np.eye(3)]]), round(control_period / dt))
+    held = np.linalg.matrix_power(np.block([[step, push], [np.zeros((3, 10)), np.eye(3)]]), steps)
     a, b = held[:10, :10], held[:10, 10:]
     return Sampled(a, b, control_period)
 
 
+@checked
 def feedback_gain(stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
     """Gain of proportional-derivative control of each drive by itself, shape (3, 10), from its k_p and k_d, shape (3,) each."""
     gain = np.zeros((3, 10))
-    gain[range(3), DRIVES] = stiffness
-    gain[range(3), 5 + DRIVES] = damping
+    gain[range(3), DRIVES] = finite("stiffness", stiffness, (3,))
+    gain[range(3), 5 + DRIVES] = finite("damping", damping, (3,))
     return gain
 
 
@@ -84,11 +94,21 @@ class Mode:
         return float(-self.rate.real / abs(self.rate))
 
 
+@checked
 def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
-    """The oscillation of a sampled closed loop, shape (10, 10), in which a coordinate (2 for φ, 3 for θ) has the largest share."""
-    values, vectors = np.linalg.eig(loop)
-    rates = np.log(values.astype(complex)) / period
+    """The oscillation of a sampled closed loop, shape (10, 10), in which a coordinate (2 for φ, 3 for θ) has the largest share.
+
+    Raises:
+        OutOfRange: If the loop has another shape, the period is out of range, or the coordinate does not oscillate.
+    """
+    if whole("coordinate", coordinate, 0) > 4:
+        raise OutOfRange("coordinate", coordinate, "0 to 4")
+    values, vectors = np.linalg.eig(finite("loop", loop, (10, 10)))
+    rates = np.log(values.astype(complex)) / within("period", period, 1e-9, 1e13, "s")
     share = np.abs(vectors[coordinate]) / np.linalg.norm(vectors[:5], axis=0)
-    i = int(np.argmax(np.where(rates.imag > 1e-3, share, 0.0)))
+    shares = np.where(rates.imag > 1e-3, share, 0.0)
+    i = int(np.argmax(shares))
+    if not shares[i] > 0.0:
+        raise OutOfRange("loop", "one in which this coordinate does not oscillate", "one in which it does")
     scale = vectors[coordinate, i]
     return Mode(complex(rates[i]), vectors[:, i] / scale, np.linalg.inv(vectors)[i] * scale)

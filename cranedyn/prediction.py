@@ -7,11 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.arguments import checked
+from cranedyn.clocks import intervals, multiple
 from cranedyn.controllers import Hold
 from cranedyn.crane import DRIVES, Crane, State
+from cranedyn.errors import OutOfRange, number
 from cranedyn.linear import feedback_gain, sampled, swing_mode
 from cranedyn.references import Reference
+from cranedyn.references.wanted import setpoint
 from cranedyn.theory import amplitude_factor, hoist_give
+
+_GONE = 300.0
+"""After so many times of decay nothing is left of a swing: its square is no longer a number of full precision."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +36,7 @@ class FreeSwing:
     amplitude: float
 
 
+@checked
 def free_swing(
     crane: Crane,
     hold: Hold,
@@ -55,13 +63,23 @@ def free_swing(
         until: End of the stretch [s].
         dt: Physics step [s].
         control_period: Time between control instants [s].
+
+    Raises:
+        OutOfRange: If the stretch does not begin at 0 or later and end after that while there is a swing, or the control period is not a
+            multiple of `dt`.
     """
+    if not number("since", since, "s", ">= 0") < number("until", until, "s"):
+        raise OutOfRange("since", since, f"less than until, {until:g} s", "s")
+    multiple("control_period", control_period, "dt", dt)
+    intervals("until", until, control_period)
     rest = start.q.copy()
     rest[4] += (hold.feed_forward[2] + crane.payload_mass * crane.gravity) / hold.stiffness[2]
     plant = sampled(crane, State(rest, np.zeros(5)), dt=dt, control_period=control_period)
     loop = plant.closed(feedback_gain(hold.stiffness, hold.damping))
     mode = swing_mode(loop, control_period, coordinate=2)
-    pushes = [hold.stiffness * (reference(k * control_period).position - start.q[DRIVES]) for k in range(round(since / control_period))]
+    pushes = [
+        hold.stiffness * (setpoint(reference(k * control_period)).position - start.q[DRIVES]) for k in range(round(since / control_period))
+    ]
     last = max((k for k, push in enumerate(pushes) if push.any()), default=0)
     z = np.zeros(10)
     for push in pushes[: last + 1]:
@@ -71,6 +89,8 @@ def free_swing(
         return hoist_give(amplitude, rest[4], crane.gravity, crane.payload_mass, float(hold.stiffness[2]), float(hold.damping[2]))
 
     times = np.linspace(since, until, 200) - (last + 1) * control_period
+    if -mode.rate.real * until > _GONE:
+        raise OutOfRange("until", until, f"{-_GONE / mode.rate.real:.3g} or less: the swing has died away by then", "s")
     decayed = _decay(times, 2.0 * float(abs(mode.weights @ z)), -mode.rate.real, mode.rate.imag * give(1.0)[1])
     amplitude = math.sqrt(float(np.mean(decayed**2)))
     stretch, damping = give(amplitude)

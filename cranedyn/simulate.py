@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from cranedyn.arguments import checked, described
 from cranedyn.clocks import Timed, clocks
-from cranedyn.crane import COORDINATES, DRIVES, JOINTS, Crane, State
+from cranedyn.crane import DRIVES, JOINTS, Crane, State
 from cranedyn.engine import DIVERGED, Engine, Setting
-from cranedyn.errors import CraneError, OutOfRange, RunError, number
+from cranedyn.errors import CraneError, OutOfRange, RunError, number, written_out
 from cranedyn.integrator import Integrator, semi_implicit_euler
 from cranedyn.log import Log
 from cranedyn.references import Reference, Wanted, hold
+from cranedyn.references.wanted import setpoint
 from cranedyn.trajectory import Trajectory
 from cranedyn.watch import first_event
 
@@ -37,6 +41,7 @@ EngineName = Literal["pinocchio", "compiled"]
 """What computes a step."""
 
 
+@checked
 def simulate(
     crane: Crane,
     controller: Controller,
@@ -85,10 +90,11 @@ def simulate(
         What happened, from `since` on.
 
     Raises:
-        OutOfRange: If a time is not positive, one does not divide the other, or the log would not fit into 4 GB; if the start is not
-            five finite coordinates and rates, or the command not three numbers; if the controller was made for a shorter control period.
-        RunError: If the model ceases to hold, state or command stop being finite, the controller cannot answer, or the run is
-            interrupted; it carries what was recorded so far.
+        OutOfRange: If an argument is of another kind; if a time is not positive, one does not divide the other, or the log would not fit
+            into 4 GB; if the start is not five finite coordinates and rates; if the controller was made for a shorter control period. At
+            the first instant also if the command is not three numbers or the reference does not want finite ones.
+        RunError: If the model ceases to hold, state, command or setpoint stop being finite, or the run is interrupted; it carries what was
+            recorded so far. So it does if the controller, the reference or the disturbance raises an error, which is then its cause.
     """
     clock = clocks(duration, dt, control_period)
     if drive not in ("effort", "motion"):
@@ -96,7 +102,7 @@ def simulate(
     if watch not in ("stop", "mark") and (watch, drive) != ("buffers", "effort"):
         raise OutOfRange("watch", watch, "stop or mark, or buffers where the drives take efforts")
     buffers = watch == "buffers"
-    state = _checked(crane.start if start is None else start)
+    state = State.checked("start", crane.start) if start is None else start
     number("time at the start", since, "s", "-1e9 to 1e9")
     log = Log(crane, since, control_period, clock.periods + 1, integrator.lead * dt)
     moving = _engine(engine)(Setting(crane, clock, drive, disturbance is not None, buffers, integrator), state)
@@ -133,7 +139,7 @@ def simulate(
                 t = since + k * control_period
                 if not math.hypot(*state.v.tolist()) < DIVERGED:
                     raise _diverged(t, state)
-                wanted = reference(t)
+                wanted = setpoint(reference(t))
                 before = moving.effort()
                 if disturbance is not None:
                     log.force(moving.push(_forces(disturbance(t, state))))
@@ -150,12 +156,12 @@ def simulate(
             look_back()
     except KeyboardInterrupt:
         raise RunError(f"Interrupted at t = {t:.3f} s.", t=t, trajectory=recorded()) from None
-    except CraneError as error:
-        if not len(log) or (isinstance(error, RunError) and error.trajectory is not None):
+    except Exception as error:
+        if isinstance(error, CraneError) and (not len(log) or (isinstance(error, RunError) and error.trajectory is not None)):
             raise
         look_back()
         joint, value = (error.joint, error.value) if isinstance(error, RunError) else ("", float("nan"))
-        sentence = str(error) if isinstance(error, RunError) else f"At t = {t:.4g} s: {error}"
+        sentence = str(error) if isinstance(error, RunError) else f"At t = {t:.4g} s: {_told(error)}"
         raise RunError(sentence, t=t, joint=joint, value=value, trajectory=recorded()) from error
     return recorded()
 
@@ -170,18 +176,12 @@ def _engine(name: str) -> type[Engine]:
     return CompiledEngine
 
 
-def _checked(start: State) -> State:
-    try:
-        state = State(*(np.array(part, dtype=float) for part in start))
-    except (TypeError, ValueError):
-        raise OutOfRange("start", start, "five coordinates and five rates, all numbers") from None
-    for name, part in zip(("coordinates", "rates"), state, strict=True):
-        if part.shape != (5,):
-            raise OutOfRange(f"{name} at the start", f"an array of shape {part.shape}", f"five numbers: {', '.join(COORDINATES)}")
-        for coordinate, value in zip(COORDINATES, part, strict=True):
-            number(f"{coordinate} among the {name} at the start", value)
-        part.flags.writeable = False
-    return state
+def _told(error: Exception) -> str:
+    """An error as a sentence; one that is not ours, which a controller may raise, with the place where it was raised."""
+    if isinstance(error, CraneError):
+        return str(error)
+    *_, place = traceback.extract_tb(error.__traceback__)
+    return f"{type(error).__name__} in {place.name}, line {place.lineno} of {Path(place.filename).name}: {written_out(error)}."
 
 
 def _command(answer: object, t: float) -> np.ndarray:
@@ -205,11 +205,11 @@ def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> n
     if type(answer) is np.ndarray and answer.dtype is _NUMBERS and answer.shape == shape:
         return answer.copy()
     try:
-        array = np.array(answer, dtype=float)
-    except (TypeError, ValueError):
-        raise OutOfRange(name, repr(answer), allowed) from None
-    if array.shape != shape:
-        raise OutOfRange(name, f"an array of shape {array.shape}", allowed)
+        array = None if isinstance(answer, np.ndarray) and np.iscomplexobj(answer) else np.array(answer, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        array = None
+    if array is None or array.shape != shape:
+        raise OutOfRange(name, described(answer if array is None else array), allowed)
     return array
 
 

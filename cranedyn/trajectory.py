@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.crane import State
 from cranedyn.errors import DataError
 from cranedyn.files import written
@@ -190,6 +191,7 @@ def _parameters(metadata: Mapping[bytes, bytes], path: str | Path) -> dict[str, 
     return found
 
 
+@checked
 def join(pieces: Sequence[Trajectory]) -> Trajectory:
     """One trajectory from pieces of a run, each beginning at the time and state at which the one before ended.
 
@@ -198,7 +200,7 @@ def join(pieces: Sequence[Trajectory]) -> Trajectory:
     Raises:
         DataError: If there is no piece, one is empty, or one does not begin where the one before ended.
     """
-    if not pieces:
+    if not len(pieces):
         raise DataError("There are no pieces to join.")
     if not all(len(piece) for piece in pieces):
         raise DataError("A piece to join has no rows.")

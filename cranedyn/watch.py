@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.crane import JOINTS, PASSIVE, UNITS, Crane
 from cranedyn.drives import cable_buffers
 from cranedyn.dynamics import pivot_position
@@ -56,6 +57,7 @@ def first_event(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *
     return min(found, key=lambda event: event.row, default=None)
 
 
+@checked
 def events(crane: Crane, run: Trajectory) -> list[Event]:
     """Every beginning of a stretch in which the model does not hold, in the order of time."""
     buffers = run.parameters.get("watch") == "buffers"

@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from cranedyn.arguments import checked
+from cranedyn.clocks import intervals
 from cranedyn.crane import Crane, State
 from cranedyn.dynamics import payload_velocity, pivot_velocity
 from cranedyn.errors import OutOfRange, number
@@ -23,6 +25,7 @@ Speed = Callable[[float], float]
 """From time [s] to wind speed [m/s]."""
 
 
+@checked
 def push(payload: Sequence[float] = (0.0, 0.0, 0.0), trolley: Sequence[float] = (0.0, 0.0, 0.0), *, at: float = 0.0) -> Disturbance:
     """Constant forces in the world [N] from a time on [s].
 
@@ -32,25 +35,29 @@ def push(payload: Sequence[float] = (0.0, 0.0, 0.0), trolley: Sequence[float] = 
     Raises:
         OutOfRange: If a number is not finite, or a force has not three.
     """
-    forces = np.array([[number("force", part, "N") for part in force] for force in (payload, trolley)])
-    if forces.shape != (2, 3):
-        raise OutOfRange("force", forces.tolist(), "three numbers each for payload and trolley", "N")
+    given = [[number("force", part, "N") for part in force] for force in (payload, trolley)]
+    if any(len(force) != 3 for force in given):
+        raise OutOfRange("force", given, "three numbers each for payload and trolley", "N")
+    forces = np.array(given)
     first = number("start of the push", at, "s")
     return lambda t, state: forces if t >= first else np.zeros((2, 3))
 
 
+@checked
 def steady(speed: float) -> Speed:
     """The same wind all the time [m/s]."""
     value = number("wind speed", speed, "m/s")
     return lambda t: value
 
 
+@checked
 def step_gust(base: Speed, rise: float, *, at: float) -> Speed:
     """Add a rise [m/s] from a time on [s]."""
     by, first = number("rise of the wind", rise, "m/s"), number("start of the gust", at, "s")
     return lambda t: base(t) + (by if t >= first else 0.0)
 
 
+@checked
 def cosine_gust(base: Speed, rise: float, *, at: float, lasts: float) -> Speed:
     """Add a gust of shape (1 - cos)/2, a discrete gust: its largest rise [m/s], when it begins and how long it lasts [s]."""
     by, first = number("rise of the wind", rise, "m/s"), number("start of the gust", at, "s")
@@ -58,6 +65,7 @@ def cosine_gust(base: Speed, rise: float, *, at: float, lasts: float) -> Speed:
     return lambda t: base(t) + (by * (1.0 - math.cos(2.0 * math.pi * (t - first) / span)) / 2.0 if first <= t <= first + span else 0.0)
 
 
+@checked
 def turbulence(
     base: Speed, intensity: float, rng: np.random.Generator, *, duration: float, time_scale: float = 5.0, step: float = 0.05
 ) -> Speed:
@@ -76,8 +84,9 @@ def turbulence(
     Raises:
         OutOfRange: If a number is not positive.
     """
-    sigma = number("turbulence intensity", intensity, "", ">= 0") * abs(base(0.0))
-    count = math.ceil(number("duration of the turbulence", duration, "s", "> 0") / number("step of the turbulence", step, "s", "> 0")) + 1
+    sigma = number("turbulence intensity", intensity, "", ">= 0") * abs(number("wind speed", base(0.0), "m/s"))
+    intervals("duration of the turbulence", duration, step)
+    count = math.ceil(duration / step) + 1
     keep = math.exp(-step / number("time scale of the turbulence", time_scale, "s", "> 0"))
     noise = rng.standard_normal(count) * sigma
     values = [noise[0]]
@@ -93,6 +102,7 @@ def turbulence(
     return lambda t: base(t) + gust(t)
 
 
+@checked
 def wind(crane: Crane, speed: Speed, *, direction: float, payload_area: float, trolley_area: float = 0.0) -> Disturbance:
     """Drag of a horizontal wind on payload and trolley: ½ ρ A |w - v| (w - v), relative to their own velocity v.
 

@@ -413,10 +413,17 @@ def test_a_reference_that_cannot_answer_ends_both_runs_in_the_same_words() -> No
     assert len(failure.trajectory) == 60
 
 
-def test_errors_that_are_not_ours_come_through_as_they_are() -> None:
-    for engine in ("pinocchio", "compiled"):
-        with pytest.raises(ZeroDivisionError):
-            simulate(crane(), hold_controller(crane()), lambda t: _raise(ZeroDivisionError()), duration=0.1, engine=engine)  # type: ignore[arg-type]
+def test_errors_that_are_not_ours_end_both_runs_alike_and_are_the_cause() -> None:
+    def reference(t: float) -> Wanted:
+        return hold(crane().start)(t if t < 0.3 else t / 0.0)
+
+    failure = _same_failure(crane(), lambda: hold_controller(crane(), gravity=9.7), reference, duration=1.0)
+    assert re.fullmatch(
+        r"At t = 0.3 s: ZeroDivisionError in reference, line \d+ of test_compiled.py: float division by zero.", str(failure)
+    )
+    assert isinstance(failure.__cause__, ZeroDivisionError)
+    assert failure.trajectory is not None
+    assert len(failure.trajectory) == 60
 
 
 def test_ctrl_c_in_a_loop_that_runs_ahead_keeps_the_blocks_that_are_done() -> None:

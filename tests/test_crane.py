@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn import dynamics
 from cranedyn.crane import COORDINATES, DRIVES, JOINTS, PASSIVE, STANDARD_GRAVITY, Crane, State, load_crane
-from cranedyn.description import XACRO, describe
+from cranedyn.description import XACRO, arguments, describe
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName
 from tests.helpers import G, crane, efforts, states, turned
 
@@ -87,6 +87,45 @@ def test_a_gravity_that_is_none_is_refused(gravity: float) -> None:
 def test_numbers_that_make_no_crane_are_refused(values: dict[str, float], sentence: str) -> None:
     with pytest.raises(OutOfRange, match=sentence):
         load_crane(**values)
+
+
+@pytest.mark.parametrize("mass", [5e-324, 1e-310, 1e-200, 1e-20])
+def test_a_load_too_light_to_be_added_up_is_refused(mass: float) -> None:
+    with pytest.raises(OutOfRange, match=f"payload mass is {mass} kg; allowed is 1e-15 to 1e30"):
+        load_crane(payload_mass=mass)
+
+
+ASTRAY = "cannot be simulated: its masses and lengths differ so much that accelerations lose all their digits"
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"pivot_height": 1e29}, ASTRAY),
+        ({"hoist_min": 1e-9, "hoist_init": 1e-9, "payload_inertia": 0, "dummy_mass": 0, "dummy_inertia": 0}, ASTRAY),
+    ],
+)
+def test_numbers_with_which_the_articulated_body_algorithm_goes_astray_are_refused(values: dict[str, float], sentence: str) -> None:
+    with pytest.raises(ModelError, match=sentence):
+        load_crane(**values)
+
+
+@pytest.mark.parametrize("value", [5e-324, 1e29])
+def test_whatever_number_a_crane_is_loaded_with_it_accelerates_as_its_mass_matrix_says_or_is_refused(value: float) -> None:
+    loaded = 0
+    for name in [*arguments(), "gravity"]:
+        try:
+            c = load_crane(**{name: value})
+        except CraneError:
+            continue
+        loaded += 1
+        tau = dynamics.full(c.effort_limit)
+        mass = np.triu(pin.crba(c.model, c.data, c.start.q))
+        mass += np.triu(mass, 1).T
+        expected = np.linalg.solve(mass, tau - pin.rnea(c.model, c.data, c.start.q, np.zeros(5), np.zeros(5)))
+        found = dynamics.acceleration(c, c.start, c.effort_limit)
+        assert np.abs((found - expected) * np.sqrt(mass.diagonal())).max() <= 1e-3 * np.abs(expected * np.sqrt(mass.diagonal())).max(), name
+    assert loaded > 5
 
 
 # --- what is loaded, and when ---------------------------------------------------------------------------------------------------------

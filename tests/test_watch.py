@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from cranedyn.controllers import hold_controller
 from cranedyn.crane import State
 from cranedyn.errors import CraneError, OutOfRange, RunError
-from cranedyn.references import hold, ramp
+from cranedyn.references import Wanted, hold, ramp
 from cranedyn.simulate import EngineName, simulate
 from cranedyn.trajectory import COLUMNS, Trajectory
 from cranedyn.watch import events
@@ -160,7 +160,7 @@ def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> Non
         ({"watch": "ignore"}, "watch is ignore"),
         ({"start": (np.zeros(5), np.full(5, np.nan))}, "gamma among the rates at the start is nan"),
         ({"start": (np.zeros(4), np.zeros(5))}, r"coordinates at the start is an array of shape \(4,\)"),
-        ({"start": "rest"}, "start is rest"),
+        ({"start": "rest"}, "start is 'rest'"),
         ({"since": math.nan}, "time at the start is nan"),
         ({"duration": 1e5}, r"s at most: its \d+ rows would take"),
         ({"dt": 1e-14}, "dt is 1e-14 s; allowed is 1e-09 to 1000"),
@@ -200,10 +200,24 @@ def test_a_huge_command_is_cut_to_the_limit_and_a_missing_one_is_named() -> None
         simulate(crane(), constant(0.0, math.nan, 0.0), duration=0.01)
 
 
-def test_a_controller_cannot_change_the_state_it_is_given() -> None:
-    def meddling(t: float, state: tuple[np.ndarray, np.ndarray], wanted: object) -> np.ndarray:
-        state[0][0] += 1.0
+@pytest.mark.parametrize("part", ["q", "v"])
+@pytest.mark.parametrize("first", [0.0, 0.5])
+def test_a_controller_cannot_change_the_state_it_is_given(part: str, first: float) -> None:
+    def meddling(t: float, state: State, wanted: object) -> np.ndarray:
+        if t >= first:
+            getattr(state, part)[0] += 1.0
+        return np.array([0.0, 0.0, -1000.0 * G])
+
+    with pytest.raises(RunError, match="read-only") as caught:
+        simulate(crane(), meddling, duration=1.0)
+    assert isinstance(caught.value.__cause__, ValueError)
+    assert caught.value.trajectory is not None and len(caught.value.trajectory) == round(first / 5e-3)
+
+
+def test_a_controller_cannot_change_what_it_is_told_is_wanted() -> None:
+    def meddling(t: float, state: State, wanted: Wanted) -> np.ndarray:
+        wanted.position[1] += 1.0
         return np.zeros(3)
 
-    with pytest.raises(ValueError, match="read-only"):
-        simulate(crane(), meddling, duration=1.0)  # type: ignore[arg-type]
+    with pytest.raises(RunError, match="read-only"):
+        simulate(crane(), meddling, duration=1.0)

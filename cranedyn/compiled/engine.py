@@ -16,7 +16,6 @@ from cranedyn.controllers.affine import Affine, Remembering, form
 from cranedyn.crane import State
 from cranedyn.drives import Limits
 from cranedyn.engine import DIVERGED, Engine, Setting
-from cranedyn.errors import CraneError
 from cranedyn.log import Log
 from cranedyn.references import Reference
 from cranedyn.references.wanted import tabulated
@@ -144,7 +143,7 @@ class CompiledEngine(Engine):
             try:
                 wanted = tabulated(reference, times).position
                 common = form(controller, times, wanted)
-            except CraneError:
+            except Exception:  # it comes again at the instant at which it belongs
                 common = None
             block = None if common is None else self._run(common, wanted, clocks.periods - first)
             if block is None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.clocks import soon_enough
 from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.errors import number
@@ -49,6 +50,7 @@ class Damped:
         return np.clip((velocity - state.v[DRIVES]) / self.control_period, -self.accelerations, self.accelerations)
 
 
+@checked
 def damped(
     crane: Crane,
     reference: Reference,
@@ -77,5 +79,6 @@ def damped(
     """
     zeta = number("damping ratio", ratio, "", "0 to 1")
     pull = number("recovery", recovery, "1/s", ">= 0")
+    number("control_period", control_period, "s", "> 0")
     rates, accelerations = np.asarray(limits.rates), np.asarray(limits.accelerations)
     return Damped(crane.gravity, reference, zeta, pull, rates, accelerations, control_period)

@@ -6,14 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.clocks import soon_enough
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.crane import DRIVES, State
+from cranedyn.errors import number
 from cranedyn.linear import feedback_gain
 from cranedyn.references import Reference, Wanted
 from cranedyn.references.wanted import tabulated
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Follow:
     """Reach the reference's velocity at the next control instant; for `simulate(..., drive="motion")`.
@@ -25,6 +28,10 @@ class Follow:
 
     reference: Reference
     control_period: float = 5e-3
+
+    def __post_init__(self) -> None:
+        """Check the period."""
+        number("control_period", self.control_period, "s", "> 0")
 
     def run_begins(self, t: float, control_period: float) -> None:
         """See `cranedyn.clocks.Timed`."""
@@ -43,6 +50,7 @@ class Follow:
         return without_integral(np.zeros((1, 3)), gain[None], at_drives(np.zeros_like(ahead), ahead))
 
 
+@checked
 def follow(reference: Reference, control_period: float = 5e-3) -> Follow:
     """Take motion-controlled drives along a reference, control instants being a period [s] apart."""
     return Follow(reference, control_period)

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cranedyn.arguments import checked, finite, shaped
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.crane import STANDARD_GRAVITY, Crane, State
+from cranedyn.errors import number
 from cranedyn.linear import feedback_gain
 from cranedyn.references import Wanted
 
@@ -23,6 +25,7 @@ the slew are one of several pairs that meet the published amplitude of experimen
 """
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Hold:
     """Effort = feed-forward + k_p (wanted - position) - k_d velocity, for each drive by itself.
@@ -40,7 +43,9 @@ class Hold:
     feed_forward: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        """Have the gains as plain numbers, which are quicker than NumPy's for three drives by themselves."""
+        """Check the gains and have them as plain numbers, which are quicker than NumPy's for three drives by themselves."""
+        for name in ("stiffness", "damping", "feed_forward"):
+            shaped(name, getattr(self, name), (3,))
         object.__setattr__(self, "_plain", tuple(part.tolist() for part in (self.feed_forward, self.stiffness, self.damping)))
 
     def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
@@ -62,8 +67,14 @@ class Hold:
         return without_integral(self.feed_forward[None], gain[None], at_drives(positions, np.zeros_like(positions)))
 
 
+@checked
 def hold_controller(
     crane: Crane, *, stiffness: Sequence[float] = STIFFNESS, damping: Sequence[float] = DAMPING, gravity: float = STANDARD_GRAVITY
 ) -> Hold:
-    """The hold controller for a crane, which knows the payload's mass and believes in a gravity [m/s²] of its own."""
-    return Hold(np.array(stiffness, dtype=float), np.array(damping, dtype=float), np.array([0.0, 0.0, -crane.payload_mass * gravity]))
+    """The hold controller for a crane, which knows the payload's mass and believes in a gravity [m/s²] of its own.
+
+    Raises:
+        OutOfRange: If a gain or gravity is not finite, or there are not three of a gain.
+    """
+    number("gravity", gravity, "m/s²")
+    return Hold(finite("stiffness", stiffness, (3,)), finite("damping", damping, (3,)), np.array([0.0, 0.0, -crane.payload_mass * gravity]))

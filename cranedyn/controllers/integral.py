@@ -7,13 +7,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.crane import State
+from cranedyn.errors import number
 from cranedyn.references import Wanted
 
 
+@checked
 @dataclass(eq=False)
 class HoistIntegral:
     """A tracking controller whose hoist has an integrator besides; at the limit of the drive it integrates back only (anti-windup).
@@ -36,7 +39,9 @@ class HoistIntegral:
     _elapsed: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """Until it knows better, it is asked for each row of its table."""
+        """Check the numbers; until it knows better, it is asked for each row of its table."""
+        number("integral gain of the hoist", self.integral_gain, "N/(m s)")
+        number("integral of the hoist", self.integral, "m s")
         self._elapsed = self.tracking.period
 
     def run_begins(self, t: float, control_period: float) -> None:

@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.clocks import multiple
 from cranedyn.crane import Crane, State
 from cranedyn.dynamics import inverse_dynamics
-from cranedyn.errors import OutOfRange
+from cranedyn.errors import whole
 from cranedyn.linear import sampled
 from cranedyn.references.motion import Motion
 
@@ -38,6 +39,7 @@ class Linearised(NamedTuple):
         return min(max(round(t / self.period), 0), len(self.efforts) - 1)
 
 
+@checked
 def linearised(crane: Crane, motion: Motion, *, dt: float, every: int, control_period: float | None = None) -> Linearised:
     """Linearise a crane along a motion.
 
@@ -53,8 +55,7 @@ def linearised(crane: Crane, motion: Motion, *, dt: float, every: int, control_p
     """
     held = motion.period if control_period is None else control_period
     multiple("control period", held, "dt", dt)
-    if every < 1:
-        raise OutOfRange("rows between linearisations", every, ">= 1")
+    every = min(whole("rows between linearisations", every, 1), len(motion.q))
     efforts = np.array(
         [inverse_dynamics(crane.model, crane.data, *row, crane.damping) for row in zip(motion.q, motion.v, motion.a, strict=True)]
     )

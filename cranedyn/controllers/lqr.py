@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.controllers.linearised import linearised
 from cranedyn.controllers.riccati import riccati
 from cranedyn.controllers.tracking import Tracking
@@ -17,6 +18,7 @@ EFFORT_WEIGHT = np.diag([1.0 / 2.0e4, 1.0 / 1.0e3, 1.0 / 1.0e3]) ** 2
 """R by the same rule, ours: as 20 kN m of slew torque, 1 kN of trolley force and 1 kN of hoist force beyond the feed-forward."""
 
 
+@checked
 def lqr(
     crane: Crane,
     motion: Motion,

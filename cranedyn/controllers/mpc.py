@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from cranedyn.arguments import checked
 from cranedyn.clocks import multiple
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT
@@ -134,6 +135,7 @@ class Predictive:
         return efforts.reshape(-1, z.shape[1]), ahead.reshape(-1, z.shape[1])
 
 
+@checked
 def mpc(
     crane: Crane,
     motion: Motion,

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.sensed import NOISE
@@ -123,6 +124,7 @@ class Observed:
         self.covariance = left @ self.covariance @ left.T + self.gain @ self.noise @ self.gain.T
 
 
+@checked
 def observed(
     controller: Controller,
     crane: Crane,

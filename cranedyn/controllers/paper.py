@@ -11,11 +11,12 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from cranedyn.arguments import checked, finite
 from cranedyn.controllers.integral import HoistIntegral
-from cranedyn.controllers.riccati import riccati
+from cranedyn.controllers.riccati import riccati, stationary
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.crane import STANDARD_GRAVITY, Crane
-from cranedyn.errors import OutOfRange
+from cranedyn.errors import OutOfRange, number, whole
 from cranedyn.references.motion import Motion
 
 TROLLEY_WEIGHTS = (np.diag([10.0, 2.0, 100.0, 100.0]) ** 2, np.diag([1.0 / 1.0e3]) ** 2)
@@ -44,6 +45,7 @@ def slew_plane(mass: float, inertia: float, radius: float, length: float, gravit
     return a, np.array([[0.0], [1.0 / inertia], [0.0], [radius / (inertia * length)]])
 
 
+@checked
 def paper_controller(
     crane: Crane, motion: Motion, *, gravity: float = STANDARD_GRAVITY, hoist: tuple[float, float, float] = HOIST, every: int = 10
 ) -> HoistIntegral:
@@ -57,9 +59,11 @@ def paper_controller(
         every: Control instants between linearisations.
 
     Raises:
-        OutOfRange: If a gain of the hoist is negative.
+        OutOfRange: If a gain of the hoist is negative or there are not three, gravity is not positive, or `every` is not at least 1.
     """
-    if min(hoist) < 0.0:
+    every = min(whole("rows between linearisations", every, 1), len(motion.q))
+    number("gravity", gravity, "m/s²", "> 0")
+    if finite("gains of the hoist", hoist, (3,)).min() < 0.0:
         raise OutOfRange("gains of the hoist", hoist, ">= 0")
     mass, trolley, n = crane.payload_mass, crane.trolley_mass, len(motion.q)
     radius, length = motion.q[:, 1], motion.q[:, 4]
@@ -90,5 +94,5 @@ def _plane_gains(
     held = scipy.linalg.expm(period * block)
     a, b = held[:, :4, :4], held[:, :4, 4:]
     nearest = np.arange(n) // every
-    final = scipy.linalg.solve_discrete_are(a[-1], b[-1], *weights)
+    final = stationary(a[-1], b[-1], *weights)
     return riccati(a[nearest], b[nearest], *weights, final).gain[:, 0]

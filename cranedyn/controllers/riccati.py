@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from cranedyn.errors import OutOfRange
+from cranedyn.arguments import checked, described, finite, shaped
+from cranedyn.errors import CraneError, OutOfRange
 
 
 class Sweep(NamedTuple):
@@ -22,6 +23,7 @@ class Sweep(NamedTuple):
     cost: np.ndarray
 
 
+@checked
 def riccati(
     a: np.ndarray, b: np.ndarray, state_weight: np.ndarray, effort_weight: np.ndarray, final_weight: np.ndarray | None = None
 ) -> Sweep:
@@ -37,12 +39,21 @@ def riccati(
         final_weight: Q_n, positive semidefinite, shape (nz, nz); None for the cost of going on for ever with the last a and b.
 
     Raises:
-        OutOfRange: If a weight is not symmetric or has an eigenvalue that is not allowed.
+        OutOfRange: If shapes differ, or a weight is not symmetric or has an eigenvalue that is not allowed.
+        CraneError: If no final weight is given and there is no stationary feedback.
     """
+    n, nz, nu = shaped("b", b, ("n", "nz", "nu")).shape
+    finite("a", a, (n, nz, nz))
+    finite("b", b, (n, nz, nu))
+    if not n:
+        raise OutOfRange("a", described(a), "one instant or more")
+    shaped("state weight", state_weight, (nz, nz))
+    shaped("effort weight", effort_weight, (nu, nu))
+    shaped("final weight", state_weight if final_weight is None else final_weight, (nz, nz))
     _check("state weight", state_weight, definite=False)
     _check("effort weight", effort_weight, definite=True)
     if final_weight is None:
-        final_weight = scipy.linalg.solve_discrete_are(a[-1], b[-1], state_weight, effort_weight)
+        final_weight = stationary(a[-1], b[-1], state_weight, effort_weight)
     _check("final weight", final_weight, definite=False)
     gain = np.empty((len(a), b.shape[2], a.shape[1]))
     cost = np.empty((len(a) + 1, *final_weight.shape))
@@ -53,6 +64,18 @@ def riccati(
         here = state_weight + a[k].T @ cost[k + 1] @ (a[k] - b[k] @ gain[k])
         cost[k] = (here + here.T) / 2.0
     return Sweep(gain, cost)
+
+
+def stationary(a: np.ndarray, b: np.ndarray, state_weight: np.ndarray, effort_weight: np.ndarray) -> np.ndarray:
+    """The cost of going on for ever under the best feedback, shape (nz, nz); arguments as those of `riccati`, without the rows.
+
+    Raises:
+        CraneError: If there is no feedback under which it is finite, or numbers too large or small to find it.
+    """
+    try:
+        return scipy.linalg.solve_discrete_are(a, b, state_weight, effort_weight)
+    except ValueError as error:  # which errors of linear algebra are, too
+        raise CraneError("There is no stationary LQR for this model and these weights: its Riccati equation has no solution.") from error
 
 
 def _check(name: str, weight: np.ndarray, *, definite: bool) -> None:

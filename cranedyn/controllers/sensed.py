@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.crane import COORDINATES, State
 from cranedyn.errors import CraneError, OutOfRange, number, whole
 from cranedyn.references import Wanted
@@ -49,6 +50,7 @@ class Sensed:
         return self.controller(t, self.readings[0], wanted)
 
 
+@checked
 def sensed(
     controller: Controller,
     *,
@@ -68,8 +70,6 @@ def sensed(
         OutOfRange: If the delay is not a whole number from 0 on, the noise not ten numbers from 0 on, or `rng` not a generator.
     """
     late = whole("delay of the sensors", delay, 0, "control periods")
-    if not isinstance(rng, np.random.Generator):
-        raise OutOfRange("rng of the sensors", repr(rng), "a np.random.Generator, such as np.random.default_rng(1)")
     given = np.asarray(noise, dtype=object).ravel()
     if given.shape != (10,):
         raise OutOfRange("noise of the sensors", noise, "ten numbers: five coordinates, five rates")

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.arguments import checked, shaped
 from cranedyn.controllers.affine import Affine, without_integral
 from cranedyn.crane import COORDINATES, UNITS, State
-from cranedyn.errors import number
+from cranedyn.errors import OutOfRange, number
 from cranedyn.references import Wanted
 from cranedyn.rows import at_place, at_places, place, places
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Tracking:
     """effort = feed_forward[k] - gain[k] (z - wanted[k]) with z = (coordinates, rates); before time 0 k is 0, beyond the end the last.
@@ -31,6 +33,15 @@ class Tracking:
     feed_forward: np.ndarray
     gain: np.ndarray
     wanted: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check the period and the shapes of the table."""
+        number("period", self.period, "s", "> 0")
+        n = len(shaped("feed-forward", self.feed_forward, ("n", 3)))
+        shaped("gain", self.gain, (n, 3, 10))
+        shaped("wanted", self.wanted, (n, 10))
+        if not n:
+            raise OutOfRange("table", "one of no row", "one row or more")
 
     def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
         """Efforts [N m, N, N], shape (3,); what the reference wants is in the table already.

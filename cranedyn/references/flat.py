@@ -10,6 +10,8 @@ import math
 import numpy as np
 import scipy
 
+from cranedyn.arguments import checked, finite
+from cranedyn.clocks import intervals
 from cranedyn.crane import Crane, State
 from cranedyn.dynamics import pivot_position
 from cranedyn.errors import OutOfRange, number, within
@@ -38,6 +40,7 @@ def cruise(t: np.ndarray, duration: float, ramp: float) -> np.ndarray:
     return ramp / (duration - ramp) * (sped_up(t / ramp) - sped_up((t - duration) / ramp + 1.0))
 
 
+@checked
 def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: float | None = None, period: float = 5e-3) -> Motion:
     """Carry the payload from one rest to another along a smooth path, in cylindrical coordinates about the slew axis.
 
@@ -53,11 +56,14 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: floa
         period: Time between rows [s].
 
     Raises:
-        OutOfRange: If the duration is not positive, the ramp too long, or the path would slacken the rope.
+        OutOfRange: If the duration is not positive or takes more than 4 million rows, the ramp is too long, or the path would slacken
+            the rope.
     """
-    number("duration", duration, "s", "> 0")
+    last = intervals("duration", duration, period)
     if ramp is not None:
         within("ramp", ramp, period, duration / 2.0, "s")
+    for where, state in (("start", start), ("goal", goal)):
+        number(f"l at the {where}", state.q[4], "m", "> 0")
     inertia = (crane.payload_inertia + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
     height = float(pivot_position(crane, start.q)[2])
     ends = np.array([(s.q[0], s.q[1], height - s.q[4] - inertia / s.q[4]) for s in (start, goal)])
@@ -66,12 +72,13 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: floa
     share = smoothstep(t / duration) if ramp is None else cruise(t, duration, ramp)
     gamma, radius, z = (ends[0] + (ends[1] - ends[0]) * share[:, None]).T
     path = np.stack([radius * np.sin(gamma), -radius * np.cos(gamma), z], axis=1)
+    finite("path of the payload", path, path.shape, "m")
     rope = scipy.interpolate.make_interp_spline(t, path, k=7).derivative(2)(t) + np.array([0.0, 0.0, crane.gravity])
     if rope[:, 2].min() <= 0.0:
         raise OutOfRange("duration", duration, "longer: the payload would fall faster than gravity and slacken the rope", "s")
     q = recover(path, rope / np.linalg.norm(rope, axis=1)[:, None], height, inertia)
     curve = scipy.interpolate.make_interp_spline(t, q, k=7)
-    rows = period * np.arange(math.ceil(duration / period - 1e-9) + 1)
+    rows = period * np.arange(last + 1)
     place, v, a = (curve.derivative(order)(rows) for order in range(3))
     place[::each] = q[_MARGIN:][: len(rows[::each])]
     v[[0, -1]] = a[[0, -1]] = 0.0

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.crane import DRIVES, State
 from cranedyn.references.wanted import Reference, Wanted
 
@@ -29,6 +30,10 @@ class Still:
         return Wanted(*(np.broadcast_to(part, (len(times), 3)) for part in self.wanted))
 
 
+@checked
 def hold(state: State) -> Reference:
     """Keep the drives where this state has them."""
-    return Still(Wanted(state.q[DRIVES], np.zeros(3), np.zeros(3)))
+    wanted = Wanted(state.q[DRIVES], np.zeros(3), np.zeros(3))
+    for part in wanted:
+        part.flags.writeable = False  # one for the whole run, and handed to whoever asks
+    return Still(wanted)

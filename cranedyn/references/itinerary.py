@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cranedyn.arguments import checked, of_drives
 from cranedyn.crane import DRIVES, State
 from cranedyn.errors import OutOfRange, number
 from cranedyn.references.wanted import Wanted
@@ -116,6 +117,7 @@ class Itinerary(Timetable):
         return Wanted(position, np.sign(path) * self.rates * moving, np.zeros_like(path))
 
 
+@checked
 def itinerary(start: State, legs: Sequence[Leg], *, rates: Sequence[float], dwell: float) -> Itinerary:
     """Plan a tour that begins where the drives are.
 
@@ -128,12 +130,7 @@ def itinerary(start: State, legs: Sequence[Leg], *, rates: Sequence[float], dwel
     Raises:
         OutOfRange: For a rate that is not positive, a negative dwell, no leg at all, or a tour that does not end where it began.
     """
-    limits = np.array(
-        [
-            number(f"rate of {name}", rate, unit, "> 0")
-            for name, rate, unit in zip(("slew", "trolley", "hoist"), rates, ("rad/s", "m/s", "m/s"), strict=True)
-        ]
-    )
+    limits = of_drives("rate", rates, "/s", "> 0")
     number("dwell", dwell, "s", ">= 0")
     stages: list[Stage] = []
     here, t = start.q[DRIVES], 0.0

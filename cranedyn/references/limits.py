@@ -8,14 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from cranedyn.arguments import checked, of_drives
 from cranedyn.crane import DRIVES, Crane
 from cranedyn.dynamics import inverse_dynamics
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import OutOfRange
 from cranedyn.references.motion import Motion
 
 _NAMES, _LONGEST = ("slew", "trolley", "hoist"), 3600.0
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Limits:
     """What the drives may do besides the effort limits of the crane.
@@ -30,13 +32,11 @@ class Limits:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for kind, per, values in (("rate", "s", self.rates), ("acceleration", "s²", self.accelerations)):
-            if np.shape(values) != (3,):
-                raise OutOfRange(f"{kind} limits", values, "three numbers: slew, trolley, hoist", f"per {per}")
-            for name, unit, value in zip(_NAMES, ("rad", "m", "m"), values, strict=True):
-                number(f"{kind} limit of {name}", value, f"{unit}/{per}", "> 0")
+        of_drives("rate limit", self.rates, "/s", "> 0")
+        of_drives("acceleration limit", self.accelerations, "/s²", "> 0")
 
 
+@checked
 def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
     """The largest share of each limit that a motion uses, by the name of the limit; 1 is all of it."""
     efforts = np.array(
@@ -50,6 +50,7 @@ def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
     return {f"{kind} of the {name}": float(share) for kind, of_kind in shares.items() for name, share in zip(_NAMES, of_kind, strict=True)}
 
 
+@checked
 def check(crane: Crane, motion: Motion, limits: Limits, plan: Callable[[float], Motion]) -> None:
     """Return if a motion keeps the limits.
 
@@ -64,6 +65,7 @@ def check(crane: Crane, motion: Motion, limits: Limits, plan: Callable[[float], 
         )
 
 
+@checked
 def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> float:
     """Shortest duration [s] at which a plan keeps the limits, to a thousandth of a second; a quarter of a second at least.
 

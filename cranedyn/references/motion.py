@@ -7,11 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from cranedyn.arguments import checked, finite
+from cranedyn.clocks import intervals
 from cranedyn.crane import DRIVES
+from cranedyn.errors import OutOfRange, number
 from cranedyn.references.wanted import Reference, Wanted, tabulated
 from cranedyn.rows import SAME, at_place, at_places, place, places
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A wanted motion in rows, with straight lines between them; before and after it stands still. Itself a reference for the drives.
@@ -27,6 +31,14 @@ class Motion:
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Check the period, and that there are five finite numbers of each kind in every row."""
+        number("period", self.period, "s", "> 0")
+        for name in ("q", "v", "a"):
+            finite(f"{name} of a motion", getattr(self, name), (len(self.q) if self.q.ndim else "n", 5))
+        if not len(self.q):
+            raise OutOfRange("motion", "one of no row", "one row or more")
 
     @property
     def arrival(self) -> float:
@@ -51,8 +63,14 @@ class Motion:
         return (t >= -SAME * self.period) & (t <= self.arrival + SAME * self.period)
 
 
+@checked
 def plumb(reference: Reference, duration: float, period: float = 5e-3) -> Motion:
-    """The motion of a reference over a duration [s], sampled at a period [s], with the load hanging plumb; its last row is at rest."""
+    """The motion of a reference over a duration [s], sampled at a period [s], with the load hanging plumb; its last row is at rest.
+
+    Raises:
+        OutOfRange: If a time is not positive, or there would be more than 4 million rows.
+    """
+    intervals("duration", duration, period)
     times = period * np.arange(round(duration / period) + 1)
     parts = np.zeros((3, len(times), 5))
     parts[:, :, DRIVES] = tabulated(reference, times)

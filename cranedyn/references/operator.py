@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cranedyn.arguments import checked, of_drives
 from cranedyn.crane import DRIVES, State
 from cranedyn.errors import OutOfRange, number
 from cranedyn.references.wanted import Reference, Tabulating, Wanted, along
@@ -58,6 +59,7 @@ class Operator(Tabulating):
         return Wanted(self.start + gone, velocity, acceleration)
 
 
+@checked
 def operator(start: State, pushes: Sequence[Push], *, accelerations: Sequence[float]) -> Reference:
     """Where the drives get to: a joystick asks for a velocity, and its drive goes there as fast as its acceleration allows.
 
@@ -73,7 +75,7 @@ def operator(start: State, pushes: Sequence[Push], *, accelerations: Sequence[fl
         OutOfRange: If a limit or a hold is not positive, a number is not finite, or two pushes of one drive overlap.
         UnknownName: If a drive is none of the three.
     """
-    limits = [number("acceleration limit", a, "per s²", "> 0") for a in accelerations]
+    limits = of_drives("acceleration limit", accelerations, "/s²", "> 0")
     ramps: list[tuple[float, float, np.ndarray]] = []
     for drive in dict.fromkeys(push.drive for push in pushes):
         axis = along(drive)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,8 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import PPoly
 
 from cranedyn import symbolic, transcription
+from cranedyn.arguments import checked
+from cranedyn.clocks import intervals
 from cranedyn.crane import COORDINATES, DRIVES, PASSIVE, UNITS, Crane, State
 from cranedyn.dynamics import holding_effort, prescribed_acceleration
 from cranedyn.errors import OutOfRange, UnknownName, number, within
@@ -34,6 +37,12 @@ most, and that one whose duration is given does not last longer; enough to decid
 
 _INTERVAL = 0.25
 """Longest interval of constant jerk [s]."""
+
+_ALONE = threading.Lock()
+"""CasADi counts who holds its symbols without care for threads, so one thread at a time."""
+
+_MOST, _RAMPS = 10_000, (1e-3, 3600.0)
+"""Intervals that a motion may have, and the shortest and longest ramp [s]."""
 
 _TAUT = 0.1
 """Least tension of the rope, as a share of the payload's weight."""
@@ -56,6 +65,7 @@ class _Move:
     swing: float
 
 
+@checked
 def optimal(
     crane: Crane,
     start: State,
@@ -103,11 +113,16 @@ def optimal(
         raise OutOfRange("swing", swing, "above 0 and below π/2", "rad")
     drives = _moving(start, goal, still)
     rate, acceleration = np.asarray(limits.rates)[drives], np.asarray(limits.accelerations)[drives]
-    jerk = acceleration / number("ramp", ramp, "s", "> 0")
+    jerk = acceleration / within("ramp", ramp, *_RAMPS, "s")
     move = _Move(crane, start, goal, drives, rate, acceleration, jerk, swing)
     least = 0.0 if duration is None else number("duration", duration, "s", "> 0")
-    guess = _guess(move, max(least, _about(move) + ramp), min(ramp / 2.0, _INTERVAL))
-    plan = transcription.solve(_problem(move), guess, equal=True, least=least / len(guess.durations))
+    about, interval = max(least, _about(move) + ramp), min(ramp / 2.0, _INTERVAL)
+    intervals("duration", about, period)
+    if about / interval > _MOST:
+        raise OutOfRange("duration", about, f"{_MOST * interval:g} or less with intervals of {interval:g} s: half the ramp at most", "s")
+    guess = _guess(move, about, interval)
+    with _ALONE:
+        plan = transcription.solve(_problem(move), guess, equal=True, least=least / len(guess.durations))
     if duration is not None and plan.durations.sum() > duration + _SOON:
         shortest = math.ceil(100.0 * plan.durations.sum()) / 100.0
         raise OutOfRange("duration", duration, f"at least {shortest:.2f} s to keep all limits", "s")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.errors import number
 from cranedyn.references.wanted import Reference, Wanted, along, tabulated
 
@@ -37,6 +38,7 @@ class Pulse:
         return wanted._replace(position=wanted.position + np.outer(aside, self.step))
 
 
+@checked
 def pulse(base: Reference, drive: str, amplitude: float, *, at: float, width: float) -> Reference:
     """Add a rectangular pulse to one drive of a reference.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.errors import number
 from cranedyn.references.wanted import Reference, Wanted, along, tabulated
 
@@ -42,6 +43,7 @@ class Ramp:
         return Wanted(position, velocity, wanted.acceleration)
 
 
+@checked
 def ramp(base: Reference, drive: str, by: float, *, rate: float, at: float) -> Reference:
     """Add a move at constant speed to one drive of a reference.
 

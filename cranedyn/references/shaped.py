@@ -11,10 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from cranedyn.errors import number
+from cranedyn.arguments import checked, finite
+from cranedyn.clocks import intervals
+from cranedyn.errors import OutOfRange, number
 from cranedyn.references.wanted import Reference, Tabulating, Wanted, tabulated
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Shaper:
     """A train of impulses whose amplitudes add up to one.
@@ -27,24 +30,31 @@ class Shaper:
     fractions: np.ndarray
     amplitudes: np.ndarray
 
+    def __post_init__(self) -> None:
+        """Check that there is an amplitude for each impulse."""
+        finite("amplitudes of a shaper", self.amplitudes, finite("fractions of a shaper", self.fractions, ("n",), "periods").shape)
+
     def residual(self, ratio: float | np.ndarray) -> np.ndarray:
         """Swing that is left, as a share of that without shaping, when the true frequency is `ratio` times the one shaped for; undamped."""
         angles = 2.0 * math.pi * np.multiply.outer(np.asarray(ratio, dtype=float), self.fractions)
         return np.abs(np.exp(1.0j * angles) @ self.amplitudes)
 
 
+@checked
 def zv(damping_ratio: float = 0.0) -> Shaper:
     """Zero vibration: two impulses, half a period apart."""
     k = _decay(damping_ratio)
     return Shaper(np.array([0.0, 0.5]), np.array([1.0, k]) / (1.0 + k))
 
 
+@checked
 def zvd(damping_ratio: float = 0.0) -> Shaper:
     """Zero vibration and derivative: three impulses, insensitive to small errors of the frequency."""
     k = _decay(damping_ratio)
     return Shaper(np.array([0.0, 0.5, 1.0]), np.array([1.0, 2.0 * k, k * k]) / (1.0 + k) ** 2)
 
 
+@checked
 def ei(tolerance: float = 0.05) -> Shaper:
     """Extra insensitive: leaves a share of the swing at the frequency shaped for, to stay below it over a wider range; undamped."""
     v = number("tolerance", tolerance, "", "0 to 1")
@@ -76,6 +86,7 @@ class Shaped(Tabulating):
         return Wanted(*(np.tensordot(self.amplitudes, part.reshape(len(times), -1, 3), (0, 1)) for part in parts))
 
 
+@checked
 def shaped(base: Reference, shaper: Shaper, period: float) -> Reference:
     """Shape all drives of a reference for one swing period [s].
 
@@ -112,6 +123,7 @@ class ShapedHoisting(Tabulating):
         return Wanted(*(np.column_stack([part, hoist[:, 2]]) for part, hoist in zip(parts, own, strict=True)))
 
 
+@checked
 def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: float, *, step: float = 5e-3) -> Reference:
     """Shape slew and trolley of a reference while its own hoisting changes the period; the hoist is left as it is.
 
@@ -128,15 +140,21 @@ def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: f
         step: Spacing of the samples [s].
 
     Raises:
-        OutOfRange: If the duration or gravity is not positive.
+        OutOfRange: If duration, gravity or a cable is not positive, or the step too long or too short for the duration.
     """
     number("gravity", gravity, "m/s²", "> 0")
-    rows = round(number("duration", duration, "s", "> 0") / step)
-    longest = float(tabulated(base, step * np.arange(rows + 1)).position[:, 2].max())
+    intervals("duration", duration, step)
+    count = round(duration / step)
+    if count < 2:
+        raise OutOfRange("step", step, f"up to half of the duration of {duration:g} s", "s")
+    longest = float(tabulated(base, step * np.arange(count + 1)).position[:, 2].max())
+    number("longest cable that the reference wants", longest, "m", "> 0")
     slowest = 2.0 * math.pi * math.sqrt(longest / gravity)
-    t = step * np.arange(rows + math.ceil(slowest * shaper.fractions[-1] / step) + 2 + _REST)
+    intervals("duration and swing period", duration + slowest * float(shaper.fractions[-1]), step)
+    t = step * np.arange(count + math.ceil(slowest * shaper.fractions[-1] / step) + 2 + _REST)
     wanted = tabulated(base, t)
     length = wanted.position[:, 2]
+    number("shortest cable that the reference wants", length.min(), "m", "> 0")
     phase = scipy.integrate.cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
     parts = shaper.amplitudes[:, None] * np.interp(phase + 2.0 * math.pi * shaper.fractions[:, None], phase, length) ** 0.25
     velocities = (parts / parts.sum(axis=0))[:, :, None] * wanted.velocity[:, :2]

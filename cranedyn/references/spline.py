@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from cranedyn.arguments import checked, described, finite, of_drives
 from cranedyn.crane import DRIVES, State
 from cranedyn.errors import OutOfRange, number
 from cranedyn.references.wanted import Wanted
@@ -15,9 +16,8 @@ from cranedyn.references.wanted import Wanted
 PEAK_RATE, PEAK_ACCELERATION = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
 """Of a quintic from 0 to 1 in unit time, rest to rest: its largest velocity and its largest acceleration."""
 
-_NAMES, _UNITS = ("slew", "trolley", "hoist"), ("rad", "m", "m")
 
-
+@checked
 @dataclass(frozen=True, eq=False)
 class Spline:
     """A reference of one quintic for each drive and each section, at rest at every waypoint; before and after it stands still.
@@ -32,7 +32,10 @@ class Spline:
 
     def __post_init__(self) -> None:
         """Build the polynomials."""
-        rest = np.zeros_like(self.points)
+        times, points = finite("times", self.times, ("n",), "s"), finite("points", self.points, (self.times.size, 3))
+        if len(times) < 2 or not (np.diff(times) > 0.0).all():
+            raise OutOfRange("times", described(times), "two or more that increase", "s")
+        rest = np.zeros_like(points)
         curve = scipy.interpolate.BPoly.from_derivatives(self.times, np.stack([self.points, rest, rest], axis=1))
         object.__setattr__(self, "_curves", (curve, curve.derivative(), curve.derivative(2)))
 
@@ -52,6 +55,7 @@ class Spline:
         return Wanted(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
 
+@checked
 def spline(start: State, waypoints: Sequence[Sequence[float]], durations: Sequence[float], *, at: float = 0.0) -> Spline:
     """A spline from where the drives are through waypoints.
 
@@ -64,15 +68,16 @@ def spline(start: State, waypoints: Sequence[Sequence[float]], durations: Sequen
     Raises:
         OutOfRange: If there is no waypoint, the numbers of waypoints and durations differ, or a number is not finite or not positive.
     """
-    if not waypoints or len(waypoints) != len(durations):
+    if not len(waypoints) or len(waypoints) != len(durations):
         raise OutOfRange("number of durations", len(durations), f"that of the waypoints, {len(waypoints)}, and one at least")
     points = [start.q[DRIVES]]
     for waypoint in waypoints:
-        points.append(np.array([number(f"waypoint of {n}", value, unit) for n, value, unit in zip(_NAMES, waypoint, _UNITS, strict=True)]))
+        points.append(of_drives("waypoint", waypoint))
     steps = [number("duration of a section", duration, "s", "> 0") for duration in durations]
     return Spline(number("departure", at, "s") + np.concatenate([[0.0], np.cumsum(steps)]), np.array(points))
 
 
+@checked
 def shortest(start: State, waypoints: Sequence[Sequence[float]], *, rates: Sequence[float], accelerations: Sequence[float]) -> list[float]:
     """Shortest durations of the sections [s] at which no drive exceeds its rate or acceleration.
 
@@ -83,9 +88,9 @@ def shortest(start: State, waypoints: Sequence[Sequence[float]], *, rates: Seque
         accelerations: Limits of slew [rad/s²], trolley [m/s²], hoist [m/s²].
 
     Raises:
-        OutOfRange: If a limit is not positive.
+        OutOfRange: If a limit is not positive, or a waypoint not three numbers.
     """
-    v = np.array([number(f"rate limit of {n}", r, f"{u}/s", "> 0") for n, r, u in zip(_NAMES, rates, _UNITS, strict=True)])
-    a = np.array([number(f"acceleration limit of {n}", r, f"{u}/s²", "> 0") for n, r, u in zip(_NAMES, accelerations, _UNITS, strict=True)])
-    paths = np.abs(np.diff(np.vstack([start.q[DRIVES], waypoints]), axis=0))
+    v, a = of_drives("rate limit", rates, "/s", "> 0"), of_drives("acceleration limit", accelerations, "/s²", "> 0")
+    points = [start.q[DRIVES], *(of_drives("waypoint", waypoint) for waypoint in waypoints)]
+    paths = np.abs(np.diff(points, axis=0))
     return [float(max((PEAK_RATE * path / v).max(), np.sqrt(PEAK_ACCELERATION * path / a).max())) for path in paths]

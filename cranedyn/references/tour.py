@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.arguments import checked, taken
+from cranedyn.clocks import intervals
 from cranedyn.crane import COORDINATES, DRIVES, Crane, State
 from cranedyn.errors import OutOfRange, number
 from cranedyn.references.itinerary import Leg, Stage, Timetable
@@ -34,6 +35,7 @@ class Tour(Timetable):
         return self.motion.at(times % self.duration)
 
 
+@checked
 def tour(crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motion], *, dwell: float) -> Tour:
     """Plan a tour leg by leg, from where the crane starts and back.
 
@@ -53,8 +55,8 @@ def tour(crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motio
     for leg in legs:
         aims = {COORDINATES[i]: float(here.q[i]) if aim is None else aim for i, aim in zip(DRIVES, leg[1:], strict=True)}
         goal = crane.state(**aims)
-        motion = plan(here, goal)
-        period, rows, still = motion.period, len(motion.q) - 1, math.ceil(dwell / motion.period - 1e-9)
+        motion = taken("motion that was planned", plan(here, goal), Motion)
+        period, rows, still = motion.period, len(motion.q) - 1, intervals("dwell", dwell, motion.period) if dwell > 0.0 else 0
         rest = np.stack([goal.q, goal.v, goal.v])[:, None]
         parts += [np.stack([motion.q, motion.v, motion.a])[:, :-1], np.repeat(rest, still, axis=1)]
         begin, arrival, end = (period * k for k in (row, row + rows, row + rows + still))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.errors import UnknownName
+from cranedyn.arguments import described, finite
+from cranedyn.errors import OutOfRange, UnknownName
 
 
 class Wanted(NamedTuple):
@@ -25,16 +27,46 @@ class Wanted(NamedTuple):
     acceleration: np.ndarray
 
 
+_PARTS = ("position", "velocity", "acceleration")
+
 Reference = Callable[[float], Wanted]
 """From time [s] to what is wanted then."""
 
 
+def setpoint(answer: Any, shape: tuple[int, ...] = (3,)) -> Wanted:
+    """What a reference answered: positions, rates and accelerations as arrays of finite numbers, of one shape.
+
+    Raises:
+        OutOfRange: If it is anything else.
+    """
+    if type(answer) is Wanted and shape == (3,) and _sound(answer):
+        return answer
+    try:
+        parts = list(zip(_PARTS, answer, strict=True))
+    except (TypeError, ValueError):
+        raise OutOfRange("answer of the reference", described(answer), "a Wanted: position, velocity, acceleration") from None
+    return Wanted(*(finite(f"{name} that the reference wants", part, shape) for name, part in parts))
+
+
+def _sound(answer: Wanted) -> bool:
+    """Whether these are three times three finite numbers, to be seen quickly: it is asked at every control instant."""
+    try:
+        (a, b, c), (d, e, f), (g, h, i) = answer.position.tolist(), answer.velocity.tolist(), answer.acceleration.tolist()
+        return math.isfinite(a + b + c + d + e + f + g + h + i)
+    except (AttributeError, TypeError, ValueError):
+        return False
+
+
 def tabulated(reference: Reference, times: np.ndarray) -> Wanted:
-    """What a reference wants at many times [s], shape (n, 3) each; by its own `at` if it has one, which takes all at once."""
+    """What a reference wants at many times [s], shape (n, 3) each; by its own `at` if it has one, which takes all at once.
+
+    Raises:
+        OutOfRange: If it answers with anything but finite numbers of that shape.
+    """
     at_once = getattr(reference, "at", None)
     if at_once is not None:
-        return at_once(times)
-    rows = [reference(t) for t in times.tolist()]
+        return setpoint(at_once(times), (len(times), 3))
+    rows = [setpoint(reference(t)) for t in times.tolist()]
     return Wanted(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))
 
 

@@ -1,0 +1,220 @@
+"""Arguments held against the annotations of whoever takes them, so that a wrong one is a sentence and not an error from somewhere inside.
+
+`checked` sees to kinds: a number, an array, a crane, a callable of three arguments. Ranges and shapes are for the function itself to check.
+"""
+
+from __future__ import annotations
+
+import collections.abc
+import inspect
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import cache, wraps
+from numbers import Real
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from cranedyn.errors import OutOfRange, number
+
+_Any = TypeVar("_Any", bound=Callable[..., Any])
+
+_PLAIN = (str, bytes, int, float, complex, NoneType, list, tuple, dict, set)
+_LONGEST = 100
+
+_WORDS = {
+    float: "a number",
+    int: "a whole number",
+    bool: "True or False",
+    str: "a text",
+    NoneType: "None",
+    np.ndarray: "an array of numbers",
+    np.random.Generator: "a np.random.Generator, such as np.random.default_rng(1)",
+}
+_DRIVES = ("slew", "trolley", "hoist")
+
+
+def checked(taker: _Any) -> _Any:
+    """Have the arguments of a function, or those that a class is made with, held against their annotations at every call.
+
+    Numbers arrive as floats and arrays as arrays of floats. A callable must take as many arguments as its annotation says. A class can say
+    itself what may stand for it, by a class method ``checked(name, value)``.
+
+    The function then raises:
+        OutOfRange: If an argument is of another kind.
+    """
+    if isinstance(taker, type):
+        taker.__init__ = checked(taker.__init__)  # type: ignore[misc]
+        return taker
+    signature = inspect.signature(taker)
+    kinds = cache(lambda: get_type_hints(taker))
+
+    @wraps(taker)
+    def taking(*args: Any, **named: Any) -> Any:
+        try:
+            given = signature.bind(*args, **named)
+        except TypeError:  # one is missing or unknown, which Python says best
+            return taker(*args, **named)
+        for name in given.arguments.keys() & kinds().keys():
+            given.arguments[name] = taken(name, given.arguments[name], kinds()[name])
+        return taker(*given.args, **given.kwargs)
+
+    return taking  # type: ignore[return-value]
+
+
+def taken(name: str, value: Any, kind: Any) -> Any:
+    """A value as what an annotation asks for.
+
+    Raises:
+        OutOfRange: If it is of another kind.
+    """
+    kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    if (value is None and NoneType in kinds) or (type(value) is float and float in kinds):
+        return value
+    able = [one for one in kinds if one is not NoneType]
+    if len(able) == 1 and hasattr(able[0], "checked"):
+        return able[0].checked(name, value)
+    for one in able:
+        with suppress(Exception):  # whatever a stranger's conversion raises
+            return _as(value, one)
+    raise OutOfRange(name, described(value), " or ".join(map(_words, kinds)))
+
+
+def shaped(name: str, value: Any, shape: tuple[int | str, ...], unit: str = "") -> np.ndarray:
+    """An array of numbers, finite or not.
+
+    Args:
+        name: What it is, for the sentence.
+        value: Anything that an array can be made of.
+        shape: How many along each axis; a letter for any number.
+        unit: Its unit, for the sentence.
+
+    Raises:
+        OutOfRange: If it has another shape.
+    """
+    array = taken(name, value, np.ndarray)
+    if len(array.shape) != len(shape) or any(n != m for n, m in zip(array.shape, shape, strict=True) if isinstance(m, int)):
+        raise OutOfRange(name, described(array), f"one of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})", unit)
+    return array
+
+
+def finite(name: str, value: Any, shape: tuple[int | str, ...], unit: str = "") -> np.ndarray:
+    """An array of finite numbers; arguments as those of `shaped`.
+
+    Raises:
+        OutOfRange: If it has another shape, or a number in it is not finite.
+    """
+    array = shaped(name, value, shape, unit)
+    if not np.isfinite(array).all():
+        raise OutOfRange(name, f"an array that holds {array[~np.isfinite(array)][0]}", "finite numbers", unit)
+    return array
+
+
+def of_drives(name: str, values: Any, per: str = "", allowed: str = "any") -> np.ndarray:
+    """Three numbers, of slew [rad], trolley [m] and hoist [m] or these over a unit of time, shape (3,).
+
+    Raises:
+        OutOfRange: If there are not three, or one is not finite or not in the range allowed.
+    """
+    try:
+        three = list(zip(_DRIVES, values, ("rad", "m", "m"), strict=True))
+    except (TypeError, ValueError):
+        raise OutOfRange(name, described(values), "three numbers: slew, trolley, hoist") from None
+    return np.array([number(f"{name} of {drive}", value, unit + per, allowed) for drive, value, unit in three])
+
+
+def described(value: Any) -> str:
+    """A value in a few words: itself if it is plain and short, else what it is."""
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    if isinstance(value, _PLAIN) and type(value).__repr__ is not object.__repr__:
+        try:
+            text = repr(value)
+        except Exception:  # a number of thousands of digits, or whatever a stranger's repr does
+            text = ""
+        if 0 < len(text) <= _LONGEST:
+            return text
+    name = getattr(value, "__name__", None)
+    if isinstance(name, str):
+        return f"{'the class' if isinstance(value, type) else 'the function'} {name}"
+    kind = type(value).__name__
+    return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+
+
+def _as(value: Any, kind: Any) -> Any:
+    """The value as one kind; an error if it is of another."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is collections.abc.Callable:
+        return _callable(value, inner[0])
+    if origin is collections.abc.Sequence:
+        return _sequence(value, inner[0])
+    if kind is float:
+        return _float(value)
+    if kind is np.ndarray:
+        return _array(value)
+    if not _is(value, kind):
+        raise TypeError
+    return value
+
+
+def _is(value: Any, kind: Any) -> bool:
+    if get_origin(kind) is Literal:
+        return isinstance(value, str)  # which words, whoever takes them says better: often one goes with another only
+    if kind is int:
+        return isinstance(value, Real) and not isinstance(value, bool)  # `whole` says what is wrong with 2.5
+    if kind is bool:
+        return isinstance(value, bool | np.bool_)
+    return not isinstance(kind, type) or isinstance(value, kind)
+
+
+def _float(value: Any) -> float:
+    if isinstance(value, str | bytes | bytearray | bool) or np.ndim(value):
+        raise TypeError
+    return float(value)
+
+
+def _array(value: Any) -> np.ndarray:
+    array = np.asarray(value)
+    if value is None or array.dtype.kind not in "fiuO":
+        raise TypeError
+    return array.astype(float, copy=False)
+
+
+def _sequence(value: Any, kind: Any) -> Any:
+    numbers = kind is float or get_origin(kind) is collections.abc.Sequence
+    if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray if numbers else Sequence):
+        raise TypeError
+    if kind is float:
+        return tuple(map(_float, value))
+    if get_origin(kind) is collections.abc.Callable and not all(map(callable, value)):
+        raise TypeError
+    if get_origin(kind) is collections.abc.Sequence:
+        return [_sequence(one, get_args(kind)[0]) for one in value]
+    if isinstance(kind, type) and not all(isinstance(one, kind) for one in value):
+        raise TypeError
+    return value
+
+
+def _callable(value: Any, arguments: Any) -> Any:
+    if not callable(value):
+        raise TypeError
+    try:
+        signature = inspect.signature(value)
+    except (TypeError, ValueError):  # one written in C that does not say
+        return value
+    if arguments is not Ellipsis:
+        signature.bind(*arguments)
+    return value
+
+
+def _words(kind: Any) -> str:
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Literal:
+        return " or ".join(map(str, inner))
+    if origin is collections.abc.Sequence:
+        return "a sequence of numbers" if inner[0] is float else f"a sequence, each {_words(inner[0])}"
+    if origin is collections.abc.Callable:
+        names = "" if inner[0] is Ellipsis else f" of {len(inner[0])}: {', '.join(getattr(one, '__name__', str(one)) for one in inner[0])}"
+        return f"a callable{names}"
+    return _WORDS.get(kind) or f"a {kind.__module__}.{kind.__qualname__}"
