@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
-import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
@@ -16,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from cranedyn.errors import CraneError
+from cranedyn.processes import end_with_parent
 from cranedyn.sweep.chunk import evaluate, load
 
 Rows = tuple[int, int]
@@ -144,7 +143,7 @@ class _Lane:
 
 def _serve(pipe: Connection, study: str) -> None:
     """Compute chunks until there is nobody to compute for."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     with suppress(EOFError, OSError):
         try:
             load(study)
@@ -153,13 +152,6 @@ def _serve(pipe: Connection, study: str) -> None:
                 pipe.send(evaluate(study, pipe.recv()))
         except CraneError as error:
             pipe.send(error)
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 @contextmanager
