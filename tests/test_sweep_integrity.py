@@ -20,6 +20,7 @@ from cranedyn.sweep.chunk import evaluate
 from cranedyn.sweep.manifest import MANIFEST, PART, Manifest, claimed, read_manifest, version
 from cranedyn.sweep.part import Damaged, is_whole, opened
 from cranedyn.sweep.sources import sources
+from experiments import sweep as experiment
 from tests import studies
 from tests.helpers import files
 
@@ -274,6 +275,35 @@ def test_odd_arguments_are_said_in_a_sentence(change: dict, says: str, tmp_path:
     given = {"study": studies.squares, "design": grid(x=range(2)), "folder": tmp_path / "a", "workers": 1, **change}
     with pytest.raises(CraneError, match=says):
         sweep(given.pop("study"), given.pop("design"), given.pop("folder"), **given)
+    assert files(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "--durations 99999999999999",
+        "--durations 1000000000",
+        "--points 0",
+        "--points 1.5",
+        f"--points {'9' * 5000}",
+        f"--scheduler tcp://{'a' * 300}:1",
+        "--scheduler 5",
+        "--workers 5000",
+        "--limit nan",
+        "--limit 0",
+        "--tls-cert cert.pem",
+        "--tls-ca-file none.pem --tls-cert none.pem --tls-key none.pem --scheduler tls://127.0.0.1:1",
+    ],
+    ids=lambda words: words[:30],
+)
+def test_a_refused_command_ends_in_a_sentence_and_leaves_no_folder(words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["--out", str(tmp_path / "out"), "--points", "2", "--durations", "2", *words.split()]
+    try:
+        code: object = experiment.main(given)
+    except SystemExit as left:
+        code = left.code
+    assert code == 2
+    assert "error: " in capsys.readouterr().err.splitlines()[-1]
     assert files(tmp_path) == []
 
 
