@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
@@ -246,13 +247,29 @@ def _check_address(scheduler: str) -> None:
 
 
 def _greeting(scheduler: str, place: tuple[str, int], count: int) -> bytes:
-    """The first bytes that are said there; a scheduler that is just being started may take its time to listen."""
+    """The first bytes that are said there.
+
+    They are asked for in a thread of its own: the system looks up names as long as it likes, and does not hear of Ctrl-C meanwhile.
+    """
+    answer: SimpleQueue[bytes | Exception] = SimpleQueue()
+    threading.Thread(target=lambda: answer.put(_asked(place, count)), daemon=True).start()
+    try:
+        said = answer.get(timeout=2.0 * CONNECTING + 1.0)
+    except Empty:
+        said = TimeoutError("timed out")
+    if isinstance(said, Exception):
+        raise CraneError(f"No Dask scheduler answers at {scheduler}: {getattr(said, 'strerror', None) or said}.") from said
+    return said
+
+
+def _asked(place: tuple[str, int], count: int) -> bytes | Exception:
+    """What is said there, or why not; a scheduler that is just being started may take its time to listen."""
     for again in range(round(CONNECTING / _PAUSE), -1, -1):
         try:
             with socket.create_connection(place, timeout=CONNECTING) as probe:
                 return probe.recv(count, socket.MSG_WAITALL) if count else b""
         except (OSError, UnicodeError) as error:
             if not (again and isinstance(error, ConnectionRefusedError)):
-                raise CraneError(f"No Dask scheduler answers at {scheduler}: {getattr(error, 'strerror', None) or error}.") from error
+                return error
         time.sleep(_PAUSE)
     return b""
