@@ -19,6 +19,7 @@ import numpy as np
 
 from cranedyn.crane import State
 from cranedyn.errors import CraneError, number
+from cranedyn.processes import end_with_parent
 from cranedyn.references import Wanted
 from cranedyn.simulate import Controller
 from cranedyn.trajectory import Trajectory
@@ -94,10 +95,10 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
 
 @contextmanager
 def _workers(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
-    """Processes that end with the context, whatever ends it."""
+    """Processes that end with the context, whatever ends it, and with this process, even if that is killed."""
     if jobs is not None:
         number("jobs", jobs, "", "1 to 1024")
-    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=end_with_parent)
     try:
         yield pool
     except BaseException as error:

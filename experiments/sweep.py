@@ -10,7 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from cranedyn.errors import DataError
 from cranedyn.sweep import Design, cross, grid, results, sweep
+from cranedyn.sweep.cluster import tls
+from cranedyn.sweep.limits import check_memory
 from experiments import common
 from experiments.progress import shown
 from experiments.robustness import AFTER, COMBINED, WAYS, robustness
@@ -20,11 +23,23 @@ from experiments.ways import FLAT, PAPER, PD
 LOADS, CABLES, DURATIONS = (0.5, 1.5), (-1.5, 1.5), (13.0, 35.0)
 """Ranges: mass of the payload over that planned for, length of the cable less that measured [m], time for the move [s]."""
 
+_COLUMNS = 7
+"""Of the design."""
+
+_MOST = 10**9
+"""Points, durations or workers that are asked for."""
+
 Columns = Mapping[str, np.ndarray]
 
 
 def design(world: common.World, points: int, durations: int) -> Design:
-    """Every way with every duration, each on a square of loads and cables; cases of one plan stand together."""
+    """Every way with every duration, each on a square of loads and cables; cases of one plan stand together.
+
+    Raises:
+        DataError: If the table would not fit the memory, told before any of it is made.
+    """
+    cases = len(WAYS) * durations * points**2
+    check_memory(f"A design of {cases} cases", 8.0 * _COLUMNS * float(min(cases, 10**300)))
     plans = grid(
         way=list(WAYS),
         duration_s=_even(DURATIONS, durations),
@@ -41,8 +56,11 @@ def _even(ends: tuple[float, float], count: int) -> list[float]:
 
 def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
     """Run the sweep, or go on with it, and look at all of it."""
-    folder = common.make_folder(options.folder) / "cases"
+    folder = options.folder / "cases"
     bars = world.watcher.progress
+    tls_files = [options.tls_ca_file, options.tls_cert, options.tls_key]
+    if any(tls_files) and not all(tls_files):
+        raise DataError("TLS needs --tls-ca-file, --tls-cert and --tls-key, all three of them.")
     end = sweep(
         robustness,
         design(world, options.points, options.durations),
@@ -50,6 +68,8 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
         chunk=options.points**2,
         workers=options.workers,
         scheduler=options.scheduler,
+        security=tls(*tls_files) if all(tls_files) else None,
+        limit=options.limit,
         progress=None if bars is None else shown(bars, "cases", time.monotonic),
     )
     table = results(folder)
@@ -109,15 +129,28 @@ def main(argv: Sequence[str] | None = None) -> int:
     made.add_argument("--points", type=_count, default=32, metavar="N", help="loads, and cables, between the ends of their ranges")
     made.add_argument("--durations", type=_count, default=13, metavar="N", help="times for the move")
     made.add_argument("--workers", type=_count, default=None, metavar="N", help="processes, by default one for each processor")
-    made.add_argument("--scheduler", metavar="tcp://HOST:PORT", default=None, help="run on the workers of this Dask scheduler instead")
+    made.add_argument(
+        "--limit", type=float, default=None, metavar="S", help="seconds that a case may take; one that takes longer is a bad one"
+    )
+    made.add_argument(
+        "--scheduler",
+        metavar="tcp://HOST:PORT",
+        default=None,
+        help="run on the workers of this Dask scheduler instead; it and all of them can run code in this program: give one that you trust, "
+        "which listens where you want it to, as one started by `dask scheduler --host 127.0.0.1 --port 8786 --no-dashboard "
+        "--dashboard-address 127.0.0.1:0` and `dask worker tcp://127.0.0.1:8786 --host 127.0.0.1 --no-dashboard --dashboard-address "
+        "127.0.0.1:0`; with more than one machine by TLS, see docs/sweeps.md",
+    )
+    made.add_argument("--tls-ca-file", metavar="FILE", help="certificates of those to trust, for a scheduler at tls://HOST:PORT")
+    made.add_argument("--tls-cert", metavar="FILE", help="the certificate of this program")
+    made.add_argument("--tls-key", metavar="FILE", help="its private key")
     return common.conduct(made, experiment, argv)
 
 
 def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is not a whole number from 1 on")
-    return value
+    if not text.isdecimal() or not 1 <= float(text) <= _MOST:
+        raise argparse.ArgumentTypeError(f"{text[:40]!r} is not a whole number from 1 to {_MOST}")
+    return int(text)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import time
 from collections.abc import Mapping
@@ -80,3 +81,18 @@ def two_minded(cases: Columns) -> Columns:
     if len(set(cases["x"] < 2.0)) > 1:
         raise ValueError
     return {"y": np.array(["a"] * len(cases["x"])) if cases["x"][0] < 2.0 else cases["x"]}
+
+
+def stuck(cases: Columns) -> Columns:
+    """Squares, but 3 never ends, in native code that keeps Python's lock."""
+    if (cases["x"] == 3.0).any():
+        deaf(100)
+    return squares(cases)
+
+
+def deaf(seconds: int) -> None:
+    """Sleep in native code that keeps Python's lock, after a line in the log with the number of the process."""
+    if "SWEEP_LOG" in os.environ:
+        with open(os.environ["SWEEP_LOG"], "a") as log:
+            log.write(f"{os.getpid()} 0\n")
+    ctypes.PyDLL(None).sleep(seconds)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import io
 import json
 import math
+import resource
 import shutil
+import socket
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -23,7 +26,8 @@ from rich.progress import Progress as Bars
 from cranedyn.errors import CraneError, DataError
 from cranedyn.sweep import Design, Progress, cross, grid, limits, results, sweep
 from cranedyn.sweep.chunk import DIED, evaluate, name_of
-from cranedyn.sweep.manifest import Manifest, claimed
+from cranedyn.sweep.manifest import Manifest, claimed, version
+from cranedyn.sweep.sources import sources
 from experiments import progress as told
 from tests import studies
 from tests.helpers import files
@@ -127,6 +131,35 @@ def test_a_case_that_kills_its_worker_is_bad_alone(tmp_path: Path) -> None:
     assert table["y"].to_pylist() == [None if x == 3 else x * x for x in range(8)]
 
 
+def test_a_case_that_takes_too_long_is_bad_alone(tmp_path: Path) -> None:
+    """Its worker, in native code that keeps Python's lock, is killed; the chunk of 4 has 4 times as long as a case, its halves half."""
+    began = time.monotonic()
+    assert sweep(studies.stuck, grid(x=range(8)), tmp_path, chunk=4, workers=2, limit=0.2) == Progress(8, 8, 1, 0)
+    assert time.monotonic() - began > 0.2 * (4 + 2 + 1)
+    table = results(tmp_path)
+    assert table["error"].to_pylist() == ["The case took longer than the 0.2 s that a case may." if x == 3 else None for x in range(8)]
+    assert table["y"].to_pylist() == [None if x == 3 else x * x for x in range(8)]
+
+
+def test_workers_that_cannot_be_started_are_said_in_a_sentence(tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    refused = []
+    for more in range(12):
+        with socket.socket() as probe:  # it has the lowest number that is free
+            resource.setrlimit(resource.RLIMIT_NOFILE, (probe.fileno() + more, hard))
+        try:
+            sweep(studies.squares, grid(x=range(2)), tmp_path / str(more), workers=1)
+        except CraneError as error:
+            assert str(error).endswith("Too many open files.")
+            refused.append(more)
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        if more not in refused:
+            break
+    assert refused == list(range(more)) and more > 4
+    assert [path.name for path in tmp_path.iterdir()] == [str(more)]
+
+
 def test_a_sweep_without_a_chunk_goes_on_in_those_it_began_with(tmp_path: Path) -> None:
     design = grid(x=range(10))
     sweep(studies.squares, design, tmp_path, chunk=4, workers=1)
@@ -160,10 +193,11 @@ def test_damaged_parts_are_computed_again_and_whole_ones_are_not(tmp_path: Path)
 
 
 def _manifest(**changes: object) -> Manifest:
-    design = grid(x=range(10))
+    study, design = "tests.studies:squares", grid(x=range(10))
+    code = {"version": version(), "sources": sources(study)}
     return Manifest(
-        **{"study": "tests.studies:squares", "design": design.fingerprint, "parameters": ("x",), "cases": 10, "chunk": 1, **changes}
-    )  # type: ignore[arg-type]
+        **{"study": study, **code, "design": design.fingerprint, "parameters": ("x",), "cases": 10, "chunk": 1, **changes}  # type: ignore[arg-type]
+    )
 
 
 @pytest.mark.parametrize(
@@ -210,7 +244,7 @@ def test_a_manifest_that_is_none_is_said_in_a_sentence(text: str, tmp_path: Path
     (tmp_path / "_sweep.json").write_text(text)
     (tmp_path / "part-000000.parquet").touch()
     for act in (lambda: results(tmp_path), lambda: sweep(studies.squares, grid(x=range(10)), tmp_path)):
-        with pytest.raises(DataError, match=r"_sweep\.json is not what a sweep writes; delete the folder or give another\."):
+        with pytest.raises(DataError, match=r"_sweep\.json is damaged, .*: put the file back as it was, or sweep into another folder\."):
             act()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -14,6 +15,8 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import psutil
+import pyarrow as pa
 import pytest
 
 from cranedyn.errors import CraneError
@@ -21,8 +24,8 @@ from cranedyn.recording.process import free_port
 from cranedyn.sweep import Progress, cluster, grid, results, sweep
 from cranedyn.sweep.chunk import DIED
 from tests import studies
-from tests.helpers import ROOT
-from tests.test_sweep_interrupted import parts, ran, until
+from tests.helpers import ROOT, files
+from tests.test_sweep_interrupted import CASES, CHUNK, answered, parts, ran, sweeping, until
 
 pytestmark = pytest.mark.usefixtures("limited")
 pytest.importorskip("distributed", reason="the extra dask is not installed")
@@ -53,7 +56,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 @contextmanager
 def _cluster(folder: Path, **environment: str) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """Address of a scheduler, and the processes of the scheduler and two workers."""
-    quiet = ("--dashboard-address", "127.0.0.1:0")
+    quiet = ("--no-dashboard", "--dashboard-address", "127.0.0.1:0")
     with ExitStack() as stack:
         log = folder / "scheduler.log"
         words = ("scheduler", "--host", "127.0.0.1", "--port", "0", *quiet)
@@ -61,7 +64,7 @@ def _cluster(folder: Path, **environment: str) -> Iterator[tuple[str, list[subpr
         until(lambda: re.search(r"Scheduler at: +(tcp://\S+)", log.read_text()))
         address = re.search(r"Scheduler at: +(tcp://\S+)", log.read_text())[1]  # type: ignore[index]
         for i in range(2):
-            words = ("worker", address, "--nthreads", "1", *quiet)
+            words = ("worker", address, "--host", "127.0.0.1", "--nthreads", "1", *quiet)
             processes.append(stack.enter_context(_dask(*words, log=folder / f"worker{i}.log", **environment)))
         until(lambda: log.read_text().count("Register worker") == 2)
         yield address, processes
@@ -87,7 +90,7 @@ def test_a_cluster_whose_workers_are_killed_ends_what_it_can_and_says_when_none_
 
         _kill(other)
         monkeypatch.setattr(cluster, "WORKERLESS", 1)
-        with pytest.raises(CraneError, match=rf"The scheduler at {address} has no worker; start some with: dask worker {address}"):
+        with pytest.raises(CraneError, match=rf"{address} has no worker; start some with: dask worker {address} --host 127\.0\.0\.1 "):
             sweep(studies.squares, design, tmp_path / "b", scheduler=address)
 
         monkeypatch.setattr(cluster, "WORKERLESS", 60)
@@ -101,6 +104,10 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(tmp_path: Pa
     with _cluster(tmp_path, DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0") as (address, _):
         sweep(studies.deadly, grid(x=range(6)), tmp_path / "sweep", chunk=2, scheduler=address)
         assert results(tmp_path / "sweep")["error"].to_pylist() == [DIED if x == 3 else None for x in range(6)]
+        sweep(studies.stuck, grid(x=range(6)), tmp_path / "c", chunk=2, scheduler=address, limit=0.3)
+        errors = results(tmp_path / "c")["error"].to_pylist()
+        assert errors.pop(3).endswith("or was ended since the case took longer than the 0.3 s that a case may.")
+        assert errors == [None] * 5
         studies.squares.__module__, before = "tests.elsewhere", studies.squares.__module__
         try:
             with pytest.raises(CraneError, match=r"cannot import the study tests\.elsewhere:squares"):
@@ -109,29 +116,117 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(tmp_path: Pa
             studies.squares.__module__ = before
 
 
-def test_the_commands_of_the_documentation_work(tmp_path: Path) -> None:
-    text = (ROOT / "docs" / "sweeps.md").read_text().replace("8786", str(free_port()))
-    study, local, clustered, _ = re.findall(r"```(?:python)?\n(.*?)```", text, re.DOTALL)
-    (tmp_path / "swings.py").write_text(study)
-    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "DASK_TEMPORARY_DIRECTORY": str(tmp_path)}
-    environment["PYTHONPATH"] = f".:{ROOT}"
-    said = []
-    for commands in (local, clustered.replace("PYTHONPATH=.", f"PYTHONPATH=.:{ROOT}")):
-        with (tmp_path / "said").open("w") as out:
-            shell = subprocess.Popen(["bash", "-ec", commands], cwd=tmp_path, env=environment, stdout=out, start_new_session=True)
+@pytest.mark.parametrize("hung", [False, True])
+def test_a_sweep_on_a_cluster_answers_ctrl_c_within_two_seconds(hung: bool, tmp_path: Path) -> None:
+    folder, log = tmp_path / "sweep", tmp_path / "log"
+    with _cluster(tmp_path, SWEEP_LOG=str(log), SWEEP_PAUSE="0.2") as (address, (scheduler, *_)):
+        with sweeping(folder, log, 0.2, address) as process:
+            until(lambda: len(parts(folder)) >= 2)
+            if hung:
+                scheduler.send_signal(signal.SIGSTOP)
+            os.killpg(process.pid, signal.SIGINT)
+            err = answered(process)
+        done = CHUNK * len(parts(folder))
+        assert err == f"Interrupted: {done} of {CASES} cases are done, and kept in {folder}; the same sweep goes on from there.\n"
+        assert process.returncode == 130
+
+
+def _listening(session: int) -> dict[int, set[str]]:
+    """Addresses on which each process of a session listens."""
+    found: dict[int, set[str]] = {}
+    for process in psutil.process_iter():
         try:
-            assert shell.wait(50) == 0
-        finally:
-            _kill(shell)
-        said.append((tmp_path / "said").read_text())
-        (tmp_path / "out" / "periods").rename(tmp_path / f"periods{len(said)}")
-    columns = "['case', 'way', 'l_m', 'A_rad', 'T_s', 'error']"
-    assert (
-        said[0]
-        == f"2048 cases, 0 bad, 2048 of them computed just now\n{columns}\n2048 cases, 0 bad, 0 of them computed just now\n{columns}\n"
+            if os.getsid(process.pid) == session:
+                found[process.pid] = {c.laddr.ip for c in process.net_connections() if c.status == psutil.CONN_LISTEN}
+        except (ProcessLookupError, psutil.NoSuchProcess):
+            continue
+    return {pid: addresses for pid, addresses in found.items() if addresses}
+
+
+@contextmanager
+def _documented(folder: Path, kind: int, listeners: int = 0) -> Iterator[tuple[str, str]]:
+    """What the commands of a block of docs/sweeps.md said, and the address of their scheduler, while their servers still run.
+
+    Of these there are to be so many processes. None of them, and not the program that sweeps, ever listens beyond 127.0.0.1.
+    """
+    port = free_port()
+    study, *blocks = re.findall(
+        r"```(?:python)?\n(.*?)```", (ROOT / "docs" / "sweeps.md").read_text().replace("8786", str(port)), re.DOTALL
     )
-    assert said[1] == f"2048 cases, 0 bad, 2048 of them computed just now\n{columns}\n"
-    assert results(tmp_path / "periods1").equals(results(tmp_path / "periods2"))
+    (folder / "swings.py").write_text(study)
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "DASK_TEMPORARY_DIRECTORY": str(folder)}
+    environment["PYTHONPATH"] = f".:{ROOT}"
+    commands = blocks[kind].replace("PYTHONPATH=.", f"PYTHONPATH=.:{ROOT}")
+    with (folder / "said").open("w") as out:
+        shell = subprocess.Popen(["bash", "-ec", commands], cwd=folder, env=environment, stdout=out, start_new_session=True)
+    seen: dict[int, set[str]] = {}
+    try:
+        while shell.poll() is None or (shell.returncode == 0 and len(seen) < listeners):
+            for pid, addresses in _listening(shell.pid).items():
+                seen.setdefault(pid, set()).update(addresses)
+            time.sleep(0.2)
+        assert shell.returncode == 0
+        assert set().union(*seen.values()) <= {"127.0.0.1"}
+        yield (folder / "said").read_text(), f"127.0.0.1:{port}"
+    finally:
+        _kill(shell)
+
+
+_COLUMNS = "['case', 'way', 'l_m', 'A_rad', 'T_s', 'error']"
+_ALL = f"2048 cases, 0 bad, 2048 of them computed just now\n{_COLUMNS}\n"
+
+
+@pytest.fixture(scope="module")
+def local(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, pa.Table]:
+    """What the first commands of the documentation said and left."""
+    folder = tmp_path_factory.mktemp("local")
+    with _documented(folder, 0) as (said, _):
+        return said, results(folder / "out" / "periods")
+
+
+def test_the_commands_of_the_documentation_work(local: tuple[str, pa.Table]) -> None:
+    assert local[0] == f"{_ALL}2048 cases, 0 bad, 0 of them computed just now\n{_COLUMNS}\n"
+
+
+def test_the_documented_cluster_computes_the_same_and_listens_to_nobody_else(local: tuple[str, pa.Table], tmp_path: Path) -> None:
+    with _documented(tmp_path, 1, listeners=5) as (said, _):  # the scheduler, two workers, and a nanny for each
+        assert said == _ALL
+    assert results(tmp_path / "out" / "periods").equals(local[1])
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="certificates are made by openssl")
+def test_with_tls_only_who_has_a_certificate_can_connect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "CONNECTING", 1.0)
+    with _documented(tmp_path, 2, listeners=3) as (said, place):
+        assert said == _ALL
+        make = "openssl req -x509 -newkey rsa:2048 -nodes -days 1 -subj /CN=stranger -keyout strange.key -out strange.pem"
+        subprocess.run(make.split(), cwd=tmp_path, capture_output=True, check=True)
+        ours, strange, key = (str(tmp_path / name) for name in ("cert.pem", "strange.pem", "strange.key"))
+        for address, security, says in (
+            (f"tls://{place}", cluster.tls(ours, strange, key), f"No Dask scheduler answers at tls://{place}"),
+            (f"tls://{place}", cluster.tls(strange, strange, key), f"No Dask scheduler answers at tls://{place}"),
+            (f"tls://{place}", None, r"needs certificates for TLS; give them, see docs/sweeps\.md\."),
+            (f"tcp://{place}", None, f"No Dask scheduler answers at tcp://{place}"),
+            (f"tcp://{place}", cluster.tls(ours, strange, key), r"Certificates have no effect on tcp://.* begins with tls://\."),
+        ):
+            with pytest.raises(CraneError, match=says):
+                sweep(studies.squares, grid(x=range(4)), tmp_path / "refused", scheduler=address, security=security)
+            assert not (tmp_path / "refused").exists()
+
+
+def test_certificates_that_cannot_be_used_are_said_in_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "none.pem").write_text("none")
+    with pytest.raises(CraneError, match=r"Cannot read .*missing\.pem: there is no such file\."):
+        cluster.tls(str(tmp_path / "none.pem"), str(tmp_path / "none.pem"), str(tmp_path / "missing.pem"))
+    broken = cluster.tls(*[str(tmp_path / "none.pem")] * 3)
+    for security, options, says in (
+        (broken, {"scheduler": "tls://127.0.0.1:1"}, "The certificates for TLS cannot be used"),
+        (5, {"scheduler": "tls://127.0.0.1:1"}, r"security is 5; allowed is a distributed\.security\.Security\."),
+        (broken, {}, "Certificates have no effect without a scheduler; give its address, too."),
+    ):
+        with pytest.raises(CraneError, match=says):
+            sweep(studies.squares, grid(x=range(4)), tmp_path / "sweep", security=security, **options)  # type: ignore[arg-type]
+    assert not (tmp_path / "sweep").exists()
 
 
 @contextmanager
@@ -162,15 +257,43 @@ def test_a_server_that_is_no_scheduler_is_said_in_a_sentence(
     monkeypatch.setattr(cluster, "CONNECTING", 0.5)
     with _server(answer) as address, pytest.raises(CraneError, match=rf"No Dask scheduler answers at {address}: {says}"):
         sweep(studies.squares, grid(x=range(4)), tmp_path, scheduler=address)
-    assert parts(tmp_path) == {}
+    assert files(tmp_path) == []
+
+
+def test_ctrl_c_is_answered_while_a_scheduler_keeps_silent(tmp_path: Path) -> None:
+    """It greets, as one that hangs would, and that is all."""
+    with socket.create_server(("127.0.0.1", 0)) as server, ExitStack() as stack:
+        with sweeping(tmp_path / "sweep", tmp_path / "log", 0.1, f"tcp://127.0.0.1:{server.getsockname()[1]}") as process:
+            for _ in range(2):  # it looks who is there, then it connects
+                stack.enter_context(server.accept()[0]).sendall((100).to_bytes(8, "little"))
+            time.sleep(0.3)
+            os.killpg(process.pid, signal.SIGINT)
+            err = answered(process)
+    assert err.startswith(f"Interrupted: 0 of {CASES} cases are done") and err.count("\n") == 1
 
 
 @pytest.mark.parametrize(
-    "address", ["", "  ", "nonsense", "127.0.0.1:8786", "tcp://127.0.0.1", "tcp://127.0.0.1:x", "http://a:1", 5, "tcp://[::1"]
+    "address",
+    [
+        *(
+            "",
+            "  ",
+            "nonsense",
+            "127.0.0.1:8786",
+            "tcp://127.0.0.1",
+            "tcp://127.0.0.1:x",
+            "http://a:1",
+            5,
+            "tcp://[::1",
+            "tcp://127.0.0.1:1/a",
+        ),
+        *(f"tcp://{'a' * 300}:1", "tcp://\ud800:1", "tcp://a@127.0.0.1:1", "tcp://127.0.0.1:99999", b"tcp://127.0.0.1:1", "tcp://a..b:1"),
+    ],
 )
 def test_what_is_no_address_is_said_in_a_sentence(address: str, tmp_path: Path) -> None:
     with pytest.raises(CraneError, match=r"The address of a scheduler is .*; allowed is one like tcp://127\.0\.0\.1:8786\."):
-        sweep(studies.squares, grid(x=range(4)), tmp_path, scheduler=address)
+        sweep(studies.squares, grid(x=range(4)), tmp_path / "a" / "b", scheduler=address)
+    assert files(tmp_path) == []
 
 
 def test_a_scheduler_that_is_not_there_is_said_when_it_had_time_to_come(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -180,6 +303,15 @@ def test_a_scheduler_that_is_not_there_is_said_when_it_had_time_to_come(tmp_path
     with pytest.raises(CraneError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:1: Connection refused\."):
         sweep(studies.squares, grid(x=range(4)), tmp_path, scheduler="tcp://127.0.0.1:1")
     assert 0.5 < time.monotonic() - began < 5.0  # half a second of waiting, and the import of Dask
+
+
+def test_a_name_that_is_looked_up_for_ever_is_said_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "CONNECTING", 0.2)
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: time.sleep(30))
+    began = time.monotonic()
+    with pytest.raises(CraneError, match=r"No Dask scheduler answers at tcp://far\.example:8786: timed out\."):
+        sweep(studies.squares, grid(x=range(4)), tmp_path / "sweep", scheduler="tcp://far.example:8786")
+    assert time.monotonic() - began < 10.0
 
 
 def test_without_dask_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,18 +5,23 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Callable, Mapping
+from functools import cache
 
 import numpy as np
 import pyarrow as pa
 
 from cranedyn.errors import CraneError, DataError
 from cranedyn.sweep.design import RESERVED
+from cranedyn.sweep.sources import digest, sources
 
 Study = Callable[[Mapping[str, np.ndarray]], Mapping[str, np.ndarray]]
 """From the parameters of some cases to their results, columns of shape (n,) each; a function at the top of a module."""
 
 DIED = "The worker process died on this case, as of a crash in compiled code or for lack of memory."
 """What is said of a case that nobody can compute."""
+
+LATE = "The case took longer than the {:g} s that a case may."
+"""What is said of a case whose worker was ended."""
 
 
 def name_of(study: Study) -> str:
@@ -34,30 +39,46 @@ def name_of(study: Study) -> str:
     return f"{module}:{name}"
 
 
-def load(name: str) -> Study:
+def load(name: str, code: str = "") -> Study:
     """The study of a name.
 
+    Args:
+        name: See `name_of`.
+        code: Checksum of its sources that the sweeping program sees, see `cranedyn.sweep.sources.digest`; empty if it does not matter.
+
     Raises:
-        CraneError: If it cannot be imported.
+        CraneError: If it cannot be imported, or has other sources here.
     """
     module, _, function = name.partition(":")
     try:
-        return getattr(importlib.import_module(module), function)
+        study = getattr(importlib.import_module(module), function)
     except Exception as error:
         raise CraneError(f"The worker cannot import the study {name}: {_sentence(error)}") from error
+    if code and code != _code_of(name):
+        raise CraneError(
+            f"A worker has other source files of the study {name}, or of cranedyn, than the program that sweeps; "
+            "give both the same, and start the workers again."
+        )
+    return study
 
 
-def evaluate(name: str, columns: Mapping[str, np.ndarray]) -> pa.Table:
+@cache
+def _code_of(name: str) -> str:
+    """Checksum of a study as it was imported into this worker, whatever becomes of its files."""
+    return digest(sources(name))
+
+
+def evaluate(name: str, columns: Mapping[str, np.ndarray], code: str = "") -> pa.Table:
     """The results of some cases, a row each, with the column `error`: null, or why all other columns are.
 
     If the study raises or returns what it may not, its cases are halved until the bad one stands alone. A case with a number that is not
     finite is bad, too.
 
     Raises:
-        CraneError: If the study cannot be imported, or results are numbers here and words there.
+        CraneError: If the study cannot be imported or is another, see `load`, or results are numbers here and words there.
     """
     count = len(next(iter(columns.values())))
-    return joined(_halved(load(name), columns, 0, count))
+    return joined(_halved(load(name, code), columns, 0, count))
 
 
 def failed(count: int, sentence: str) -> pa.Table:

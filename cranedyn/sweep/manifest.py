@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import json
-import math
-from collections.abc import Iterator
+import os
+import re
+import stat
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from functools import cached_property
+from importlib import metadata
 from pathlib import Path
 
-from cranedyn.errors import DataError
+from cranedyn.errors import CraneError, DataError
 from cranedyn.files import make_folder, read_text, written
+from cranedyn.sweep.sources import changed
 
 MANIFEST, LOCK, PART = "_sweep.json", ".lock", "part-{:06d}.parquet"
 """Files of a sweep; Parquet readers that are given the folder skip the first two."""
+
+_ANY_PART, _NUMBERED = re.compile(r"part-.*\.parquet"), re.compile(r"part-(\d{6,16})\.parquet")
+_DRAFT = re.compile(r"\.(part-.*\.parquet|_sweep\..*\.json)")
+_MOST = 2**53
 
 
 @dataclass(frozen=True)
@@ -23,6 +33,8 @@ class Manifest:
 
     Attributes:
         study: Module and name of the study.
+        version: Of cranedyn.
+        sources: Checksums of the files that the study is computed by, see `cranedyn.sweep.sources.sources`.
         design: Fingerprint of the design.
         parameters: Its columns, in order.
         cases: Its number of cases.
@@ -30,42 +42,94 @@ class Manifest:
     """
 
     study: str
+    version: str
+    sources: Mapping[str, str]
     design: str
     parameters: tuple[str, ...]
     cases: int
     chunk: int
 
-    def __len__(self) -> int:
+    @property
+    def parts(self) -> int:
         """Number of parts."""
-        return math.ceil(self.cases / self.chunk)
+        return -(-self.cases // self.chunk)
+
+    @cached_property
+    def checksum(self) -> str:
+        """SHA-256 of all of it."""
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
 
     def rows(self, part: int) -> tuple[int, int]:
         """The first case of a part, and that after its last."""
         return part * self.chunk, min((part + 1) * self.chunk, self.cases)
+
+    def parts_in(self, folder: Path) -> list[int]:
+        """The parts of which there is a file, in order, whatever is in it."""
+        names = _names(folder)
+        numbers = (int(found[1]) for name in names if (found := _NUMBERED.fullmatch(name)))
+        return sorted(part for part in numbers if part < self.parts and PART.format(part) in names)
+
+
+def as_folder(given: str | Path) -> Path:
+    """The path of a folder.
+
+    Raises:
+        DataError: If it cannot be one.
+    """
+    if not isinstance(given, (str, os.PathLike)) or not str(given) or "\0" in str(given):
+        raise DataError(f"The folder of a sweep is {given!r}; allowed is a path.")
+    return Path(given)
+
+
+def version() -> str:
+    """The version of cranedyn, empty where it is not installed."""
+    try:
+        return metadata.version("cranedyn")
+    except metadata.PackageNotFoundError:
+        return ""
 
 
 def read_manifest(folder: Path) -> Manifest:
     """The manifest in a folder.
 
     Raises:
-        DataError: If there is none that can be read.
+        DataError: If there is none that can be read, or it is not as it was written.
     """
     path = folder / MANIFEST
     if not path.is_file():
         raise DataError(f"{folder} holds no sweep: there is no {MANIFEST} in it.")
+    text = read_text(path)
     try:
-        found = json.loads(read_text(path))
+        found = json.loads(text)
+        checksum = found.pop("checksum")
         manifest = Manifest(**{**found, "parameters": tuple(found["parameters"])})
-        if not (manifest.cases >= 1 and manifest.chunk >= 1 and {type(manifest.cases), type(manifest.chunk)} == {int}):
+        if not (_sound(manifest) and manifest.checksum == checksum):
             raise ValueError
-    except (ValueError, TypeError, KeyError, RecursionError):
-        raise DataError(f"{path} is not what a sweep writes; delete the folder or give another.") from None
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        raise DataError(
+            f"{path} is damaged, or of another version of cranedyn; the parts beside it may be whole: "
+            "put the file back as it was, or sweep into another folder."
+        ) from None
     return manifest
+
+
+def _sound(manifest: Manifest) -> bool:
+    """Whether all is of the kind that it should be, and numbers are such that parts can be counted."""
+    words = (manifest.study, manifest.version, manifest.design, *manifest.parameters)
+    numbers = (manifest.cases, manifest.chunk)
+    return (
+        all(isinstance(word, str) for word in words)
+        and all(type(number) is int and 1 <= number <= _MOST for number in numbers)
+        and isinstance(manifest.sources, dict)
+        and all(isinstance(checksum, str) for checksum in manifest.sources.values())
+    )
 
 
 @contextmanager
 def claimed(folder: Path, manifest: Manifest, chunk_given: bool) -> Iterator[Manifest]:
-    """Have the folder for this process alone, begun anew if no part is done; what a killed process left half written is removed.
+    """Have the folder for this process alone, begun anew if no part is there; what a killed process left half written is removed.
+
+    What was made for it goes again if it is refused, or the sweep is before anything is done.
 
     Yields:
         The manifest that holds: that given, with chunks of the size begun with if none was asked for.
@@ -76,39 +140,93 @@ def claimed(folder: Path, manifest: Manifest, chunk_given: bool) -> Iterator[Man
     if strangers := _strangers(folder):
         shown = ", ".join(strangers[:3]) + (", …" if strangers[3:] else "")
         raise DataError(f"Cannot sweep in {folder}: it holds other things ({shown}); give a folder of its own.")
-    with _locked(make_folder(folder)):
-        for draft in [*folder.glob(".part-*.parquet"), *folder.glob("._sweep.*.json")]:
-            with suppress(OSError):
-                draft.unlink()
-        if (folder / MANIFEST).exists() and any(folder.glob(PART.replace("{:06d}", "*"))):
-            manifest = _same(folder, read_manifest(folder), manifest, chunk_given)
-        else:
-            with written(folder / MANIFEST) as file:
-                file.write_text(json.dumps(asdict(manifest), indent=1), encoding="utf-8")
-        yield manifest
+    with _made(folder), _locked(folder):
+        parts, ours = False, False
+        try:
+            names = _names(folder)
+            for draft in filter(_DRAFT.fullmatch, names):
+                with suppress(OSError):
+                    (folder / draft).unlink()
+            parts = any(map(_ANY_PART.fullmatch, names))
+            if parts and MANIFEST in names:
+                manifest = _same(folder, read_manifest(folder), manifest, chunk_given)
+            else:
+                _write(folder / MANIFEST, manifest)
+                ours = True
+            yield manifest
+        except CraneError:
+            if not (parts or (ours and manifest.parts_in(folder))):
+                for name in (MANIFEST, LOCK)[not ours :]:
+                    (folder / name).unlink(missing_ok=True)
+            raise
+
+
+def _write(path: Path, manifest: Manifest) -> None:
+    with written(path) as draft:
+        draft.write_text(json.dumps({**asdict(manifest), "checksum": manifest.checksum}, indent=1), encoding="utf-8")
+        sync(draft)
+    sync(path.parent)
+
+
+def sync(path: Path) -> None:
+    """Have a file, or the names in a folder, on the disk: a machine that goes down must not leave a name without its content."""
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
 
 
 def _strangers(folder: Path) -> list[str]:
     """What is in a folder that is none of a sweep."""
+    names = _names(folder)
+    return [] if MANIFEST in names else sorted(name for name in names if name != LOCK and not name.startswith("._sweep."))
+
+
+def _names(folder: Path) -> set[str]:
+    """What is in a folder, nothing if there is none."""
     try:
-        names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+        return {path.name for path in folder.iterdir()}
+    except (FileNotFoundError, NotADirectoryError):
+        return set()
     except OSError as error:
-        raise DataError(f"Cannot sweep in {folder}: {error.strerror}.") from error
-    return [] if MANIFEST in names else [name for name in names if name != LOCK and not name.startswith("._sweep.")]
+        raise DataError(f"Cannot read the folder {folder}: {error.strerror}.") from error
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """The folder, with those above it; after an error those that were not there before go again if they are empty."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        make_folder(folder)
+        yield
+    except CraneError:
+        for path in missing:
+            with suppress(OSError):
+                path.rmdir()
+        raise
 
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
+    path = folder / LOCK
     try:
-        file = (folder / LOCK).open("a")
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     except OSError as error:
         raise DataError(f"Cannot sweep in {folder}: {error.strerror}.") from error
-    with file:
+    try:
+        if not stat.S_ISREG(os.fstat(file).st_mode):
+            raise DataError(f"Cannot sweep in {folder}: {LOCK} in it is no file.")
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            mine = os.path.samestat(os.fstat(file), os.stat(path))  # not one that a refused sweep has just removed
         except OSError:
-            raise DataError(f"Cannot sweep in {folder}: another process is sweeping there.") from None
+            mine = False
+        if not mine:
+            raise DataError(f"Cannot sweep in {folder}: another process is sweeping there.")
         yield
+    finally:
+        os.close(file)
 
 
 def _same(folder: Path, found: Manifest, asked: Manifest, chunk_given: bool) -> Manifest:
@@ -116,7 +234,7 @@ def _same(folder: Path, found: Manifest, asked: Manifest, chunk_given: bool) -> 
         f"its {name} {there}, not {here}"
         for name, there, here in (
             ("study is", found.study, asked.study),
-            ("parameters are", ", ".join(map(str, found.parameters)), ", ".join(asked.parameters)),
+            ("parameters are", ", ".join(found.parameters), ", ".join(asked.parameters)),
             ("number of cases is", found.cases, asked.cases),
             ("number of cases in a part is", found.chunk, asked.chunk if chunk_given else found.chunk),
         )
@@ -126,4 +244,18 @@ def _same(folder: Path, found: Manifest, asked: Manifest, chunk_given: bool) -> 
         differs = ["its parameters have other values"]
     if differs:
         raise DataError(f"Cannot sweep in {folder}: it holds another sweep; {', '.join(differs)}.")
+    _check_code(folder, found, asked)
     return found
+
+
+def _check_code(folder: Path, found: Manifest, asked: Manifest) -> None:
+    """Return if the same code goes on that has begun."""
+    if found.version != asked.version:
+        one, other = (manifest.version or "of no version" for manifest in (found, asked))
+        code, way_back = f"by cranedyn {one}, this is {other}", "go on with that"
+    elif names := changed(found.sources, asked.sources):
+        shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if names[3:] else "")
+        code, way_back = f"by other code: {shown} changed since", "put that back as it was"
+    else:
+        return
+    raise DataError(f"Cannot sweep on in {folder}: what is there was computed {code}; {way_back}, or sweep into another folder.")

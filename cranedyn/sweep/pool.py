@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
-import os
 import signal
-import threading
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pyarrow as pa
 
 from cranedyn.errors import CraneError
-from cranedyn.sweep.chunk import evaluate, load
+from cranedyn.processes import end_with_parent
+from cranedyn.sweep.chunk import DIED, LATE, evaluate, failed, load
 
 Rows = tuple[int, int]
 """The first case of a chunk, and that after its last."""
 
 _SPAWN = multiprocessing.get_context("spawn")
+
+_LONGEST_WAIT = 3600.0
 
 
 class Pool(Protocol):
@@ -29,9 +32,11 @@ class Pool(Protocol):
 
     Attributes:
         exact: Whether a chunk whose worker died is itself to blame; elsewhere another that was computed beside it may be.
+        lost: What is said of a case that is to blame.
     """
 
     exact: bool
+    lost: str
 
     def room(self) -> int:
         """How many chunks it takes at a time, one at least."""
@@ -53,21 +58,27 @@ class Pool(Protocol):
 class Cores:
     """Processes of this machine, each with a pipe of its own: of one that dies it is known over which chunk, and no other suffers."""
 
-    exact = True
+    exact, lost = True, DIED
 
-    def __init__(self, study: str, count: int) -> None:
+    def __init__(self, study: str, code: str, count: int, limit: float = math.inf) -> None:
         """Start the processes and wait until they have imported the study.
 
+        Args:
+            study: Its name, see `cranedyn.sweep.chunk.name_of`.
+            code: Checksum of its sources.
+            count: Number of processes.
+            limit: How long a case may take [s]; a chunk of more has so many times as long.
+
         Raises:
-            CraneError: If they cannot.
+            CraneError: If they cannot be started, or cannot import the study.
         """
-        self._study = study
+        self._study, self._code, self._limit = study, code, limit
         self._lanes: list[_Lane] = []
         self._free: list[_Lane] = []
-        self._busy: dict[object, tuple[_Lane, Rows]] = {}
+        self._busy: dict[Any, _Task] = {}
         try:
             for _ in range(count):
-                self._lanes.append(_Lane(study))
+                self._lanes.append(_Lane(study, code))
             for lane in self._lanes:
                 lane.check()
         except BaseException:
@@ -82,21 +93,27 @@ class Cores:
     def submit(self, rows: Rows, columns: Mapping[str, np.ndarray]) -> None:
         """Give a chunk to a process that has nothing to do."""
         lane = self._free.pop()
-        self._busy[lane.pipe] = lane, rows
+        self._busy[lane.pipe] = _Task(lane, rows, time.monotonic() + self._limit * (rows[1] - rows[0]))
         with suppress(OSError):  # it has died: that is found by waiting
             lane.pipe.send(columns)
 
     def wait(self) -> list[tuple[Rows, pa.Table | None]]:
-        """The chunks that are done; a process that died has a successor."""
-        done = []
-        for pipe in wait([lane.pipe for lane, _ in self._busy.values()]):
-            lane, rows = self._busy.pop(pipe)
-            try:
-                done.append((rows, lane.received()))
-            except (EOFError, OSError):
-                done.append((rows, None))
-                lane = self._replaced(lane)
-            self._free.append(lane)
+        """The chunks that are done; a process that died, or had to be ended at its time limit, has a successor."""
+        done: list[tuple[Rows, pa.Table | None]] = []
+        while not done:
+            left = min(task.deadline for task in self._busy.values()) - time.monotonic()
+            for pipe in wait(list(self._busy), timeout=min(max(left, 0.0), _LONGEST_WAIT)):
+                lane, rows, _ = self._busy.pop(pipe)
+                try:
+                    done.append((rows, lane.received()))
+                except (EOFError, OSError):
+                    done.append((rows, None))
+                    lane = self._replaced(lane)
+                self._free.append(lane)
+            for lane, rows, _ in [task for task in self._busy.values() if task.deadline <= time.monotonic() and not task.lane.pipe.poll()]:
+                del self._busy[lane.pipe]
+                done.append((rows, failed(1, LATE.format(self._limit)) if rows[1] - rows[0] == 1 else None))
+                self._free.append(self._replaced(lane))
         return done
 
     def close(self) -> None:
@@ -107,20 +124,31 @@ class Cores:
     def _replaced(self, lane: _Lane) -> _Lane:
         lane.end()
         self._lanes.remove(lane)
-        self._lanes.append(_Lane(self._study))
+        self._lanes.append(_Lane(self._study, self._code))
         self._lanes[-1].check()
         return self._lanes[-1]
+
+
+class _Task(NamedTuple):
+    """A chunk under way: in which process, and until when it must be done [s], on the monotonic clock."""
+
+    lane: _Lane
+    rows: Rows
+    deadline: float
 
 
 class _Lane:
     """A process and the pipe to it."""
 
-    def __init__(self, study: str) -> None:
-        self.pipe, theirs = _SPAWN.Pipe()
-        self.process = _SPAWN.Process(target=_serve, args=(theirs, study), daemon=True)
-        with _deaf():
-            self.process.start()
-        theirs.close()
+    def __init__(self, study: str, code: str) -> None:
+        try:
+            self.pipe, theirs = _SPAWN.Pipe()
+            with theirs:
+                self.process = _SPAWN.Process(target=_serve, args=(theirs, study, code), daemon=True)
+                with _deaf():
+                    self.process.start()
+        except OSError as error:
+            raise CraneError(f"Cannot start a worker process: {error.strerror or error}.") from error
 
     def check(self) -> None:
         try:
@@ -142,24 +170,17 @@ class _Lane:
         self.pipe.close()
 
 
-def _serve(pipe: Connection, study: str) -> None:
+def _serve(pipe: Connection, study: str, code: str) -> None:
     """Compute chunks until there is nobody to compute for."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     with suppress(EOFError, OSError):
         try:
-            load(study)
+            load(study, code)
             pipe.send(None)
             while True:
                 pipe.send(evaluate(study, pipe.recv()))
         except CraneError as error:
             pipe.send(error)
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 @contextmanager

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import pyarrow as pa
 
-from cranedyn.errors import CraneError
-from cranedyn.sweep.chunk import DIED, Study, failed, joined, name_of
+from cranedyn.errors import CraneError, within
+from cranedyn.sweep.chunk import Study, failed, joined, name_of
 from cranedyn.sweep.cluster import Cluster
 from cranedyn.sweep.design import Design
 from cranedyn.sweep.limits import check_disk, whole
-from cranedyn.sweep.manifest import Manifest, claimed
+from cranedyn.sweep.manifest import Manifest, as_folder, claimed, version
 from cranedyn.sweep.pool import Cores, Pool, Rows
+from cranedyn.sweep.sources import digest, sources
 from cranedyn.sweep.store import finished, unify, write_part
 
-_PARTS, _LARGEST, _TRIES = 64, 1000, 2
+if TYPE_CHECKING:
+    from distributed.security import Security
+
+_PARTS, _LARGEST, _TRIES, _MOST_WORKERS, _LIMITS = 64, 1000, 2, 1024, (1e-3, 1e6)
 
 
 class Progress(NamedTuple):
@@ -52,13 +57,19 @@ def sweep(
     chunk: int | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
+    security: Security | None = None,
+    limit: float | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Progress:
     """Run a study on every case of a design and keep the results in a folder; where it was interrupted before, it goes on.
 
     Every chunk that is done is a Parquet file, written whole or not at all; only chunks under way are lost when the process ends,
     however it ends. A case that goes wrong has its reason in the column `error` and no results: the study raised on it, returned a number
-    that is not finite, or twice killed the process that ran it. Chunks in which that happens are halved and tried again.
+    that is not finite, took longer than it may, or twice killed the process that ran it. Chunks in which that happens are halved and tried
+    again. Every part carries a checksum; one that is not as it was written counts as not done.
+
+    Whoever listens at the address of a scheduler, and every worker behind it, can run code in this program: what Dask's processes say to
+    each other is pickled. Give one that you trust.
 
     Args:
         study: The function; workers import it by its name.
@@ -68,36 +79,57 @@ def sweep(
             what the sweep was begun with.
         workers: Processes on this machine, by default one for each core.
         scheduler: Address of a Dask scheduler whose workers are used instead.
+        security: Certificates for a scheduler whose address begins with ``tls://``, see `cranedyn.sweep.cluster.tls`; by default those of
+            Dask's configuration.
+        limit: How long a case may take [s], 0.001 to 1e6; by default any time. A chunk of n cases may take n times as long, then the
+            process that runs it is ended. On a cluster that ends all that this worker does, four times for a chunk.
         progress: Called at the beginning and whenever a part is done.
 
     Returns:
         How it ended.
 
     Raises:
-        CraneError: If the study has no name to import it by; the folder holds another sweep or anything else, or another process is at it;
-            the results would not fit the disk; workers cannot import the study; there is no scheduler or no worker.
+        CraneError: If an argument is none of these; the study has no name to import it by; the folder holds another sweep, one by other
+            code, or anything else, or another process is at it; the results would not fit the disk; workers cannot be started, cannot
+            import the study or have another; there is no scheduler or no worker.
         KeyboardInterrupt: After Ctrl-C, with a sentence that says what is done.
     """
-    if scheduler is not None and workers is not None:
-        raise CraneError("The number of workers has no effect beside a scheduler, which has its own; give one of them.")
-    count = _cores() if workers is None else whole("number of workers", workers, 1)
+    if not isinstance(design, Design):
+        raise CraneError(f"design is {design!r}; allowed is a Design, of which grid, sampled and cross make some.")
+    if not (progress is None or callable(progress)):
+        raise CraneError(f"progress is {progress!r}; allowed is a function, or None.")
+    pool_of = _pool(workers, scheduler, security, limit)
     size = max(1, min(_LARGEST, -(-len(design) // _PARTS))) if chunk is None else whole("chunk", chunk, 1)
-    name, folder = name_of(study), Path(folder)
-    asked = Manifest(name, design.fingerprint, tuple(design.columns), len(design), size)
+    name, folder = name_of(study), as_folder(folder)
+    files = sources(name)
+    asked = Manifest(name, version(), files, design.fingerprint, tuple(design.columns), len(design), size)
     with claimed(folder, asked, chunk is not None) as manifest:
         books = _Books(folder, manifest, design, progress)
         try:
             if books.missing:
                 check_disk(folder, manifest.cases - books.progress.done, 8.0 * (1 + len(design.columns)))
-                pool = Cores(name, min(count, len(books.missing))) if scheduler is None else Cluster(name, scheduler)
+                pool = pool_of(name, digest(files), len(books.missing))
                 with closing(pool):
                     for rows, found in _computed(pool, design, map(manifest.rows, books.missing)):
                         books.take(rows, found)
             unify(folder, manifest)
         except KeyboardInterrupt:
-            done = f"{_Books(folder, manifest, design, None).progress.done} of {manifest.cases} cases are done"
+            done = f"{books.kept()} of {manifest.cases} cases are done"
             raise KeyboardInterrupt(f"Interrupted: {done}, and kept in {folder}; the same sweep goes on from there.") from None
     return books.progress
+
+
+def _pool(workers: int | None, scheduler: str | None, security: Security | None, limit: float | None) -> Callable[[str, str, int], Pool]:
+    """How to start what computes, from name and checksum of the study and the number of chunks; the arguments are checked here."""
+    longest = math.inf if limit is None else within("limit", limit, *_LIMITS, "s")
+    if scheduler is None:
+        if security is not None:
+            raise CraneError("Certificates have no effect without a scheduler; give its address, too.")
+        count = _cores() if workers is None else whole("number of workers", workers, 1, _MOST_WORKERS)
+        return lambda study, code, chunks: Cores(study, code, min(count, chunks), longest)
+    if workers is not None:
+        raise CraneError("The number of workers has no effect beside a scheduler, which has its own; give one of them.")
+    return lambda study, code, _: Cluster(study, code, scheduler, security, longest)
 
 
 def _computed(pool: Pool, design: Design, chunks: Iterable[Rows]) -> Iterator[tuple[Rows, pa.Table]]:
@@ -122,7 +154,7 @@ def _computed(pool: Pool, design: Design, chunks: Iterable[Rows]) -> Iterator[tu
             middle = (first + last) // 2
             lone[first, last] += last - first == 1
             if lone[first, last] == _TRIES:
-                ready.append(((first, last), failed(1, DIED)))
+                ready.append(((first, last), failed(1, pool.lost)))
             else:
                 suspects += [(first, middle), (middle, last)] if middle > first else [(first, last)]
 
@@ -132,8 +164,10 @@ class _Books:
 
     def __init__(self, folder: Path, manifest: Manifest, design: Design, tell: Callable[[Progress], None] | None) -> None:
         self._folder, self._manifest, self._design, self._tell = folder, manifest, design, tell
-        there = {part: found for part in range(len(manifest)) if (found := finished(folder, manifest, part))}
-        self.missing = [part for part in range(len(manifest)) if part not in there]
+        there = {part: found for part in manifest.parts_in(folder) if (found := finished(folder, manifest, part))}
+        self.missing = [part for part in range(manifest.parts) if part not in there]
+        self._kept = set(there)
+        self._writing: int | None = None
         done = sum(last - first for first, last in map(manifest.rows, there))
         self._bytes = sum(size for _, size in there.values())
         self._pieces: dict[int, dict[int, pa.Table]] = {}
@@ -152,10 +186,19 @@ class _Books:
         if sum(map(len, pieces.values())) < last - first:
             return
         table = joined([piece for _, piece in sorted(self._pieces.pop(part).items())])
+        self._writing = part
         self._bytes += write_part(self._folder, self._manifest, part, self._design.rows(first, last), table)
+        self._kept.add(part)
         done, errors = self.progress.done + len(table), self.progress.errors + len(table) - table["error"].null_count
         self._say(self.progress._replace(done=done, errors=errors))
         check_disk(self._folder, self._manifest.cases - done, self._bytes / done)
+
+    def kept(self) -> int:
+        """Cases whose parts are there, even if it was interrupted while one was written."""
+        writing = self._writing
+        if writing is not None and finished(self._folder, self._manifest, writing):
+            self._kept.add(writing)
+        return sum(last - first for first, last in map(self._manifest.rows, self._kept))
 
     def _say(self, progress: Progress) -> None:
         self.progress = progress

@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from cranedyn.errors import DataError
-from cranedyn.files import written
 from cranedyn.sweep.chunk import joined
 from cranedyn.sweep.limits import check_memory
-from cranedyn.sweep.manifest import PART, Manifest, read_manifest
+from cranedyn.sweep.manifest import PART, Manifest, as_folder, read_manifest
+from cranedyn.sweep.part import Damaged, opened, write
+
+_SHOWN = 5
 
 
 def finished(folder: Path, manifest: Manifest, part: int) -> tuple[int, int] | None:
-    """Bad cases and bytes of a part, or None if it is not there whole."""
-    path, (first, last) = folder / PART.format(part), manifest.rows(part)
+    """Bad cases and bytes of a part, or None if it is not there as it was written.
+
+    Raises:
+        DataError: If it cannot be read, is no file, or is of another sweep.
+    """
+    path = folder / PART.format(part)
     try:
-        found = pq.read_metadata(path)
-        groups = [found.row_group(i) for i in range(found.num_row_groups)]
-        error = found.schema.names.index("error")
-        good = sum(group.column(error).statistics.null_count for group in groups)
-        return (found.num_rows - good, path.stat().st_size) if found.num_rows == last - first else None
-    except (OSError, ValueError, AttributeError, pa.ArrowException):
+        with opened(folder, manifest, part) as file:
+            groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
+            error = file.metadata.schema.names.index("error")
+            good = sum(group.column(error).statistics.null_count for group in groups)
+            return file.metadata.num_rows - good, path.stat().st_size
+    except Damaged:
         return None
 
 
@@ -37,26 +41,27 @@ def write_part(folder: Path, manifest: Manifest, part: int, parameters: Mapping[
         DataError: If it cannot be written.
     """
     cases = {"case": np.arange(*manifest.rows(part)), **parameters}
-    path = folder / PART.format(part)
-    _write(path, pa.table({**cases, **{name: found[name] for name in sorted(found.column_names, key="error".__eq__)}}))
-    return path.stat().st_size
+    columns = {name: found[name] for name in sorted(found.column_names, key="error".__eq__)}
+    return write(folder, manifest, part, pa.table({**cases, **columns}))
 
 
 def unify(folder: Path, manifest: Manifest) -> None:
     """Give all parts the same columns, so that the folder is one dataset to any reader: where all cases are bad, results are missing.
 
     Raises:
-        DataError: If a result is a number in one part and a word in another.
+        DataError: If a result is a number in one part and a word in another, or a part cannot be read or written.
     """
-    paths = [folder / PART.format(part) for part in range(len(manifest))]
-    schemas = [pq.read_schema(path).remove_metadata() for path in paths]
+    schemas = []
+    for part in range(manifest.parts):
+        with opened(folder, manifest, part) as file:
+            schemas.append(file.schema_arrow.remove_metadata())
     whole = joined([schema.empty_table() for schema in schemas]).schema
     names = [*(name for name in whole.names if name != "error"), "error"]
     whole = pa.schema([whole.field(name) for name in names])
-    for path, schema in zip(paths, schemas, strict=True):
+    for part, schema in enumerate(schemas):
         if not schema.equals(whole):
-            table = joined([pq.read_table(path, partitioning=None), whole.empty_table()])
-            _write(path, table.select(names).cast(whole))
+            table = joined([_read(folder, manifest, part), whole.empty_table()])
+            write(folder, manifest, part, table.select(names).cast(whole))
 
 
 def results(folder: str | Path, *, partial: bool = False) -> pa.Table:
@@ -64,32 +69,43 @@ def results(folder: str | Path, *, partial: bool = False) -> pa.Table:
 
     Args:
         folder: Where it was swept.
-        partial: Whether a sweep that is not finished gives what there is.
+        partial: Whether a sweep that is not finished gives what there is, but for damaged parts.
 
     Raises:
-        DataError: If there is no sweep, it is not finished, a part is damaged, or the table would not fit the memory.
+        DataError: If there is no sweep, it is not finished, a part is damaged or cannot be read, or the table would not fit the memory.
     """
-    folder = Path(folder)
+    folder = as_folder(folder)
     manifest = read_manifest(folder)
-    parts = [part for part in range(len(manifest)) if finished(folder, manifest, part)]
-    rows = sum(last - first for first, last in map(manifest.rows, parts))
+    tables, damaged = _whole_parts(folder, manifest)
+    rows = sum(map(len, tables))
     if rows < manifest.cases and not partial:
+        names = ", ".join(damaged[:_SHOWN]) + (f" and {len(damaged) - _SHOWN} more" if damaged[_SHOWN:] else "")
         raise DataError(
             f"The sweep in {folder} is not finished: {rows} of {manifest.cases} cases are there; sweep on, or ask for a partial table."
+            + (f" Damaged, and computed again as it goes on: {names}." if names else "")
         )
-    if not parts:
+    if not tables:
         raise DataError(f"The sweep in {folder} has no finished case yet.")
-    paths = [folder / PART.format(part) for part in parts]
-    check_memory(f"The table of {rows} cases", rows * 8.0 * len(pq.read_schema(paths[0])))
-    try:
-        table = joined([pq.read_table(path, partitioning=None) for path in paths])
-    except (OSError, ValueError, pa.ArrowException) as error:
-        raise DataError(f"Cannot read {folder}: {error}.") from error
+    table = joined(tables)
     return table.select([*(name for name in table.column_names if name != "error"), "error"])
 
 
-def _write(path: Path, table: pa.Table) -> None:
-    with written(path) as file:
-        pq.write_table(table, file)
-        with file.open("rb") as whole:
-            os.fsync(whole.fileno())  # a machine that goes down must not leave the name without the content
+def _whole_parts(folder: Path, manifest: Manifest) -> tuple[list[pa.Table], list[str]]:
+    """Tables of the parts that are as they were written, and names of those that are not."""
+    tables: list[pa.Table] = []
+    damaged = []
+    there = manifest.parts_in(folder)
+    rows = sum(last - first for first, last in map(manifest.rows, there))
+    for part in there:
+        try:
+            tables.append(_read(folder, manifest, part))
+        except Damaged:
+            damaged.append(PART.format(part))
+        if len(tables) == 1:
+            check_memory(f"The table of {rows} cases", rows * 8.0 * len(tables[0].column_names))
+    return tables, damaged
+
+
+def _read(folder: Path, manifest: Manifest, part: int) -> pa.Table:
+    with opened(folder, manifest, part) as file:
+        return file.read().replace_schema_metadata(None)

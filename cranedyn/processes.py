@@ -1,0 +1,33 @@
+"""Worker processes end with whoever started them, however that ended."""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from contextlib import suppress
+
+_PR_SET_PDEATHSIG = 1
+
+
+def end_with_parent() -> None:
+    """End this process, a spawned one of `multiprocessing`, as soon as its parent has ended; to be called in it, first of all.
+
+    A thread waits for the parent. Where the thread does not get its turn, in compiled code that keeps Python's lock, Linux itself kills
+    the process; it does so, too, when the thread that started the process ends, so that this must live as long as the process shall.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
+    threading.Thread(target=_end_after, args=(parent,), daemon=True).start()  # it is there at once if the parent has ended meanwhile
+
+
+def _end_after(parent: multiprocessing.process.BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
