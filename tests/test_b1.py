@@ -15,6 +15,7 @@ from cranedyn.analysis import settling_time, swing_amplitude
 from experiments import b1
 from experiments.b1 import SHOWN as WAYS
 from experiments.moves import MOVES
+from experiments.report import page
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +48,10 @@ def test_figures_and_trajectories_are_written(result: tuple[Path, dict[str, Any]
     names = {path.name for path in result[0].iterdir()}
     assert {f"{kind}_{move.name}.png" for kind in ("tracking", "swing") for move in MOVES} <= names
     assert {"b1.rrd", "b1_combined_paper_lqr_pid.csv", "b1_combined_flat_lqr.parquet"} <= names
+
+
+def test_the_report_shows_the_result(result: tuple[Path, dict[str, Any]]) -> None:
+    assert '<section id="b1">' in page([result[0]])
 
 
 def test_swing_amplitude_of_a_free_swing_is_its_amplitude_at_any_time() -> None:

@@ -16,6 +16,7 @@ from cranedyn.trajectory import read
 from experiments import common, compare
 from experiments.cases import CASES, NOMINAL, Case, make
 from experiments.moves import LIMITS, MOVES, SWINGING, Move
+from experiments.report import page
 from experiments.ways import FLAT, LQR, PAPER, PD, WAYS, joystick
 from tests.helpers import FAST
 
@@ -134,6 +135,10 @@ def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(
     assert len(read(done / "compare_flat_lqr.parquet")) == 8001
     recording = (done / "compare.rrd").read_bytes()
     assert all(way.encode() in recording for way in (PD, FLAT))
+
+
+def test_the_report_shows_the_result(done: Path) -> None:
+    assert '<section id="compare">' in page([done])
 
 
 def test_a_way_that_is_not_there_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,6 +20,7 @@ from cranedyn.recording import Live
 from cranedyn.references import ARTICLE_TOUR, Leg, itinerary
 from cranedyn.trajectory import Trajectory, join, read
 from experiments import common, demo
+from experiments.report import page
 from tests.helpers import FAST, crane
 
 RATES = (0.08, 0.8, 0.8)
@@ -112,6 +113,10 @@ def test_the_load_keeps_swinging_in_every_dwell_and_the_table_says_how_much(done
     run = read(done / "demo.parquet")
     last = run.between(run.t[-1] - 3.0, run.t[-1])
     assert 1000 * demo.residual(last) == pytest.approx(rows[-1][2], rel=1e-6)
+
+
+def test_the_report_shows_the_result(done: Path) -> None:
+    assert '<section id="demo">' in page([done])
 
 
 def test_the_recording_of_a_finished_demo_holds_every_instant(done: Path) -> None:

@@ -31,6 +31,23 @@ def test_each_block_gets_the_tables_it_asks_for_and_all_else_stays(tmp_path: Pat
     assert path.read_text(encoding="utf-8") == once
 
 
+@pytest.mark.parametrize("form", [".3f", "+.2e", ",d", ",.6g", "%", ".10g", ""])
+def test_a_table_takes_formats_of_sign_thousands_digits_and_kind(form: str) -> None:
+    assert Table("t", [("a", form)], [("1" if form == "" else 1,)]).shown() == [[format("1" if form == "" else 1, form)]]
+
+
+@pytest.mark.parametrize("form", [".999999999f", "<10", "010d", "{", "_d", "f "])
+def test_a_table_with_another_format_cannot_be_made(form: str) -> None:
+    with pytest.raises(ValueError, match="has the format"):
+        Table("t", [("a", form)], [(1,)])
+
+
+@pytest.mark.parametrize("row", [(1.5,), (1, 2), ("text",)])
+def test_a_table_whose_rows_cannot_be_shown_cannot_be_made(row: tuple[object, ...]) -> None:
+    with pytest.raises((ValueError, TypeError)):
+        Table("t", [("a", "d")], [row])  # type: ignore[list-item]
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

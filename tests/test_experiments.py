@@ -34,7 +34,7 @@ from cranedyn.errors import RunError
 from cranedyn.references import Wanted
 from cranedyn.simulate import simulate
 from cranedyn.trajectory import COLUMNS, Trajectory, read
-from experiments import a1, a1_identify, a2, a3, common, energy, mass_ratio
+from experiments import a1, a1_identify, a2, a3, common, energy, mass_ratio, report
 from experiments import world as world_room
 from tests.helpers import FAST, files, turned
 
@@ -129,6 +129,11 @@ def test_trajectories_figures_recording_and_result_are_written_and_nothing_else(
     expected = {f"{t}{ending}" for t in trajectories for ending in (".csv", ".parquet")} | {f"{f}.png" for f in figures}
     assert set(files(ran(name).folder)) == expected | {"result.json", f"{name}.rrd"}
     assert (ran(name).folder / f"{name}.rrd").stat().st_size > 10_000
+
+
+@each
+def test_the_report_shows_the_result(name: str, ran: Callable[[str], Ran]) -> None:
+    assert f'<section id="{name}">' in report.page([ran(name).folder])
 
 
 @each
@@ -494,6 +499,23 @@ def _conducted(claims: Sequence[bool | np.bool_ | None], argv: Sequence[str]) ->
         return common.Outcome([], [common.Claim("One is one.", holds) for holds in claims])
 
     return common.conduct(common.parser("trial", "A trial."), experiment, list(argv))
+
+
+@pytest.mark.parametrize(
+    ("claims", "line"),
+    [
+        ([True, True], "2 of 2 claims hold, 0 not judged."),
+        ([True, None, False], "1 of 3 claims hold, 1 not judged."),
+        ([None], "0 of 1 claims hold, 1 not judged."),
+        ([np.bool_(True)], "1 of 1 claims hold, 0 not judged."),
+    ],
+)
+def test_a_claim_that_is_not_judged_is_counted_as_that_and_not_as_one_that_holds(
+    claims: list[bool | np.bool_ | None], line: str, tmp_path: Path
+) -> None:
+    with redirect_stdout(io.StringIO()) as out:
+        _conducted(claims, ["--out", str(tmp_path)])
+    assert out.getvalue().splitlines()[-2:] == [line, f"Written to {tmp_path}."]
 
 
 @pytest.mark.parametrize(

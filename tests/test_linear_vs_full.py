@@ -22,6 +22,7 @@ from experiments.linear.model import Drives, Miss, all_rates, dropped, integrate
 from experiments.linear.runs import Case, reaches
 from experiments.linear.sites import SITES, Job, jobs, short_slews, slow_slews
 from experiments.linear_vs_full import OF_SLEWING
+from experiments.report import page
 from tests.helpers import G, big_crane, crane, files, moved
 
 
@@ -49,6 +50,10 @@ def test_every_crane_makes_every_move(result: tuple[Path, dict[str, Any]]) -> No
     for site in SITES:
         for what in ("error", "largest"):
             assert len(_table(result[1], f"{site.name}: {what}")) == 8
+
+
+def test_the_report_shows_the_result(result: tuple[Path, dict[str, Any]]) -> None:
+    assert '<section id="linear_vs_full">' in page([result[0]])
 
 
 def test_errors_of_both_angles_make_up_the_whole(result: tuple[Path, dict[str, Any]]) -> None:

@@ -17,6 +17,7 @@ from cranedyn.references import Wanted
 from cranedyn.simulate import simulate
 from cranedyn.sweep import results
 from experiments import sweep
+from experiments.report import page
 from experiments.robustness import AFTER, COMBINED, WAYS, robustness
 from experiments.world import World
 
@@ -75,6 +76,7 @@ def test_the_command_sweeps_shows_and_does_not_sweep_again(tmp_path: Path, capsy
     result = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
     assert [claim["holds"] for claim in result["claims"]] == [True] * 3
     assert all((tmp_path / "out" / name).stat().st_size > 10_000 for name in result["figures"])
+    assert '<section id="sweep">' in page([tmp_path / "out"])
     kept = results(tmp_path / "out" / "cases")
     assert kept.num_rows == 4 * len(WAYS) == sum(row[1] for row in result["tables"][0]["rows"])
     parts = {part: part.stat().st_mtime_ns for part in (tmp_path / "out" / "cases").glob("*.parquet")}

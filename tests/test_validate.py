@@ -24,6 +24,7 @@ from experiments import validate
 from experiments.oracles import conserved, hoisting, moves, reading, slewing, swing
 from experiments.oracles.check import LARGE, POINT, G, Oracle, check, point_crane
 from experiments.oracles.reading import Bench
+from experiments.report import page
 from tests.helpers import FAST, files, turned
 from tests.lagrangian import Lagrangian
 
@@ -86,6 +87,10 @@ def test_the_document_keeps_its_text(result: tuple[Path, dict[str, Any]]) -> Non
 def test_trajectories_figures_and_recording_are_written(result: tuple[Path, dict[str, Any]]) -> None:
     runs = {f"{name}{ending}" for name in ("oval_swing", "steady_slewing") for ending in (".csv", ".parquet")}
     assert set(files(result[0] / "out")) == runs | {"convergence.png", "ripple.png", "oval.png", "result.json", "validate.rrd"}
+
+
+def test_the_report_shows_the_result(result: tuple[Path, dict[str, Any]]) -> None:
+    assert '<section id="validate">' in page([result[0] / "out"])
 
 
 @pytest.mark.parametrize(
