@@ -6,7 +6,7 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table as RichTable
@@ -51,6 +51,15 @@ class Table:
             if not FORMAT.fullmatch(form):
                 raise ValueError(f"the column {header!r} has the format {form!r}")
         self.shown()
+
+    @classmethod
+    def of(cls, kept: Mapping[str, Any]) -> Table:
+        """The table that stands in a ``result.json``.
+
+        Raises:
+            LookupError, TypeError, ValueError: If it is none.
+        """
+        return cls(kept["title"], list(zip(kept["columns"], kept["formats"], strict=True)), kept["rows"], kept["note"])
 
     def shown(self) -> list[list[str]]:
         """The rows as text."""

@@ -100,7 +100,7 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
 
 
 def _table(table: dict[str, Any]) -> str:
-    made = common.Table(table["title"], list(zip(table["columns"], table["formats"], strict=True)), table["rows"], table["note"])
+    made = common.Table.of(table)
     head = "".join(f"<th>{escape(header)}</th>" for header in table["columns"])
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in made.shown())
     note = f'<p class="note">{escape(made.note)}</p>' if made.note else ""

@@ -14,8 +14,11 @@ from cranedyn import theory
 from cranedyn.analysis import settling_time, swing_amplitude
 from experiments import b1
 from experiments.b1 import SHOWN as WAYS
+from experiments.document import read_document
 from experiments.moves import MOVES
+from experiments.outcome import Table
 from experiments.report import page
+from tests.helpers import ROOT
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +45,11 @@ def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(res
     row = result[1]["tables"][0]["rows"][0]
     # finite swing on the way (26 mrad) and damp_swing change it by some 1e-4
     assert row[3] == pytest.approx(closed, rel=2e-3)
+
+
+@pytest.mark.parametrize("document", ["README.md", "docs/control.md"])
+def test_documents_show_the_tables_as_printed(document: str, result: tuple[Path, dict[str, Any]]) -> None:
+    assert read_document(ROOT / document, "b1").stale([Table.of(kept) for kept in result[1]["tables"]]) == []
 
 
 def test_figures_and_trajectories_are_written(result: tuple[Path, dict[str, Any]]) -> None:

@@ -39,6 +39,7 @@ from cranedyn.trajectory import COLUMNS, Trajectory, read
 from experiments import a1, a1_identify, a2, a3, common, energy, mass_ratio, report
 from experiments import world as world_room
 from tests.helpers import FAST, files, turned
+from tests.told import TOLD, missing
 
 EXPERIMENTS = {"a1": a1, "a2": a2, "a3": a3, "energy": energy, "mass_ratio": mass_ratio}
 ARTICLE = {"a1", "a2", "a3"}
@@ -176,6 +177,15 @@ def test_help_is_printed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     text = capsys.readouterr().out
     for option in ("--out", "--save", "--serve", "--view", "--gravity", "--dt", "--control-period", "--set"):
         assert option in text
+
+
+# --- what documents tell -----------------------------------------------------------------------------------------------------------
+
+
+@each
+def test_documents_tell_the_numbers_of_the_command(name: str, ran: Callable[[str], Ran]) -> None:
+    for document, numbers in zip(("README.md", "docs/findings.md"), TOLD[name](ran(name)), strict=True):
+        assert missing(numbers, document) == []
 
 
 # --- A1 ----------------------------------------------------------------------------------------------------------------------------

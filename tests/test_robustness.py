@@ -19,7 +19,10 @@ from cranedyn.sweep import results
 from experiments import sweep
 from experiments.report import page
 from experiments.robustness import AFTER, COMBINED, WAYS, robustness
+from experiments.ways import FLAT, PAPER, PD
 from experiments.world import World
+from tests.helpers import ROOT
+from tests.told import missing
 
 
 def cases(**columns: object) -> dict[str, np.ndarray]:
@@ -84,6 +87,13 @@ def test_the_command_sweeps_shows_and_does_not_sweep_again(tmp_path: Path, capsy
     assert {part: part.stat().st_mtime_ns for part in parts} == parts
     assert sweep.main([*arguments[:1], "3", *arguments[2:]]) == 2
     assert "another" in capsys.readouterr().err
+
+
+def test_the_readme_tells_the_worst_of_the_whole_sweep_as_its_document_shows_it() -> None:
+    shown = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
+    rows = {row[0]: row for line in shown.splitlines() if len(row := [cell.strip() for cell in line.strip("|").split("|")]) == 8}
+    worst = [format(float(rows[way][5]), ".2g") for way in (PD, PAPER, FLAT)]
+    assert missing([f"PD; paper; flat + LQR | | {'; '.join(worst)} mrad"], "README.md") == []
 
 
 @pytest.mark.parametrize("unused", [["--engine", "pinocchio"], ["--view"], ["--serve"], ["--save", "x.rrd"], ["--port", "1"]])
