@@ -10,8 +10,8 @@ from scipy.optimize import least_squares
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from experiments import a1, common
 
-ROUNDING = np.array([0.005, 0.000005, 0.00005])
-"""Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad]."""
+ROUNDING = np.array(list(a1.ROUNDING.values()))
+"""Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad], shape (3,)."""
 
 TROLLEY = (4.0e4, 4.5e4, 5.0e4, 5.5e4, 6.0e4)
 """Values of the trolley's k_d tried [N s/m], with a stiff hoist."""

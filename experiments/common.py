@@ -47,8 +47,11 @@ Experiment = Callable[[argparse.Namespace, World], Outcome]
 def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None = None) -> int:
     """Run an experiment from the command line: print its tables and claims, write its files.
 
+    A claim that could not be judged under the arguments given is no pass: it is printed as "not judged", and the last line of the claims
+    counts those that hold, out of how many, and those not judged.
+
     Returns:
-        0 if every claim that could be judged holds, 1 if one does not or a run failed, 2 for bad arguments, 130 if interrupted.
+        0 if no claim fails, 1 if one does or a run failed, 2 for bad arguments, 130 if interrupted.
     """
     return command(lambda: _conducted(made, experiment, argv))
 

@@ -6,7 +6,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -26,9 +26,9 @@ from cranedyn.trajectory import Trajectory
 from experiments import common
 from experiments.cases import CASES, NOMINAL, make
 from experiments.compare_figures import robustness_figure, swing_figure
-from experiments.moves import DWELL, LIMITS, MOVES, SWINGING, TOUR_LIMITS, Move, Score, residual
+from experiments.moves import DWELL, LIMITS, MOVES, SWINGING, TOUR_LIMITS, Move, Score, of_sampling, residual
 from experiments.tours import CONTROLS
-from experiments.ways import FLAT, MPC, PAPER, PD, TIME, WAYS, mpc_period
+from experiments.ways import FASTEST, FLAT, MPC, PAPER, PD, TIME, WAYS, mpc_period
 
 COMBINED = MOVES[-1]
 
@@ -80,7 +80,7 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
             _tour_table({control: task.result() for task, control in tours.items()}),
             *_case_tables(combined),
         ],
-        claims=_claims(world, combined),
+        claims=[*_claims(world, combined), *_in_time(world, of_move.values())],
         parameters=world.parameters()
         | {
             "rate_limits": list(LIMITS.rates),
@@ -135,13 +135,13 @@ def _made(world: common.World, move: Move, way: str, all_cases: bool) -> dict[st
 
 
 def _timed(make_controller: Callable[[], Controller], calls: list[float]) -> Controller:
-    """A controller that notes how long each call takes [s]."""
+    """A controller that notes the processor time of each call [s], to which other work of the machine adds nothing."""
     controller = make_controller()
 
     def timed(t: float, state: State, wanted: Wanted) -> np.ndarray:
-        began = time.perf_counter()
+        began = time.thread_time()
         command = controller(t, state, wanted)
-        calls.append(time.perf_counter() - began)
+        calls.append(time.thread_time() - began)
         return command
 
     return timed
@@ -256,41 +256,51 @@ def _claims(world: common.World, found: Results) -> list[common.Claim]:
         return result.score if result else None
 
     claims = []
-    flat, pd, fastest = score(FLAT), score(PD), score(TIME)
-    if flat and pd:
+    flat, shortest = score(FLAT), score(TIME)
+    if flat:
+        sampling = of_sampling(world.gravity, flat.length, world.control_period, flat.peak)
         claims.append(
             common.Claim(
-                f"On arrival flat paths with LQR leave less than a thousandth of the swing of the spline with PD "
-                f"({1e3 * flat.arrival:.2g} of {1e3 * pd.arrival:.3g} mrad).",
-                1000.0 * flat.arrival < pd.arrival,
+                f"On arrival flat paths with LQR leave no swing: {1e3 * flat.arrival:.4f} mrad, where efforts that are held for "
+                f"{1e3 * world.control_period:g} ms may leave {1e3 * sampling:.4f} mrad.",
+                flat.arrival < sampling,
             )
         )
     loads = [s for case in ("load -50 %", "load +50 %") if (s := score(FLAT, case))]
     if loads:
-        worst = max(s.later for s in loads)
-        claims.append(
-            common.Claim(f"With half or one and a half of the load they leave below 1e-3 rad 20 s later ({worst:.1e}).", worst < 1e-3)
-        )
-    others = [s.cycle for way in found if way != TIME and (s := score(way))]
-    if fastest and others:
+        slowest = max(s.settled for s in loads)
         claims.append(
             common.Claim(
-                f"The move of least time settles before any other ({fastest.cycle:.2f} s, next {min(others):.2f} s).",
-                fastest.cycle < min(others),
+                f"With half or one and a half of the load they settle within a second of the arrival ({slowest:.2f} s).", slowest < 1.0
             )
         )
-    mpc = found.get(MPC, {}).get(NOMINAL.name)
-    if mpc and mpc.score:
-        period = mpc_period(world)
-        solves = mpc.calls[:: round(period / world.control_period)]
+    others = {way: s.cycle for way in found if way != TIME and (s := score(way))}
+    if shortest and FASTEST in others:
+        second = min(others, key=lambda way: others[way])
         claims.append(
             common.Claim(
-                f"The MPC keeps its period of {1e3 * period:g} ms: {1e3 * np.median(solves):.2g} ms in the median, "
-                f"{1e3 * solves.max():.2g} ms at most, on this machine while its other processors compare.",
-                bool(np.median(solves) < period),
+                f"Under the same limits the move of least time settles before any other ({shortest.cycle:.2f} s; next is {second} after "
+                f"{others[second]:.2f} s).",
+                shortest.cycle < others[second],
             )
         )
     return claims
+
+
+def _in_time(world: common.World, moves: Iterable[Results]) -> list[common.Claim]:
+    """Whether the MPC is done within its period, in every period of every run."""
+    runs = [result.calls for found in moves for result in found.get(MPC, {}).values() if len(result.calls)]
+    if not runs:
+        return []
+    calls, period = np.concatenate(runs), mpc_period(world)
+    solves = np.concatenate([run[:: round(period / world.control_period)] for run in runs])
+    return [
+        common.Claim(
+            f"The MPC is done within its period of {1e3 * period:g} ms: it takes {1e3 * calls.max():.2g} ms of processor time at most, "
+            f"{1e3 * np.median(solves):.2g} ms in the median, in {len(solves):,} periods on this machine.",
+            bool(calls.max() < period),
+        )
+    ]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -102,6 +102,18 @@ class Score:
         return self.arrives + self.settled
 
 
+def of_sampling(gravity: float, length: float, control_period: float, peak: float) -> float:
+    """Swing that a plan which leaves none may leave [rad], because efforts are held for a control period and so come half of it late.
+
+    Args:
+        gravity: [m/s²].
+        length: Of the cable [m].
+        control_period: Time between control instants [s].
+        peak: Largest swing on the way [rad].
+    """
+    return math.sqrt(gravity / length) * control_period / 2.0 * peak
+
+
 def residual(trajectory: Trajectory) -> float:
     """Amplitude of the swing over a stretch without drive motion [rad]: half the longest way across, radial and tangential together."""
     return float(math.hypot(*(np.ptp(trajectory.q[:, 2:4], axis=0) / 2.0)))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table as RichTable
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 MARKS = {True: "holds", False: "FAILS", None: "not judged"}
 """What is said of a claim."""
 
+FORMAT = re.compile(r"[+-]?,?(\.\d\d?)?[a-z%]?")
+"""Formats that a column may have: sign, thousands, digits, kind. None of them can make a long text of a short number."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -31,12 +35,31 @@ class Table:
         columns: Header and format of each column, for example ``("T [s]", ".3f")``; an empty format is for text.
         rows: The values; None is shown as a dash.
         note: What to know about it.
+
+    Raises:
+        ValueError: If a column has another format than `FORMAT` allows, or a row does not fit the columns.
     """
 
     title: str
     columns: Sequence[tuple[str, str]]
     rows: Sequence[Sequence[float | str | None]]
     note: str = ""
+
+    def __post_init__(self) -> None:
+        """Show the rows once, so that whatever is kept can be shown again."""
+        for header, form in self.columns:
+            if not FORMAT.fullmatch(form):
+                raise ValueError(f"the column {header!r} has the format {form!r}")
+        self.shown()
+
+    @classmethod
+    def of(cls, kept: Mapping[str, Any]) -> Table:
+        """The table that stands in a ``result.json``.
+
+        Raises:
+            LookupError, TypeError, ValueError: If it is none.
+        """
+        return cls(kept["title"], list(zip(kept["columns"], kept["formats"], strict=True)), kept["rows"], kept["note"])
 
     def shown(self) -> list[list[str]]:
         """The rows as text."""
@@ -81,7 +104,7 @@ class Outcome:
 
 
 def show(outcome: Outcome) -> None:
-    """Print tables and claims."""
+    """Print tables, claims, and how many of these hold."""
     console = Console(width=None if sys.stdout.isatty() else 150, highlight=False)
     for table in outcome.tables:
         note = Text(table.note) if table.note else None
@@ -94,3 +117,11 @@ def show(outcome: Outcome) -> None:
         console.print()
     for claim in outcome.claims:
         console.print(f"{MARKS[claim.holds]:11}{claim.sentence}", markup=False)
+    if outcome.claims:
+        console.print(summary(outcome.claims))
+
+
+def summary(claims: Sequence[Claim]) -> str:
+    """How many claims hold, and how many were not judged, which counts as neither."""
+    held, unknown = sum(bool(claim.holds) for claim in claims), sum(claim.holds is None for claim in claims)
+    return f"{held} of {len(claims)} claims hold, {unknown} not judged."

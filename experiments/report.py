@@ -6,7 +6,6 @@ import argparse
 import base64
 import importlib
 import json
-import re
 import sys
 from collections.abc import Sequence
 from html import escape
@@ -33,8 +32,6 @@ EXPERIMENTS = {
     "demo": ["--cycles", "1", "--control", "flat"],
 }
 """What the report is made of, in its order, and the arguments with which missing results are made."""
-
-_FORMAT = re.compile(r"[+-]?(\.\d\d?)?[a-z%]?")
 
 _STYLE = """
 :root { color-scheme: light dark; }
@@ -103,9 +100,7 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
 
 
 def _table(table: dict[str, Any]) -> str:
-    if not all(_FORMAT.fullmatch(form) for form in table["formats"]):
-        raise ValueError(f"formats {table['formats']}")
-    made = common.Table(table["title"], list(zip(table["columns"], table["formats"], strict=True)), table["rows"], table["note"])
+    made = common.Table.of(table)
     head = "".join(f"<th>{escape(header)}</th>" for header in table["columns"])
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in made.shown())
     note = f'<p class="note">{escape(made.note)}</p>' if made.note else ""

@@ -60,7 +60,14 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     return common.Outcome(
         tables=tables,
         claims=[*map(_claim, every), _order(every)],
-        parameters={"gravity_m_s2": G, "coarsest_dt_s": STEP, "halvings": halvings, "spoilt": spoilt, "engine": world.engine},
+        parameters={
+            "closed_forms": len(every),
+            "gravity_m_s2": G,
+            "coarsest_dt_s": STEP,
+            "halvings": halvings,
+            "spoilt": spoilt,
+            "engine": world.engine,
+        },
         trajectories={name.replace(" ", "_"): run for name, (_, run) in runs.items()},
         figures={
             "convergence": convergence_figure(every),

@@ -16,6 +16,7 @@ from cranedyn.controllers.lqr import lqr
 from cranedyn.controllers.mpc import mpc
 from cranedyn.controllers.paper import paper_controller
 from cranedyn.references.flat import flat
+from cranedyn.references.limits import fastest
 from cranedyn.references.motion import Motion, plumb
 from cranedyn.references.operator import Push, operator
 from cranedyn.references.shaped import Shaper, ei, shaped, shaped_hoisting, zv, zvd
@@ -73,6 +74,13 @@ def _lqr(world: common.World, move: Move) -> Plan:
 
 def _flat(world: common.World, move: Move) -> Plan:
     return _tracked(world, flat(world.crane, *move.ends(world.crane), move.duration, period=world.control_period))
+
+
+def _fastest_flat(world: common.World, move: Move) -> Plan:
+    def lasting(duration: float) -> Motion:
+        return flat(world.crane, *move.ends(world.crane), duration, period=world.control_period)
+
+    return _tracked(world, lasting(fastest(world.crane, lasting, LIMITS)))
 
 
 def _tracked(world: common.World, motion: Motion) -> Plan:
@@ -171,7 +179,7 @@ def mpc_period(world: common.World) -> float:
     return world.control_period * max(1, round(0.05 / world.control_period))
 
 
-TIME, SWING = "least time + LQR", "least swing + LQR"
+TIME, SWING, FASTEST = "least time + LQR", "least swing + LQR", "fastest flat + LQR"
 
 WAYS: dict[str, Callable[[common.World, Move], Plan]] = {
     "spline alone": _alone,
@@ -180,6 +188,7 @@ WAYS: dict[str, Callable[[common.World, Move], Plan]] = {
     LQR: _lqr,
     FLAT: _flat,
     MPC: _mpc,
+    FASTEST: _fastest_flat,
     SWING: _least_swing,
     TIME: _least_time,
     "operator": _operator,

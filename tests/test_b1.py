@@ -14,7 +14,11 @@ from cranedyn import theory
 from cranedyn.analysis import settling_time, swing_amplitude
 from experiments import b1
 from experiments.b1 import SHOWN as WAYS
+from experiments.document import read_document
 from experiments.moves import MOVES
+from experiments.outcome import Table
+from experiments.report import page
+from tests.helpers import ROOT
 
 
 @pytest.fixture(scope="module")
@@ -43,10 +47,19 @@ def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(res
     assert row[3] == pytest.approx(closed, rel=2e-3)
 
 
+@pytest.mark.parametrize("document", ["README.md", "docs/control.md"])
+def test_documents_show_the_tables_as_printed(document: str, result: tuple[Path, dict[str, Any]]) -> None:
+    assert read_document(ROOT / document, "b1").stale([Table.of(kept) for kept in result[1]["tables"]]) == []
+
+
 def test_figures_and_trajectories_are_written(result: tuple[Path, dict[str, Any]]) -> None:
     names = {path.name for path in result[0].iterdir()}
     assert {f"{kind}_{move.name}.png" for kind in ("tracking", "swing") for move in MOVES} <= names
     assert {"b1.rrd", "b1_combined_paper_lqr_pid.csv", "b1_combined_flat_lqr.parquet"} <= names
+
+
+def test_the_report_shows_the_result(result: tuple[Path, dict[str, Any]]) -> None:
+    assert '<section id="b1">' in page([result[0]])
 
 
 def test_swing_amplitude_of_a_free_swing_is_its_amplitude_at_any_time() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +17,14 @@ from cranedyn.references.motion import plumb
 from cranedyn.trajectory import read
 from experiments import common, compare
 from experiments.cases import CASES, NOMINAL, Case, make
-from experiments.moves import LIMITS, MOVES, SWINGING, Move
-from experiments.ways import FLAT, LQR, PAPER, PD, WAYS, joystick
-from tests.helpers import FAST
+from experiments.compare import Result
+from experiments.document import read_document
+from experiments.moves import LIMITS, MOVES, SWINGING, Move, Score
+from experiments.outcome import Table
+from experiments.report import page
+from experiments.ways import FASTEST, FLAT, LQR, MPC, PAPER, PD, TIME, WAYS, joystick
+from tests.helpers import FAST, ROOT
+from tests.told import missing
 
 TROLLEY, COMBINED = MOVES[0], MOVES[-1]
 
@@ -129,6 +136,18 @@ def test_the_command_compares_the_ways_asked_for(done: Path) -> None:
     assert all(claim["holds"] for claim in result["claims"])
 
 
+@pytest.mark.parametrize("document", ["README.md", "docs/control.md"])
+def test_documents_show_the_ways_asked_for_as_printed(document: str, done: Path) -> None:
+    tables = [Table.of(kept) for kept in json.loads((done / "result.json").read_text())["tables"]]
+    assert read_document(ROOT / document, "compare").stale(tables, part=True) == []
+
+
+def test_the_readme_tells_what_flat_paths_leave_of_the_tour(done: Path) -> None:
+    tables = json.loads((done / "result.json").read_text())["tables"]
+    rows = {row[0]: row for table in tables if table["title"].startswith("The article's") for row in table["rows"]}
+    assert missing([f"at most {rows['flat'][2]:.3f} mrad"], "README.md") == []
+
+
 def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(done: Path) -> None:
     assert {"compare.rrd", "robustness.png", "swing.png", "compare_flat_lqr.parquet"} <= {path.name for path in done.iterdir()}
     assert len(read(done / "compare_flat_lqr.parquet")) == 8001
@@ -136,8 +155,53 @@ def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(
     assert all(way.encode() in recording for way in (PD, FLAT))
 
 
+def test_the_report_shows_the_result(done: Path) -> None:
+    assert '<section id="compare">' in page([done])
+
+
 def test_a_way_that_is_not_there_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         compare.main(["--only", "magic"])
     assert caught.value.code == 2
     assert "magic" in capsys.readouterr().err
+
+
+def _scored(settled: float = 0.0, arrives: float = 10.0) -> Result:
+    numbers = np.zeros(3)
+    return Result(Score(arrives, 0.03, 1e-6, 1e-6, settled, 10.0, numbers, numbers, numbers, 1.0, 1.0, 0.0))
+
+
+def _judged(claims: Sequence[common.Claim], words: str) -> list[bool | None]:
+    return [claim.holds for claim in claims if words in claim.sentence]
+
+
+@pytest.mark.parametrize(("least", "holds"), [(12.0, True), (15.5, False)])
+def test_the_move_of_least_time_is_held_against_the_fastest_flat_path_under_the_same_limits(least: float, holds: bool) -> None:
+    found = {TIME: {NOMINAL.name: _scored(arrives=least)}, FLAT: {NOMINAL.name: _scored(arrives=20.0)}}
+    assert _judged(compare._claims(common.World(), found), "least time") == []  # nothing of its kind to hold it against
+    found[FASTEST] = {NOMINAL.name: _scored(arrives=15.0)}
+    assert _judged(compare._claims(common.World(), found), "least time") == [holds]
+
+
+@pytest.mark.parametrize(("longest", "holds"), [(0.049, True), (0.073, False)])
+def test_the_predictive_controller_is_judged_by_its_longest_call_in_any_run(longest: float, holds: bool) -> None:
+    quick, slow = np.full(20, 1e-3), np.full(20, 1e-3)
+    slow[13] = longest
+    moves = [{MPC: {case: _scored()._replace(calls=calls)}} for case, calls in (("one", quick), ("another", slow))]
+    (claim,) = compare._in_time(common.World(), moves)
+    assert claim.holds is holds
+    assert f"{1e3 * longest:.2g} ms of processor time at most" in claim.sentence
+
+
+def test_time_that_other_work_takes_from_the_processor_is_not_the_controllers() -> None:
+    calls: list[float] = []
+    controller = compare._timed(lambda: lambda t, state, wanted: time.sleep(0.05), calls)  # type: ignore[return-value, arg-type]
+    controller(0.0, None, None)  # type: ignore[arg-type]
+    assert calls[0] < 0.01
+
+
+def test_the_fastest_flat_path_uses_a_limit_fully_and_keeps_all(world: common.World) -> None:
+    motion = WAYS[FASTEST](world, COMBINED).motion
+    assert motion is not None
+    # the duration is found to a thousandth of a second of some fifteen, and rounded up to rows 5 ms apart; accelerations go with its square
+    assert 0.998 < max(use(world.crane, motion, LIMITS).values()) <= 1.0

@@ -20,7 +20,9 @@ from cranedyn.recording import Live
 from cranedyn.references import ARTICLE_TOUR, Leg, itinerary
 from cranedyn.trajectory import Trajectory, join, read
 from experiments import common, demo
+from experiments.report import page
 from tests.helpers import FAST, crane
+from tests.told import missing
 
 RATES = (0.08, 0.8, 0.8)
 """Of the article: slew [rad/s], trolley and hoist [m/s]."""
@@ -100,7 +102,7 @@ def test_residual_is_the_amplitude_of_a_known_swing() -> None:
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo")
-    assert demo.main(["--cycles", "1", "--dwell", "3", "--out", str(folder / "demo")]) == 0
+    assert demo.main(["--cycles", "1", "--out", str(folder / "demo")]) == 0
     return folder / "demo"
 
 
@@ -108,10 +110,37 @@ def test_the_load_keeps_swinging_in_every_dwell_and_the_table_says_how_much(done
     result = json.loads((done / "result.json").read_text())
     rows = result["tables"][0]["rows"]
     assert [row[0] for row in rows] == [leg.name for leg in ARTICLE_TOUR]
-    assert min(row[2] for row in rows) > 1.0
+    left = [row[2] for row in rows]
+    assert min(left) > 1.0
+    assert missing([f"{min(left):.0f} to {max(left):.0f} mrad"], "README.md") == []
     run = read(done / "demo.parquet")
-    last = run.between(run.t[-1] - 3.0, run.t[-1])
+    last = run.between(run.t[-1] - 6.0, run.t[-1])
     assert 1000 * demo.residual(last) == pytest.approx(rows[-1][2], rel=1e-6)
+
+
+def test_the_report_shows_the_result(done: Path) -> None:
+    assert '<section id="demo">' in page([done])
+
+
+def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_is_not(done: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    claims = json.loads((done / "result.json").read_text())["claims"]
+    assert [claim["holds"] for claim in claims] == [True, True]
+    world, run = common.World(), read(done / "demo.parquet")
+    tour = itinerary(world.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    rows = [("leg", 0.0, 100.0, 9.0)]
+    assert [claim.holds for claim in demo._bare(world, tour, rows, run)] == [False, True]  # 9 mm at the hook count as settled
+    monkeypatch.setattr(demo, "DAMPING", (0.0, 4.0 * demo.DAMPING[1], 0.0))
+    assert [claim.holds for claim in demo._bare(world, tour, rows, run)] == [False, False]
+
+
+def test_flat_paths_may_leave_what_sampling_makes_of_the_swing_and_no_more() -> None:
+    world, t = common.World(), np.linspace(0.0, 1.0, 201)
+    q = np.zeros((201, 5))
+    q[:, 2], q[:, 4] = 0.04 * np.sin(t), 10.0
+    none = np.zeros((201, 3))
+    run = Trajectory(t, q, 0 * q, none, none, none, 0 * t, none, 0 * t, np.zeros((201, 6)), np.zeros((201, 2)), 0 * t + 1)
+    most = np.sqrt(world.gravity / 10.0) * 2.5e-3 * 40.0 * np.sin(1.0)  # mrad
+    assert [demo._nothing(world, [("leg", 0.0, left, 0.0)], run).holds for left in (0.99 * most, 1.01 * most)] == [True, False]
 
 
 def test_the_recording_of_a_finished_demo_holds_every_instant(done: Path) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
 from cranedyn.errors import DataError
-from experiments.document import read_document
+from experiments.document import Document, main, read_document
 from experiments.outcome import Table
 
 TABLES = [Table("Move one: far", [("way", ""), ("s", ".1f")], [("a", 1.25)]), Table("Move two", [("way", "")], [("b",)], "A note.")]
@@ -29,6 +30,72 @@ def test_each_block_gets_the_tables_it_asks_for_and_all_else_stays(tmp_path: Pat
     )
     read_document(path, "trial").write(TABLES)
     assert path.read_text(encoding="utf-8") == once
+
+
+SHOWN = (
+    "<!-- trial: -->\n\n**Move**\n\n| way | s | mrad |\n| --- | ---: | ---: |\n| a | 12.86 | 1.02e-05 |\n| b | - | 5.52 |\n\n<!-- end -->\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("rows", "stale"),
+    [
+        ([("a", 12.86, 1.02e-5), ("b", None, 5.52)], []),
+        ([("a", 12.8699, 1.028e-5), ("b", None, 5.5299)], []),  # one of the last digit
+        ([("a", 12.88, 1.02e-5), ("b", None, 5.52)], ["s of 'a' is 12.86, now 12.88"]),
+        ([("a", 12.86, 1.04e-5), ("b", None, 3.59)], ["mrad of 'a' is 1.02e-05, now 1.04e-05", "mrad of 'b' is 5.52, now 3.59"]),
+        ([("a", None, 1.02e-5), ("b", 1.0, 5.52)], ["s of 'a' is 12.86, now -", "s of 'b' is -, now 1.00"]),
+        ([("a", 12.86, 1.02e-5)], ["its row 'b' was not made"]),
+        ([("a", 12.86, 1.02e-5), ("b", None, 5.52), ("c", 1.0, 1.0)], ["a row 'c' is not there"]),
+    ],
+)
+def test_a_cell_that_is_not_what_is_made_now_is_named(rows: list[tuple[object, ...]], stale: list[str], tmp_path: Path) -> None:
+    table = Table("Move", [("way", ""), ("s", ".2f"), ("mrad", ".3g")], rows)  # type: ignore[arg-type]
+    document = Document(tmp_path / "page.md", "trial", SHOWN)
+    assert document.stale([table]) == [f"{tmp_path / 'page.md'}, Move: {sentence}." for sentence in stale]
+    assert document.stale([table], part=True, rounding=100.0) == [
+        f"{tmp_path / 'page.md'}, Move: {sentence}."
+        for sentence in stale
+        if "not there" in sentence or "-," in sentence or "now -" in sentence
+    ]
+
+
+def test_documents_are_held_against_results_and_filled_from_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page, results = tmp_path / "page.md", tmp_path / "out" / "trial"
+    page.write_text(SHOWN + "<!-- other: -->\nkept\n<!-- end -->\n", encoding="utf-8")
+    results.mkdir(parents=True)
+    kept = {"title": "Move", "columns": ["way", "s"], "formats": ["", ".1f"], "rows": [["a", 1.25]], "note": ""}
+    (results / "result.json").write_text(json.dumps({"tables": [kept]}), encoding="utf-8")
+    words = [str(page), "--results", str(tmp_path / "out")]
+    assert main(words) == 1
+    assert capsys.readouterr().out.splitlines() == [
+        f"{page}: there is no result of other in {tmp_path / 'out'}; its tables are not looked at.",
+        f"{page}, Move: it is not there, or has other columns.",
+        "1 cells or rows are stale.",
+    ]
+    assert main([*words, "--write"]) == 0
+    assert main(words) == 0
+    assert "| a | 1.2 |" in page.read_text(encoding="utf-8")
+    (results / "result.json").write_text('{"tables": [{"title": "Move"}]}', encoding="utf-8")
+    assert main(words) == 2
+    assert "is not the result of an experiment" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("form", [".3f", "+.2e", ",d", ",.6g", "%", ".10g", ""])
+def test_a_table_takes_formats_of_sign_thousands_digits_and_kind(form: str) -> None:
+    assert Table("t", [("a", form)], [("1" if form == "" else 1,)]).shown() == [[format("1" if form == "" else 1, form)]]
+
+
+@pytest.mark.parametrize("form", [".999999999f", "<10", "010d", "{", "_d", "f "])
+def test_a_table_with_another_format_cannot_be_made(form: str) -> None:
+    with pytest.raises(ValueError, match="has the format"):
+        Table("t", [("a", form)], [(1,)])
+
+
+@pytest.mark.parametrize("row", [(1.5,), (1, 2), ("text",)])
+def test_a_table_whose_rows_cannot_be_shown_cannot_be_made(row: tuple[object, ...]) -> None:
+    with pytest.raises((ValueError, TypeError)):
+        Table("t", [("a", "d")], [row])  # type: ignore[list-item]
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from rich.console import Console
 from rich.progress import Progress
 from scipy.integrate import solve_ivp
 
+from cranedyn import simulate as simulation
 from cranedyn import theory
 from cranedyn.analysis import agreement, fit_power_law
 from cranedyn.controllers import hold_controller
@@ -32,12 +33,14 @@ from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.crane import Crane, load_crane
 from cranedyn.description import XACRO
 from cranedyn.errors import RunError
+from cranedyn.log import Log
 from cranedyn.references import Wanted
 from cranedyn.simulate import simulate
 from cranedyn.trajectory import COLUMNS, Trajectory, read
-from experiments import a1, a1_identify, a2, a3, common, energy, mass_ratio
+from experiments import a1, a1_identify, a2, a3, common, energy, mass_ratio, report
 from experiments import world as world_room
 from tests.helpers import FAST, files, turned
+from tests.told import TOLD, missing
 
 EXPERIMENTS = {"a1": a1, "a2": a2, "a3": a3, "energy": energy, "mass_ratio": mass_ratio}
 ARTICLE = {"a1", "a2", "a3"}
@@ -133,6 +136,11 @@ def test_trajectories_figures_recording_and_result_are_written_and_nothing_else(
 
 
 @each
+def test_the_report_shows_the_result(name: str, ran: Callable[[str], Ran]) -> None:
+    assert f'<section id="{name}">' in report.page([ran(name).folder])
+
+
+@each
 def test_csv_and_parquet_hold_the_same_finite_run(name: str, ran: Callable[[str], Ran]) -> None:
     for path in ran(name).folder.glob("*.csv"):
         one, two = read(path), read(path.with_suffix(".parquet"))
@@ -172,6 +180,15 @@ def test_help_is_printed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
         assert option in text
 
 
+# --- what documents tell -----------------------------------------------------------------------------------------------------------
+
+
+@each
+def test_documents_tell_the_numbers_of_the_command(name: str, ran: Callable[[str], Ran]) -> None:
+    for document, numbers in zip(("README.md", "docs/findings.md"), TOLD[name](ran(name)), strict=True):
+        assert missing(numbers, document) == []
+
+
 # --- A1 ----------------------------------------------------------------------------------------------------------------------------
 
 # cable length: period, errors against point and rigid pendulum [%], damping ratio, amplitude, as the article prints them
@@ -191,9 +208,32 @@ def test_a1_meets_the_published_table(ran: Callable[[str], Ran]) -> None:
         assert row["T [s]"] == pytest.approx(period, rel=3e-4)  # the 0.03 percentage points of the claim
         assert row["error [%]"] == pytest.approx(point, abs=0.03)
         assert row["rigid [%]"] == pytest.approx(rigid, abs=0.03)
-        assert row["ζ"] == pytest.approx(ratio, abs=2e-5)  # no claim: twice what the give of the hoist leaves unexplained
+        assert row["ζ"] == pytest.approx(ratio, abs=1.6e-5)  # half its last digit and what the give of the hoist leaves unexplained
         assert row["A [rad]"] == pytest.approx(amplitude, abs=4e-4)
         assert [row[k] for k in ("art.", "art. 2", "art. 3", "art. 4", "art. 5")] == [period, point, rigid, ratio, amplitude]
+
+
+@pytest.mark.parametrize(
+    ("hoist", "fails"),
+    [((STIFFNESS[2], DAMPING[2]), []), ((1e6, 6e4), ["error", "damping ratio"])],
+    ids=["identified", "stiff"],
+)
+def test_a1_judges_the_damping_ratio_which_a_stiff_hoist_misses(hoist: tuple[float, float], fails: list[str]) -> None:
+    world = common.World(9.8, engine=FAST)
+    stiffness, damping = (*STIFFNESS[:2], hoist[0]), (*DAMPING[:2], hoist[1])
+    cases = [a1.run(world, length, published=a1.PUBLISHED[length], stiffness=stiffness, damping=damping) for length in (5.0, 20.0)]
+    claims = dict(zip(a1.ROUNDING, a1.outcome(world, cases, cases[0]).claims, strict=False))
+    assert all(f"published {column} is met" in claim.sentence for column, claim in claims.items())
+    assert [column for column, claim in claims.items() if not claim.holds] == fails
+
+
+def test_a1_judges_what_its_budget_leaves_unexplained() -> None:
+    world = common.World(9.8, engine=FAST)
+    case = a1.run(world, 15.0)
+    forgotten = replace(case, budget={**case.budget, "dummy inertia": 0.0})
+    judged = [a1.outcome(world, [one], one).claims[3] for one in (case, forgotten)]
+    assert all("unexplained" in claim.sentence for claim in judged)
+    assert [claim.holds for claim in judged] == [True, False]
 
 
 def test_a1_accounts_for_the_error_by_its_causes(ran: Callable[[str], Ran]) -> None:
@@ -337,9 +377,9 @@ def test_a2_reads_its_own_csv_as_if_it_came_from_elsewhere(ran: Callable[[str], 
 
 def test_a3_meets_the_published_amplitude_correlation_and_rms(ran: Callable[[str], Ran]) -> None:
     row = ran("a3").table("Tangential swing")[0]
-    assert row["θ measured [rad]"] == pytest.approx(0.0504, abs=2e-4)  # the claim's own allowances
+    assert row["θ measured [rad]"] == pytest.approx(0.0504, abs=1e-4)  # the claim's own allowances
     assert row["correlation"] == pytest.approx(0.9994, abs=1e-4)
-    assert row["RMS [rad]"] == pytest.approx(0.00047, abs=5e-5)
+    assert row["RMS [rad]"] == pytest.approx(0.00047, abs=1e-5)
 
 
 def test_a3_explains_the_difference_cause_by_cause(ran: Callable[[str], Ran]) -> None:
@@ -444,6 +484,16 @@ def test_what_energy_leaves_open_is_bounded_halves_and_has_no_trend(ran: Callabl
     assert thirds[2] < 1.02 * thirds[0]  # bounded; the swing itself decays by a percent
 
 
+def test_the_ledger_of_a_lowered_load_closes_and_does_not_if_the_work_forgets_that_positions_lead(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = common.World(engine=FAST)
+    left, rounding = energy.lowered(world, 15.0)
+    assert left <= rounding < 1e-8
+    monkeypatch.setattr(simulation, "Log", lambda crane, since, period, rows, lead: Log(crane, since, period, rows, 0.0))
+    left, rounding = energy.lowered(world, 15.0)
+    # half a step at the largest speed of a quintic of 1.5 m in 6 s, 15/8 of the mean, against the weight; the drive yields and is slower
+    assert left == pytest.approx(world.dt / 2.0 * 1000.0 * world.gravity * 15.0 / 8.0 * 1.5 / 6.0, rel=0.15)
+
+
 def test_energy_depends_on_damping_as_the_linear_oscillator_does(ran: Callable[[str], Ran]) -> None:
     rows = {row["damp_swing [N m s/rad]"]: row for row in ran("energy").table("Damping of the swing joints")}
     assert rows[0.0]["dissipated [J]"] == 0.0
@@ -509,6 +559,23 @@ def _conducted(claims: Sequence[bool | np.bool_ | None], argv: Sequence[str]) ->
         return common.Outcome([], [common.Claim("One is one.", holds) for holds in claims])
 
     return common.conduct(common.parser("trial", "A trial."), experiment, list(argv))
+
+
+@pytest.mark.parametrize(
+    ("claims", "line"),
+    [
+        ([True, True], "2 of 2 claims hold, 0 not judged."),
+        ([True, None, False], "1 of 3 claims hold, 1 not judged."),
+        ([None], "0 of 1 claims hold, 1 not judged."),
+        ([np.bool_(True)], "1 of 1 claims hold, 0 not judged."),
+    ],
+)
+def test_a_claim_that_is_not_judged_is_counted_as_that_and_not_as_one_that_holds(
+    claims: list[bool | np.bool_ | None], line: str, tmp_path: Path
+) -> None:
+    with redirect_stdout(io.StringIO()) as out:
+        _conducted(claims, ["--out", str(tmp_path)])
+    assert out.getvalue().splitlines()[-2:] == [line, f"Written to {tmp_path}."]
 
 
 @pytest.mark.parametrize(

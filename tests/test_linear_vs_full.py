@@ -21,8 +21,10 @@ from experiments import linear_vs_full
 from experiments.linear.model import Drives, Miss, all_rates, dropped, integrate, miss, paper
 from experiments.linear.runs import Case, reaches
 from experiments.linear.sites import SITES, Job, jobs, short_slews, slow_slews
-from experiments.linear_vs_full import OF_SLEWING
+from experiments.linear_vs_full import ALONE, OF_SLEWING
+from experiments.report import page
 from tests.helpers import G, big_crane, crane, files, moved
+from tests.told import missing
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +47,21 @@ def test_every_claim_holds(result: tuple[Path, dict[str, Any]]) -> None:
     assert len(result[1]["claims"]) == 6
 
 
+def test_the_readme_tells_its_largest_errors(result: tuple[Path, dict[str, Any]]) -> None:
+    rows = [row for site in SITES for row in _table(result[1], f"{site.name}: error")]
+    alone = [row["both rms [%]"] for row in rows if row["move"] in ALONE]
+    slewing = [row["both rms [%]"] for row in rows if row["move"].startswith("slew")]
+    assert missing([f"at most {max(alone):.1f} %; {min(slewing):.0f} to {max(slewing):.0f} %"], "README.md") == []
+
+
 def test_every_crane_makes_every_move(result: tuple[Path, dict[str, Any]]) -> None:
     for site in SITES:
         for what in ("error", "largest"):
             assert len(_table(result[1], f"{site.name}: {what}")) == 8
+
+
+def test_the_report_shows_the_result(result: tuple[Path, dict[str, Any]]) -> None:
+    assert '<section id="linear_vs_full">' in page([result[0]])
 
 
 def test_errors_of_both_angles_make_up_the_whole(result: tuple[Path, dict[str, Any]]) -> None:

@@ -17,8 +17,12 @@ from cranedyn.references import Wanted
 from cranedyn.simulate import simulate
 from cranedyn.sweep import results
 from experiments import sweep
+from experiments.report import page
 from experiments.robustness import AFTER, COMBINED, WAYS, robustness
+from experiments.ways import FLAT, PAPER, PD
 from experiments.world import World
+from tests.helpers import ROOT
+from tests.told import missing
 
 
 def cases(**columns: object) -> dict[str, np.ndarray]:
@@ -75,6 +79,7 @@ def test_the_command_sweeps_shows_and_does_not_sweep_again(tmp_path: Path, capsy
     result = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
     assert [claim["holds"] for claim in result["claims"]] == [True] * 3
     assert all((tmp_path / "out" / name).stat().st_size > 10_000 for name in result["figures"])
+    assert '<section id="sweep">' in page([tmp_path / "out"])
     kept = results(tmp_path / "out" / "cases")
     assert kept.num_rows == 4 * len(WAYS) == sum(row[1] for row in result["tables"][0]["rows"])
     parts = {part: part.stat().st_mtime_ns for part in (tmp_path / "out" / "cases").glob("*.parquet")}
@@ -82,6 +87,13 @@ def test_the_command_sweeps_shows_and_does_not_sweep_again(tmp_path: Path, capsy
     assert {part: part.stat().st_mtime_ns for part in parts} == parts
     assert sweep.main([*arguments[:1], "3", *arguments[2:]]) == 2
     assert "another" in capsys.readouterr().err
+
+
+def test_the_readme_tells_the_worst_of_the_whole_sweep_as_its_document_shows_it() -> None:
+    shown = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
+    rows = {row[0]: row for line in shown.splitlines() if len(row := [cell.strip() for cell in line.strip("|").split("|")]) == 8}
+    worst = [format(float(rows[way][5]), ".2g") for way in (PD, PAPER, FLAT)]
+    assert missing([f"PD; paper; flat + LQR | | {'; '.join(worst)} mrad"], "README.md") == []
 
 
 @pytest.mark.parametrize("unused", [["--engine", "pinocchio"], ["--view"], ["--serve"], ["--save", "x.rrd"], ["--port", "1"]])

@@ -21,9 +21,11 @@ from cranedyn.errors import DataError
 from cranedyn.integrator import Acceleration, Integrator
 from cranedyn.simulate import EngineName, simulate
 from experiments import validate
+from experiments.document import read_document
 from experiments.oracles import conserved, hoisting, moves, reading, slewing, swing
-from experiments.oracles.check import LARGE, POINT, G, Oracle, check, point_crane
+from experiments.oracles.check import LARGE, POINT, ROUNDING, G, Oracle, check, point_crane
 from experiments.oracles.reading import Bench
+from experiments.report import page
 from tests.helpers import FAST, files, turned
 from tests.lagrangian import Lagrangian
 
@@ -77,15 +79,33 @@ def test_the_document_shows_the_rows_of_the_command_and_their_closed_forms(resul
     assert len(shown) == sum(len(table["rows"]) + 2 for table in result[1]["tables"])
 
 
+def test_the_document_shows_the_numbers_of_the_command() -> None:
+    made = [validate.table(title, found) for title, found in validate.checks(Bench(point_crane, FAST), 4).items()]
+    # 1e-11 is what the oracles allow for rounding; of what is left of a closed form, and of its allowance, some rows hold nothing else
+    stale = read_document(DOCUMENT, "validate").stale(made, rounding=ROUNDING)
+    assert [sentence for sentence in stale if ": rest of " not in sentence and ": allowed of " not in sentence] == []
+
+
 def test_the_document_keeps_its_text(result: tuple[Path, dict[str, Any]]) -> None:
     texts = [path.read_text(encoding="utf-8") for path in (DOCUMENT, result[0] / "validation.md")]
     one, two = ((text[: text.index(BEGIN)], text[text.index(END) :]) for text in texts)
     assert one == two
 
 
+def test_the_documents_count_closed_forms_and_claims_as_the_command_does(result: tuple[Path, dict[str, Any]]) -> None:
+    forms, claims = result[1]["parameters"]["closed_forms"], len(result[1]["claims"])
+    assert claims == forms + 1  # the order of the step
+    assert f"| {forms} closed forms of mechanics, each" in (DOCUMENT.parents[1] / "README.md").read_text(encoding="utf-8")
+    assert f"of the {claims} claims fail" in DOCUMENT.read_text(encoding="utf-8")
+
+
 def test_trajectories_figures_and_recording_are_written(result: tuple[Path, dict[str, Any]]) -> None:
     runs = {f"{name}{ending}" for name in ("oval_swing", "steady_slewing") for ending in (".csv", ".parquet")}
     assert set(files(result[0] / "out")) == runs | {"convergence.png", "ripple.png", "oval.png", "result.json", "validate.rrd"}
+
+
+def test_the_report_shows_the_result(result: tuple[Path, dict[str, Any]]) -> None:
+    assert '<section id="validate">' in page([result[0] / "out"])
 
 
 @pytest.mark.parametrize(

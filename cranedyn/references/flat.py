@@ -45,7 +45,10 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: floa
     """Carry the payload from one rest to another along a smooth path, in cylindrical coordinates about the slew axis.
 
     A payload with rotational inertia I swings as a point at its centre of oscillation, I/(m l) below it; the path is that of this
-    point. This is exact on a cable of constant length and to first order in the hoisting otherwise.
+    point. This is exact for a point load, and for any load that one drive moves in the plane of the jib on a cable of constant length,
+    if its inertia is the same about both swing axes. A load that has inertia and is slewed turns with the jib, which the path knows
+    nothing of: the default load is left with 0.006 mrad of 22 mrad by the slew of the experiments (0.6 rad in 20 s on 15 m of cable).
+    Hoisting is right to first order.
 
     Args:
         crane: The crane.

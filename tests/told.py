@@ -1,0 +1,105 @@
+"""Numbers that documents tell of experiments outside of tables between marks, as they must stand there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from tests.helpers import ROOT
+
+Result = Any
+"""What an experiment left: an object whose `table` gives the rows of the table with a title, by header."""
+
+Told = tuple[list[str], list[str]]
+"""What README.md and docs/findings.md tell."""
+
+
+def missing(numbers: Iterable[str], document: str) -> list[str]:
+    """Those that a document does not tell, however its lines are broken."""
+    text = " ".join((ROOT / document).read_text(encoding="utf-8").split())
+    return [number for number in numbers if number not in text]
+
+
+def _row(numbers: Iterable[float], form: str, between: str = " | ") -> str:
+    return f"| {between.join(format(number, form) for number in numbers)} "
+
+
+def _of_a1(result: Result) -> Told:
+    article, budget = result.table("Free swing beside"), result.table("Error budget")
+    periods = [abs(row["diff [%]"]) for row in result.table("Predicted")]
+    stiff, soft = f"{max(periods[:4]):.4f} %", f"{periods[4]:.4f} %"
+    readme = [
+        f"{_row((row['error [%]'] for row in article), '+.3f', ', ')}% |",
+        f"{_row((abs(row['residual']) for row in budget[:4]), '.3f', ', ')}% |",
+        f"{_row((row['ζ'] for row in article), '.6f', ', ')}|",
+        f"| within {stiff} |",
+    ]
+    causes = ["payload inertia", "dummy inertia", "pivot spring", "pivot damper", "amplitude", "gravity", "hoist give", "sum", "simulated"]
+    left = [f"{row['simulated less article']:+.6f}" for row in result.table("Where the damping ratio")]
+    errors, amplitudes = (
+        max(abs(row[one] - row[other]) for row in article) for one, other in (("error [%]", "art. 2"), ("A [rad]", "art. 5"))
+    )
+    findings = [
+        *(f"{_row((row[cause] for row in budget[:4]), '+.3f')}|" for cause in causes),
+        f"within {stiff}",
+        f"({soft} with the soft one)",
+        f"{', '.join(left[:3])} and {left[3]} of ζ",
+        f"{errors:.3f} points of the error and {amplitudes:.5f} rad of the amplitude",
+    ]
+    return readme, findings
+
+
+def _of_a2(result: Result) -> Told:
+    stages = [row["exponent"] for row in result.table("Where the exponent")][:-1]
+    ours, stiff, _ = result.table("Hoisting while swinging")
+    phases = result.table("The phase of the swing")[:-1]
+    worst, everywhere = ([row[name] for row in phases] for name in ("max [%]", "exp. all"))
+    findings = [
+        *(f"{_row([exponent], '.4f')}|" for exponent in stages),
+        f"{ours['mean [%]']:+.2f} % here",
+        f"({ours['max [%]']:.2f} % here",
+        f"({ours['exp. all']:.3f} here",
+        f"between {min(worst):.1f} and {max(worst):.1f} %",
+        f"{max(everywhere):.3f} and {min(everywhere):.3f}",
+        f"{ours['A after']:.3f} rad at the end",
+        f"with a stiff one {stiff['A after']:.3f} rad",
+    ]
+    return [f"{_row([ours['exp. hoisting']], '.4f')}|"], findings
+
+
+def _of_a3(result: Result) -> Told:
+    rows = result.table("Tangential swing")
+    amplitude, correlation, rms = (
+        format(rows[0][name], form) for name, form in (("θ measured [rad]", ".4f"), ("correlation", "+.4f"), ("RMS [rad]", ".5f"))
+    )
+    soft, stiff = ([row["of amplitude [%]"] for row in rows if row["slew drive"] == drive] for drive in ("soft", "stiff"))
+    findings = [f"{_row(pair, '.2f')}|" for pair in zip(soft, stiff, strict=True)]
+    return [f"| {amplitude}, {correlation}, {rms} |"], [*findings, f"({amplitude} rad, {correlation}, {rms} rad)"]
+
+
+def _of_energy(result: Result) -> Told:
+    left = next(row["ours"] for row in result.table("Energy of a") if row["[J]"] == "unexplained")
+    damped, steps = result.table("Damping of the swing joints"), [row["at most [J]"] for row in result.table("What the ledger")]
+    most = damped[1]["open, at most [J]"]
+    findings = [
+        f"open by {most:.2f} J at most",
+        f"({steps[0]:.2f}, {steps[1]:.2f} and {steps[2]:.2f} J at 1, 0.5 and 0.25 ms)",
+        f"leaves {damped[2]['energy left [J]']:.1f} J after six seconds",
+        f"the closed form says {damped[2]['closed form, fixed pivot [J]']:.1f} J",
+        f"differ by {damped[1]['dissipated [J]']:.3f} J",
+    ]
+    return [f"{left:.2f} J then, {most:.2f} J at most"], findings
+
+
+def _of_mass_ratio(result: Result) -> Told:
+    rows = result.table("Free swing with ever lighter links")
+    light, worst = rows[-2]["against no links"], max(abs(row["relative"]) for row in rows)
+    return [f"period within {_short(light)} of none"], [f"within {_short(worst)} at every mass"]
+
+
+def _short(number: float) -> str:
+    return f"{number:.1e}".replace("e-0", "e-")
+
+
+TOLD: dict[str, Callable[[Result], Told]] = {"a1": _of_a1, "a2": _of_a2, "a3": _of_a3, "energy": _of_energy, "mass_ratio": _of_mass_ratio}
+"""By experiment."""
