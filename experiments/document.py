@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cranedyn.errors import DataError
-from cranedyn.files import written
+from cranedyn.files import check_writable, read_text, write_text
 from experiments.outcome import Table
 
 _BLOCK = re.compile(r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n).*?(<!-- end -->\n)", re.DOTALL)
@@ -46,20 +46,17 @@ class Document:
                 raise DataError(f"{self.path} asks for a table {block['title']!r}, which is not among those of {self.experiment}.")
             return "\n".join([block[1], *(f"{table.markdown()}\n" for table in shown), block[4]])
 
-        with written(self.path) as file:
-            file.write_text(_BLOCK.sub(filled, self.text), encoding="utf-8")
+        write_text(self.path, _BLOCK.sub(filled, self.text))
 
 
 def read_document(path: str | Path, experiment: str) -> Document:
     """A document as it is.
 
     Raises:
-        DataError: If the file cannot be read or has no block for the experiment.
+        DataError: If the file cannot be read or written, or has no block for the experiment.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or 'it is not text'}.") from error
+    text = read_text(path).replace("\r\n", "\n")
     if not any(block["experiment"] == experiment for block in _BLOCK.finditer(text)):
         raise DataError(f"{path} has no lines <!-- {experiment}: --> and <!-- end -->; the tables go between them.")
+    check_writable(path)
     return Document(Path(path), experiment, text)

@@ -41,7 +41,7 @@ def _even(ends: tuple[float, float], count: int) -> list[float]:
 
 def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
     """Run the sweep, or go on with it, and look at all of it."""
-    folder = common.make_folder(options.folder) / "cases"
+    folder = options.folder / "cases"
     bars = world.watcher.progress
     end = sweep(
         robustness,

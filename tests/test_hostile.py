@@ -521,6 +521,7 @@ RESULT = {
     "claims": [],
     "parameters": {},
     "figures": [],
+    "files": {},
     "tables": [{"title": "t", "columns": ["c"], "formats": [".1f"], "rows": [[1.0]], "note": ""}],
     "versions": {},
     "machine": "",
@@ -538,6 +539,10 @@ RESULT = {
         json.dumps(RESULT | {"claims": [{"sentence": 1, "holds": 2}]}),
         json.dumps(RESULT | {"figures": ["../../../etc/passwd"]}),
         json.dumps(RESULT | {"figures": ["missing.png"]}),
+        json.dumps({name: value for name, value in RESULT.items() if name != "files"}),
+        json.dumps(RESULT | {"files": ["result.json"]}),
+        json.dumps(RESULT | {"files": {"../a1/result.json": "0"}}),
+        json.dumps(RESULT | {"files": {"result.json": "0"}}),
         json.dumps(RESULT | {"tables": [{}]}),
         json.dumps(RESULT | {"tables": [RESULT["tables"][0] | {"formats": ["999999999d"]}]}),  # type: ignore[operator, index]
         json.dumps(RESULT | {"tables": [RESULT["tables"][0] | {"rows": [["up"]]}]}),  # type: ignore[operator, index]
