@@ -27,8 +27,8 @@ def check(path: str | Path) -> Path:
     try:
         with path.open("rb") as file:
             head = file.read(8)
-    except OSError as error:
-        raise DataError(f"Cannot read {path}: {error.strerror}.") from error
+    except (OSError, ValueError) as error:
+        raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
     if len(head) < 8 or head[:4] != b"RRF2":
         raise DataError(f"{path} is not a Rerun recording.")
     theirs, ours = f"{head[4]}.{head[5]}", ".".join(rr.__version__.split(".")[:2])
@@ -85,6 +85,11 @@ class Server:
     address: str
     data: str
     process: subprocess.Popen[bytes]
+
+    @property
+    def words(self) -> str:
+        """What to tell the user."""
+        return f"Serving at {self.address} until Ctrl-C. Every program on this machine can read what is served, and add to it."
 
     def __enter__(self) -> Server:
         return self
