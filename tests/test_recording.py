@@ -319,6 +319,20 @@ def test_serving_answers_on_this_machine_alone_and_ends(file: Path):
         urllib.request.urlopen(server.address, timeout=10)
 
 
+def test_a_viewer_that_we_start_sends_nothing_and_leaves_the_users_own_setting_alone(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    for name in [name for name in os.environ if name == "CI" or name.startswith("XDG_")]:
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("HOME", str(tmp_path))  # where Rerun keeps the setting, and what it is about to send
+    monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
+    with serve(file, port=_pair()) as server:
+        urllib.request.urlopen(server.address, timeout=10).read()
+    assert list(tmp_path.iterdir()) == []
+    assert "Every program on this machine can read what is served, and add to it." in server.words
+    assert server.address in server.words
+
+
 def _pair() -> int:
     """A port that is free, as is the next."""
     from cranedyn.recording.process import free, free_port
