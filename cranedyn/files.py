@@ -82,7 +82,7 @@ def reserved(folder: Path) -> Iterator[None]:
         yield
     finally:
         try:
-            _remove_empty(missing)
+            remove_empty(missing)
         finally:
             os.close(lock)
 
@@ -110,7 +110,7 @@ def _locked(folder: Path) -> int:
         os.close(lock)
 
 
-def _remove_empty(folders: Sequence[Path]) -> None:
+def remove_empty(folders: Sequence[Path]) -> None:
     """Remove folders, the innermost first, as far as they are empty."""
     for folder in folders:
         with suppress(OSError):
@@ -134,7 +134,7 @@ def check_writable(path: str | Path) -> None:
         finally:
             draft.drop()
     finally:
-        _remove_empty(missing)
+        remove_empty(missing)
 
 
 class Draft:

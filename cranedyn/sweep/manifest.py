@@ -5,13 +5,14 @@ from __future__ import annotations
 import fcntl
 import json
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from cranedyn.errors import DataError
-from cranedyn.files import make_folder, read_text, written
+from cranedyn.files import make_folder, read_text, remove_empty, written
 
 MANIFEST, LOCK, PART = "_sweep.json", ".lock", "part-{:06d}.parquet"
 """Files of a sweep; Parquet readers that are given the folder skip the first two."""
@@ -67,6 +68,8 @@ def read_manifest(folder: Path) -> Manifest:
 def claimed(folder: Path, manifest: Manifest, chunk_given: bool) -> Iterator[Manifest]:
     """Have the folder for this process alone, begun anew if no part is done; what a killed process left half written is removed.
 
+    If it breaks off before a part is done, nothing is left of it, nor of folders made here.
+
     Yields:
         The manifest that holds: that given, with chunks of the size begun with if none was asked for.
 
@@ -76,16 +79,28 @@ def claimed(folder: Path, manifest: Manifest, chunk_given: bool) -> Iterator[Man
     if strangers := _strangers(folder):
         shown = ", ".join(strangers[:3]) + (", …" if strangers[3:] else "")
         raise DataError(f"Cannot sweep in {folder}: it holds other things ({shown}); give a folder of its own.")
-    with _locked(make_folder(folder)):
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    with _locked(folder):
         for draft in [*folder.glob(".part-*.parquet"), *folder.glob("._sweep.*.json")]:
             with suppress(OSError):
                 draft.unlink()
-        if (folder / MANIFEST).exists() and any(folder.glob(PART.replace("{:06d}", "*"))):
+        if (folder / MANIFEST).exists() and _begun(folder):
             manifest = _same(folder, read_manifest(folder), manifest, chunk_given)
         else:
             with written(folder / MANIFEST) as file:
                 file.write_text(json.dumps(asdict(manifest), indent=1), encoding="utf-8")
-        yield manifest
+        try:
+            yield manifest
+        except BaseException:
+            if not _begun(folder):
+                for name in (MANIFEST, LOCK):
+                    (folder / name).unlink(missing_ok=True)
+                remove_empty(missing)
+            raise
+
+
+def _begun(folder: Path) -> bool:
+    return any(folder.glob(PART.replace("{:06d}", "*")))
 
 
 def _strangers(folder: Path) -> list[str]:
@@ -100,12 +115,14 @@ def _strangers(folder: Path) -> list[str]:
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     try:
-        file = (folder / LOCK).open("a")
+        file = (make_folder(folder) / LOCK).open("a")
     except OSError as error:
         raise DataError(f"Cannot sweep in {folder}: {error.strerror}.") from error
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not os.path.samestat(os.fstat(file.fileno()), (folder / LOCK).stat()):
+                raise FileNotFoundError  # the other process has just ended and removed it
         except OSError:
             raise DataError(f"Cannot sweep in {folder}: another process is sweeping there.") from None
         yield
