@@ -31,6 +31,7 @@ from cranedyn.simulate import simulate
 from cranedyn.trajectory import COLUMNS, join, read, read_columns
 from cranedyn.urdf import parse, skeleton
 from experiments import a1, a2, a3, common, energy, mass_ratio, report
+from experiments import snapshot as snapshots
 from tests.helpers import crane, files, python, turned
 
 
@@ -503,6 +504,12 @@ def test_a_gif_of_more_pictures_than_memory_holds_is_refused(span: tuple[float, 
     with pytest.raises(OutOfRange, match=r"number of pictures is \S+; allowed is 1627 or fewer of 640 x 480 pixels"):
         pictures.animate(tmp_path / "a.rrd", span, tmp_path / "a.gif")
     assert not drawn and files(tmp_path) == []
+
+
+def test_pictures_are_not_written_where_the_moving_one_is_refused(drawn: list[float], tmp_path: Path) -> None:
+    words = ["-t", "0", "-o", str(tmp_path / "out"), "--gif", "0", "1e9", str(tmp_path / "a.gif")]
+    code, err = said(snapshots, [str(tmp_path / "a.rrd"), *words])
+    assert (code, err.count("\n"), drawn, files(tmp_path)) == (2, 1, [0.0], [])
 
 
 def test_a_folder_for_pictures_is_made_only_when_there_are_some(tmp_path: Path) -> None:
