@@ -172,7 +172,7 @@ def _show(
                 raise
             console.print("Interrupted; what was recorded so far is kept.")
     if not done:
-        raise RunError("Interrupted before the first half second was over.", t=0.0)
+        raise KeyboardInterrupt("Interrupted before the first half second was over.")
     return join(done)
 
 

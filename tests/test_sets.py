@@ -236,6 +236,17 @@ def test_arguments_that_are_refused_leave_the_recording_that_was_there(tmp_path:
         assert ((tmp_path / "demo.rrd").read_text(), files(tmp_path)) == ("old", ["demo.rrd"])
 
 
+def test_a_demo_interrupted_before_its_first_row_is_130_and_leaves_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(demo, "pieces", interrupted)
+    (tmp_path / "demo.rrd").write_text("old")
+    code, err = said(lambda: demo.main(["--cycles", "1", "--out", str(tmp_path)]))
+    assert (code, err) == (130, "Interrupted before the first half second was over.\n")
+    assert files(tmp_path) == ["demo.rrd"]
+
+
 def test_a_live_recording_has_its_name_when_its_first_row_stands(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     path.write_text("old")
