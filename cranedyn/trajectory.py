@@ -141,8 +141,8 @@ class Trajectory:
         writer = {".csv": pyarrow.csv.write_csv, ".parquet": pyarrow.parquet.write_table}.get(path.suffix)
         if writer is None:
             raise DataError(f"Cannot write {path}: the ending must be .csv or .parquet.")
-        with written(path) as file:
-            writer(self.table(), str(file))
+        with written(path) as draft, draft.open("wb") as file:  # Arrow takes no name that is not UTF-8
+            writer(self.table(), file)
         return path
 
 

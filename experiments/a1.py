@@ -162,8 +162,8 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
         from experiments.a1_identify import identify
 
         return identify(world)
-    if len(set(options.length)) < len(options.length):
-        raise OutOfRange("length", options.length, "each length once", "m")
+    if len({f"{length:g}" for length in options.length}) < len(options.length):
+        raise OutOfRange("length", options.length, "each length once, as far as six digits tell", "m")
     as_published = options.swing == SWING
     cases = [
         run(world, length, swing=options.swing, published=PUBLISHED.get(length) if as_published else None) for length in options.length

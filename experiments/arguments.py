@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import get_args
 
 from cranedyn.errors import DataError
-from cranedyn.files import check_writable
 from cranedyn.simulate import EngineName
 
 
@@ -64,12 +63,12 @@ def parsed(made: argparse.ArgumentParser, argv: Sequence[str] | None) -> argpars
     """The arguments, checked as far as they can be before a run, with the folder of the results and the file of the recording.
 
     Raises:
-        DataError: If an argument would be ignored, or a file cannot be written.
-        CraneError: If a recording could not be shown as asked for.
+        DataError: If an argument would be ignored, or a file has a name that it cannot have.
+        CraneError: If a recording could not be made, or not shown as asked for.
     """
     options = made.parse_args(argv)
     _check_effect(made, options)
-    _check_viewer(options)
+    _check_recording(options)
     options.folder, options.recording = _targets(options)
     return options
 
@@ -86,10 +85,11 @@ def _check_effect(made: argparse.ArgumentParser, options: argparse.Namespace) ->
         raise DataError("--port has no effect without --serve; leave it out.")
 
 
-def _check_viewer(options: argparse.Namespace) -> None:
-    if options.view or options.serve:
+def _check_recording(options: argparse.Namespace) -> None:
+    if hasattr(options, "port") and not any(getattr(options, mode, None) for mode in options.modes):
         from cranedyn import recording
 
+        recording.check_enabled()
         if options.view:
             recording.check_display()
         if options.serve:
@@ -108,6 +108,4 @@ def _targets(options: argparse.Namespace) -> tuple[Path, Path]:
         raise DataError(f"Cannot save the recording as {recording}: the ending must be .rrd.")
     if hasattr(options, "save") and not os.path.isdir(recording.absolute().parent):
         raise DataError(f"Cannot save the recording as {recording}: its folder does not exist.")
-    for file in (folder / "result.json", recording):
-        check_writable(file)
     return folder, recording

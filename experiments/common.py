@@ -14,7 +14,7 @@ from typing import Any
 
 from cranedyn.command import FAILED, INTERRUPTED, REFUSED, command
 from cranedyn.errors import CraneError, DataError, RunError
-from cranedyn.files import make_folder, written
+from cranedyn.files import check_writable, digest, make_folder, reserved, together, write_text
 from experiments.arguments import add_mode, parsed, parser
 from experiments.document import read_document
 from experiments.outcome import MARKS, Claim, Outcome, Table, show
@@ -36,7 +36,6 @@ __all__ = [
     "add_world",
     "analysing",
     "conduct",
-    "make_folder",
     "parser",
     "recorded",
 ]
@@ -59,15 +58,13 @@ def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequenc
 def _conducted(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None) -> int:
     options = parsed(made, argv)
     options.about, options.words = made.description, sys.argv[1:] if argv is None else argv
-    try:
-        document = read_document(options.document, options.experiment) if hasattr(options, "document") else None
-        with watching() as watcher:
-            outcome = watched(experiment(options, world_of(options, watcher)))
-        _write(outcome, options)
-        if document is not None:
-            document.write(outcome.tables)
-    except RunError as error:
-        return _broken_off(error, options.folder)
+    with reserved(options.folder):
+        for file in (options.folder / "result.json", options.recording):
+            check_writable(file)
+        try:
+            outcome = _ran(experiment, options)
+        except RunError as error:
+            return _broken_off(error, options.folder)
     show(outcome)
     print(f"Written to {options.folder}.")
     if outcome.recording:
@@ -75,20 +72,33 @@ def _conducted(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequ
     return FAILED if any(claim.holds is not None and not claim.holds for claim in outcome.claims) else 0
 
 
+def _ran(experiment: Experiment, options: argparse.Namespace) -> Outcome:
+    """The outcome of an experiment, its files written."""
+    document = read_document(options.document, options.experiment) if hasattr(options, "document") else None
+    with watching() as watcher:
+        outcome = watched(experiment(options, world_of(options, watcher)))
+    _write(outcome, options)
+    if document is not None:
+        document.write(outcome.tables)
+    return outcome
+
+
 def _write(outcome: Outcome, options: argparse.Namespace) -> None:
+    """Write the files of a run as one set; the last, ``result.json``, names the others that are beside it, each with its digest."""
     from cranedyn.figures import save
 
-    result = _json(_result(outcome, options))
-    folder = make_folder(options.folder)
-    for name, trajectory in outcome.trajectories.items():
-        for ending in (".csv", ".parquet"):
-            trajectory.write(folder / f"{name}{ending}")
-    for name, figure in outcome.figures.items():
-        save(figure, folder / f"{name}.png")
-    with written(folder / "result.json") as file:
-        file.write_text(result, encoding="utf-8")
-    if outcome.recording:
-        _record(outcome, options)
+    result, folder = _result(outcome, options), options.folder
+    _json(result)
+    with together() as drafts:
+        for name, trajectory in outcome.trajectories.items():
+            for ending in (".csv", ".parquet"):
+                trajectory.write(folder / f"{name}{ending}")
+        for name, figure in outcome.figures.items():
+            save(figure, folder / f"{name}.png")
+        if outcome.recording:
+            _record(outcome, options)
+        result["files"] = {draft.final.name: digest(draft.path) for draft in drafts if draft.final.parent == folder}
+        write_text(folder / "result.json", _json(result))
 
 
 def _json(result: dict[str, Any]) -> str:
@@ -127,7 +137,7 @@ def _look(options: argparse.Namespace) -> None:
         recording.open_viewer(options.recording)
     if options.serve:
         with recording.serve(options.recording, port=options.port) as served:
-            print(f"Serving at {served.address} until Ctrl-C.")
+            print(served.words)
             served.wait()
 
 
@@ -140,6 +150,7 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
         "claims": [{"sentence": claim.sentence, "holds": claim.holds} for claim in outcome.claims],
         "parameters": dict(outcome.parameters),
         "figures": [f"{name}.png" for name in outcome.figures],
+        "files": {},
         "tables": [
             {
                 "title": table.title,

@@ -196,10 +196,10 @@ def _show(
     done: list[Trajectory] = []
     leg: list[Trajectory] = []
     with ExitStack() as stack:
-        append = _sinks(options, world, stack)
-        began = time.monotonic()
         try:
             for piece in pieces(world, tour, controller, until):
+                if not done:  # what would be refused has been by now
+                    append, began = _sinks(options, world, stack), time.monotonic()
                 stage, cycle = tour.stage(float(piece.t[0]) + world.control_period / 2.0)
                 if not leg:
                     console.print(f"{piece.t[0]:8.1f} s  {stage.leg.name}")
@@ -219,7 +219,7 @@ def _show(
                 raise
             console.print("Interrupted; what was recorded so far is kept.")
     if not done:
-        raise RunError("Interrupted before the first half second was over.", t=0.0)
+        raise KeyboardInterrupt("Interrupted before the first half second was over.")
     return join(done)
 
 
@@ -233,8 +233,7 @@ def _sinks(options: argparse.Namespace, world: common.World, stack: ExitStack) -
     elif options.serve:
         server = stack.enter_context(recording.serve(port=options.port))
         viewer = server.data
-        print(f"Serving at {server.address} until Ctrl-C.")
-    common.make_folder(options.folder)
+        print(server.words)
     return stack.enter_context(
         recording.Live(world.crane, "demo", title="The demo under way", file=options.recording, viewer=viewer)
     ).append

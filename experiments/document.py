@@ -18,7 +18,7 @@ from typing import TypeVar
 
 from cranedyn.command import FAILED, command
 from cranedyn.errors import DataError
-from cranedyn.files import read_text, written
+from cranedyn.files import check_writable, read_text, write_text
 from experiments.outcome import Table
 
 _BLOCK = re.compile(r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)", re.DOTALL)
@@ -55,8 +55,7 @@ class Document:
                 return block[0]
             return "\n".join([block[1], *(f"{table.markdown()}\n" for table in self._asked(block, tables)), block[5]])
 
-        with written(self.path) as file:
-            file.write_text(_BLOCK.sub(filled, self.text), encoding="utf-8")
+        write_text(self.path, _BLOCK.sub(filled, self.text))
 
     def stale(self, tables: Sequence[Table], *, part: bool = False, rounding: float = 0.0) -> list[str]:
         """Where it shows something else than tables made anew, a sentence each.
@@ -90,14 +89,12 @@ def read_document(path: str | Path, experiment: str) -> Document:
     """A document as it is.
 
     Raises:
-        DataError: If the file cannot be read or has no block for the experiment.
+        DataError: If the file cannot be read or written, or has no block for the experiment.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or 'it is not text'}.") from error
+    text = read_text(path).replace("\r\n", "\n")
     if not any(block["experiment"] == experiment for block in _BLOCK.finditer(text)):
         raise DataError(f"{path} has no lines <!-- {experiment}: --> and <!-- end -->; the tables go between them.")
+    check_writable(path)
     return Document(Path(path), experiment, text)
 
 

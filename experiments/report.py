@@ -7,14 +7,14 @@ import base64
 import importlib
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from cranedyn.command import INTERRUPTED, command
 from cranedyn.errors import DataError, UnknownName
-from cranedyn.files import check_writable, make_folder, read_text, written
+from cranedyn.files import check_writable, digest, make_folder, read_text, write_text
 from experiments import common
 from experiments.arguments import add_engine
 
@@ -74,6 +74,7 @@ def _result(folder: Path) -> tuple[str, str]:
     file = folder / "result.json"
     try:
         result = json.loads(read_text(file))
+        _check_set(folder, result["files"])
         return escape(result["experiment"]), _section(folder, result)
     except json.JSONDecodeError as error:
         raise DataError(f"Cannot read {file}: it is not JSON.") from error
@@ -83,9 +84,29 @@ def _result(folder: Path) -> tuple[str, str]:
         raise DataError(f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: {error}).") from error
 
 
+def _made(folder: Path) -> bool:
+    """Whether a result is there, and every file that it lists; what is wrong with it otherwise is said when it is read."""
+    file = folder / "result.json"
+    try:
+        return file.is_file() and all((folder / name).is_file() for name in json.loads(read_text(file))["files"])
+    except (DataError, LookupError, TypeError, ValueError, RecursionError):
+        return True
+
+
+def _check_set(folder: Path, files: Mapping[str, str]) -> None:
+    """Return if every file is the one that its run wrote."""
+    for name, expected in files.items():
+        if Path(name).name != name or not (folder / name).is_file():
+            raise ValueError(f"{name!r} is no file in its folder")
+        if digest(folder / name) != expected:
+            raise DataError(f"Cannot read {folder}: {name} there is of another run than its result.json; run it --again.")
+
+
 def _section(folder: Path, result: dict[str, Any]) -> str:
     marks = {True: "✔", False: "✘", None: "–"}
     claims = "".join(f'<li data-mark="{marks[c["holds"]]}">{escape(c["sentence"])}</li>' for c in result["claims"])
+    if strange := set(result["figures"]) - set(result["files"]):
+        raise ValueError(f"its figures {sorted(strange)} are not among its files")
     figures = "".join(_figure(folder, name) for name in result["figures"])
     versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items() if version)
     name = escape(result["experiment"])
@@ -135,14 +156,13 @@ def _main(options: argparse.Namespace) -> int:
             raise UnknownName("experiment", name, EXPERIMENTS)
     check_writable(folder / "report.html")
     for name in options.only:
-        if options.again or not (folder / name / "result.json").is_file():
+        if options.again or not _made(folder / name):
             make_folder(folder)
             code = importlib.import_module(f"experiments.{name}").main([*EXPERIMENTS[name], *engine, "--out", str(folder / name)])
             if code == INTERRUPTED:
                 return code
             codes.append(code)
-    with written(folder / "report.html") as file:
-        file.write_text(page([folder / name for name in options.only]), encoding="utf-8")
+    write_text(folder / "report.html", page([folder / name for name in options.only]))
     print(f"Written to {folder / 'report.html'}.")
     return max(codes)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 from rich.console import Console
@@ -15,6 +16,7 @@ from rich.progress import Progress
 
 from cranedyn.command import command
 from cranedyn.errors import number
+from cranedyn.files import reserved, together
 from cranedyn.snapshot import animate, snapshot
 
 
@@ -35,8 +37,9 @@ def main(arguments: list[str] | None = None) -> int:
         given = parser.parse_args(arguments)
         if not given.times and not given.gif:
             parser.error("nothing to do: give times with -t or a span with --gif")
-        for path in _pictures(given):
-            print(path)
+        with reserved(given.out) if given.times else nullcontext(), together():  # all of them, or none
+            paths = _pictures(given)
+        print(*paths, sep="\n")
         return 0
 
     return command(run)

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import errno
+import json
 import math
+import os
+import stat
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +15,7 @@ import pytest
 
 from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, UnknownName, number, within
 from cranedyn.figures import panels, save
-from cranedyn.files import written
+from cranedyn.files import digest, read_text, reserved, together, write_text, written
 from tests.helpers import files
 
 # --- files -------------------------------------------------------------------------------------------------------------------------
@@ -65,6 +69,128 @@ def test_a_figure_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="does not exist"):
         save(figure, tmp_path / "missing" / "a.png")
     assert files(tmp_path) == ["a.png"]
+
+
+def test_drafts_of_many_threads_with_names_alike_are_never_each_others(tmp_path: Path) -> None:
+    def write(name: str) -> None:
+        with written(tmp_path / name) as draft:
+            draft.write_text(name[:60])
+            draft.write_text(name)
+
+    names = [f"{'a run with a name longer than forty letters ' * 3}{i}.csv" for i in range(48)]
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(write, names))
+    assert files(tmp_path) == sorted(names)
+    assert [name for name in names if (tmp_path / name).read_text() != name] == []
+
+
+def test_a_draft_cannot_be_guessed_and_follows_no_link_that_stands_there_already(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drafts = []
+    for _ in range(2):
+        with written(tmp_path / "a.csv") as draft:
+            drafts.append(draft.name)
+    assert drafts[0] != drafts[1] and min(len(name) for name in drafts) > len(".a..csv") + 15
+    (tmp_path / "precious").write_text("precious")
+    (tmp_path / ".a.guessed.csv").symlink_to("precious")
+    monkeypatch.setattr("secrets.token_hex", lambda count: "guessed")
+    with pytest.raises(DataError, match=r"Cannot write .*a\.csv: File exists"), written(tmp_path / "a.csv"):
+        pytest.fail("must not get here")
+    assert (tmp_path / "precious").read_text() == "precious"
+
+
+def test_what_was_put_in_the_place_of_a_draft_gets_no_name(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("old")
+    (tmp_path / "secret").write_text("secret")
+    with pytest.raises(DataError, match=r"its draft .* was moved or replaced"), written(tmp_path / "a.csv") as draft:
+        draft.unlink()
+        draft.symlink_to("secret")
+    assert files(tmp_path) == ["a.csv", "secret"]
+    assert (tmp_path / "a.csv").read_text() == "old"
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o444, 0o755])
+def test_a_file_keeps_the_mode_of_the_one_it_replaces_and_nobody_else_reads_its_draft(mode: int, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    write_text(path, "old")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~_umask()
+    path.chmod(mode)
+    with written(path) as draft:
+        assert stat.S_IMODE(draft.stat().st_mode) & ~(mode | 0o600) == 0
+        draft.write_text("new")
+    assert (path.read_text(), stat.S_IMODE(path.stat().st_mode)) == ("new", mode)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def test_a_name_counts_when_content_and_folder_are_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[str] = []
+    sync, move = os.fsync, os.replace
+
+    def synced(file: int) -> None:
+        mode = os.fstat(file).st_mode
+        seen.append("folder" if stat.S_ISDIR(mode) else f"file of {os.fstat(file).st_size} bytes")
+        sync(file)
+
+    monkeypatch.setattr("os.fsync", synced)
+    monkeypatch.setattr("os.replace", lambda *paths: (seen.append("name"), move(*paths)))
+    write_text(tmp_path / "a.csv", "four")
+    assert seen == ["file of 4 bytes", "name", "folder"]
+    seen.clear()
+    with together():
+        write_text(tmp_path / "a.csv", "four")
+        write_text(tmp_path / "b.csv", "five!")
+    assert seen == ["file of 4 bytes", "file of 5 bytes", "name", "name", "folder"]
+
+
+def test_a_set_of_files_appears_together_or_not_at_all(tmp_path: Path) -> None:
+    for name in ("a.csv", "b.csv"):
+        write_text(tmp_path / name, "old")
+    with pytest.raises(KeyboardInterrupt), together():
+        write_text(tmp_path / "a.csv", "new")
+        write_text(tmp_path / "c.csv", "new")
+        raise KeyboardInterrupt
+    assert {name: (tmp_path / name).read_text() for name in files(tmp_path)} == {"a.csv": "old", "b.csv": "old"}
+    with together() as drafts:
+        write_text(tmp_path / "a.csv", "new")
+        write_text(tmp_path / "c.csv", "new")
+        assert (tmp_path / "a.csv").read_text() == "old" and not (tmp_path / "c.csv").exists()
+        assert [draft.final.name for draft in drafts] == ["a.csv", "c.csv"]
+        found = [digest(draft.path) for draft in drafts]
+    assert files(tmp_path) == ["a.csv", "b.csv", "c.csv"]
+    assert found == [digest(tmp_path / "a.csv"), digest(tmp_path / "c.csv")] == [found[0]] * 2
+    write_text(tmp_path / "d.csv", "alone again")
+    assert (tmp_path / "d.csv").exists()
+
+
+def test_a_folder_has_one_writer_at_a_time_and_goes_if_it_stays_empty(tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    for _ in range(2):
+        with reserved(folder):
+            with pytest.raises(DataError, match="another run is writing there"), reserved(folder):
+                pytest.fail("must not get here")
+            with reserved(tmp_path / "c"):
+                pass
+        assert files(tmp_path) == []
+    with reserved(folder):
+        write_text(folder / "x", "x")
+    assert files(tmp_path) == ["a", "a/b", "a/b/x"]
+
+
+def test_a_name_with_a_nul_is_a_sentence(tmp_path: Path) -> None:
+    name = str(tmp_path / "a\0b.csv")
+    for use in (read_text, lambda path: write_text(path, "x"), lambda path: reserved(Path(path)).__enter__()):
+        with pytest.raises(DataError, match=r"^Cannot (read|write|make).*(NUL|null byte)\.$"):
+            use(name)
+
+
+def test_bytes_of_names_that_are_no_text_come_back_from_json(tmp_path: Path) -> None:
+    name = os.fsdecode(b"a\xff\xe4b")
+    write_text(tmp_path / "a.json", json.dumps({"name": name}, ensure_ascii=False))
+    assert json.loads(read_text(tmp_path / "a.json")) == {"name": name}
 
 
 # --- numbers -----------------------------------------------------------------------------------------------------------------------

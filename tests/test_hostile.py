@@ -31,6 +31,7 @@ from cranedyn.simulate import simulate
 from cranedyn.trajectory import COLUMNS, join, read, read_columns
 from cranedyn.urdf import parse, skeleton
 from experiments import a1, a2, a3, common, energy, mass_ratio, report
+from experiments import snapshot as snapshots
 from tests.helpers import crane, files, python, turned
 
 
@@ -505,6 +506,12 @@ def test_a_gif_of_more_pictures_than_memory_holds_is_refused(span: tuple[float, 
     assert not drawn and files(tmp_path) == []
 
 
+def test_pictures_are_not_written_where_the_moving_one_is_refused(drawn: list[float], tmp_path: Path) -> None:
+    words = ["-t", "0", "-o", str(tmp_path / "out"), "--gif", "0", "1e9", str(tmp_path / "a.gif")]
+    code, err = said(snapshots, [str(tmp_path / "a.rrd"), *words])
+    assert (code, err.count("\n"), drawn, files(tmp_path)) == (2, 1, [0.0], [])
+
+
 def test_a_folder_for_pictures_is_made_only_when_there_are_some(tmp_path: Path) -> None:
     (tmp_path / "bad.rrd").write_text("nothing")
     with pytest.raises(DataError):
@@ -521,6 +528,7 @@ RESULT = {
     "claims": [],
     "parameters": {},
     "figures": [],
+    "files": {},
     "tables": [{"title": "t", "columns": ["c"], "formats": [".1f"], "rows": [[1.0]], "note": ""}],
     "versions": {},
     "machine": "",
@@ -538,6 +546,10 @@ RESULT = {
         json.dumps(RESULT | {"claims": [{"sentence": 1, "holds": 2}]}),
         json.dumps(RESULT | {"figures": ["../../../etc/passwd"]}),
         json.dumps(RESULT | {"figures": ["missing.png"]}),
+        json.dumps({name: value for name, value in RESULT.items() if name != "files"}),
+        json.dumps(RESULT | {"files": ["result.json"]}),
+        json.dumps(RESULT | {"files": {"../a1/result.json": "0"}}),
+        json.dumps(RESULT | {"files": {"result.json": "0"}}),
         json.dumps(RESULT | {"tables": [{}]}),
         json.dumps(RESULT | {"tables": [RESULT["tables"][0] | {"formats": ["999999999d"]}]}),  # type: ignore[operator, index]
         json.dumps(RESULT | {"tables": [RESULT["tables"][0] | {"rows": [["up"]]}]}),  # type: ignore[operator, index]

@@ -6,9 +6,11 @@ import io
 import json
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
+import time
 from contextlib import redirect_stderr
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from cranedyn.controllers import hold_controller
 from cranedyn.errors import CraneError, DataError, OutOfRange, RunError
 from cranedyn.files import check_writable, read_text, written
 from cranedyn.recording import Live
+from cranedyn.recording.process import free
 from cranedyn.simulate import simulate
 from experiments import common
 from tests.helpers import ROOT, crane, files, python
@@ -71,6 +74,7 @@ def test_whether_a_file_can_be_written_is_found_out_without_a_trace(tmp_path: Pa
 
 def test_a_run_that_breaks_off_over_a_full_disk_says_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def experiment(options: object, world: common.World) -> common.Outcome:
+        (tmp_path / "out").rmdir()
         (tmp_path / "out").write_text("in the way")
         raise RunError("It broke.", t=1.0, trajectory=simulate(crane(), hold_controller(crane()), duration=0.02))
 
@@ -99,10 +103,9 @@ def test_a_writer_that_is_killed_leaves_the_old_file_and_no_obstacle(tmp_path: P
     assert path.read_text() == "old"
     stale = [name for name in files(tmp_path) if name != "a.csv"]
     assert len(stale) == 1 and stale[0].startswith(".a.")
-    (tmp_path / stale[0]).rename(tmp_path / f".a.{os.getpid()}.csv")  # as if it were our own
     with written(path) as draft:
         draft.write_text("new")
-    assert (path.read_text(), files(tmp_path)) == ("new", ["a.csv"])
+    assert (path.read_text(), files(tmp_path)) == ("new", [*stale, "a.csv"])
 
 
 # --- words, pipes, signals and disks -----------------------------------------------------------------------------------------------
@@ -254,6 +257,22 @@ def test_a_server_that_is_told_to_end_ends_its_viewer(tmp_path: Path) -> None:
     with pytest.raises(ProcessLookupError):
         os.kill(viewer, 0)
     assert files(tmp_path / "out") == WHOLE
+
+
+def test_a_viewer_ends_within_two_seconds_of_a_program_that_is_killed(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", _SERVED, str(tmp_path / "out")], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=ROOT
+    )
+    assert process.stdout is not None
+    said = next(line for line in process.stdout if line.startswith("Serving at "))
+    ports = [int(port) for port in re.findall(r"127\.0\.0\.1(?::|%3A)(\d+)", said)]
+    assert len(ports) == 2 and not any(map(free, ports))
+    process.kill()
+    process.wait()
+    killed = time.monotonic()
+    while not all(map(free, ports)) and time.monotonic() < killed + 10.0:
+        time.sleep(0.05)
+    assert time.monotonic() < killed + 2.0
 
 
 _FULL = f"""{_TRIAL}

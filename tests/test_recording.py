@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
 import sys
 import urllib.request
@@ -317,6 +318,24 @@ def test_serving_answers_on_this_machine_alone_and_ends(file: Path):
     assert server.process.poll() is not None
     with pytest.raises(OSError):
         urllib.request.urlopen(server.address, timeout=10)
+
+
+def test_a_viewer_that_we_start_sends_nothing_and_leaves_the_users_own_setting_alone(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    for name in [name for name in os.environ if name == "CI" or name.startswith("XDG_")]:
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("HOME", str(tmp_path))  # where Rerun keeps the setting, and what it is about to send
+    monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
+    with serve(file, port=_pair()) as server:
+        with urllib.request.urlopen(server.address, timeout=10) as page:
+            policy = page.headers["Content-Security-Policy"]
+            assert b"re_viewer" in page.read()
+    allowed = server.data.removeprefix("rerun+").removesuffix("/proxy")
+    assert re.findall(r"\w+://[^ ;]*", policy) == [allowed] and "default-src 'self'" in policy
+    assert list(tmp_path.iterdir()) == []
+    assert "Every program on this machine can read what is served, and add to it." in server.words
+    assert server.address in server.words
 
 
 def _pair() -> int:

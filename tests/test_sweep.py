@@ -248,6 +248,14 @@ def test_a_manifest_that_is_none_is_said_in_a_sentence(text: str, tmp_path: Path
             act()
 
 
+def test_a_sweep_that_is_refused_leaves_nothing(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="extra dask is not installed")
+    for folder in (tmp_path / "a" / "b", tmp_path):
+        with pytest.raises(CraneError, match="No Dask scheduler answers"):
+            sweep(studies.squares, grid(x=[1.0, 2.0]), folder, scheduler="tcp://127.0.0.1:1")
+        assert files(tmp_path) == []
+
+
 def test_results_of_nothing_are_said_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(DataError, match=r"holds no sweep: there is no _sweep\.json in it\."):
         results(tmp_path)

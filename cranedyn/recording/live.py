@@ -8,10 +8,10 @@ from types import TracebackType
 import rerun as rr
 
 from cranedyn.crane import Crane
-from cranedyn.errors import CraneError, DataError
-from cranedyn.files import check_writable
+from cranedyn.errors import DataError
+from cranedyn.files import Draft, check_writable, sync_folder
 from cranedyn.recording.dashboard import dashboard
-from cranedyn.recording.record import describe
+from cranedyn.recording.record import check_enabled, describe
 from cranedyn.recording.run import Run
 from cranedyn.recording.scene import PATH_SECONDS, Scene, looks
 from cranedyn.recording.series import log_series, table
@@ -23,6 +23,7 @@ _PATIENCE = 10.0
 class Live:
     """Streams pieces of a run as they come; everything appended so far is in the file even if the program is killed.
 
+    The file has its name from the first piece on; until then a file that was there stays.
     The scene shows the past that its path needs, so pieces may be short.
     """
 
@@ -42,16 +43,17 @@ class Live:
             CraneError: If Rerun is switched off in the environment.
         """
         self._crane, self._name, self._title, self._text = crane, name, title, text
+        check_enabled()
         self._recording = rr.RecordingStream("cranedyn-live", send_properties=False)
-        if not rr.is_enabled(self._recording):
-            raise CraneError("Rerun is switched off by the environment variable RERUN; unset it to record.")
         self._file = None if file is None else Path(file)
         if self._file:
             check_writable(self._file)  # where not even the first bytes can be written, Rerun waits for ever
+        self._draft = Draft(self._file) if self._file else None
         try:
-            sinks = [rr.FileSink(self._file)] if self._file else []
+            sinks = [rr.FileSink(self._draft.path)] if self._draft else []
             self._recording.set_sinks(*sinks, *([rr.GrpcSink(viewer)] if viewer else []))
         except (OSError, RuntimeError, ValueError) as error:
+            self.close()
             raise DataError(f"Cannot write {file}: {error}.") from error
         self._scene: Scene | None = None
         self._past: Trajectory | None = None
@@ -75,6 +77,11 @@ class Live:
             self._recording.flush(timeout_sec=_PATIENCE)
         except (RuntimeError, ValueError) as error:
             raise DataError(f"The recording{f' {self._file}' if self._file else ''} could not be written: {error}.") from error
+        if self._draft:
+            self._draft.sync()
+            self._draft.name()
+            sync_folder(self._draft.final.parent)
+            self._draft = None
 
     def _begin(self, run: Run) -> Scene:
         self._recording.send_blueprint(dashboard([run], []), make_active=True, make_default=True)
@@ -87,6 +94,8 @@ class Live:
     def close(self) -> None:
         """Finish the file and let the viewer go."""
         self._recording.disconnect()
+        if self._draft:
+            self._draft.drop()
 
     def __enter__(self) -> Live:
         return self

@@ -6,6 +6,7 @@ import importlib.util
 import os
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,26 +19,59 @@ HOST = "127.0.0.1"
 
 _PATIENCE = 30.0
 
+_QUIET: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+
+_GUARD = """
+import os, signal, sys, time
+parent, child = map(int, sys.argv[1:])
+try:
+    while os.getppid() == parent:
+        os.kill(child, 0)
+        time.sleep(0.5)
+    os.kill(child, signal.SIGKILL)
+except ProcessLookupError:
+    pass
+"""
+_GUARDS: dict[int, subprocess.Popen[bytes]] = {}
+"""The guard of each process that has one, by the number of the process."""
+
 
 def start(*arguments: str, own_session: bool = False) -> subprocess.Popen[bytes]:
-    """Start the viewer, silent.
+    """Start the viewer, silent: it prints nothing, and its analytics are off whatever the user's own setting is, which stays as it is.
 
     Args:
         arguments: Of its command line.
-        own_session: Whether it outlives the program and the terminal that it is started from.
+        own_session: Whether it outlives the program and the terminal that it is started from; else it ends with the program, even if
+            that is killed.
 
     Raises:
         CraneError: If it is not installed or does not start.
     """
-    environment = {"RUST_LOG": "error"} | dict(os.environ)
+    environment = {"RUST_LOG": "error"} | dict(os.environ) | {"CI": "true"}  # where CI is set, Rerun sends nothing ...
+    environment.pop("FORCE_RERUN_ANALYTICS", None)  # ... but where this is
     software = sorted(Path("/usr/share/vulkan/icd.d").glob("lvp_icd.*.json"))
     if "--headless" in arguments and software and not {"VK_ICD_FILENAMES", "VK_DRIVER_FILES"} & environment.keys():
         environment["VK_ICD_FILENAMES"] = str(software[0])
-    quiet: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     try:
-        return subprocess.Popen([program(), *arguments], env=environment, start_new_session=own_session, **quiet)
+        process = subprocess.Popen([program(), *arguments], env=environment, start_new_session=own_session, **_QUIET)
+        try:
+            if not own_session:
+                guard(process)
+        except BaseException:
+            end(process)
+            raise
     except OSError as error:
         raise CraneError(f"Rerun's viewer cannot be started: {error.strerror}.") from error
+    return process
+
+
+def guard(process: subprocess.Popen[bytes]) -> None:
+    """Have a process that was started here killed within a second after this program has ended, however it did.
+
+    A small process of its own looks twice a second whether both are there; it ends with the one or the other, or by `end`.
+    """
+    command = [sys.executable, "-I", "-S", "-c", _GUARD, str(os.getpid()), str(process.pid)]
+    _GUARDS[process.pid] = subprocess.Popen(command, start_new_session=True, **_QUIET)
 
 
 def await_ready(process: subprocess.Popen[bytes], ready: Callable[[], bool], hint: str) -> None:
@@ -69,13 +103,16 @@ def ended(process: subprocess.Popen[bytes]) -> bool:
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
-    """End it, by force if it does not listen."""
+    """End it, by force if it does not listen, and its guard."""
     process.terminate()
     try:
         process.wait(timeout=5.0)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+    if watching := _GUARDS.pop(process.pid, None):
+        watching.kill()
+        watching.wait()
 
 
 def free(port: int) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import zlib
 from collections.abc import Sequence
@@ -17,6 +18,16 @@ from cranedyn.recording.run import Run
 from cranedyn.recording.scene import PATH_SECONDS, Scene, looks
 from cranedyn.recording.series import Table, log_series, table
 from cranedyn.watch import events
+
+
+def check_enabled() -> None:
+    """Return if Rerun records; to ask Rerun itself would make it print lines of its own.
+
+    Raises:
+        CraneError: If it is switched off in the environment.
+    """
+    if os.environ.get("RERUN", "").lower() in ("off", "false", "0"):
+        raise CraneError("Rerun is switched off by the environment variable RERUN; unset it to write a recording.")
 
 
 def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "") -> Path:
@@ -38,10 +49,9 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
     """
     path = Path(path)
     _check(path, runs)
+    check_enabled()
     tables = [_finite_table(run) for run in runs]
     recording = rr.RecordingStream(_application(title, runs), send_properties=False)
-    if not rr.is_enabled(recording):
-        raise CraneError("Rerun is switched off by the environment variable RERUN; unset it to write a recording.")
     memory = recording.memory_recording()
     recording.send_blueprint(dashboard(runs, tables), make_active=True, make_default=True)
     recording.send_recording_name(title)

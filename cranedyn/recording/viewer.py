@@ -12,6 +12,7 @@ from urllib.parse import quote
 import rerun as rr
 
 from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.recording.page import Page
 from cranedyn.recording.process import HOST, await_ready, end, free, free_port, start
 
 _INSTEAD = "write the recording with --save, or look at it in a browser with --serve"
@@ -27,8 +28,8 @@ def check(path: str | Path) -> Path:
     try:
         with path.open("rb") as file:
             head = file.read(8)
-    except OSError as error:
-        raise DataError(f"Cannot read {path}: {error.strerror}.") from error
+    except (OSError, ValueError) as error:
+        raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
     if len(head) < 8 or head[:4] != b"RRF2":
         raise DataError(f"{path} is not a Rerun recording.")
     theirs, ours = f"{head[4]}.{head[5]}", ".".join(rr.__version__.split(".")[:2])
@@ -79,12 +80,19 @@ class Server:
     Attributes:
         address: What to open in a browser on this machine.
         data: Where it takes live data.
-        process: The server.
+        process: The viewer behind it.
+        page: What browsers are handed.
     """
 
     address: str
     data: str
     process: subprocess.Popen[bytes]
+    page: Page
+
+    @property
+    def words(self) -> str:
+        """What to tell the user."""
+        return f"Serving at {self.address} until Ctrl-C. Every program on this machine can read what is served, and add to it."
 
     def __enter__(self) -> Server:
         return self
@@ -101,6 +109,7 @@ class Server:
 
     def stop(self) -> None:
         """End the server."""
+        self.page.stop()
         end(self.process)
 
 
@@ -121,7 +130,7 @@ def check_port(port: int) -> None:
 
 
 def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
-    """Serve a recording with its viewer to browsers on this machine alone.
+    """Serve a recording with its viewer to browsers on this machine alone; the page talks to nobody else.
 
     Args:
         path: The recording; None for a page that waits for a live one.
@@ -134,7 +143,12 @@ def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
     """
     shown = [] if path is None else [str(check(path).resolve())]
     check_port(port)
-    process = start("--serve-web", "--bind", HOST, "--web-viewer-port", str(port), "--port", str(port + 1), *shown)
-    await_ready(process, lambda: not free(port) and not free(port + 1), "It could not serve the recording.")
-    data = _data(port + 1)
-    return Server(f"http://{HOST}:{port}/?url={quote(data, safe='')}", data, process)
+    inner, data = free_port(), _data(port + 1)
+    process = start("--serve-web", "--bind", HOST, "--web-viewer-port", str(inner), "--port", str(port + 1), *shown)
+    await_ready(process, lambda: not free(inner) and not free(port + 1), "It could not serve the recording.")
+    try:
+        page = Page(port, inner, port + 1)
+    except OSError as error:
+        end(process)
+        raise CraneError(f"The page cannot be served at port {port} of {HOST}: {error.strerror}.") from error
+    return Server(f"http://{HOST}:{port}/?url={quote(data, safe='')}", data, process, page)
