@@ -164,17 +164,6 @@ def claimed(folder: Path, manifest: Manifest, chunk_given: bool) -> Iterator[Man
 def _write(path: Path, manifest: Manifest) -> None:
     with written(path) as draft:
         draft.write_text(json.dumps({**asdict(manifest), "checksum": manifest.checksum}, indent=1), encoding="utf-8")
-        sync(draft)
-    sync(path.parent)
-
-
-def sync(path: Path) -> None:
-    """Have a file, or the names in a folder, on the disk: a machine that goes down must not leave a name without its content."""
-    file = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(file)
-    finally:
-        os.close(file)
 
 
 def _strangers(folder: Path) -> list[str]:

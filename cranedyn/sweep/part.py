@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from cranedyn.errors import DataError
 from cranedyn.files import written
-from cranedyn.sweep.manifest import PART, Manifest, sync
+from cranedyn.sweep.manifest import PART, Manifest
 
 _KEY, _MARK, _EMPTY = b"cranedyn.sweep", b" sha256 ", b"0" * 64
 _TAIL, _BLOCK = 2**20, 2**20
@@ -44,8 +44,6 @@ def write(folder: Path, manifest: Manifest, part: int, table: pa.Table) -> int:
     content[place : place + len(_EMPTY)] = hashlib.sha256(content).hexdigest().encode()
     with written(path) as draft:
         draft.write_bytes(content)
-        sync(draft)
-    sync(folder)
     return len(content)
 
 
