@@ -88,8 +88,11 @@ class State(NamedTuple):
         for kind, part in zip(("coordinates", "rates"), state, strict=True):
             if part.shape != (5,):
                 raise OutOfRange(f"{kind} at the {name}", described(part), f"five numbers: {', '.join(COORDINATES)}")
-            for coordinate, one in zip(COORDINATES, part, strict=True):
-                number(f"{coordinate} among the {kind} at the {name}", one)
+            for coordinate, unit, one in zip(COORDINATES, UNITS, part, strict=True):
+                if kind == "rates":
+                    number(f"{coordinate} among the rates at the {name}", one, f"{unit}/s")
+                else:
+                    number(f"{coordinate} at the {name}", one, unit)
             part.flags.writeable = False
         return state
 

@@ -113,7 +113,7 @@ def optimal(
         raise OutOfRange("swing", swing, "above 0 and below π/2", "rad")
     drives = _moving(start, goal, still)
     rate, acceleration = np.asarray(limits.rates)[drives], np.asarray(limits.accelerations)[drives]
-    jerk = acceleration / within("ramp", ramp, *_RAMPS, "s")
+    jerk = acceleration / within("ramp", number("ramp", ramp, "s", "> 0"), *_RAMPS, "s")
     move = _Move(crane, start, goal, drives, rate, acceleration, jerk, swing)
     least = 0.0 if duration is None else number("duration", duration, "s", "> 0")
     about, interval = max(least, _about(move) + ramp), min(ramp / 2.0, _INTERVAL)
