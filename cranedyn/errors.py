@@ -53,6 +53,10 @@ class OutOfRange(CraneError):
         super().__init__(f"{name} is {shown}; allowed is {allowed}.")
 
 
+class Misshapen(OutOfRange):
+    """What should be an array is another: of another shape or kind, or none at all."""
+
+
 class UnknownName(CraneError):
     """A name that is not one of those known.
 

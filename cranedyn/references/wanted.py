@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.errors import UnknownName
+from cranedyn.arrays import shaped
+from cranedyn.errors import Misshapen, UnknownName
 
 
 class Wanted(NamedTuple):
@@ -30,12 +31,23 @@ Reference = Callable[[float], Wanted]
 
 
 def tabulated(reference: Reference, times: np.ndarray) -> Wanted:
-    """What a reference wants at many times [s], shape (n, 3) each; by its own `at` if it has one, which takes all at once."""
+    """What a reference wants at many times [s], shape (n, 3) each; by its own `at` if it has one, which takes all at once.
+
+    Raises:
+        Misshapen: If that answers with anything else.
+    """
     at_once = getattr(reference, "at", None)
     if at_once is not None:
-        return at_once(times)
+        return _whole(at_once(times), len(times))
     rows = [reference(t) for t in times.tolist()]
     return Wanted(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))
+
+
+def _whole(answer: object, rows: int) -> Wanted:
+    if not isinstance(answer, Wanted):
+        raise Misshapen("what the reference wants at many times", type(answer).__name__, "a Wanted: position, velocity, acceleration")
+    parts = zip(Wanted._fields, answer, strict=True)
+    return Wanted(*(shaped(f"{name} that the reference wants at {rows} times", part, (rows, 3)) for name, part in parts))
 
 
 class Tabulating(ABC):
