@@ -13,7 +13,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import linregress
 
-from cranedyn.arguments import checked, finite, shaped
+from cranedyn.arguments import checked
+from cranedyn.arrays import finite, shaped
 from cranedyn.errors import DataError, number
 
 
@@ -62,8 +63,8 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
     Raises:
         DataError: If the record holds fewer than two swings, or the fit does not converge.
     """
-    t = finite("t", t, ("n",), "s")
-    swing = finite("swing", swing, t.shape, "rad")
+    t = finite("t", t, ("n",), unit="s")
+    swing = finite("swing", swing, t.shape, unit="rad")
     if len(t) == 0:
         raise DataError("The record holds no row where a swing is to be fitted.")
     centred = swing - swing.mean()
@@ -208,9 +209,9 @@ def swing_amplitude(swing: np.ndarray, rates: np.ndarray, length: np.ndarray | f
         length: Cable length [m].
         gravity: Gravity [m/s²].
     """
-    rates = shaped("rates", rates, shaped("swing", swing, ("n", 2), "rad").shape, "rad/s")
+    rates = shaped("rates", rates, shaped("swing", swing, ("n", 2)).shape)
     if np.ndim(length):
-        shaped("length", length, (len(swing),), "m")
+        shaped("length", length, (len(swing),))
     number("gravity", gravity, "m/s²", "> 0")
     return np.sqrt(np.sum(swing**2, axis=1) + np.sum(rates**2, axis=1) * length / gravity)
 
@@ -224,7 +225,7 @@ def settling_time(t: np.ndarray, distance: np.ndarray, within: float) -> float:
         distance: Distances, not negative, shape (n,).
         within: The bound.
     """
-    distance = shaped("distance", distance, shaped("t", t, ("n",), "s").shape)
+    distance = shaped("distance", distance, shaped("t", t, ("n",)).shape)
     if not len(t):
         raise DataError("The record holds no row where a time of settling is looked for.")
     outside = np.flatnonzero(~(distance <= within))

@@ -81,36 +81,6 @@ def taken(name: str, value: Any, kind: Any) -> Any:
     raise OutOfRange(name, described(value), " or ".join(map(_words, kinds)))
 
 
-def shaped(name: str, value: Any, shape: tuple[int | str, ...], unit: str = "") -> np.ndarray:
-    """An array of numbers, finite or not.
-
-    Args:
-        name: What it is, for the sentence.
-        value: Anything that an array can be made of.
-        shape: How many along each axis; a letter for any number.
-        unit: Its unit, for the sentence.
-
-    Raises:
-        OutOfRange: If it has another shape.
-    """
-    array = taken(name, value, np.ndarray)
-    if len(array.shape) != len(shape) or any(n != m for n, m in zip(array.shape, shape, strict=True) if isinstance(m, int)):
-        raise OutOfRange(name, described(array), f"one of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})", unit)
-    return array
-
-
-def finite(name: str, value: Any, shape: tuple[int | str, ...], unit: str = "") -> np.ndarray:
-    """An array of finite numbers; arguments as those of `shaped`.
-
-    Raises:
-        OutOfRange: If it has another shape, or a number in it is not finite.
-    """
-    array = shaped(name, value, shape, unit)
-    if not np.isfinite(array).all():
-        raise OutOfRange(name, f"an array that holds {array[~np.isfinite(array)][0]}", "finite numbers", unit)
-    return array
-
-
 def of_drives(name: str, values: Any, per: str = "", allowed: str = "any") -> np.ndarray:
     """Three numbers, of slew [rad], trolley [m] and hoist [m] or these over a unit of time, shape (3,).
 

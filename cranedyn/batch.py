@@ -9,9 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.arrays import fixed
 from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import inputs
 from cranedyn.compiled.checked import compiled
+from cranedyn.compiled.door import Loop
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.layout import ROW, STATE, SUMMARY, places, size
 from cranedyn.compiled.memory import grouped, run, ungrouped
@@ -21,7 +23,7 @@ from cranedyn.integrator import Integrator, semi_implicit_euler
 from cranedyn.references import Reference
 from cranedyn.simulate import Controller, Drive
 
-_LANES = 8
+_LANES, _THREADS = 8, 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,11 +102,11 @@ def simulate_batch(
         integrator: The stepping rule.
         residual_from: When swing begins to count as residual [s], within the run; by default at its end.
         record: Record every that manieth control instant; 0 for none.
-        threads: How many; by default one for each processor.
+        threads: How many, 1024 at most; by default one for each processor.
 
     Raises:
         OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not finite, a time is not in the run, or
-            records or tables would not fit into 4 GB.
+            cranes, records and tables would not fit into 4 GB.
         CraneError: If a controller is not affine in the state.
         ModelError: If the code would not do what Pinocchio does.
     """
@@ -115,14 +117,15 @@ def simulate_batch(
         raise OutOfRange("buffers", buffers, "False where the drives follow prescribed motion")
     number("time at the start", since, "s", "-1e9 to 1e9")
     after = _instant(residual_from, since, clock)
-    every, workers = whole("record", record, 0), None if threads is None else whole("threads", threads, 1)
+    every = min(whole("record", record, 0), clock.periods + 1)
+    workers = None if threads is None else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
     cranes = inputs.count(crane=crane, controller=controller, reference=reference, start=start)
     rows = clock.periods // every + 1 if every else 0
-    inputs.fits(cranes, rows, clock.periods)
+    taken = inputs.fits(cranes, rows, clock.periods, 0 if sensor_offset is None else 10)
     state = inputs.starts(start, cranes)
     offsets = None if sensor_offset is None else inputs.rows("sensor_offset", sensor_offset, cranes, 10)
     times = since + control_period * np.arange(clock.periods + 1)
-    control, forces = inputs.control(controller, reference, state, times), inputs.forces(force, cranes)
+    control, forces = inputs.control(controller, reference, state, fixed(times), taken), inputs.forces(force, cranes)
     recipe = Recipe(
         _LANES,
         drive,
@@ -137,41 +140,25 @@ def simulate_batch(
     )
     which, distinct = inputs.distinct(crane, cranes)
     code, varied = compiled(distinct, recipe)
+    inputs.fit("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
+    tables = (control.law, control.aim, forces)
     memory = {
-        "state": grouped(np.concatenate([state.q, state.v, control.integrals, np.zeros((cranes, 4))], axis=1), _LANES),
-        "numbers": grouped(varied[which], _LANES),
-        "starts": grouped(np.stack([control.law.starts, control.aim.starts, forces.starts], axis=1), _LANES),
-        "summary": grouped(np.tile([0.0, 0.0, math.inf, 0.0, 0.0, 0.0], (cranes, 1)), _LANES),
+        "state": grouped([state.q, state.v, control.integrals, np.broadcast_to(0.0, (cranes, 4))], _LANES),
+        "numbers": grouped([varied[which]], _LANES),
+        "summary": grouped([np.broadcast_to([0.0, 0.0, math.inf, 0.0, 0.0, 0.0], (cranes, 6))], _LANES),
     }
     memory["log"] = np.empty((len(memory["state"]), rows * size(ROW), _LANES))
     if offsets is not None:
-        memory["offset"] = grouped(offsets, _LANES)
-    run(
-        code,
-        memory,
-        workers,
-        law=control.law.rows,
-        aim=control.aim.rows,
-        force=forces.rows,
-        law_rows=control.law.length,
-        aim_rows=control.aim.length,
-        force_rows=forces.length,
-        first=0,
-        last=clock.periods + 1,
-        end=clock.periods,
-        steps=clock.steps,
-        small=clock.small,
-        every=max(every, 1),
-        after=after,
-        dt=dt,
-        period=control_period,
-    )
+        memory["offset"] = grouped([offsets], _LANES)
+    if not all(recipe.shared):
+        memory["starts"] = grouped([table.starts[:, None] for table in tables], _LANES, np.int64)
+    run(Loop(code, clock, tables, last=clock.periods + 1, end=clock.periods, every=max(every, 1), after=after, **memory), workers)
     state_at, row_at, kept_at = places(STATE), places(ROW), places(SUMMARY)
-    ended, kept = (ungrouped(memory[name], cranes) for name in ("state", "summary"))
+    end, kept = ungrouped(memory["state"][:, :10], cranes), ungrouped(memory["summary"], cranes)
     log = ungrouped(memory["log"], cranes).reshape(cranes, rows, size(ROW))
     first_invalid = kept[:, kept_at["invalid"]][:, 0]
     return Batch(
-        end=State(ended[:, state_at["q"]], ended[:, state_at["v"]]),
+        end=State(end[:, state_at["q"]], end[:, state_at["v"]]),
         peak_swing=np.sqrt(kept[:, kept_at["peak"]][:, 0]),
         residual_swing=np.sqrt(kept[:, kept_at["residual"]][:, 0]),
         largest_effort=kept[:, kept_at["effort"]],

@@ -24,11 +24,10 @@ from cranedyn.files import read_text, written
 from cranedyn.urdf import parse
 
 _HERE = Path(__file__).resolve().parent
+_EXPANDING = threading.Lock()  # xacro keeps the file that it is at in a variable of its module
 XACRO = next(folder / "urdf" / "tower_crane.urdf.xacro" for folder in (_HERE, _HERE.parent) if (folder / "urdf").is_dir())
 """The crane of this project: inside the package once installed, beside it in a checkout."""
 
-_ALONE = threading.Lock()
-"""xacro keeps what it is doing in variables of its module, so one thread at a time."""
 
 _DOCUMENTED = re.compile(r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0): (?P<meaning>.+)")
 
@@ -93,7 +92,7 @@ def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = Non
         unit, allowed = known[name].unit, known[name].allowed
         mappings[name] = repr(number(name, value, unit, allowed)) if allowed else str(value)
     try:
-        with _ALONE, contextlib.redirect_stderr(io.StringIO()):
+        with _EXPANDING, contextlib.redirect_stderr(io.StringIO()):
             document = xacro.process_file(str(path), mappings=mappings)
         _strip_comments(document)
         return "\n".join(line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()) + "\n"

@@ -85,8 +85,9 @@ class Engine:
 
     def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Mechanical energy of states in rows [J], zero of height at the ground, shape (n,)."""
-        crane = self._setting.crane
-        return np.array(list(map(partial(pin.computeMechanicalEnergy, crane.model, crane.data), q, v)))
+        energy = partial(pin.computeMechanicalEnergy, self._setting.crane.model, self._setting.crane.data)
+        found = (energy(*row) for row in zip(q, v, strict=True))
+        return np.fromiter(found, float, len(q))  # a generator is Python, which answers Ctrl-C
 
     def effort(self) -> np.ndarray:
         """What acts here under the last command, shape (3,)."""

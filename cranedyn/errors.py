@@ -61,6 +61,10 @@ def written_out(value: object) -> str:
         return f"{type(value).__name__} that cannot be written out"
 
 
+class Misshapen(OutOfRange):
+    """What should be an array is another: of another shape or kind, or none at all."""
+
+
 class UnknownName(CraneError):
     """A name that is not one of those known.
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.arguments import checked, finite
+from cranedyn.arguments import checked
+from cranedyn.arrays import finite
 from cranedyn.clocks import clocks
 from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.dynamics import holding_effort, linearise
@@ -50,7 +51,7 @@ def sampled(crane: Crane, state: State, effort: np.ndarray | None = None, *, dt:
         OutOfRange: If a time is out of range or the period not a multiple of `dt`, or the effort not three finite numbers.
     """
     steps = clocks(control_period, dt, control_period).steps
-    exerted = holding_effort(crane, state.q) if effort is None else finite("effort", effort, (3,), "N m, N, N")
+    exerted = holding_effort(crane, state.q) if effort is None else finite("effort", effort, (3,), unit="N m, N, N")
     by_state, by_effort = linearise(crane, state, exerted)
     step_v = np.hstack([np.zeros((5, 5)), np.eye(5)]) + dt * by_state
     step = np.vstack([np.eye(5, 10) + dt * step_v, step_v])

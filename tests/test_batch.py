@@ -18,6 +18,7 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 from cranedyn import watch
 from cranedyn.analysis import swing_amplitude
 from cranedyn.batch import Batch, simulate_batch
+from cranedyn.compiled import inputs
 from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.hold import Hold
@@ -351,6 +352,7 @@ NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
         ({"record": -1}, "record is -1; allowed is a whole number >= 0"),
         ({"record": 2.5}, "record is 2.5; allowed is a whole number >= 0"),
         ({"threads": 0}, "threads is 0; allowed is a whole number >= 1"),
+        ({"threads": 10**9}, "threads is 1000000000; allowed is 1 to 1024"),
         ({"drive": "velocity"}, "drive is velocity; allowed is effort or motion"),
         ({"drive": "motion", "buffers": True}, "buffers is True; allowed is False where the drives follow prescribed motion"),
         ({"residual_from": 0.6}, "residual_from is 0.6 s; allowed is 0 to 0.5"),
@@ -400,6 +402,41 @@ def test_what_would_not_fit_into_memory_is_refused_before_any_is_taken(clock: di
     finally:
         tracemalloc.stop()
     assert str(caught.value).startswith(sentence)
+
+
+def test_ten_million_cranes_run_and_are_refused_where_each_needs_more() -> None:
+    count, c = 20000, crane()
+    starts = State(np.broadcast_to(c.start.q, (count, 5)), np.zeros((count, 5)))
+    found = _peak(lambda: simulate_batch(c, hold_controller(c), start=starts, **{**CLOCK, "duration": PERIOD}))
+    reckoned = 8e-6 * count * inputs._CRANE
+    assert 0.8 * reckoned < found < reckoned + 0.5  # MB; tables and threads besides
+    assert inputs.fits(10**7, 0, 1, 0) * 8 < inputs._LARGEST  # 4 GB, and 0.8 GB for where they start: less than 6 GB
+
+    many = State(np.broadcast_to(c.start.q, (10**7, 5)), np.broadcast_to(0.0, (10**7, 5)))
+    tracemalloc.start()
+    try:
+        with pytest.raises(
+            OutOfRange, match=r"number of cranes is 10000000; allowed is what takes 4 GB at most; these would take 4\.64 GB"
+        ):
+            simulate_batch(c, hold_controller(c), start=many, sensor_offset=np.zeros(10), **CLOCK)
+        with pytest.raises(OutOfRange, match="record is 1 rows of 10000000 cranes; allowed is what takes 4 GB"):
+            simulate_batch(c, hold_controller(c), start=many, record=1000, **CLOCK)
+        assert tracemalloc.get_traced_memory()[1] < 1e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_places_and_references_that_are_too_many_are_refused_before_there_is_a_table_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    c, count = crane(), 1000
+    starts = State(c.start.q + np.linspace(0.0, 1.0, count)[:, None] * [0.0, 1.0, 0.0, 0.0, 0.0], np.zeros((count, 5)))
+    own = [hold(State(*rows)) for rows in zip(*starts, strict=True)]
+    # what each takes is less than what is reckoned with
+    assert _peak(lambda: simulate_batch(c, hold_controller(c), start=starts, **CLOCK)) < 8e-6 * count * (inputs._CRANE + inputs._PAIR) + 0.5
+    monkeypatch.setattr("cranedyn.compiled.inputs._LARGEST", 1.5e6)
+    with pytest.raises(OutOfRange, match=r"number of places at which drives start is 5\d\d or more; allowed is what takes 0\.0015 GB"):
+        simulate_batch(c, hold_controller(c), start=starts, **CLOCK)
+    with pytest.raises(OutOfRange, match="number of controllers and references is 1 and 1 or more; allowed is what takes"):
+        simulate_batch(c, hold_controller(c), own, start=starts, **CLOCK)
 
 
 def test_tables_that_would_not_fit_are_refused_while_they_are_made(monkeypatch: pytest.MonkeyPatch) -> None:

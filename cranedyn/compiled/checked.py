@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -9,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn import rigid_body
+from cranedyn.compiled.door import accelerations
 from cranedyn.compiled.kernel import Kernel, Recipe, kernel
 from cranedyn.compiled.plant import numbers
 from cranedyn.compiled.step import in_code
@@ -16,13 +18,15 @@ from cranedyn.crane import DRIVES, PASSIVE, Crane
 from cranedyn.dynamics import follow_drives, full, outside_effort
 from cranedyn.errors import ModelError
 
-_CHECKED = 16
+_CHECKED, _REMEMBERED = 16, 4096
+_MAKING = threading.Lock()
 
 
 def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarray]:
     """Code for cranes that differ in numbers only, and the numbers in which they do, shape (n, m).
 
-    It is compared with Pinocchio for each of the first 16 of them: the code is the same for all.
+    It is compared with Pinocchio for each of the first 16 of them: the code is the same for all. Threads that ask at the same time wait for
+    each other, so that the code for a crane is made once.
 
     Raises:
         OutOfRange: If there is no code for the stepping rule.
@@ -32,12 +36,15 @@ def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarra
     rows = np.array([numbers(crane) for crane in cranes])
     varied = (rows != rows[0]).any(axis=0)
     constants = np.where(varied, np.nan, rows[0])
-    code = _kernel(tuple(rigid_body.bodies(cranes[0].model).parents), constants.tobytes(), recipe)
     own = np.ascontiguousarray(rows[:, varied])
-    for crane, row in list(zip(cranes, own, strict=True))[:_CHECKED]:
-        if row.tobytes() not in code.agreed:
-            check(crane, code, row)
-            code.agreed.add(row.tobytes())
+    with _MAKING:
+        code = _kernel(tuple(rigid_body.bodies(cranes[0].model).parents), constants.tobytes(), recipe)
+        if len(code.agreed) > _REMEMBERED:
+            code.agreed.clear()
+        for crane, row in zip(cranes[:_CHECKED], own, strict=False):
+            if row.tobytes() not in code.agreed:
+                check(crane, code, row)
+                code.agreed.add(row.tobytes())
     return code, own
 
 
@@ -60,8 +67,8 @@ def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
     """
     rng = np.random.default_rng(0)
     lanes, recipe = code.recipe.lanes, code.recipe
-    model, data, damping = crane.model, crane.data, crane.damping
-    own, found = np.repeat(varied[:, None], lanes, axis=1), np.empty((5, lanes))
+    model, data, damping = crane.model, crane.model.createData(), crane.damping
+    own = np.repeat(varied[:, None], lanes, axis=1)
     for _ in range(8):
         q = rng.uniform(crane.lower, crane.upper)
         q[PASSIVE] = rng.uniform(-1.4, 1.4, 2)
@@ -74,6 +81,5 @@ def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
         else:
             expected = follow_drives(model, data, q, v, full(command), damping, pushed)
         given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
-        code.answer(given.ctypes.data, own.ctypes.data, found.ctypes.data)
-        if off := rigid_body.disagreement(found.T, expected, mass):
+        if off := rigid_body.disagreement(accelerations(code, given, own).T, expected, mass):
             raise ModelError(f"The compiled crane moves otherwise than Pinocchio's: accelerations differ by {off:.1e} of the largest.")

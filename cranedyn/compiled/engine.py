@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import partial
 
 import numpy as np
 
+from cranedyn.arrays import fixed
 from cranedyn.compiled.checked import compiled
+from cranedyn.compiled.door import Loop, Rows
 from cranedyn.compiled.kernel import Kernel, Recipe
-from cranedyn.compiled.layout import FORCE, LAW, ROW, STATE, Call, places, size
+from cranedyn.compiled.layout import FORCE, LAW, ROW, STATE, places, size
 from cranedyn.compiled.step import in_code
-from cranedyn.compiled.tables import aim, held, law
+from cranedyn.compiled.tables import Table, aim, alone, held, law
 from cranedyn.controllers.affine import Affine, Remembering, form
 from cranedyn.crane import State
 from cranedyn.drives import Limits
 from cranedyn.engine import DIVERGED, Engine, Setting
+from cranedyn.errors import Misshapen
 from cranedyn.log import Log
 from cranedyn.references import Reference
 from cranedyn.references.wanted import tabulated
 
 _BLOCK, _STEPS = 2000, 1_000_000
-"""Control instants, and physics steps, that a closed loop runs ahead at most before it is looked at; Ctrl-C waits for as long."""
+"""Control instants, and physics steps, that a closed loop runs ahead at most before it is looked at."""
 
 _AT, _FEED_FORWARD = places(STATE), places(LAW)["feed_forward"]
 
@@ -48,17 +50,16 @@ class CompiledEngine(Engine):
         self._here[:] = np.concatenate(start)
         self._law, self._aim = held(np.zeros(3))
         self._held, self._effort = self._law[0, _FEED_FORWARD], np.zeros(3)
-        self._codes: dict[tuple[bool, bool], tuple[Kernel, Call]] = {}
+        self._codes: dict[tuple[bool, bool], Kernel] = {}
         self._step: Callable[[], None] | None = None
 
-    def _code(self, *, integral: bool, log: bool) -> tuple[Kernel, Call]:
-        """Code, and a call of it with what does not change; made and checked at the first need."""
+    def _code(self, *, integral: bool, log: bool) -> Kernel:
+        """Code, made and checked at the first need."""
         if (integral, log) not in self._codes:
             self._codes[integral, log] = self._made(integral=integral, log=log)
         return self._codes[integral, log]
 
-    def _made(self, *, integral: bool, log: bool) -> tuple[Kernel, Call]:
-        crane, clocks = self._setting.crane, self._setting.clocks
+    def _made(self, *, integral: bool, log: bool) -> Kernel:
         recipe = Recipe(
             1,
             self._setting.drive,
@@ -71,18 +72,12 @@ class CompiledEngine(Engine):
             log=log,
             summary=False,
         )
-        code, _ = compiled([crane], recipe)
-        return code, Call(
-            state=self._memory,
-            force=self._force,
-            force_rows=1,
-            first=0,
-            every=1,
-            steps=clocks.steps,
-            small=clocks.small,
-            dt=clocks.dt,
-            period=clocks.period,
-        )
+        return compiled([self._setting.crane], recipe)[0]
+
+    def _loop(self, code: Kernel, law: Table, aim: Table, last: int, end: int, log: np.ndarray) -> Loop:
+        """Code bound to the memory of this crane."""
+        state, tables = self._memory.reshape(1, -1, 1), (law, aim, alone(self._force))
+        return Loop(code, self._setting.clocks, tables, last=last, end=end, state=state, log=log.reshape(1, -1, 1))
 
     def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `Engine.take`."""
@@ -96,9 +91,7 @@ class CompiledEngine(Engine):
         """As `Engine.energies`; by code if it was made for stepping."""
         if self._step is None:
             return super().energies(q, v)
-        states, count, found = np.hstack([q, v]), np.array([len(q)]), np.empty(len(q))
-        self._code(integral=False, log=False)[0].energies(states.ctypes.data, count.ctypes.data, found.ctypes.data)
-        return found
+        return Rows(self._code(integral=False, log=False).machine, "energies", 10, 1)(np.hstack([q, v]))[:, 0]
 
     def effort(self) -> np.ndarray:
         """As `Engine.effort`."""
@@ -119,8 +112,8 @@ class CompiledEngine(Engine):
     def advance(self) -> State:
         """As `Engine.advance`."""
         if self._step is None:
-            code, call = self._code(integral=False, log=False)
-            self._step = partial(code.run, call.set(law=self._law, aim=self._aim, law_rows=1, aim_rows=1, last=1, end=1).address)
+            code = self._code(integral=False, log=False)
+            self._step = self._loop(code, alone(self._law), alone(self._aim), 1, 1, np.empty(0)).alone()
         self._step()
         return self._arrived()
 
@@ -133,19 +126,24 @@ class CompiledEngine(Engine):
         """Log rows under a controller that is affine in the state, block by block, and say how many there are.
 
         A block in which anything is out of the ordinary is left undone, for whoever goes through it instant by instant.
+
+        Raises:
+            Misshapen: If the controller's common form, or what the reference wants at many times, is not made of arrays as they should be.
         """
         if self._setting.forces:
             return
         clocks, first = self._setting.clocks, 0
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
         while first <= clocks.periods:
-            times = since + clocks.period * np.arange(first, min(first + ahead, clocks.periods + 1))
+            times = fixed(since + clocks.period * np.arange(first, min(first + ahead, clocks.periods + 1)))
             try:
                 wanted = tabulated(reference, times).position
                 common = form(controller, times, wanted)
+            except Misshapen:
+                raise
             except Exception:  # it comes again at the instant at which it belongs
                 common = None
-            block = None if common is None else self._run(common, wanted, clocks.periods - first)
+            block = None if common is None or not common.finite() else self._run(common, wanted, clocks.periods - first)
             if block is None:
                 break
             if isinstance(controller, Remembering):
@@ -160,9 +158,8 @@ class CompiledEngine(Engine):
         """A block of rows by name; None, and all as before, if a number in it is not finite or a joint moves too fast."""
         before, n = self._memory.copy(), len(wanted)
         self._memory[_AT["integral"]] = common.integral
-        code, call = self._code(integral=bool(common.integral_gain.any()), log=True)
-        rows, laws, aims = np.empty((n, size(ROW))), law(common), aim(common, wanted)
-        code.run(call.set(law=laws, aim=aims, law_rows=len(laws), aim_rows=n, log=rows, last=n, end=end).address)
+        code, rows = self._code(integral=bool(common.integral_gain.any()), log=True), np.empty((n, size(ROW)))
+        self._loop(code, alone(law(common)), alone(aim(common, wanted)), n, end, rows).alone()()
         block = {name: rows[:, where] for name, where in places(ROW).items()}
         if np.isfinite(rows).all() and (np.square(block["v"]).sum(axis=1) < DIVERGED**2).all():
             return block

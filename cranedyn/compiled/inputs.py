@@ -7,16 +7,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cranedyn.arrays import finite
 from cranedyn.compiled.layout import AIM, FORCE, LAW, ROW, size
 from cranedyn.compiled.tables import NO_FORCE, Table, aim, law, shortened, table
 from cranedyn.controllers.affine import Affine, form
 from cranedyn.crane import DRIVES, State
-from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.errors import CraneError, Misshapen, OutOfRange
 from cranedyn.references import Reference, hold
 from cranedyn.references.wanted import tabulated
 
 _LARGEST = 4e9
-"""Memory that the tables or the records of a batch may take [byte]."""
+"""Memory that a batch may take, tables and records among it [byte]."""
+
+_CRANE, _PAIR = 48, 250
+"""Numbers kept of each crane, and of each controller with each reference besides their tables: measured, see `tests/test_batch.py`."""
 
 
 class Control(NamedTuple):
@@ -50,8 +54,11 @@ def count(**given: Any) -> int:
 
 def _length(value: Any) -> int | None:
     if isinstance(value, State):
-        return len(value.q) if np.ndim(value.q) == 2 else None
-    return len(value) if isinstance(value, Sequence) else None
+        try:
+            return len(value.q) if np.ndim(value.q) == 2 else None
+        except ValueError:  # rows of different lengths
+            return None
+    return len(value) if isinstance(value, Sequence) and not isinstance(value, str | bytes) else None
 
 
 def starts(start: State | Sequence[State], cranes: int) -> State:
@@ -73,30 +80,32 @@ def rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
     """
-    try:
-        found = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise OutOfRange(name, "no array of numbers", f"an array of shape ({columns},) or ({cranes}, {columns})") from None
-    if found.shape not in ((columns,), (cranes, columns)):
-        raise OutOfRange(name, f"an array of shape {found.shape}", f"one of shape ({columns},) or ({cranes}, {columns})")
-    _finite(name, found)
-    return np.broadcast_to(found, (cranes, columns))
+    return np.broadcast_to(finite(name, value, (columns,), (cranes, columns)), (cranes, columns))
 
 
-def control(controller: Any, reference: Any, start: State, times: np.ndarray) -> Control:
+def control(controller: Any, reference: Any, start: State, times: np.ndarray, taken: int) -> Control:
     """Tables of controllers and references, one for each that is another object; None as reference holds the drives at the start.
+
+    Args:
+        controller: One or n.
+        reference: One or n, or None.
+        start: Coordinates and rates at the start, shape (n, 5) each.
+        times: Control instants [s].
+        taken: How many numbers something else takes.
 
     Raises:
         CraneError: If a controller is not affine in the state.
-        OutOfRange: If the tables would take more than 4 GB.
+        OutOfRange: If what it answers is not what it should be, or the tables would not fit into 4 GB.
     """
     cranes = len(start.q)
-    aims_of, references = distinct(_references(reference, start), cranes)
+    aims_of, references = _references(reference, start, taken)
     laws_of, controllers = distinct(controller, cranes)
     pairs, pair_of = np.unique(laws_of * len(references) + aims_of, return_inverse=True)
+    taken += _PAIR * len(pairs)
     laws: list[np.ndarray] = []
     aims, integrals, law_of_pair, integrates = [], [], [], False
     last: dict[int, int] = {}
+    longest_law = longest_aim = 0
     for which, about in (divmod(pair, len(references)) for pair in pairs.tolist()):
         wanted = tabulated(references[about], times).position
         common = _form(controllers[which], times, wanted)
@@ -108,26 +117,33 @@ def control(controller: Any, reference: Any, start: State, times: np.ndarray) ->
             last[which] = len(laws)
             laws.append(rows_of_law)
         law_of_pair.append(last[which])
-        needed = 2 * (len(laws) * max(map(len, laws)) * size(LAW) + len(aims) * max(map(len, aims)) * size(AIM))
-        _fit("number of controllers and references", f"{len(laws)} and {len(aims)} or more", needed)
+        longest_law, longest_aim = max(longest_law, len(rows_of_law)), max(longest_aim, len(aims[-1]))
+        needed = taken + 2 * (len(laws) * longest_law * size(LAW) + len(aims) * longest_aim * size(AIM))
+        fit("number of controllers and references", f"{len(laws)} and {len(aims)} or more", needed)
     return Control(table(laws, np.array(law_of_pair)[pair_of]), table(aims, pair_of), np.array(integrals)[pair_of], integrates)
 
 
-def _references(reference: Any, start: State) -> Any:
-    """The references; where there is none, one hold for each place at which drives start."""
+def _references(reference: Any, start: State, taken: int) -> tuple[np.ndarray, list[Reference]]:
+    """Which of the references each crane has, and these; where there is none, one hold for each place at which drives start."""
     if reference is not None:
-        return reference
+        return distinct(reference, len(start.q))
     drives = start.q[:, DRIVES]
     if (drives == drives[0]).all():
-        return hold(State(start.q[0], start.v[0]))
-    holds: dict[bytes, Reference] = {}
-    return [holds.setdefault(place.tobytes(), hold(State(q, v))) for place, q, v in zip(drives, *start, strict=True)]
+        return distinct(hold(State(start.q[0], start.v[0])), len(start.q))
+    firsts: dict[bytes, int] = {}
+    for i, place in enumerate(map(np.ndarray.tobytes, drives)):
+        if place not in firsts:
+            firsts[place] = i
+            fit("number of places at which drives start", f"{len(firsts)} or more", taken + _PAIR * len(firsts))
+    number = {place: row for row, place in enumerate(firsts)}
+    which = np.fromiter((number[place.tobytes()] for place in drives), int, len(drives))
+    return which, [hold(State(start.q[i], start.v[i])) for i in firsts.values()]
 
 
 def distinct(value: Any, cranes: int) -> tuple[np.ndarray, list[Any]]:
     """Which of the different objects each crane has, shape (n,), and these."""
     if _length(value) is None:
-        return np.zeros(cranes, dtype=int), [value]
+        return np.broadcast_to(0, cranes), [value]
     found = {id(one): one for one in value}
     number = {key: row for row, key in enumerate(found)}
     return np.array([number[id(one)] for one in value]), list(found.values())
@@ -137,6 +153,10 @@ def _form(controller: Any, times: np.ndarray, wanted: np.ndarray) -> Affine:
     common = form(controller, times, wanted)
     if common is None:
         raise CraneError(f"{type(controller).__name__} is not affine in the state, or has run before; a batch needs one that is.")
+    if lacking := common.lacking():
+        values = getattr(common, lacking)
+        name = f"{lacking} in the common form of {type(controller).__name__}"
+        raise OutOfRange(name, float(values[~np.isfinite(values)][0]), "finite" if lacking != "limit" else "a number")
     return common
 
 
@@ -149,34 +169,39 @@ def forces(force: Any, cranes: int) -> Table:
     if force is None:
         return table([NO_FORCE], np.zeros(cranes, dtype=int))
     columns = size(FORCE)
-    try:
-        found = np.asarray(force, dtype=float)
-    except (TypeError, ValueError):
-        raise OutOfRange("force", "no array of numbers", f"an array of shape (m, {columns}) or ({cranes}, m, {columns})", "N") from None
-    _finite("force", found, "N")
-    if found.ndim == 2 and found.shape[1] == columns and len(found):
-        return table([found], np.zeros(cranes, dtype=int))
-    if found.ndim == 3 and found.shape[0] == cranes and found.shape[2] == columns and found.shape[1]:
-        return table(list(found), np.arange(cranes))
-    raise OutOfRange("force", f"an array of shape {found.shape}", f"one of shape (m, {columns}) or ({cranes}, m, {columns})")
+    found = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
+    if not found.size:
+        raise Misshapen("force", f"an array of shape {found.shape}", "one with a row at least")
+    each = found.shape[-2]
+    starts = each * np.arange(cranes) if found.ndim == 3 else np.broadcast_to(0, cranes)
+    return Table(np.ascontiguousarray(found.reshape(-1, columns)), each, starts)
 
 
-def fits(cranes: int, instants: int, periods: int) -> None:
-    """Return if what is to be recorded, arranged by lanes and by cranes, and the tables of one controller can fit.
+def fits(cranes: int, instants: int, periods: int, more: int) -> int:
+    """How many numbers the cranes and what is to be recorded of them take, arranged by lanes and by cranes.
+
+    Args:
+        cranes: How many cranes.
+        instants: How many rows are recorded of each.
+        periods: How many control periods they run.
+        more: How many numbers each has besides the usual ones.
 
     Raises:
-        OutOfRange: If they would take more than 4 GB.
+        OutOfRange: If they, or the tables of one controller, would take more than 4 GB.
     """
-    _fit("record", f"{instants} rows of {cranes} cranes", 2 * cranes * instants * size(ROW))
-    _fit("duration", f"{periods} control periods", 2 * periods * (size(LAW) + size(AIM)))
+    fit("number of cranes", str(cranes), cranes * (_CRANE + more))
+    taken = cranes * (_CRANE + more + 2 * instants * size(ROW))
+    fit("record", f"{instants} rows of {cranes} cranes", taken)
+    fit("duration", f"{periods} control periods", 2 * periods * (size(LAW) + size(AIM)))
+    return taken
 
 
-def _fit(name: str, given: str, numbers: int) -> None:
+def fit(name: str, given: str, numbers: int) -> None:
+    """Return if so many numbers fit into 4 GB.
+
+    Raises:
+        OutOfRange: If not.
+    """
     needed = 8 * numbers
     if needed > _LARGEST:
         raise OutOfRange(name, given, f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g} GB")
-
-
-def _finite(name: str, found: np.ndarray, unit: str = "") -> None:
-    if not np.isfinite(found).all():
-        raise OutOfRange(name, float(found[~np.isfinite(found)][0]), "finite", unit)

@@ -49,24 +49,19 @@ class Recipe:
 
 
 class Kernel(NamedTuple):
-    """A closed loop in memory.
+    """A closed loop in memory, to be called through `cranedyn.compiled.door`.
 
     Attributes:
         recipe: What it can do.
-        machine: What holds it.
-        run: The loop, from the address of a `Call`.
-        answer: Accelerations at one state for each lane, from the addresses of q, v, command and force, of the varied numbers, and of where
-            the five accelerations go.
-        energies: Mechanical energy of many states, from the addresses of rows of q and v, of their number and of where the energies go;
-            only of code for one crane that keeps no log.
+        machine: What holds its functions: run, the loop; answer, accelerations at one state for each lane; and, of code for one crane that
+            keeps no log, energies, of many states.
+        varied: How many numbers each lane has of its own.
         agreed: Varied numbers of the cranes with which it was compared with Pinocchio.
     """
 
     recipe: Recipe
     machine: Machine
-    run: Any
-    answer: Any
-    energies: Any
+    varied: int
     agreed: set[bytes]
 
 
@@ -75,12 +70,9 @@ def kernel(parents: Sequence[int], constants: Sequence[float | None], recipe: Re
     module = ir.Module()
     _Loop(Code(module, "run", ["call"], recipe.lanes), parents, constants, recipe).emit()
     _emit_answer(Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes), parents, constants, recipe)
-    alone = recipe.lanes == 1 and not recipe.log
-    if alone:
+    if recipe.lanes == 1 and not recipe.log:
         _emit_energies(Code(module, "energies", ["given", "count", "energies"], 1), parents, constants, recipe)
-    machine = translated(module)
-    energies = machine.function("energies", 3) if alone else None
-    return Kernel(recipe, machine, machine.function("run", 1), machine.function("answer", 3), energies, set())
+    return Kernel(recipe, translated(module), list(constants).count(None), set())
 
 
 def _plant(code: Code, own: ir.Value, parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> Plant:
@@ -157,7 +149,12 @@ class _Loop:
         code = self.code
         with code.loop(self.given["first"], self.given["last"]) as instant:
             forces = self._forces(instant)
-            self._control(instant, forces)
+            begun = code.both(
+                code.builder.icmp_signed("==", instant, self.given["first"]),
+                code.builder.icmp_signed("!=", self.given["going_on"], code.integer(0)),
+            )
+            with code.when(code.builder.not_(begun)):
+                self._control(instant, forces)
             with code.when(code.builder.icmp_signed("<", instant, self.given["end"])):
                 with code.loop(0, self.given["steps"]):
                     step, work = in_code(self.recipe.integrator), self.state["buffers"][0].get()

@@ -39,34 +39,12 @@ def places(layout: dict[str, int]) -> dict[str, slice]:
 
 CALL = {
     POINTER: ("state", "numbers", "offset", "law", "aim", "force", "starts", "log", "summary"),
-    INTEGER: ("law_rows", "aim_rows", "force_rows", "first", "last", "end", "steps", "small", "every", "after"),
+    INTEGER: ("law_rows", "aim_rows", "force_rows", "first", "last", "end", "steps", "small", "every", "after", "going_on"),
     DOUBLE: ("dt", "period"),
 }
 """What a call of the loop gives, eight bytes each. Addresses: memory of a group of lanes, tables, where each lane's tables start [rows].
 Whole numbers: rows of the tables; control instants from the first up to, but without, the last, of which that at the end is not followed by
-steps; steps in a period; small steps in a step where buffers act; instants for a row of the log; instant from which a swing is residual.
-Times [s]."""
+steps; steps in a period; small steps in a step where buffers act; instants for a row of the log; instant from which a swing is residual;
+1 where the first instant was begun before and goes on with steps, else 0. Times [s]."""
 
 SLOTS = {name: slot for slot, name in enumerate(name for names in CALL.values() for name in names)}
-
-
-class Call:
-    """The arguments of the loop, set by name; arrays are kept alive."""
-
-    def __init__(self, **values: np.ndarray | float) -> None:
-        self._whole = np.zeros(len(SLOTS), dtype=np.int64)
-        self._times = self._whole.view(np.float64)
-        self._kept: dict[str, np.ndarray] = {}
-        self.address = self._whole.ctypes.data
-        self.set(**values)
-
-    def set(self, **values: np.ndarray | float) -> Call:
-        """Change some."""
-        for name, value in values.items():
-            if isinstance(value, np.ndarray):
-                self._kept[name], self._whole[SLOTS[name]] = value, value.ctypes.data
-            elif name in CALL[DOUBLE]:
-                self._times[SLOTS[name]] = value
-            else:
-                self._whole[SLOTS[name]] = value
-        return self

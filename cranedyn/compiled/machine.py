@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 from llvmlite import binding, ir
+from llvmlite.binding.newpassmanagers import NewPassManager
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,23 +18,45 @@ class Machine:
 
     Attributes:
         engine: What holds them.
+        context: What LLVM holds of their text, constants and types.
     """
 
     engine: Any
+    context: Any
+
+    def __del__(self) -> None:
+        """Free the context after the engine, which needs it to the last; llvmlite by itself frees it first."""
+        if not sys.is_finalizing():
+            self.engine.close()
+            self.context._owned = False
+            self.context.close()
 
     def function(self, name: str, arguments: int) -> Any:
-        """A function of so many addresses without a result."""
-        return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.engine.get_function_address(name))
+        """A function of so many addresses without a result, which believes them: for `cranedyn.compiled.door` alone."""
+        made: Any = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.engine.get_function_address(name))
+        made.machine = self  # an address keeps nothing
+        return made
 
 
 def translated(module: ir.Module) -> Machine:
-    """Optimise a module for the processor that this runs on, and translate it."""
-    code, target = binding.parse_assembly(str(module)), _target()
-    passes = binding.create_pass_builder(target, binding.create_pipeline_tuning_options(speed_level=2))
-    passes.getModulePassManager().run(code, passes)
+    """Optimise a module for the processor that this runs on, and translate it; all that this takes is freed with the functions."""
+    context, target = binding.create_context(), _target()  # the global context would keep every constant for ever
+    context._owned = True
+    code = binding.parse_assembly(str(module), context)
+    _optimise(code, target)
     engine = binding.create_mcjit_compiler(code, target)
     engine.finalize_object()
-    return Machine(engine)
+    return Machine(engine, context)
+
+
+def _optimise(code: Any, target: Any) -> None:
+    passes = binding.create_pass_builder(target, binding.create_pipeline_tuning_options(speed_level=2))
+    manager = passes.getModulePassManager()
+    try:
+        manager.run(code, passes)
+    finally:  # an empty method of llvmlite's ObjectRef hides this one, and half a megabyte would stay behind for each module
+        NewPassManager._dispose(manager)
+        manager.detach()
 
 
 @cache

@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import os
+import threading
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from cranedyn.compiled.kernel import Kernel
-from cranedyn.compiled.layout import Call
+from cranedyn.compiled.door import Loop
 
 _PARTS = 8
 """Parts into which the groups are divided for each thread, so that none waits long for the last."""
 
 
-def grouped(rows: np.ndarray, lanes: int) -> np.ndarray:
-    """From one row for each crane, shape (n, m), to groups of lanes, shape (groups, m, lanes); the last crane fills the last group."""
-    groups = -(-len(rows) // lanes)
-    whole = np.concatenate([rows, rows[-1:].repeat(groups * lanes - len(rows), axis=0)])
-    return np.ascontiguousarray(whole.reshape(groups, lanes, -1).transpose(0, 2, 1))
+def grouped(parts: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -> np.ndarray:
+    """From parts with a row for each crane, shape (n, m) each, to groups of lanes, shape (groups, all m, lanes).
+
+    The last crane fills the last group. Nothing is copied but into these.
+    """
+    groups = np.empty((-(-len(parts[0]) // lanes), sum(part.shape[1] for part in parts), lanes), dtype=kind)
+    first = 0
+    for part in parts:
+        for lane in range(lanes):
+            place, rows = groups[:, first : first + part.shape[1], lane], part[lane::lanes]
+            place[: len(rows)], place[len(rows) :] = rows, part[-1]
+        first += part.shape[1]
+    return groups
 
 
 def ungrouped(groups: np.ndarray, count: int) -> np.ndarray:
@@ -26,23 +35,26 @@ def ungrouped(groups: np.ndarray, count: int) -> np.ndarray:
     return groups.transpose(0, 2, 1).reshape(groups.shape[0] * groups.shape[2], groups.shape[1])[:count]
 
 
-def run(code: Kernel, memory: dict[str, np.ndarray], threads: int | None, **common: np.ndarray | float) -> None:
-    """Run code over groups of lanes.
+def run(loop: Loop, threads: int | None) -> None:
+    """Run a loop over all its groups of lanes.
 
     Args:
-        code: The code.
-        memory: What belongs to each group, by the names of a `Call`, the group first.
+        loop: The loop.
         threads: How many; None for one for each processor.
-        common: What all groups have in common.
+
+    Raises:
+        KeyboardInterrupt: After Ctrl-C, as soon as every thread is through with the piece that it was at.
     """
-    groups = len(memory["state"])
+    groups = len(loop)
     workers = min(threads or len(os.sched_getaffinity(0)), groups)
     share = max(1, groups // (workers * _PARTS))
+    ended = threading.Event()
 
     def work(first: int) -> None:
-        call = Call(**common)
-        for group in range(first, min(first + share, groups)):
-            code.run(call.set(**{name: part[group] for name, part in memory.items()}).address)
+        loop.over(range(first, min(first + share, groups)), ended.is_set)
 
     with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(work, range(0, groups, share)))
+        try:
+            list(pool.map(work, range(0, groups, share)))
+        finally:
+            ended.set()

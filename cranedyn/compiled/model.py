@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from llvmlite import ir
 
 from cranedyn import rigid_body
+from cranedyn.arrays import finite
 from cranedyn.compiled.code import INTEGER, Code, Value
-from cranedyn.compiled.machine import Machine, translated
-from cranedyn.errors import ModelError, OutOfRange
+from cranedyn.compiled.door import Rows
+from cranedyn.compiled.machine import translated
+from cranedyn.errors import ModelError
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,14 +21,14 @@ class ForwardDynamics:
     """Accelerations of a model, by code made for it.
 
     Attributes:
-        model: The model.
-        machine: What holds the code.
+        model: The model, as it was when the code was made.
+        columns: How many numbers q, v and tau have.
         run: The code.
     """
 
     model: pin.Model
-    machine: Machine
-    run: Any
+    columns: tuple[int, int, int]
+    run: Rows
 
     def __call__(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Accelerations at states in rows, shape (n, nv).
@@ -38,16 +39,13 @@ class ForwardDynamics:
             tau: Generalized forces [N m or N], shape (n, nv).
 
         Raises:
-            OutOfRange: If an array has another shape.
+            OutOfRange: If an array has another shape, or a number is not finite.
         """
-        n = len(q)
-        for name, part, columns in (("q", q, self.model.nq), ("v", v, self.model.nv), ("tau", tau, self.model.nv)):
-            if np.shape(part) != (n, columns):
-                raise OutOfRange(name, f"an array of shape {np.shape(part)}", f"one of shape ({n}, {columns})")
-        given = np.ascontiguousarray(np.hstack([q, v, tau]), dtype=float)
-        found, rows = np.empty((n, self.model.nv)), np.array([n])
-        self.run(given.ctypes.data, rows.ctypes.data, found.ctypes.data)
-        return found
+        nq, *others = self.columns
+        parts = [finite("q", q, (len(q) if isinstance(q, np.ndarray) and q.ndim else "n", nq))]
+        for name, part, columns in zip(("v", "tau"), (v, tau), others, strict=True):
+            parts.append(finite(name, part, (len(parts[0]), columns)))
+        return self.run(np.hstack(parts))
 
 
 class _Turned:
@@ -75,8 +73,8 @@ def forward_dynamics(model: pin.Model) -> ForwardDynamics:
     """
     module = ir.Module()
     _emit(Code(module, "rows", ["given", "count", "accelerations"], 1), model)
-    machine = translated(module)
-    made = ForwardDynamics(model, machine, machine.function("rows", 3))
+    model, columns = model.copy(), (model.nq, model.nv, model.nv)
+    made = ForwardDynamics(model, columns, Rows(translated(module), "rows", sum(columns), model.nv))
     _check(made)
     return made
 

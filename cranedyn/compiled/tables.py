@@ -31,6 +31,11 @@ class Table:
         return len(self.rows) == self.length
 
 
+def alone(rows: np.ndarray) -> Table:
+    """The only table of the only crane, shape (n, columns)."""
+    return Table(rows, len(rows), np.zeros(1, dtype=np.int64))
+
+
 def table(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> Table:
     """Tables of different lengths, shape (n, columns) each, and which of them each crane goes by."""
     length = max(len(rows) for rows in arrays)

@@ -7,7 +7,9 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from cranedyn.arrays import fixed, shaped
 from cranedyn.crane import DRIVES
+from cranedyn.errors import Misshapen
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,9 +20,9 @@ class Affine:
     period of the run. At the limit a drive integrates back only.
 
     Attributes:
-        feed_forward: Shape (n, 3).
+        feed_forward: Shape (n, 3), of as many rows as the controller was asked for at most.
         gain: Shape (n, 3, 10).
-        wanted: The motion that it is about, shape (m, 10).
+        wanted: The motion that it is about, shape (m, 10), m like n but for itself.
         integral_gain: Of slew, trolley, hoist, per second, shape (3,).
         limit: Largest command with which the integrals grow, shape (3,).
         integral: What has been integrated before, shape (3,).
@@ -32,6 +34,33 @@ class Affine:
     integral_gain: np.ndarray
     limit: np.ndarray
     integral: np.ndarray
+
+    def finite(self) -> bool:
+        """Whether every number is finite; a limit may be infinite."""
+        return self.lacking() == ""
+
+    def lacking(self) -> str:
+        """The first part with a number that is not finite, empty if there is none."""
+        names = ("feed_forward", "gain", "wanted", "integral_gain", "integral")
+        unknown = next((name for name in names if not np.isfinite(getattr(self, name)).all()), "")
+        return unknown or ("limit" if np.isnan(self.limit).any() else "")
+
+    def fitting(self, whose: str, instants: int) -> Affine:
+        """The same, if it is made of arrays as it should be, for so many control instants.
+
+        Raises:
+            Misshapen: If it is not: which of them, of whose form.
+        """
+
+        def part(name: str, *shape: int | str) -> np.ndarray:
+            found = shaped(f"{name} in the common form of {whose}", getattr(self, name), shape)
+            if isinstance(shape[0], str) and not 0 < len(found) <= instants:
+                raise Misshapen(f"{name} in the common form of {whose}", f"an array of {len(found)} rows", f"one of 1 to {instants}")
+            return found
+
+        feed_forward, wanted = part("feed_forward", "n", 3), part("wanted", "m", 10)
+        gain = part("gain", len(feed_forward), 3, 10)
+        return Affine(feed_forward, gain, wanted, *(part(name, 3) for name in ("integral_gain", "limit", "integral")))
 
 
 @runtime_checkable
@@ -54,9 +83,18 @@ class Remembering(Protocol):
 
 
 def form(controller: object, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-    """The common form of a controller, see `AffineController.affine`; None if it has none, or is a variant that answers calls otherwise."""
+    """The common form of a controller, see `AffineController.affine`; None if it has none, or is a variant that answers calls otherwise.
+
+    Raises:
+        Misshapen: If it is not made of arrays as it should be.
+    """
     answers = next((kind for kind in type(controller).__mro__ if "__call__" in vars(kind) or "affine" in vars(kind)), object)
-    return controller.affine(times, positions) if isinstance(controller, AffineController) and "affine" in vars(answers) else None
+    if not (isinstance(controller, AffineController) and "affine" in vars(answers)):
+        return None
+    answer, whose = controller.affine(fixed(times), fixed(positions)), type(controller).__name__
+    if answer is not None and not isinstance(answer, Affine):
+        raise Misshapen(f"the common form of {whose}", type(answer).__name__, "an Affine, or None where it is not affine")
+    return None if answer is None else answer.fitting(whose, len(times))
 
 
 def without_integral(feed_forward: np.ndarray, gain: np.ndarray, wanted: np.ndarray) -> Affine:

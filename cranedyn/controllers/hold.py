@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cranedyn.arguments import checked, finite, shaped
+from cranedyn.arguments import checked
+from cranedyn.arrays import finite, shaped
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.crane import STANDARD_GRAVITY, Crane, State
 from cranedyn.errors import number

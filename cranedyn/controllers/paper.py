@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked, finite
+from cranedyn.arguments import checked
+from cranedyn.arrays import finite
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.riccati import riccati, stationary
 from cranedyn.controllers.tracking import Tracking

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked, described, finite, shaped
+from cranedyn.arguments import checked, described
+from cranedyn.arrays import finite, shaped
 from cranedyn.errors import CraneError, OutOfRange
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.arguments import checked, shaped
+from cranedyn.arguments import checked
+from cranedyn.arrays import shaped
 from cranedyn.controllers.affine import Affine, without_integral
 from cranedyn.crane import COORDINATES, UNITS, State
 from cranedyn.errors import OutOfRange, number

@@ -10,7 +10,8 @@ import math
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked, finite
+from cranedyn.arguments import checked
+from cranedyn.arrays import finite
 from cranedyn.clocks import intervals
 from cranedyn.crane import Crane, State
 from cranedyn.dynamics import pivot_position
@@ -75,7 +76,7 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: floa
     share = smoothstep(t / duration) if ramp is None else cruise(t, duration, ramp)
     gamma, radius, z = (ends[0] + (ends[1] - ends[0]) * share[:, None]).T
     path = np.stack([radius * np.sin(gamma), -radius * np.cos(gamma), z], axis=1)
-    finite("path of the payload", path, path.shape, "m")
+    finite("path of the payload", path, path.shape, unit="m")
     rope = scipy.interpolate.make_interp_spline(t, path, k=7).derivative(2)(t) + np.array([0.0, 0.0, crane.gravity])
     if rope[:, 2].min() <= 0.0:
         raise OutOfRange("duration", duration, "longer: the payload would fall faster than gravity and slacken the rope", "s")

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked, finite
+from cranedyn.arguments import checked
+from cranedyn.arrays import finite
 from cranedyn.clocks import intervals
 from cranedyn.crane import DRIVES
 from cranedyn.errors import OutOfRange, number

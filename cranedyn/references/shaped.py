@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked, finite
+from cranedyn.arguments import checked
+from cranedyn.arrays import finite
 from cranedyn.clocks import intervals
 from cranedyn.errors import OutOfRange, number
 from cranedyn.references.wanted import Reference, Tabulating, Wanted, tabulated

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked, described, finite, of_drives
+from cranedyn.arguments import checked, described, of_drives
+from cranedyn.arrays import finite
 from cranedyn.crane import DRIVES, State
 from cranedyn.errors import OutOfRange, number
 from cranedyn.references.wanted import Wanted
@@ -32,7 +33,7 @@ class Spline:
 
     def __post_init__(self) -> None:
         """Build the polynomials."""
-        times, points = finite("times", self.times, ("n",), "s"), finite("points", self.points, (self.times.size, 3))
+        times, points = finite("times", self.times, ("n",), unit="s"), finite("points", self.points, (self.times.size, 3))
         if len(times) < 2 or not (np.diff(times) > 0.0).all():
             raise OutOfRange("times", described(times), "two or more that increase", "s")
         rest = np.zeros_like(points)

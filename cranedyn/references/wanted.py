@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import described, finite
-from cranedyn.errors import OutOfRange, UnknownName
+from cranedyn.arguments import described
+from cranedyn.arrays import finite
+from cranedyn.errors import Misshapen, UnknownName
 
 
 class Wanted(NamedTuple):
@@ -37,14 +38,15 @@ def setpoint(answer: Any, shape: tuple[int, ...] = (3,)) -> Wanted:
     """What a reference answered: positions, rates and accelerations as arrays of finite numbers, of one shape.
 
     Raises:
-        OutOfRange: If it is anything else.
+        Misshapen: If it is anything else.
+        OutOfRange: If a number is not finite.
     """
     if type(answer) is Wanted and shape == (3,) and _sound(answer):
         return answer
     try:
         parts = list(zip(_PARTS, answer, strict=True))
     except (TypeError, ValueError):
-        raise OutOfRange("answer of the reference", described(answer), "a Wanted: position, velocity, acceleration") from None
+        raise Misshapen("answer of the reference", described(answer), "a Wanted: position, velocity, acceleration") from None
     return Wanted(*(finite(f"{name} that the reference wants", part, shape) for name, part in parts))
 
 
@@ -61,7 +63,8 @@ def tabulated(reference: Reference, times: np.ndarray) -> Wanted:
     """What a reference wants at many times [s], shape (n, 3) each; by its own `at` if it has one, which takes all at once.
 
     Raises:
-        OutOfRange: If it answers with anything but finite numbers of that shape.
+        Misshapen: If it answers with anything but arrays of that shape.
+        OutOfRange: If a number is not finite.
     """
     at_once = getattr(reference, "at", None)
     if at_once is not None:

@@ -1,0 +1,67 @@
+"""Arrays from elsewhere: each is looked at before anything is computed from it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cranedyn.errors import Misshapen, OutOfRange
+
+_DOUBLE = np.dtype(float)
+
+Shape = tuple[int | str, ...]
+"""How many along each axis; a letter stands for any number."""
+
+
+def shaped(name: str, value: Any, *shapes: Shape) -> np.ndarray:
+    """A value as an array of doubles, finite or not; an array of doubles as it is.
+
+    Args:
+        name: What it is, for the sentence.
+        value: Anything.
+        shapes: Those that are allowed.
+
+    Raises:
+        Misshapen: If it is no array of real numbers, or has another shape.
+    """
+    if not (type(value) is np.ndarray and value.dtype is _DOUBLE):
+        try:
+            found = np.asarray(value)
+            value = found.astype(float) if found.dtype.kind in "iuf" else f"one of {found.dtype}" if found.shape else type(value).__name__
+        except Exception:  # whatever a stranger's object raises
+            value = type(value).__name__
+    if isinstance(value, str):
+        raise Misshapen(name, f"no array of numbers but {value}", f"an array of {_words(shapes)}")
+    if not any(_fits(value.shape, shape) for shape in shapes):
+        raise Misshapen(name, f"an array of shape {value.shape}", f"one of {_words(shapes)}")
+    return value
+
+
+def finite(name: str, value: Any, *shapes: Shape, unit: str = "") -> np.ndarray:
+    """A value as an array of finite numbers in a unit, see `shaped`.
+
+    Raises:
+        Misshapen: As `shaped`.
+        OutOfRange: If a number is not finite.
+    """
+    array = shaped(name, value, *shapes)
+    wrong = ~np.isfinite(array)
+    if wrong.any():
+        raise OutOfRange(name, float(array[wrong][0]), "finite", unit)
+    return array
+
+
+def fixed(array: np.ndarray) -> np.ndarray:
+    """The same numbers for somebody who must not change them."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def _fits(found: tuple[int, ...], shape: Shape) -> bool:
+    return len(found) == len(shape) and all(isinstance(b, str) or a == b for a, b in zip(found, shape, strict=True))
+
+
+def _words(shapes: tuple[Shape, ...]) -> str:
+    return "shape " + " or ".join(f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})" for shape in shapes)

@@ -1,0 +1,213 @@
+"""The one door to compiled code, which trusts every address and every count that it is given: they are taken from arrays here alone.
+
+Shapes, types and counts are looked at once, when a function is bound to its arrays, and not again while it runs. What is not finite is
+refused, too, but for the state, which may diverge. Long runs are called in pieces, between which Python answers Ctrl-C.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cranedyn.compiled.layout import AIM, FORCE, LAW, ROW, SLOTS, STATE, SUMMARY, size
+from cranedyn.errors import Misshapen, OutOfRange, number, whole
+
+if TYPE_CHECKING:
+    from cranedyn.clocks import Clocks
+    from cranedyn.compiled.kernel import Kernel
+    from cranedyn.compiled.machine import Machine
+    from cranedyn.compiled.tables import Table
+
+_PIECE = 100_000
+"""Physics steps, or rows, that code goes through before Python is asked whether to end; of eight cranes at once some tenths of a second."""
+
+_INSTANT = 4
+"""What control and log of an instant cost, in steps."""
+
+
+def _address(name: str, array: object, shape: tuple[int, ...], kind: type = np.float64, *, written: bool = False) -> int:
+    """Where an array begins, if it is what the code takes it for.
+
+    Raises:
+        Misshapen: If it is another.
+    """
+    allowed = f"an array of {kind.__name__} of shape {shape}, contiguous{', that can be written to' if written else ''}"
+    if not isinstance(array, np.ndarray):
+        raise Misshapen(name, type(array).__name__, allowed)
+    flags = array.flags
+    if array.dtype != kind or array.shape != shape or not (flags.c_contiguous and flags.aligned and (flags.writeable or not written)):
+        given = f"an array of {array.dtype.name} of shape {array.shape}{'' if flags.c_contiguous else ', not contiguous'}"
+        raise Misshapen(name, given, allowed)
+    return array.ctypes.data
+
+
+def _known(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
+    """Return if every number is finite, or is one at least.
+
+    Raises:
+        OutOfRange: If not.
+    """
+    wrong = np.isnan(array) if infinite else ~np.isfinite(array)
+    if wrong.any():
+        raise OutOfRange(name, float(array[wrong][0]), "a number" if infinite else "finite")
+
+
+class Rows:
+    """Code that answers rows of numbers, each by itself."""
+
+    def __init__(self, machine: Machine, name: str, given: int, answered: int) -> None:
+        """Take a function of a module by its name, and how many numbers it reads and writes for each row."""
+        self._run, self._given, self._answered = machine.function(name, 3), given, answered
+
+    def __call__(self, rows: np.ndarray) -> np.ndarray:
+        """The answers to rows, shape (n, given), in rows, shape (n, answered).
+
+        Raises:
+            Misshapen: If the rows are of another length, or no contiguous doubles.
+        """
+        answers, count = np.empty((len(rows), self._answered)), np.empty(1, dtype=np.int64)
+        for first in range(0, len(rows), _PIECE):
+            part, out = (array[first : first + _PIECE] for array in (rows, answers))
+            count[0] = len(part)
+            self._run(
+                _address("rows", part, (len(part), self._given)), count.ctypes.data, _address("answers", out, (len(part), self._answered))
+            )
+        return answers
+
+
+def accelerations(code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """What the code of a crane answers at one state in each lane, shape (5, lanes).
+
+    Args:
+        code: The code.
+        given: q, v, command and force, shape (19, lanes).
+        numbers: The varied numbers, shape (m, lanes).
+    """
+    lanes = code.recipe.lanes
+    found = np.empty((5, lanes))
+    run = code.machine.function("answer", 3)
+    run(_address("given", given, (19, lanes)), _address("numbers", numbers, (code.varied, lanes)), found.ctypes.data)
+    return found
+
+
+class Loop:
+    """A closed loop bound to the arrays that it works on, for some groups of lanes."""
+
+    def __init__(
+        self,
+        code: Kernel,
+        clock: Clocks,
+        tables: tuple[Table, Table, Table],
+        *,
+        last: int,
+        end: int,
+        every: int = 1,
+        after: int = 0,
+        **memory: np.ndarray,
+    ) -> None:
+        """Look at everything and take the addresses.
+
+        Args:
+            code: The code.
+            clock: How the run is divided.
+            tables: Of controllers, of what they are about, of forces.
+            last: Control instants to go through, from 0 up to, but without, this one.
+            end: The instant that is not followed by steps.
+            every: Control instants for a row of the log.
+            after: Instant from which a swing is residual.
+            memory: What belongs to each group, the group first: state, numbers, offset, starts of the tables, summary, log, as far as the
+                code has them.
+
+        Raises:
+            OutOfRange: If an array is not what the code takes it for, or a number is not finite.
+        """
+        recipe, lanes = code.recipe, code.recipe.lanes
+        self._last, self._end = whole("control instants", last, 1), whole("end", end, 0)
+        self._steps, small = whole("steps", clock.steps, 1), whole("small steps", clock.small, 1)
+        self._weight = small if recipe.buffers and recipe.integrator.smooth else 1
+        self._run, self._groups = code.machine.function("run", 1), len(memory["state"])
+        self._call, self._moving = np.zeros(len(SLOTS), dtype=np.int64), list[tuple[int, int, int]]()
+        self._kept = (tables, memory)
+        counts = {"end": end, "small": small, "every": whole("every", every, 1), "after": whole("after", after, 0)}
+        for name, count in counts.items():
+            self._call[SLOTS[name]] = count
+        for name, time in (("dt", clock.dt), ("period", clock.period)):
+            self._call.view(np.float64)[SLOTS[name]] = number(name, time, "s", "> 0")
+        rows = (self._last - 1) // every + 1
+        widths = {
+            "state": size(STATE),
+            "numbers": code.varied,
+            "offset": 10 * recipe.offset,
+            "summary": size(SUMMARY) * recipe.summary,
+            "log": rows * size(ROW) * recipe.log,
+        }
+        for name, width in widths.items():
+            if width:
+                self._bind(name, memory[name], (self._groups, width, lanes), written=name in ("state", "summary", "log"))
+        for name in ("numbers", "offset"):
+            if widths[name]:
+                _known(name, memory[name], infinite=name == "numbers")
+        if not all(recipe.shared):
+            self._bind("starts", memory["starts"], (self._groups, 3, lanes), np.int64)
+        for i, (name, layout) in enumerate({"law": LAW, "aim": AIM, "force": FORCE}.items()):
+            self._bind_table(name, tables[i], size(layout), None if recipe.shared[i] else memory["starts"][:, i])
+
+    def _bind(self, name: str, array: np.ndarray, shape: tuple[int, ...], kind: type = np.float64, *, written: bool = False) -> None:
+        self._moving.append((SLOTS[name], _address(name, array, shape, kind, written=written), array.strides[0]))
+
+    def _bind_table(self, name: str, table: Table, columns: int, starts: np.ndarray | None) -> None:
+        total, length = len(table.rows), whole(f"rows of {name}", table.length, 1)
+        first, final = (0, 0) if starts is None else (int(starts.min()), int(starts.max()))
+        if first < 0 or final + length > total:
+            raise Misshapen(f"table of {name}", f"one of {total} rows, read from {first} to {final + length}", "to read what is in it")
+        self._call[SLOTS[name]] = _address(f"table of {name}", table.rows, (total, columns))
+        self._call[SLOTS[f"{name}_rows"]] = length
+        _known(f"table of {name}", table.rows, infinite=name == "law")  # limits of a law may be infinite
+
+    def __len__(self) -> int:
+        """Number of groups."""
+        return self._groups
+
+    def _pieces(self) -> Iterator[tuple[int, int, int, bool]]:
+        """The run in pieces: instants from the first up to, but without, the last, steps of each, whether the first goes on from steps."""
+        together = _PIECE // (self._steps * self._weight + _INSTANT)
+        if together:
+            for first in range(0, self._last, together):
+                yield first, min(first + together, self._last), self._steps, False
+            return
+        together = max(1, _PIECE // self._weight)
+        for instant in range(self._last):
+            for done in range(0, self._steps if instant < self._end else 1, together):
+                yield instant, instant + 1, min(together, self._steps - done), done > 0
+
+    def over(self, groups: Iterable[int], stopped: Callable[[], bool] = bool) -> None:
+        """Run some groups, one after another, unless it is stopped between two pieces."""
+        call = self._call.copy()
+        address = call.ctypes.data
+        first, last, steps, going_on = (SLOTS[name] for name in ("first", "last", "steps", "going_on"))
+        for group in groups:
+            if not 0 <= group < self._groups:
+                raise OutOfRange("group", group, f"0 to {self._groups - 1}")
+            for slot, begin, stride in self._moving:
+                call[slot] = begin + group * stride
+            for call[first], call[last], call[steps], call[going_on] in self._pieces():
+                if stopped():
+                    return
+                self._run(address)
+
+    def alone(self) -> Callable[[], None]:
+        """The run of all groups, as quick to call as can be where it is one group and one piece."""
+        pieces = list(islice(self._pieces(), 2))
+        if len(pieces) > 1 or self._groups > 1:
+            return partial(self.over, range(self._groups))
+        for slot, begin, _ in self._moving:
+            self._call[slot] = begin
+        for name, value in zip(("first", "last", "steps", "going_on"), pieces[0], strict=True):
+            self._call[SLOTS[name]] = value
+        run = partial(self._run, self._call.ctypes.data)
+        run.kept = self  # type: ignore[attr-defined]  # an address keeps nothing
+        return run

@@ -1,0 +1,520 @@
+"""What goes to compiled code: looked at once, at one door, so that no call of ours touches memory that is not its own."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+
+from cranedyn.batch import simulate_batch
+from cranedyn.clocks import clocks
+from cranedyn.compiled import checked, door
+from cranedyn.compiled.checked import compiled
+from cranedyn.compiled.door import Loop
+from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.layout import AIM, FORCE, LAW, ROW, STATE, SUMMARY, size
+from cranedyn.compiled.model import forward_dynamics
+from cranedyn.compiled.tables import Table
+from cranedyn.controllers import hold_controller
+from cranedyn.controllers.affine import Affine
+from cranedyn.controllers.hold import Hold
+from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.tracking import Tracking
+from cranedyn.crane import State, load_crane
+from cranedyn.errors import CraneError, Misshapen, OutOfRange, RunError
+from cranedyn.integrator import rk4, semi_implicit_euler
+from cranedyn.references import Wanted, hold
+from cranedyn.references.ramp import ramp
+from cranedyn.simulate import simulate
+from cranedyn.trajectory import COLUMNS
+from tests.helpers import ROOT, crane
+
+NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
+
+
+def _batch(controller: Any, reference: Any = None) -> object:
+    return simulate_batch(crane(), controller, reference, start=NINE, duration=0.5)
+
+
+def _alone(controller: Any, reference: Any = None) -> object:
+    return simulate(crane(), controller, reference, duration=0.5, engine="compiled")
+
+
+WAYS = pytest.mark.parametrize("way", [_batch, _alone], ids=["batch", "alone"])
+ROWS = 101
+
+
+class _Answering(Hold):
+    """A hold whose common form is made by somebody else."""
+
+    def __init__(self, answer: Callable[[Affine], Any]) -> None:
+        super().__init__(*_parts(hold_controller(crane())))
+        object.__setattr__(self, "_answer", answer)
+
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Any:
+        return self._answer(super().affine(times, positions))  # type: ignore[attr-defined]
+
+
+def _parts(brake: Hold) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return brake.stiffness, brake.damping, brake.feed_forward
+
+
+# --- what controllers and references answer --------------------------------------------------------------------------------------------
+
+
+@WAYS
+@pytest.mark.parametrize(
+    ("part", "value", "given", "allowed"),
+    [
+        ("integral", np.zeros(0), "an array of shape (0,)", "one of shape (3,)"),
+        ("integral", np.zeros(1), "an array of shape (1,)", "one of shape (3,)"),
+        ("integral", 5, "an array of shape ()", "one of shape (3,)"),
+        ("integral", np.zeros(3, complex), "no array of numbers but one of complex128", "an array of shape (3,)"),
+        ("integral", np.array(["1", "2", "3"]), "no array of numbers but one of <U1", "an array of shape (3,)"),
+        ("integral_gain", np.ones((3, 1)), "an array of shape (3, 1)", "one of shape (3,)"),
+        ("limit", np.ones(4), "an array of shape (4,)", "one of shape (3,)"),
+        ("feed_forward", np.zeros((0, 3)), "an array of 0 rows", f"one of 1 to {ROWS}"),
+        ("feed_forward", np.zeros(3), "an array of shape (3,)", "one of shape (n, 3)"),
+        ("feed_forward", np.zeros((ROWS + 1, 3)), f"an array of {ROWS + 1} rows", f"one of 1 to {ROWS}"),
+        ("gain", None, "no array of numbers but NoneType", "an array of shape (1, 3, 10)"),
+        ("gain", np.zeros((2, 3, 10)), "an array of shape (2, 3, 10)", "one of shape (1, 3, 10)"),
+        ("gain", np.zeros((1, 10, 3)), "an array of shape (1, 10, 3)", "one of shape (1, 3, 10)"),
+        ("wanted", np.zeros((0, 10)), "an array of 0 rows", f"one of 1 to {ROWS}"),
+        ("wanted", np.zeros((ROWS, 9)), f"an array of shape ({ROWS}, 9)", "one of shape (m, 10)"),
+        ("wanted", np.zeros((ROWS + 1, 10)), f"an array of {ROWS + 1} rows", f"one of 1 to {ROWS}"),
+        ("wanted", [[0.0], [1.0, 2.0]], "no array of numbers but list", "an array of shape (m, 10)"),
+    ],
+)
+def test_a_common_form_that_is_not_as_it_should_be_is_refused_by_name(
+    way: Callable[..., object], part: str, value: Any, given: str, allowed: str
+) -> None:
+    controller = _Answering(lambda form: replace(form, **{part: value}))
+    with pytest.raises(Misshapen) as caught:
+        way(controller)
+    assert str(caught.value) == f"{part} in the common form of _Answering is {given}; allowed is {allowed}."
+
+
+@WAYS
+def test_a_common_form_that_is_none_at_all_is_refused(way: Callable[..., object]) -> None:
+    with pytest.raises(Misshapen, match="the common form of _Answering is int; allowed is an Affine, or None where it is not affine"):
+        way(_Answering(lambda form: 3))
+
+
+@pytest.mark.parametrize("part", ["feed_forward", "gain", "wanted", "integral_gain", "limit", "integral"])
+def test_a_common_form_with_a_number_missing_is_refused_in_a_batch_and_asked_at_each_instant_in_a_run(part: str) -> None:
+    controller = _Answering(lambda form: replace(form, **{part: np.full_like(getattr(form, part), math.nan)}))
+    with pytest.raises(OutOfRange, match=f"{part} in the common form of _Answering is nan; allowed is (finite|a number)"):
+        _batch(controller)
+    asked = simulate(crane(), controller, duration=0.5, engine="compiled")
+    plain = simulate(crane(), lambda t, state, wanted: controller(t, state, wanted), duration=0.5, engine="compiled")
+    assert asked.q.tobytes() == plain.q.tobytes()
+
+
+class _Table:
+    """A reference whose table is made by somebody else."""
+
+    def __init__(self, answer: Callable[[np.ndarray], Any]) -> None:
+        self.at = answer
+        self._still = hold(crane().start)
+
+    def __call__(self, t: float) -> Wanted:
+        return self._still(t)
+
+
+def _wanted(shape: tuple[int, ...]) -> Callable[[np.ndarray], Wanted]:
+    return lambda times: Wanted(*(np.zeros(shape) for _ in range(3)))
+
+
+@WAYS
+@pytest.mark.parametrize(
+    ("answer", "sentence"),
+    [
+        (_wanted((ROWS, 2)), rf"position that the reference wants at {ROWS} times is an array of shape \({ROWS}, 2\); .* \({ROWS}, 3\)"),
+        (_wanted((2, 3)), r"is an array of shape \(2, 3\)"),
+        (_wanted((ROWS + 1, 3)), rf"is an array of shape \({ROWS + 1}, 3\)"),
+        (_wanted((0, 3)), r"is an array of shape \(0, 3\)"),
+        (_wanted((3,)), r"is an array of shape \(3,\)"),
+        (lambda times: Wanted(*[np.zeros((len(times), 3))] * 2, None), "acceleration that .* is no array of numbers but NoneType"),
+        (lambda times: None, "what the reference wants at many times is NoneType; allowed is a Wanted: position, velocity, acceleration"),
+        (lambda times: np.zeros((3, len(times), 3)), "what the reference wants at many times is ndarray"),
+    ],
+)
+def test_a_table_of_a_reference_that_is_not_as_it_should_be_is_refused(
+    way: Callable[..., object], answer: Callable[[np.ndarray], Any], sentence: str
+) -> None:
+    with pytest.raises(Misshapen, match=sentence):
+        way(hold_controller(crane()), _Table(answer))
+
+
+def test_a_form_that_goes_wrong_later_leaves_what_was_recorded_up_to_then() -> None:
+    asked: list[float] = []
+
+    def answer(form: Affine) -> Affine:
+        asked.append(0.0)
+        return form if len(asked) == 1 else replace(form, integral=np.zeros(0))
+
+    with pytest.raises(RunError, match=r"At t = .* s: integral in the common form of _Answering is an array of shape \(0,\)") as caught:
+        simulate(crane(), _Answering(answer), duration=5.0, control_period=1e-3, dt=1e-3, engine="compiled")
+    assert caught.value.trajectory is not None
+    assert len(caught.value.trajectory) == 2000  # a block
+    assert isinstance(caught.value.__cause__, Misshapen)
+
+
+@WAYS
+@pytest.mark.parametrize("what", ["times", "positions", "times of the reference"])
+def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(way: Callable[..., object], what: str) -> None:
+    class Meddling(Hold):
+        def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
+            (times if what == "times" else positions)[0] += 1.0
+            return super().affine(times, positions)
+
+    def meddling(times: np.ndarray) -> Wanted:
+        times[0] += 1.0
+        return _wanted((len(times), 3))(times)
+
+    controller = hold_controller(crane()) if what == "times of the reference" else Meddling(*_parts(hold_controller(crane())))
+    with pytest.raises((ValueError, RunError), match="read-only"):
+        way(controller, _Table(meddling) if what == "times of the reference" else None)
+
+
+# --- the door itself ---------------------------------------------------------------------------------------------------------------------
+
+
+def test_only_the_door_takes_addresses_and_calls_compiled_code() -> None:
+    texts = {path.relative_to(ROOT).as_posix(): path.read_text() for path in (ROOT / "cranedyn").rglob("*.py")}
+    address = re.compile(r"\.ctypes\b|__array_interface__|data_as\(|\.function\(")
+    assert [name for name, text in texts.items() if address.search(text)] == ["cranedyn/compiled/door.py"]
+
+
+_LANES, _CRANES, _PERIODS = 8, 11, 20
+_RECIPE = Recipe(
+    _LANES,
+    "effort",
+    semi_implicit_euler,
+    False,
+    integral=False,
+    offset=True,
+    forces=True,
+    shared=(False, True, True),
+    log=True,
+    summary=True,
+)
+
+
+def _loop(**changed: Any) -> Loop:
+    """A loop over two groups with two laws of three rows each."""
+    code, _ = compiled([crane(), crane(payload_mass=700.0)], _RECIPE)
+    groups = -(-_CRANES // _LANES)
+    starts = np.zeros((groups, 3, _LANES), dtype=np.int64)
+    starts[:, 0] = 3
+    memory = {
+        "state": np.zeros((groups, size(STATE), _LANES)),
+        "numbers": np.ones((groups, code.varied, _LANES)),
+        "offset": np.zeros((groups, 10, _LANES)),
+        "starts": starts,
+        "summary": np.zeros((groups, size(SUMMARY), _LANES)),
+        "log": np.zeros((groups, (_PERIODS + 1) * size(ROW), _LANES)),
+    }
+    law, aim, force = np.zeros((6, size(LAW))), np.zeros((4, size(AIM))), np.zeros((1, size(FORCE)))
+    tables = [Table(law, 3, starts[0, 0]), Table(aim, 4, starts[0, 1]), Table(force, 1, starts[0, 2])]
+    for i, name in enumerate(("law", "aim", "force")):
+        tables[i] = changed.pop(name, tables[i])
+    clock, given = clocks(0.2, 1e-3, 1e-2), {"last": _PERIODS + 1, "end": _PERIODS, **memory, **changed}
+    return Loop(code, clock, tuple(tables), **given)  # type: ignore[arg-type]
+
+
+def _with(name: str, change: Callable[[np.ndarray], Any]) -> dict[str, Any]:
+    return {name: change(_loop()._kept[1][name])}
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.flags.writeable = False
+    return array
+
+
+_CHANGES: dict[str, Callable[[np.ndarray], Any]] = {
+    "a group less": lambda array: array[:-1],
+    "a row less": lambda array: array[:, :-1].copy(),
+    "a lane less": lambda array: array[..., :-1].copy(),
+    "flat": lambda array: array.ravel(),
+    "single precision": lambda array: array.astype(np.float32),
+    "the other byte order": lambda array: array.astype(array.dtype.newbyteorder()),
+    "turned": np.asfortranarray,
+    "a list": lambda array: array.tolist(),
+    "out of place": lambda array: np.frombuffer(b"x" + array.tobytes() + b"x" * 7, np.uint8)[1:-7].view(array.dtype).reshape(array.shape),
+}
+
+
+@pytest.mark.parametrize("change", _CHANGES)
+@pytest.mark.parametrize("name", ["state", "numbers", "offset", "starts", "summary", "log"])
+def test_the_door_opens_for_arrays_of_the_right_shape_and_kind_only(name: str, change: str) -> None:
+    with pytest.raises(Misshapen, match="allowed is"):
+        _loop(**_with(name, _CHANGES[change]) if change != "a group less" or name != "state" else {"state": np.zeros((3, 17, _LANES))})
+
+
+@pytest.mark.parametrize("name", ["state", "summary", "log"])
+def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name: str) -> None:
+    with pytest.raises(Misshapen, match=f"{name} is .*; allowed is .* that can be written to"):
+        _loop(**_with(name, _read_only))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"starts": np.full((2, 3, _LANES), 4, dtype=np.int64)},
+        {"starts": np.full((2, 3, _LANES), -1, dtype=np.int64)},
+        {"law": Table(np.zeros((2, size(LAW))), 3, np.zeros(1, int))},
+        {"aim": Table(np.zeros((4, size(AIM))), 5, np.zeros(1, int))},
+        {"aim": Table(np.zeros((0, size(AIM))), 0, np.zeros(1, int))},
+        {"force": Table(np.zeros((1, 5)), 1, np.zeros(1, int))},
+        {"force": Table(np.full((1, 6), math.nan), 1, np.zeros(1, int))},
+        {"offset": np.full((2, 10, _LANES), math.inf)},
+        {"last": _PERIODS + 2},
+        {"last": 0},
+        {"every": 0},
+        {"end": -1},
+        {"after": 1.5},
+    ],
+    ids=str,
+)
+def test_the_door_opens_for_counts_that_stay_within_the_arrays_only(changed: dict[str, Any]) -> None:
+    with pytest.raises(OutOfRange, match="allowed is"):
+        _loop(**changed)
+
+
+def test_the_door_knows_its_groups() -> None:
+    _loop().over(range(2))
+    for group in (-1, 2):
+        with pytest.raises(OutOfRange, match=f"group is {group}; allowed is 0 to 1"):
+            _loop().over([group])
+
+
+@pytest.mark.parametrize(
+    "value", [np.full((2, 5), math.nan), np.full((2, 5), math.inf), 5, None, np.zeros((2, 5), complex), np.zeros((5, 2))]
+)
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_forward_dynamics_take_rows_of_finite_numbers_only(place: int, value: Any) -> None:
+    model = load_crane().model
+    made, given = forward_dynamics(model), [np.ones((2, 5))] * 3
+    model.addJoint(5, type(model.joints[1])(), model.jointPlacements[1], "one more")  # which is not in the code
+    assert np.isfinite(made(*given)).all()
+    with pytest.raises(OutOfRange, match=f"{('q', 'v', 'tau')[place]} is |{('q', 'v', 'tau')[1 - bool(place)]} is "):
+        made(*given[:place], value, *given[place + 1 :])
+
+
+# --- memory that is not ours -------------------------------------------------------------------------------------------------------------
+
+
+def _tried(*arguments: str, **environment: str) -> list[str]:
+    command = [sys.executable, "-m", "tests.guarded", "--cases", "60", "--seed", "3", *arguments]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=ROOT, env=os.environ | environment, check=False)
+    assert run.returncode == 0, f"{run.returncode} {run.stderr}"
+    return run.stdout.splitlines()
+
+
+def test_no_public_call_reads_or_writes_beside_an_array_or_what_nobody_has_written() -> None:
+    """Between guard pages, and under the checks of the C library with freed memory filled; both times the same comes out, to the bit."""
+    checks = next(Path("/usr/lib").glob("*/libc_malloc_debug.so.0"), None)
+    preload = {"LD_PRELOAD": str(checks)} if checks else {}
+    guarded = _tried()
+    assert guarded == _tried("--plain", MALLOC_PERTURB_="90", MALLOC_CHECK_="3", **preload)
+    assert re.fullmatch(r"60 calls: Misshapen \d\d, (OutOfRange \d+, )?ran \d\d", guarded[0])
+
+
+def test_the_guard_bites() -> None:
+    script = """
+import ctypes, numpy as np
+from tests.guarded import guard
+guard()
+for beyond in (0, 1):
+    for array in (np.zeros(17), np.zeros(17)):
+        ctypes.memset(array.ctypes.data - beyond, 0, array.nbytes + 2 * beyond)
+    print(beyond, flush=True)
+"""
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert (run.stdout, run.returncode) == ("0\n", -signal.SIGSEGV)
+
+
+# --- pieces, and Ctrl-C between them ------------------------------------------------------------------------------------------------------
+
+
+def _everything(integrator: Any, dt: float, drive: Any, buffers: bool) -> list[bytes]:
+    """What a run alone in blocks, a run under Python and a batch record."""
+    c = crane(trolley_max=10.05)
+    start = c.state(phi=0.15, theta=-0.1, x_dot=0.3)
+    brake = hold_controller(c) if drive == "effort" else Hold(np.ones(3), np.ones(3))
+    clock: dict[str, Any] = {"duration": 0.3, "dt": dt, "control_period": 2e-2, "integrator": integrator, "drive": drive}
+    reference = ramp(hold(start), "x", 0.2, rate=0.3, at=0.1)
+    found: list[bytes] = []
+    for controller in (brake, lambda t, state, wanted: brake(t, state, wanted)):
+        how: dict[str, Any] = {"watch": "buffers" if buffers else "mark", "engine": "compiled"}
+        run = simulate(c, controller, reference, start=start, **clock, **how)
+        found += [getattr(run, name).tobytes() for name in COLUMNS]
+    starts = State(np.tile(start.q, (9, 1)) + 0.01 * np.arange(9)[:, None], np.zeros((9, 5)))
+    batch = simulate_batch(c, brake, reference, start=starts, buffers=buffers, record=1, force=np.full((3, 6), 9.0), **clock)
+    return found + [
+        np.ascontiguousarray(part).tobytes() for part in (*batch.end, batch.q, batch.effort, batch.peak_swing, batch.valid_until)
+    ]
+
+
+@pytest.mark.parametrize("steps", [1, 7, 50])
+@pytest.mark.parametrize(
+    ("integrator", "dt", "drive", "buffers"),
+    [(semi_implicit_euler, 1e-3, "effort", False), (rk4, 2e-2, "effort", True), (semi_implicit_euler, 5e-4, "motion", False)],
+    ids=["Euler", "RK4 with buffers", "motion"],
+)
+def test_a_run_in_pieces_is_the_same_to_the_bit(
+    steps: int, integrator: Any, dt: float, drive: Any, buffers: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = _everything(integrator, dt, drive, buffers)
+    monkeypatch.setattr(door, "_PIECE", steps)
+    assert _everything(integrator, dt, drive, buffers) == whole
+
+
+def test_integrals_are_the_same_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = Tracking(1e-2, np.zeros((1, 3)) - [0.0, 0.0, 9810.0], np.zeros((1, 3, 10)), np.zeros((1, 10)))
+
+    def integral() -> tuple[float, bytes]:
+        controller = HoistIntegral(table, 2e3, 1.2e4)
+        run = simulate(crane(), controller, hold(crane().state(l=15.2)), duration=0.3, dt=1e-3, control_period=1e-2, engine="compiled")
+        return controller.integral, run.q.tobytes()
+
+    whole = integral()
+    assert whole[0] != 0.0
+    monkeypatch.setattr(door, "_PIECE", 7)
+    assert integral() == whole
+
+
+@contextmanager
+def _ctrl_c(after: float) -> Iterator[list[float]]:
+    """Ctrl-C after some seconds; when it came, by the processor's time, stands in what is given."""
+    came: list[float] = []
+
+    def press(*_: object) -> None:
+        came.append(time.process_time())
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, press)
+    signal.setitimer(signal.ITIMER_REAL, after)
+    try:
+        yield came
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+_WEIGHT = np.array([0.0, 0.0, -9810.0])
+_STANDING: dict[str, Any] = {"crane": crane(), "controller": hold_controller(crane()), "control_period": 3.0, "duration": 3.0}
+_LONG: dict[str, tuple[Callable[..., object], dict[str, Any]]] = {
+    "a period of 3e8 steps": (simulate, {**_STANDING, "dt": 1e-8, "engine": "compiled"}),
+    "the same under Python": (
+        simulate,
+        {**_STANDING, "dt": 1e-8, "engine": "compiled", "controller": lambda *_: _WEIGHT},
+    ),
+    "the same by Pinocchio": (simulate, {**_STANDING, "dt": 1e-8}),
+    "a batch": (simulate_batch, {**_STANDING, "start": NINE, "duration": 3e4, "dt": 1e-5}),
+    "a batch of such periods": (simulate_batch, {**_STANDING, "start": NINE, "dt": 1e-8}),
+    "a batch of the longest steps": (
+        simulate_batch,
+        {**_STANDING, "start": NINE, "duration": 1e7, "control_period": 1e3, "dt": 1e3, "integrator": rk4, "buffers": True, "threads": 1},
+    ),
+}
+LONG = pytest.mark.parametrize(("run", "how"), list(_LONG.values()), ids=list(_LONG))
+
+
+def _prepared(run: Callable[..., object], how: dict[str, Any]) -> None:
+    """Have code made, so that an interruption comes while it runs."""
+    short = how["control_period"] * 1e-3
+    with suppress(CraneError):
+        run(**{**how, "duration": short, "control_period": short, "dt": short})
+
+
+@LONG
+def test_ctrl_c_is_answered_within_two_seconds_whatever_runs(run: Callable[..., object], how: dict[str, Any]) -> None:
+    _prepared(run, how)
+    with _ctrl_c(0.3) as came, pytest.raises((KeyboardInterrupt, RunError)) as caught:
+        run(**how)
+    assert time.process_time() - came[0] < 2.0  # the machine may be busy with others
+    assert isinstance(caught.value, KeyboardInterrupt) or str(caught.value) == "Interrupted at t = 0.000 s."
+
+
+@pytest.mark.parametrize(("run", "how"), [one for one in _LONG.values() if one[0] is simulate])
+def test_a_run_in_a_thread_of_its_own_can_be_ended_as_soon(run: Callable[..., object], how: dict[str, Any]) -> None:
+    _prepared(run, how)
+    ended: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            run(**how)
+        except RunError as error:
+            ended.append(error)
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    time.sleep(0.3)
+    began = time.process_time()
+    raised = ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(KeyboardInterrupt))
+    thread.join(30.0)
+    assert (raised, thread.is_alive()) == (1, False)
+    assert time.process_time() - began < 2.0
+    assert str(ended[0]) == "Interrupted at t = 0.000 s."
+
+
+# --- many threads -------------------------------------------------------------------------------------------------------------------------
+
+
+def test_runs_and_batches_in_many_threads_give_what_they_give_alone() -> None:
+    shared, starts = crane(), State(np.tile(crane().start.q, (9, 1)) + 0.1 * np.arange(9)[:, None], np.zeros((9, 5)))
+
+    def alone(mass: float) -> bytes:
+        c = shared if mass == 1000.0 else load_crane(payload_mass=mass)
+        return simulate(c, hold_controller(c), start=c.state(phi=0.1), duration=0.3, watch="mark", engine="compiled").q.tobytes()
+
+    def batch(mass: float) -> bytes:
+        c = shared if mass == 1000.0 else load_crane(payload_mass=mass)
+        return simulate_batch([c, shared] * 4 + [c], hold_controller(c), start=starts, duration=0.3, record=1, threads=2).q.tobytes()
+
+    # masses that no other test has, so that code is made in threads, too
+    tasks = [(way, mass) for mass in (1000.0, 1017.0, 1000.0, 1019.0) for way in (alone, batch, alone)]
+    often, before = 1e-5, sys.getswitchinterval()
+    sys.setswitchinterval(often)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(lambda task: task[0](task[1]), tasks))
+    finally:
+        sys.setswitchinterval(before)
+    assert found == [way(mass) for way, mass in tasks]
+
+
+def test_code_that_many_threads_ask_for_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    c, made = load_crane(payload_mass=1023.0), []
+    recipe = replace(_RECIPE, lanes=1, shared=(True, True, True))
+
+    def slowly(*given: Any) -> Any:
+        made.append(given)
+        time.sleep(0.05)
+        return honest(*given)
+
+    honest = checked.kernel
+    monkeypatch.setattr(checked, "kernel", slowly)
+    with ThreadPoolExecutor(4) as pool:
+        codes = list(pool.map(lambda _: compiled([c], recipe)[0], range(4)))
+    assert len(made) == 1
+    assert all(code is codes[0] for code in codes)
