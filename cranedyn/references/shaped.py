@@ -33,7 +33,7 @@ class Shaper:
 
     def __post_init__(self) -> None:
         """Check that there is an amplitude for each impulse."""
-        finite("amplitudes of a shaper", self.amplitudes, finite("fractions of a shaper", self.fractions, ("n",), "periods").shape)
+        finite("amplitudes of a shaper", self.amplitudes, finite("fractions of a shaper", self.fractions, ("n",), unit="periods").shape)
 
     def residual(self, ratio: float | np.ndarray) -> np.ndarray:
         """Swing that is left, as a share of that without shaping, when the true frequency is `ratio` times the one shaped for; undamped."""
