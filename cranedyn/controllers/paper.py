@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from cranedyn.controllers.integral import HoistIntegral
-from cranedyn.controllers.riccati import riccati
+from cranedyn.controllers.riccati import riccati, stationary
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.crane import STANDARD_GRAVITY, Crane
 from cranedyn.errors import OutOfRange
@@ -90,5 +90,4 @@ def _plane_gains(
     held = scipy.linalg.expm(period * block)
     a, b = held[:, :4, :4], held[:, :4, 4:]
     nearest = np.arange(n) // every
-    final = scipy.linalg.solve_discrete_are(a[-1], b[-1], *weights)
-    return riccati(a[nearest], b[nearest], *weights, final).gain[:, 0]
+    return riccati(a[nearest], b[nearest], *weights, stationary(a[-1], b[-1], *weights)).gain[:, 0]

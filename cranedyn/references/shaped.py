@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from cranedyn.errors import number
+from cranedyn.errors import number, within
 from cranedyn.references.wanted import Reference, Tabulating, Wanted, tabulated
 
 
@@ -121,10 +121,12 @@ def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: f
         step: Spacing of the samples [s].
 
     Raises:
-        OutOfRange: If the duration or gravity is not positive.
+        OutOfRange: If the duration or gravity is not positive, or the step longer than a quarter of the duration.
     """
     number("gravity", gravity, "m/s²", "> 0")
-    rows = round(number("duration", duration, "s", "> 0") / step)
+    number("duration", duration, "s", "> 0")
+    within("step of the shaped reference", number("step of the shaped reference", step, "s", "> 0"), 0.0, duration / 4.0, "s")
+    rows = round(duration / step)
     longest = float(tabulated(base, step * np.arange(rows + 1)).position[:, 2].max())
     slowest = 2.0 * math.pi * math.sqrt(longest / gravity)
     t = step * np.arange(rows + math.ceil(slowest * shaper.fractions[-1] / step) + 2)
