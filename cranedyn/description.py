@@ -10,6 +10,7 @@ import contextlib
 import io
 import re
 import sys
+import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,13 +19,16 @@ from xml.dom import Node, minidom
 import xacro
 
 from cranedyn.command import command
-from cranedyn.errors import DataError, ModelError, UnknownName, number
+from cranedyn.errors import DataError, ModelError, UnknownName, number, quoted
 from cranedyn.files import read_text, written
 from cranedyn.urdf import parse
 
 _HERE = Path(__file__).resolve().parent
 XACRO = next(folder / "urdf" / "tower_crane.urdf.xacro" for folder in (_HERE, _HERE.parent) if (folder / "urdf").is_dir())
 """The crane of this project: inside the package once installed, beside it in a checkout."""
+
+_ONE_AT_A_TIME = threading.Lock()
+"""xacro keeps what it expands in variables of its module, and standard error is one for all threads."""
 
 _DOCUMENTED = re.compile(r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0): (?P<meaning>.+)")
 
@@ -89,7 +93,7 @@ def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = Non
         unit, allowed = known[name].unit, known[name].allowed
         mappings[name] = repr(number(name, value, unit, allowed)) if allowed else str(value)
     try:
-        with contextlib.redirect_stderr(io.StringIO()):
+        with _ONE_AT_A_TIME, contextlib.redirect_stderr(io.StringIO()):
             document = xacro.process_file(str(path), mappings=mappings)
         _strip_comments(document)
         return "\n".join(line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()) + "\n"
@@ -109,7 +113,7 @@ def parse_values(pairs: Iterable[str]) -> dict[str, str]:
         if not mark:
             raise DataError(f"{pair!r} is not of the form name:=value.")
         if name in values:
-            raise DataError(f"{name} is given twice, as {values[name]!r} and as {value!r}.")
+            raise DataError(f"{quoted(name)} is given twice, as {values[name]!r} and as {value!r}.")
         values[name] = value
     return values
 
