@@ -18,7 +18,7 @@ from xml.dom import Node, minidom
 
 import xacro
 
-from cranedyn.command import command
+from cranedyn.command import command, interrupted
 from cranedyn.errors import DataError, ModelError, UnknownName, number, quoted
 from cranedyn.files import read_text, written
 from cranedyn.urdf import parse
@@ -98,6 +98,8 @@ def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = Non
         _strip_comments(document)
         return "\n".join(line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()) + "\n"
     except Exception as error:
+        if interrupted(error):
+            raise KeyboardInterrupt from None
         raise ModelError(f"{path} cannot be expanded: {str(error) or type(error).__name__}.") from error
 
 
