@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cranedyn.errors import DataError
-from cranedyn.files import written
+from cranedyn.files import read_bytes, written
 from experiments.outcome import Table
 
 _BLOCK = re.compile(r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n).*?(<!-- end -->\n)", re.DOTALL)
@@ -57,9 +57,9 @@ def read_document(path: str | Path, experiment: str) -> Document:
         DataError: If the file cannot be read or has no block for the experiment.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or 'it is not text'}.") from error
+        text = read_bytes(path).decode("utf-8").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise DataError(f"Cannot read {path}: it is not text.") from error
     if not any(block["experiment"] == experiment for block in _BLOCK.finditer(text)):
         raise DataError(f"{path} has no lines <!-- {experiment}: --> and <!-- end -->; the tables go between them.")
     return Document(Path(path), experiment, text)

@@ -15,7 +15,7 @@ from typing import Any
 
 from cranedyn.command import INTERRUPTED, command
 from cranedyn.errors import DataError, UnknownName
-from cranedyn.files import check_writable, make_folder, read_text, written
+from cranedyn.files import check_writable, make_folder, read_bytes, read_text, written
 from experiments import common
 from experiments.arguments import add_engine
 
@@ -35,6 +35,9 @@ EXPERIMENTS = {
 """What the report is made of, in its order, and the arguments with which missing results are made."""
 
 _FORMAT = re.compile(r"[+-]?(\.\d\d?)?[a-z%]?")
+
+_LARGEST_FIGURE = 50_000_000
+"""Most bytes of a figure."""
 
 _STYLE = """
 :root { color-scheme: light dark; }
@@ -116,7 +119,7 @@ def _table(table: dict[str, Any]) -> str:
 def _figure(folder: Path, name: str) -> str:
     if Path(name).name != name or Path(name).suffix != ".png":
         raise ValueError(f"{name!r} is no figure in its folder")
-    data = base64.b64encode((folder / name).read_bytes()).decode("ascii")
+    data = base64.b64encode(read_bytes(folder / name, _LARGEST_FIGURE)).decode("ascii")
     return f'<img alt="{escape(Path(name).stem)}" src="data:image/png;base64,{data}">'
 
 
