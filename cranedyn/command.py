@@ -29,15 +29,30 @@ def command(run: Callable[[], int]) -> int:
     Returns:
         That code; `REFUSED` after a `CraneError`, whose sentence is printed; `INTERRUPTED` after Ctrl-C or SIGTERM.
     """
-    with _interruptible(), _patient():
-        try:
-            return run()
-        except CraneError as error:
-            print(f"error: {error}", file=sys.stderr)
-            return REFUSED
-        except KeyboardInterrupt as stop:
-            print(str(stop) or "Interrupted.", file=sys.stderr)
-            return INTERRUPTED
+    try:
+        with _interruptible(), _patient():
+            try:
+                return run()
+            except KeyboardInterrupt as stop:
+                print(str(stop) or "Interrupted.", file=sys.stderr)
+                return INTERRUPTED
+            except Exception as error:
+                if interrupted(error):
+                    print("Interrupted.", file=sys.stderr)
+                    return INTERRUPTED
+                if not isinstance(error, CraneError):
+                    raise
+                print(f"error: {error}", file=sys.stderr)
+                return REFUSED
+    except KeyboardInterrupt:  # before it began, or when all was said
+        return INTERRUPTED
+
+
+def interrupted(error: BaseException | None) -> bool:
+    """Whether an error came of an interruption that some library took for a fault of its own."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None
 
 
 @contextmanager

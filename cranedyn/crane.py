@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from cranedyn.arguments import described, taken
 from cranedyn.description import XACRO, describe
-from cranedyn.errors import ModelError, OutOfRange, UnknownName, number, within
+from cranedyn.errors import ModelError, OutOfRange, UnknownName, number, printable, quoted, within
 from cranedyn.files import read_text
 from cranedyn.urdf import check, parse, skeleton
 
@@ -264,7 +264,7 @@ def _model(skeleton: str, path: Path) -> pin.Model:
     try:
         return pin.buildModelFromXML(skeleton)
     except (ValueError, RuntimeError) as error:
-        raise ModelError(f"{path} is not a URDF that can be loaded: {str(error).strip().rstrip('.')}.") from error
+        raise ModelError(f"{path} is not a URDF that can be loaded: {printable(str(error).strip().rstrip('.'))}.") from error
 
 
 def _check_joints(model: pin.Model, path: Path, check_axes: bool) -> None:
@@ -275,9 +275,9 @@ def _check_joints(model: pin.Model, path: Path, check_axes: bool) -> None:
             raise ModelError(f"{path} has no moving joint {name}; a crane has {', '.join(wanted)}.")
     for name in names:
         if name not in wanted:
-            raise ModelError(f"{path} has a further moving joint {name}; a crane moves only in {', '.join(wanted)}: make it fixed.")
+            raise ModelError(f"{path} has a further moving joint {quoted(name)}; a crane moves only in {', '.join(wanted)}: make it fixed.")
     if names != wanted or list(model.parents) != [0, 0, 1, 2, 3, 4]:
-        raise ModelError(f"{path} chains its joints as {', '.join(names)}; a crane is one chain {', '.join(wanted)}.")
+        raise ModelError(f"{path} chains its joints as {', '.join(map(quoted, names))}; a crane is one chain {', '.join(wanted)}.")
     for i, joint in enumerate(JOINTS, start=1):
         if model.joints[i].nq != 1:
             raise ModelError(f"{path} has a {joint.name} without limits or with several axes; it must be {joint.kind} with limits.")

@@ -18,8 +18,8 @@ from xml.dom import Node, minidom
 
 import xacro
 
-from cranedyn.command import command
-from cranedyn.errors import DataError, ModelError, UnknownName, number
+from cranedyn.command import command, interrupted
+from cranedyn.errors import DataError, ModelError, UnknownName, number, quoted
 from cranedyn.files import read_text, written
 from cranedyn.urdf import parse
 
@@ -97,6 +97,8 @@ def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = Non
         _strip_comments(document)
         return "\n".join(line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()) + "\n"
     except Exception as error:
+        if interrupted(error):
+            raise KeyboardInterrupt from None
         raise ModelError(f"{path} cannot be expanded: {str(error) or type(error).__name__}.") from error
 
 
@@ -112,7 +114,7 @@ def parse_values(pairs: Iterable[str]) -> dict[str, str]:
         if not mark:
             raise DataError(f"{pair!r} is not of the form name:=value.")
         if name in values:
-            raise DataError(f"{name} is given twice, as {values[name]!r} and as {value!r}.")
+            raise DataError(f"{quoted(name)} is given twice, as {values[name]!r} and as {value!r}.")
         values[name] = value
     return values
 

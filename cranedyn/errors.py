@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Iterable
 from numbers import Integral
@@ -13,6 +14,24 @@ if TYPE_CHECKING:
 
 
 _LONGEST = 2000
+_LONGEST_QUOTE = 200
+_PLAIN = re.compile(r"[\w./:+-]+", re.ASCII)
+
+
+def printable(text: object) -> str:
+    """What a stranger wrote, on one line: characters that are not printable are escaped as in Python."""
+    words = str(text)
+    return words if words.isprintable() else repr(words)[1:-1]
+
+
+def quoted(text: object) -> str:
+    """The same as part of a sentence: a plain word as it is, all else cut to a length and between quotation marks that it cannot close."""
+    cut = _shortened(str(text), _LONGEST_QUOTE)
+    return cut if _PLAIN.fullmatch(cut) else repr(cut)
+
+
+def _shortened(text: str, length: int) -> str:
+    return text if len(text) <= length else f"{text[: length // 2]} … {text[-length // 2 :]}"
 
 
 class CraneError(Exception):
@@ -23,8 +42,7 @@ class CraneError(Exception):
 
     def __init__(self, sentence: str) -> None:
         """Keep the sentence."""
-        cut = sentence if len(sentence) <= _LONGEST else f"{sentence[: _LONGEST // 2]} … {sentence[-_LONGEST // 2 :]}"
-        super().__init__("".join(c if c.isprintable() else " " for c in cut))
+        super().__init__("".join(c if c.isprintable() else " " for c in _shortened(sentence, _LONGEST)))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Come back from another process as what it was, although each kind is made from values of its own."""
@@ -118,6 +136,7 @@ def number(name: str, value: object, unit: str = "", allowed: str = "any") -> fl
     try:
         x = float(value)  # type: ignore[arg-type]
     except Exception:  # whatever the conversion of a stranger's value raises
+        value = quoted(value) if isinstance(value, str) else value
         raise OutOfRange(name, value, "a number" if allowed == "any" else f"a number {allowed}", unit) from None
     low, high, strict = _range(allowed)
     if not math.isfinite(x) or x < low or x > high or (strict and x == low):

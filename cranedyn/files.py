@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
+from typing import BinaryIO
 
 from cranedyn.errors import DataError
 
@@ -18,22 +19,51 @@ MOST_TEXT = 5_000_000
 """Most bytes of a file that is read as text."""
 
 
+def opened(path: str | Path) -> BinaryIO:
+    """A file to read. Its size is known: pipes and devices, which may never end nor even begin, are refused at once.
+
+    Raises:
+        DataError: If it cannot be opened, or is no regular file.
+    """
+    try:
+        mode = os.stat(path).st_mode
+        if stat.S_ISREG(mode):
+            return open(path, "rb")
+    except (OSError, ValueError) as error:
+        raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
+    raise DataError(f"Cannot read {path}: it is {'a folder' if stat.S_ISDIR(mode) else 'no file but a device'}.")
+
+
+def read_bytes(path: str | Path, most: int = MOST_TEXT) -> bytes:
+    """What stands in a file.
+
+    Args:
+        path: The file.
+        most: How many bytes it may hold.
+
+    Raises:
+        DataError: If it cannot be read, is no regular file, or is larger.
+    """
+    with opened(path) as file:
+        try:
+            content = file.read(most + 1) if os.fstat(file.fileno()).st_size <= most else None
+        except OSError as error:
+            raise DataError(f"Cannot read {path}: {error.strerror}.") from error
+    if content is None or len(content) > most:
+        raise DataError(f"Cannot read {path}: it is larger than {most / 1e6:g} MB.")
+    return content
+
+
 def read_text(path: str | Path) -> str:
     """The text of a UTF-8 file.
 
     Raises:
-        DataError: If it cannot be read, is not text, or is larger than `MOST_TEXT`.
+        DataError: If it cannot be read, is no regular file, is not text, or is larger than `MOST_TEXT`.
     """
     try:
-        with open(path, "rb") as file:
-            content = file.read(MOST_TEXT + 1)
-        if len(content) > MOST_TEXT:
-            raise DataError(f"Cannot read {path}: it is larger than {MOST_TEXT / 1e6:g} MB.")
-        return content.decode("utf-8-sig")
+        return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise DataError(f"Cannot read {path}: it is not text.") from error
-    except (OSError, ValueError) as error:
-        raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
 
 
 def write_text(path: str | Path, text: str) -> None:

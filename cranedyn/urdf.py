@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections import Counter
+from collections.abc import Mapping
 
-from cranedyn.errors import ModelError, OutOfRange
+from cranedyn.errors import ModelError, OutOfRange, printable, quoted
 
 _DEEPEST, _MOST_PARTS, _LARGEST = 50, 2000, 1e30
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -25,8 +26,14 @@ _NUMBERS = {
 }
 """How many numbers stand in which attribute of which element."""
 
-_COMPLETE = ("mass", "inertia", "box", "cylinder", "sphere")
-"""Elements that need all of their attributes."""
+_NAMES = ("name", "type", "link")
+"""Attributes that name something."""
+
+_NEEDED = {name: tuple(_NUMBERS[name]) for name in ("mass", "inertia", "box", "cylinder", "sphere")} | {"limit": ("effort", "velocity")}
+"""Attributes that an element must have."""
+
+_TYPES = ("revolute", "prismatic", "fixed", "continuous", "floating", "planar")
+"""How a joint may move, the first two within limits."""
 
 _SKELETON = {
     "link": ("inertial",),
@@ -78,10 +85,12 @@ def parse(text: str, source: object) -> ET.Element:
 def check(robot: ET.Element, source: object) -> None:
     """Return if links, joints and materials of a URDF are complete, nothing in them stands twice, and every number is one.
 
-    Parsers of URDF drop an element with an unreadable number, take the first of two, ignore friction, and carry on.
+    Parsers of URDF drop an element with an unreadable number, take the first of two, ignore friction, and carry on, or print on their own
+    what is wrong with the tree of links and joints.
 
     Raises:
-        ModelError: If something is left to expand, an element is double or incomplete, or a joint mimics another.
+        ModelError: If something is left to expand, a name cannot be printed, an element is double or incomplete, a joint mimics another, or
+            links and joints are no tree.
         OutOfRange: If a number is not a decimal number, is beyond 1e30 whatever its unit, or a friction is not zero.
     """
     for part in robot.iter():
@@ -90,18 +99,20 @@ def check(robot: ET.Element, source: object) -> None:
     for part in robot:
         if part.tag in ("link", "joint", "material"):
             for element in part.iter():
-                _check_element(element, f"{part.tag} {part.get('name', '')} in {source}")
+                _check_element(element, f"{part.tag} {quoted(part.get('name', ''))} in {source}")
     _check_tree(robot, source)
 
 
 def _check_tree(robot: ET.Element, source: object) -> None:
-    """Whoever follows joints from link to link must come to an end."""
-    parts = len(robot.findall("link")) + len(robot.findall("joint"))
-    if parts > _MOST_PARTS:
-        raise ModelError(f"{source} has {parts} links and joints; allowed are {_MOST_PARTS}.")
+    """Links and joints must have names of their own and make one tree."""
+    links, joints = (_named(robot, tag, source) for tag in ("link", "joint"))
+    if not links:
+        raise ModelError(f"{source} is not a URDF that can be loaded: it has no link.")
+    if len(links) + len(joints) > _MOST_PARTS:
+        raise ModelError(f"{source} has {len(links) + len(joints)} links and joints; allowed are {_MOST_PARTS}.")
     parents: dict[str, str] = {}
-    for joint in robot.iterfind("joint"):
-        child, parent = (end.get("link", "") if (end := joint.find(tag)) is not None else "" for tag in ("child", "parent"))
+    for name, joint in joints.items():
+        child, parent = (_end(joint, tag, links, f"joint {quoted(name)} in {source}") for tag in ("child", "parent"))
         if child in parents:
             raise ModelError(f"{source} has two joints with the child link {child!r}; allowed is one.")
         parents[child] = parent
@@ -111,24 +122,64 @@ def _check_tree(robot: ET.Element, source: object) -> None:
             above = parents.get(above, above)
         if above in parents:
             raise ModelError(f"{source} has joints that lead in a circle through link {above!r}; a crane is a tree.")
+    if len(roots := [link for link in links if link not in parents]) > 1:
+        raise ModelError(f"{source} has {len(roots)} links that hang on no joint: {', '.join(map(quoted, roots[:5]))}; allowed is one.")
+
+
+def _named(robot: ET.Element, tag: str, source: object) -> dict[str, ET.Element]:
+    """All links or all joints by name."""
+    found: dict[str, ET.Element] = {}
+    for part in robot.iterfind(tag):
+        if not (name := part.get("name")):
+            raise ModelError(f"{source} has a {tag} without a name.")
+        if name in found:
+            raise ModelError(f"{source} has two {tag}s with the name {name!r}; allowed is one.")
+        found[name] = part
+    return found
+
+
+def _end(joint: ET.Element, tag: str, links: Mapping[str, ET.Element], where: str) -> str:
+    """The link at an end of a joint."""
+    ends = joint.findall(tag)
+    if not ends or (link := ends[0].get("link")) is None:
+        raise ModelError(f"The {where} needs a {tag} link.")
+    if link not in links:
+        raise ModelError(f"The {where} has the {tag} link {link!r}, which is not there.")
+    return link
 
 
 def _check_element(element: ET.Element, where: str) -> None:
+    for name in _NAMES:
+        if not (word := element.get(name, "")).isprintable():
+            raise ModelError(f"The {name} {quoted(word)} in {where} holds characters that cannot be printed.")
     tags = Counter(child.tag for child in element if child.tag not in ("visual", "collision"))
     for tag, count in tags.items():
         if count > 1:
-            raise ModelError(f"There are {count} elements {tag} in one {element.tag} of {where}; allowed is one.")
+            raise ModelError(f"There are {count} elements {quoted(tag)} in one {quoted(element.tag)} of {where}; allowed is one.")
     if element.tag == "inertial" and not {"mass", "inertia"} <= tags.keys():
         raise ModelError(f"The inertial of {where} needs a mass and an inertia.")
+    if element.tag == "joint":
+        _check_joint(element, where)
     if element.tag == "mimic":
         raise ModelError(f"The {where} mimics another; a crane moves in all of its joints.")
     for name, count in _NUMBERS.get(element.tag, {}).items():
-        text = element.get(name, "" if element.tag in _COMPLETE else None)
+        text = element.get(name, "" if name in _NEEDED.get(element.tag, ()) else None)
         if text is not None and not _are_numbers(text.split(), count):
             allowed = f"{'a decimal number' if count == 1 else f'{count} decimal numbers'} up to {_LARGEST:g}"
             raise OutOfRange(f"{name} of {element.tag} in {where}", repr(text), allowed)
     if element.tag == "dynamics" and float(element.get("friction", "0")) != 0.0:
         raise OutOfRange(f"friction of {where}", element.get("friction"), "0, since only viscous damping acts")
+
+
+def _check_joint(joint: ET.Element, where: str) -> None:
+    kind = joint.get("type", "")
+    if kind not in _TYPES:
+        raise ModelError(f"The {where} is of type {kind!r}; allowed are {', '.join(_TYPES)}.")
+    if kind in _TYPES[:2] and joint.find("limit") is None:
+        raise ModelError(f"The {where} is {kind} and has no limit.")
+    dynamics = joint.find("dynamics")
+    if dynamics is not None and not dynamics.keys() & _NUMBERS["dynamics"].keys():
+        raise ModelError(f"The dynamics of {where} needs a damping.")
 
 
 def _are_numbers(words: list[str], count: int) -> bool:
@@ -140,14 +191,14 @@ def skeleton(robot: ET.Element) -> str:
 
     It names no file and holds nothing that was not checked, so that it is safe to hand on.
     """
-    bare = ET.Element("robot", name=robot.get("name", ""))
+    bare = ET.Element("robot", name=printable(robot.get("name", "")))
     bare.extend(_kept(part) for part in robot if part.tag in ("link", "joint"))
     return ET.tostring(bare, encoding="unicode")
 
 
 def _kept(element: ET.Element) -> ET.Element:
     numbers = _NUMBERS.get(element.tag, {})
-    kept = ET.Element(element.tag, {name: text for name in ("name", "type", "link") if (text := element.get(name)) is not None})
+    kept = ET.Element(element.tag, {name: text for name in _NAMES if (text := element.get(name)) is not None})
     kept.attrib |= {name: " ".join(text.split()) for name in numbers if (text := element.get(name)) is not None}
     kept.extend(_kept(child) for child in element if child.tag in _SKELETON.get(element.tag, ()))
     return kept

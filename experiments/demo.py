@@ -30,6 +30,9 @@ from experiments.tours import CONTROLS
 PIECE = 0.5
 """Length of the pieces in which the demo is simulated, shown and written [s]."""
 
+PACES = "0.001 to 1e6"
+"""How many times real time the demo may go: slower, a piece would not end in minutes."""
+
 
 def pieces(world: common.World, tour: Timetable, controller: Controller, until: float) -> Iterator[Trajectory]:
     """Simulate the tour piece by piece up to a time [s], which may be infinite."""
@@ -65,7 +68,7 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     limits = Limits((options.rate_slew, options.rate_x, options.rate_hoist), TOUR_LIMITS.accelerations)
     tour, controller = CONTROLS[options.control](world, limits, number("dwell", options.dwell, "s", "> 0"))
     until = math.inf if options.cycles is None else number("cycles", options.cycles, "", "> 0") * tour.duration
-    run = _show(options, world, (tour, controller), until, None if pace is None else number("pace", pace, "", "> 0"))
+    run = _show(options, world, (tour, controller), until, None if pace is None else number("pace", pace, "", PACES))
     rows = _dwells(tour, run)
     tables, claims = [_table(rows, options.control)], _bare(world, tour, rows, run) if rows and options.control == "none" else []
     runs = {"demo": run}
@@ -261,7 +264,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         type=float,
         default=None,
         metavar="FACTOR",
-        help="times real time; 1 with --view or --serve if not given, else as fast as it goes",
+        help=f"times real time, {PACES}; 1 with --view or --serve if not given, else as fast as it goes",
     )
     made.add_argument("--payload-mass", type=float, default=None, metavar="M", help="payload [kg], short for --set payload_mass:=M")
     return common.conduct(made, experiment, argv)

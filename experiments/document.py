@@ -18,7 +18,7 @@ from typing import TypeVar
 
 from cranedyn.command import FAILED, command
 from cranedyn.errors import DataError
-from cranedyn.files import check_writable, read_text, write_text
+from cranedyn.files import check_writable, read_bytes, read_text, write_text
 from experiments.outcome import Table
 
 _BLOCK = re.compile(r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)", re.DOTALL)
@@ -91,7 +91,10 @@ def read_document(path: str | Path, experiment: str) -> Document:
     Raises:
         DataError: If the file cannot be read or written, or has no block for the experiment.
     """
-    text = read_text(path).replace("\r\n", "\n")
+    try:
+        text = read_bytes(path).decode("utf-8").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise DataError(f"Cannot read {path}: it is not text.") from error
     if not any(block["experiment"] == experiment for block in _BLOCK.finditer(text)):
         raise DataError(f"{path} has no lines <!-- {experiment}: --> and <!-- end -->; the tables go between them.")
     check_writable(path)

@@ -10,6 +10,7 @@ import numpy as np
 from cranedyn.analysis import settling_time, swing_amplitude
 from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.dynamics import payload_position
+from cranedyn.errors import OutOfRange
 from cranedyn.references.limits import Limits
 from cranedyn.trajectory import Trajectory
 
@@ -115,7 +116,13 @@ def of_sampling(gravity: float, length: float, control_period: float, peak: floa
 
 
 def residual(trajectory: Trajectory) -> float:
-    """Amplitude of the swing over a stretch without drive motion [rad]: half the longest way across, radial and tangential together."""
+    """Amplitude of the swing over a stretch without drive motion [rad]: half the longest way across, radial and tangential together.
+
+    Raises:
+        OutOfRange: If the stretch has less than two rows.
+    """
+    if len(trajectory) < 2:
+        raise OutOfRange("number of control instants in a dwell", len(trajectory), "2 or more: a shorter control period, a longer dwell")
     return float(math.hypot(*(np.ptp(trajectory.q[:, 2:4], axis=0) / 2.0)))
 
 

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from cranedyn.errors import printable
 from cranedyn.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -62,15 +63,17 @@ class Table:
         return cls(kept["title"], list(zip(kept["columns"], kept["formats"], strict=True)), kept["rows"], kept["note"])
 
     def shown(self) -> list[list[str]]:
-        """The rows as text."""
+        """The rows as text; a cell is one line, whatever is quoted in it."""
         return [
-            ["-" if value is None else format(value, form) for value, (_, form) in zip(row, self.columns, strict=True)] for row in self.rows
+            ["-" if value is None else printable(format(value, form)) for value, (_, form) in zip(row, self.columns, strict=True)]
+            for row in self.rows
         ]
 
     def markdown(self) -> str:
         """The table in Markdown."""
         head = [[header for header, _ in self.columns], ["---:" if form else "---" for _, form in self.columns]]
-        lines = "\n".join(f"| {' | '.join(row)} |" for row in [*head, *self.shown()])
+        rows = [[cell.replace("|", "\\|") for cell in row] for row in self.shown()]
+        lines = "\n".join(f"| {' | '.join(row)} |" for row in [*head, *rows])
         return "\n\n".join(part for part in (f"**{self.title}**", lines, self.note) if part)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from cranedyn.command import INTERRUPTED, command
 from cranedyn.errors import DataError, UnknownName
-from cranedyn.files import check_writable, digest, make_folder, read_text, write_text
+from cranedyn.files import check_writable, digest, make_folder, read_bytes, read_text, write_text
 from experiments import common
 from experiments.arguments import add_engine
 
@@ -32,6 +32,9 @@ EXPERIMENTS = {
     "demo": ["--cycles", "1", "--control", "flat"],
 }
 """What the report is made of, in its order, and the arguments with which missing results are made."""
+
+_LARGEST_FIGURE = 50_000_000
+"""Most bytes of a figure."""
 
 _STYLE = """
 :root { color-scheme: light dark; }
@@ -132,7 +135,7 @@ def _table(table: dict[str, Any]) -> str:
 def _figure(folder: Path, name: str) -> str:
     if Path(name).name != name or Path(name).suffix != ".png":
         raise ValueError(f"{name!r} is no figure in its folder")
-    data = base64.b64encode((folder / name).read_bytes()).decode("ascii")
+    data = base64.b64encode(read_bytes(folder / name, _LARGEST_FIGURE)).decode("ascii")
     return f'<img alt="{escape(Path(name).stem)}" src="data:image/png;base64,{data}">'
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from cranedyn.clocks import clocks
 from cranedyn.crane import STANDARD_GRAVITY, Crane, State, load_crane
 from cranedyn.description import parse_values
 from cranedyn.errors import DataError
@@ -121,6 +122,9 @@ class World:
         watch: What to do where the model ceases to hold, see `cranedyn.simulate.simulate`.
         engine: What computes a step.
         watcher: Shows progress.
+
+    Raises:
+        OutOfRange: If the physics step or the control period is none that a run can have.
     """
 
     gravity: float = STANDARD_GRAVITY
@@ -130,6 +134,10 @@ class World:
     watch: Watch = "stop"
     engine: EngineName = "pinocchio"
     watcher: Watcher = field(default_factory=lambda: Watcher(None))
+
+    def __post_init__(self) -> None:
+        """Judge the clocks before anything is planned by them."""
+        clocks(self.control_period, self.dt, self.control_period)
 
     @cached_property
     def crane(self) -> Crane:

@@ -95,5 +95,4 @@ def _plane_gains(
     held = scipy.linalg.expm(period * block)
     a, b = held[:, :4, :4], held[:, :4, 4:]
     nearest = np.arange(n) // every
-    final = stationary(a[-1], b[-1], *weights)
-    return riccati(a[nearest], b[nearest], *weights, final).gain[:, 0]
+    return riccati(a[nearest], b[nearest], *weights, stationary(a[-1], b[-1], *weights)).gain[:, 0]

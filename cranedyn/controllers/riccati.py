@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +43,8 @@ def riccati(
 
     Raises:
         OutOfRange: If shapes differ, or a weight is not symmetric or has an eigenvalue that is not allowed.
-        CraneError: If no final weight is given and there is no stationary feedback.
+        CraneError: If no final weight is given and there is no stationary feedback, or gains or costs cannot be computed in double
+            precision.
     """
     n, nz, nu = shaped("b", b, ("n", "nz", "nu")).shape
     finite("a", a, (n, nz, nz))
@@ -59,24 +62,38 @@ def riccati(
     gain = np.empty((len(a), b.shape[2], a.shape[1]))
     cost = np.empty((len(a) + 1, *final_weight.shape))
     cost[-1] = final_weight
-    for k in range(len(a) - 1, -1, -1):
-        push = b[k].T @ cost[k + 1]
-        gain[k] = np.linalg.solve(effort_weight + push @ b[k], push @ a[k])
-        here = state_weight + a[k].T @ cost[k + 1] @ (a[k] - b[k] @ gain[k])
-        cost[k] = (here + here.T) / 2.0
+    with _solvable():
+        for k in range(len(a) - 1, -1, -1):
+            push = b[k].T @ cost[k + 1]
+            gain[k] = np.linalg.solve(effort_weight + push @ b[k], push @ a[k])
+            here = state_weight + a[k].T @ cost[k + 1] @ (a[k] - b[k] @ gain[k])
+            cost[k] = (here + here.T) / 2.0
+        if not (np.isfinite(gain).all() and np.isfinite(cost).all()):
+            raise ValueError("a gain is not finite")
     return Sweep(gain, cost)
 
 
 def stationary(a: np.ndarray, b: np.ndarray, state_weight: np.ndarray, effort_weight: np.ndarray) -> np.ndarray:
-    """The cost of going on for ever under the best feedback, shape (nz, nz); arguments as those of `riccati`, without the rows.
+    """The cost, shape (nz, nz), of going on for ever with the same a, shape (nz, nz), and b, shape (nz, nu).
 
     Raises:
-        CraneError: If there is no feedback under which it is finite, or numbers too large or small to find it.
+        CraneError: If it cannot be computed in double precision.
     """
-    try:
+    with _solvable():
         return scipy.linalg.solve_discrete_are(a, b, state_weight, effort_weight)
-    except ValueError as error:  # which errors of linear algebra are, too
-        raise CraneError("There is no stationary LQR for this model and these weights: its Riccati equation has no solution.") from error
+
+
+@contextmanager
+def _solvable() -> Iterator[None]:
+    """Numbers that overflow or are ill-conditioned end in a sentence."""
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise CraneError(
+            "There is no linear-quadratic regulator for this crane: its masses, dampings, gravity or control period make numbers that "
+            f"differ too much for double precision ({str(error).strip().partition(chr(10))[0].rstrip('.')})."
+        ) from error
 
 
 def _check(name: str, weight: np.ndarray, *, definite: bool) -> None:

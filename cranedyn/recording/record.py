@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.errors import CraneError, DataError, OutOfRange, printable, quoted
 from cranedyn.files import written
 from cranedyn.recording.dashboard import dashboard
 from cranedyn.recording.run import Run
@@ -68,8 +68,8 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
 def describe(runs: Sequence[Run], title: str, text: str) -> str:
     """The words beside the pictures, in Markdown: title, text, parameters of the runs, and how to read the scene."""
     names = dict.fromkeys(name for run in runs for name in run.trajectory.parameters)
-    rows = [[name, *(_shown(run.trajectory.parameters.get(name, "")) for run in runs)] for name in names]
-    lines = [["parameter", *(run.name for run in runs)], ["---"] * (len(runs) + 1), *rows]
+    rows = [[_shown(name), *(_shown(run.trajectory.parameters.get(name, "")) for run in runs)] for name in names]
+    lines = [["parameter", *(_shown(run.name) for run in runs)], ["---"] * (len(runs) + 1), *rows]
     scene = (
         f"In the scene, dots show where the payload was in the last {PATH_SECONDS:g} s and the outline where "
         "it is wanted. The arrows under the trolley "
@@ -77,7 +77,7 @@ def describe(runs: Sequence[Run], title: str, text: str) -> str:
     )
     if any("<mesh" in run.crane.urdf for run in runs):
         scene += " Meshes of the URDF are not drawn."
-    beyond = "\n".join(f"- {run.name}, {at:.3f} s: {words}" for run in runs for at, words in _beyond(run))
+    beyond = "\n".join(f"- {printable(run.name)}, {at:.3f} s: {words}" for run in runs for at, words in _beyond(run))
     warning = f"**Where the model does not hold:**\n\n{beyond}" if beyond else ""
     parts = (f"## {title}", text, warning, "\n".join(f"| {' | '.join(line)} |" for line in lines), scene)
     return "\n\n".join(part for part in parts if part)
@@ -91,7 +91,7 @@ def _beyond(run: Run) -> list[tuple[float, str]]:
 
 
 def _shown(value: float | str) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value).replace("|", "\\|")
+    return f"{value:g}" if isinstance(value, float) else printable(value).replace("|", "\\|")
 
 
 def _check(path: Path, runs: Sequence[Run]) -> None:
@@ -102,14 +102,14 @@ def _check(path: Path, runs: Sequence[Run]) -> None:
         raise OutOfRange("names of the runs", names, "one name or more, each different")
     for run in runs:
         if not len(run.trajectory):
-            raise OutOfRange(f"number of rows of run {run.name}", 0, ">= 1")
+            raise OutOfRange(f"number of rows of run {quoted(run.name)}", 0, ">= 1")
 
 
 def _finite_table(run: Run) -> Table:
     columns = table(run)
     for name, values in columns.items():
         if not np.isfinite(values).all():
-            raise OutOfRange(f"{name} of run {run.name}", values[~np.isfinite(values)][0], "a finite number")
+            raise OutOfRange(f"{name} of run {quoted(run.name)}", values[~np.isfinite(values)][0], "a finite number")
     return columns
 
 

@@ -15,6 +15,7 @@ from rerun.urdf import UrdfTree
 
 from cranedyn.crane import DRIVES, JOINTS
 from cranedyn.dynamics import payload_position, pivot_position
+from cranedyn.errors import printable
 from cranedyn.recording.run import Run, clock
 from cranedyn.recording.shapes import Shape, log_shapes, shapes
 from cranedyn.style import COLOURS, mixed, rgb
@@ -69,7 +70,7 @@ def looks(runs: Sequence[Run]) -> list[Look]:
     found = []
     for i, run in enumerate(runs):
         here = sum(other.offset == run.offset for other in runs[:i])
-        label = run.name if len(runs) > 1 else ""
+        label = printable(run.name) if len(runs) > 1 else ""
         found.append(Look(_PAYLOADS[i % len(_PAYLOADS)], 0.25 if here else 1.0, label, 1.5 + 1.2 * here, arrow))
     return found
 

@@ -12,6 +12,7 @@ from urllib.parse import quote
 import rerun as rr
 
 from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.files import opened
 from cranedyn.recording.page import Page
 from cranedyn.recording.process import HOST, await_ready, end, free, free_port, start
 
@@ -26,7 +27,7 @@ def check(path: str | Path) -> Path:
     """
     path = Path(path)
     try:
-        with path.open("rb") as file:
+        with opened(path) as file:
             head = file.read(8)
     except (OSError, ValueError) as error:
         raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error

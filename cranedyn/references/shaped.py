@@ -14,7 +14,7 @@ import scipy
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
 from cranedyn.clocks import intervals
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import number, within
 from cranedyn.references.wanted import Reference, Tabulating, Wanted, tabulated
 
 
@@ -141,13 +141,12 @@ def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: f
         step: Spacing of the samples [s].
 
     Raises:
-        OutOfRange: If duration, gravity or a cable is not positive, or the step too long or too short for the duration.
+        OutOfRange: If duration, gravity or a cable is not positive, or the step longer than a quarter of the duration or too short for it.
     """
     number("gravity", gravity, "m/s²", "> 0")
     intervals("duration", duration, step)
+    within("step of the shaped reference", step, 0.0, duration / 4.0, "s")
     count = round(duration / step)
-    if count < 2:
-        raise OutOfRange("step", step, f"up to half of the duration of {duration:g} s", "s")
     longest = float(tabulated(base, step * np.arange(count + 1)).position[:, 2].max())
     number("longest cable that the reference wants", longest, "m", "> 0")
     slowest = 2.0 * math.pi * math.sqrt(longest / gravity)

@@ -1,0 +1,159 @@
+"""What is read is a regular file whose size is known: pipes and devices are refused at once, and memory holds what was asked for."""
+
+from __future__ import annotations
+
+import os
+import struct
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+
+from cranedyn import snapshot as pictures
+from cranedyn.crane import load_crane
+from cranedyn.description import describe
+from cranedyn.errors import DataError
+from cranedyn.files import opened, read_bytes, read_text
+from cranedyn.recording import open_viewer
+from cranedyn.trajectory import read, read_columns
+from experiments import a1, a2, a3, report
+from experiments.document import read_document
+from tests.helpers import python
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "text": read_text,
+    "bytes": read_bytes,
+    "a table": lambda path: read_columns(path, ("t_s",)),
+    "a trajectory": read,
+    "a document": lambda path: read_document(path, "a1"),
+    "a URDF": load_crane,
+    "xacro": describe,
+    "a recording": open_viewer,
+    "pictures": lambda path: pictures.snapshot(path, [0.0], path.parent),
+}
+
+
+@pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
+def test_pipes_and_devices_are_refused_at_once(reader: Callable[[Path], object], tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.pipe")
+    os.mkfifo(tmp_path / "a.parquet")
+    (tmp_path / "link.csv").symlink_to("/dev/urandom")
+    devices = ("/dev/urandom", "/dev/zero", "/dev/null", tmp_path / "a.pipe", tmp_path / "a.parquet", tmp_path / "link.csv")
+    began = time.process_time()
+    for path in devices:
+        with pytest.raises(DataError, match=r"Cannot read .*: it is no file but a device\."):
+            reader(Path(path))
+    with pytest.raises(DataError, match=r"Cannot read .*: it is a folder\."):
+        reader(tmp_path)
+    assert time.process_time() - began < 1.0
+
+
+@pytest.mark.parametrize("words", [["--from", "/dev/urandom"], ["--document", "/dev/zero"]])
+def test_a_command_refuses_a_device_in_one_sentence(words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for experiment in (a1, a2, a3):
+        assert experiment.main([*words, "--out", str(tmp_path / "out")]) == 2
+        assert capsys.readouterr().err == f"error: Cannot read {words[1]}: it is no file but a device.\n"
+
+
+def test_a_result_that_is_a_pipe_and_a_figure_that_is_large_make_no_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    os.mkfifo(tmp_path / "result.json")
+    with pytest.raises(DataError, match=r"result\.json: it is no file but a device\."):
+        report.page([tmp_path])
+    (tmp_path / "a.png").write_bytes(bytes(2000))
+    monkeypatch.setattr(report, "_LARGEST_FIGURE", 1000)
+    with pytest.raises(DataError, match=r"a\.png: it is larger than 0\.001 MB\."):
+        report._figure(tmp_path, "a.png")
+
+
+def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"x" * 100)
+    assert read_bytes(path, 100) == b"x" * 100
+    with pytest.raises(DataError, match="it is larger than"):
+        read_bytes(path, 99)
+    with pytest.raises(DataError, match="No such file"):
+        read_bytes(tmp_path / "b")
+    with pytest.raises(DataError, match="Cannot read"):
+        opened("a\0b")
+
+
+def _csv(path: Path, rows: int, junk: int) -> None:
+    """Rows of a number and words that nobody asks for."""
+    line = f"{{}},{'x' * junk}\n"
+    path.write_text("t_s,words\n" + "".join(line.format(k) for k in range(rows)))
+
+
+_PEAK = """
+import sys
+import pyarrow as pa
+from cranedyn.tables import read_table
+found = read_table(sys.argv[1], ["t_s"])[0]["t_s"]
+assert found[-1] == len(found) - 1.0
+print(len(found), pa.default_memory_pool().max_memory())
+"""
+
+
+def test_columns_that_nobody_asks_for_cost_no_memory(tmp_path: Path) -> None:
+    _csv(tmp_path / "a.csv", 100_000, 500)
+    size = (tmp_path / "a.csv").stat().st_size
+    assert size > 50e6
+    run = python(_PEAK, tmp_path / "a.csv")
+    assert run.returncode == 0, run.stderr
+    rows, peak = map(int, run.stdout.split())
+    # 8 bytes a number, twice while blocks become a column; some blocks of a megabyte are under way
+    assert rows == 100_000 and peak < 20e6
+
+
+def test_numbers_of_a_small_file_that_would_fill_the_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t_s\n" + "".join(f"{k % 10}\n" for k in range(300_000)))  # 2 bytes each, 8 in memory
+    monkeypatch.setattr("cranedyn.tables.LARGEST", 1_000_000)
+    with pytest.raises(DataError, match=r"a\.csv holds \d MB to read; allowed are 1\."):
+        read_columns(path, ("t_s",))
+
+
+def test_a_file_that_grows_while_it_is_read_is_refused_when_it_is_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _csv(tmp_path / "a.csv", 10_000, 1000)
+    monkeypatch.setattr("cranedyn.tables.LARGEST", 4_000_000)
+    monkeypatch.setattr("cranedyn.tables.os.fstat", lambda _: SimpleNamespace(st_size=1000))  # as it was when it was opened
+    with pytest.raises(DataError, match=r"a\.csv holds [4-9] MB to read; allowed are 4\."):
+        read_columns(tmp_path / "a.csv", ("t_s",))
+
+
+def test_a_parquet_file_whose_own_description_is_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.parquet"
+    table = pa.table({"t_s": np.arange(3.0)}).replace_schema_metadata({"cranedyn": json_of(100_000)})
+    pyarrow.parquet.write_table(table, path)
+    assert struct.unpack("<I", path.read_bytes()[-8:-4])[0] > 100_000
+    assert read_columns(path, ("t_s",))["t_s"].tolist() == [0.0, 1.0, 2.0]
+    monkeypatch.setattr("cranedyn.tables._LARGEST_FOOTER", 100_000)
+    with pytest.raises(DataError, match=r"a\.parquet says in 0 MB what is in it; allowed are 0\."):
+        read_columns(path, ("t_s",))
+
+
+def json_of(length: int) -> str:
+    """Parameters of about so many letters."""
+    return '{"a": "' + "x" * length + '"}'
+
+
+@pytest.mark.parametrize("text", ["t_s,a\r\n0,b\r\n1,c\r\n", "t_s,a\r0,b\r1,c\r", "\ufefft_s,a\n0,b\n1,c\n", '"t_s",a\n0,"b"\n1,c'])
+def test_tables_of_all_dialects_are_read_as_before(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(text.encode())
+    assert read_columns(path, ("t_s",))["t_s"].tolist() == [0.0, 1.0]
+
+
+def test_a_large_table_of_our_own_is_read_to_the_bit(tmp_path: Path) -> None:
+    values = np.random.default_rng(1).standard_normal((60_000, 5))  # several blocks
+    names = ["t_s", "a", "b", "c", "d"]
+    pyarrow.csv.write_csv(pa.table(dict(zip(names, values.T, strict=True)) | {"t_s": np.arange(60_000.0)}), tmp_path / "a.csv")
+    found = read_columns(tmp_path / "a.csv", ("d", "t_s", "b"))
+    assert list(found) == ["d", "t_s", "b"]
+    np.testing.assert_array_equal(found["d"], values[:, 4])
+    np.testing.assert_array_equal(found["b"], values[:, 2])

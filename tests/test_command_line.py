@@ -1,0 +1,94 @@
+"""Arguments of the command line that no experiment can run with end in one sentence, before anything is planned or written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cranedyn.controllers.riccati import riccati, stationary
+from cranedyn.errors import CraneError, OutOfRange
+from experiments import a1, b1, common, compare, demo, energy, mass_ratio
+from experiments.moves import MOVES
+from experiments.ways import FLAT, LQR, MPC
+from tests.helpers import FAST
+
+Main = Callable[[Sequence[str]], int]
+
+
+@pytest.mark.parametrize("main", [a1.main, b1.main, compare.main, demo.main, energy.main, mass_ratio.main])
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--control-period", "0"], "control_period is 0.0 s; allowed is > 0."),
+        (["--control-period", "nan"], "control_period is nan s; allowed is > 0."),
+        (["--control-period", "1e300"], "dt is 0.0005 s; allowed is 1e+290 or more for a run of 1e+300 s, that is 1e+10 steps."),
+        (["--control-period", "0.0051"], "control_period is 0.0051 s; allowed is a multiple of dt = 0.0005 s."),
+        (["--dt", "5e-324"], "dt is 5e-324 s; allowed is 1e-09 to 1000."),
+    ],
+)
+def test_clocks_are_judged_before_an_experiment_begins(
+    main: Main, words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words, "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == f"error: {sentence}\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_control_period_that_is_longer_than_a_dwell_is_the_reason_in_the_table_of_the_tour() -> None:
+    world = common.World(control_period=2.0, watch="mark", engine=FAST)
+    found = compare._toured(world, "shaped")
+    assert found == "number of control instants in a dwell is 1; allowed is 2 or more: a shorter control period, a longer dwell."
+
+
+def test_a_control_period_that_is_longer_than_a_move_gives_no_shaped_tour() -> None:
+    found = compare._toured(common.World(control_period=1000.0, watch="mark", engine=FAST), "shaped")
+    assert str(found).startswith("step of the shaped reference is 1000.0 s; allowed is 0 to ")
+
+
+@pytest.mark.parametrize("way", [LQR, FLAT, MPC])
+@pytest.mark.parametrize("world", [common.World(1e9, engine=FAST), common.World(values={"damp_slew": 1e12}, engine=FAST)])
+def test_numbers_too_far_apart_for_a_regulator_are_the_reason_in_the_table_of_the_comparison(way: str, world: common.World) -> None:
+    if way == MPC:
+        pytest.importorskip("daqp")
+    found = compare._made(world, MOVES[-1], way, False)["as planned"]
+    assert found.score is None
+    assert found.why.startswith("There is no linear-quadratic regulator for this crane: its masses, dampings, gravity or control period ")
+
+
+def test_b1_says_that_there_is_no_regulator(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(b1, "SHOWN", (LQR,))
+    assert b1.main(["--set", "damp_slew:=1e12", "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: There is no linear-quadratic regulator for this crane: ") and error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [
+        (np.full((1, 2, 2), np.inf), np.ones((1, 2, 1))),
+        (np.full((1, 2, 2), 1e200), np.full((1, 2, 1), 1e200)),
+        (2.0 * np.eye(2)[None], np.zeros((1, 2, 1))),
+    ],
+)
+def test_a_system_that_cannot_be_regulated_is_a_sentence(a: np.ndarray, b: np.ndarray) -> None:
+    q, r = np.eye(2), np.eye(1)
+    with pytest.raises(CraneError, match="There is no linear-quadratic regulator"):
+        stationary(a[0], b[0], q, r)
+    with pytest.raises(CraneError, match="There is no linear-quadratic regulator"):
+        riccati(np.repeat(a, 400, axis=0), np.repeat(b, 400, axis=0), q * 1e300, r, q)
+
+
+@pytest.mark.parametrize("pace", ["1e-300", "0", "nan", "inf", "1e7"])
+def test_a_pace_is_one_that_a_clock_can_keep(pace: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert demo.main(["--pace", pace, "--cycles", "0.01", "--out", str(tmp_path / "demo")]) == 2
+    assert capsys.readouterr().err == f"error: pace is {float(pace)}; allowed is 0.001 to 1e6.\n"
+    assert not (tmp_path / "demo").exists()
+
+
+def test_a_world_has_clocks_that_a_run_can_have() -> None:
+    with pytest.raises(OutOfRange, match="control_period is -1 s"):
+        common.World(control_period=-1)
