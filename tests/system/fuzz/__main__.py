@@ -20,9 +20,13 @@ from tests.system.fuzz.pool import Count, Workers, blocks, report
 def main(argv: Sequence[str] | None = None) -> int:
     """Fuzz; 0 if every promise was kept, 1 if not, 2 for bad arguments."""
     options = _options(argv)
-    names = [name for name in GENERATORS if not options.only or any(word in name for word in options.only)]
+    names = [
+        name for name in GENERATORS if not options.only or any(word in (name, *name.replace(",", "").split()) for word in options.only)
+    ]
     if not names:
-        print(f"error: No generator has {' or '.join(options.only)} in its name; there are {', '.join(GENERATORS)}.", file=sys.stderr)
+        print(
+            f"error: No generator has the word {' or '.join(options.only)} in its name; there are {', '.join(GENERATORS)}.", file=sys.stderr
+        )
         return 2
     workers = Workers(options.jobs)
     try:
@@ -46,7 +50,7 @@ def _options(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.system.fuzz", description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--count", type=int, default=10_000, metavar="N", help="how many inputs in all (default 10,000)")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="number of the first case of each generator (default 0)")
-    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="generators that have one of these in their names")
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="generators that have one of these words in their names")
     parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="end after so many minutes")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="J", help="processes (default one a processor)")
     parser.add_argument("--again", metavar="NAME/NUMBER", help="try one case and say all about it")

@@ -691,16 +691,10 @@ class Calls:
         """A function, and what is wrong."""
         found = functions(self.group)
         name = rng.choices(list(found), [HEAVY.get(name.rpartition(".")[2], 1.0) for name in found])[0]
-        keys = parameters(name, found[name])
-        parts = (
-            [
-                (key, wrong_for(f"{key} {keys[key]}" if keys[key] == "values" else keys[key], rng))
-                for key in rng.choices(list(keys), k=rng.choice([1, 1, 1, 2, 3]))
-            ]
-            if keys
-            else []
-        )
-        return Case((name, rng.random() < 0.5), list(dict(parts).items()))
+        keys, needed = parameters(name, found[name]), right(name, found[name])
+        chosen = rng.choices(list(keys), [3.0 if key in needed else 1.0 for key in keys], k=rng.choice([1, 1, 1, 2, 3])) if keys else []
+        wrong = {key: wrong_for(f"{key} {keys[key]}" if keys[key] == "values" else keys[key], rng) for key in chosen}
+        return Case((name, rng.random() < 0.5), list(wrong.items()))
 
     def attempt(self, case: Case, folder: Path) -> str:
         """Call it: it answers, or refuses in a sentence; what it answers is as it says."""
@@ -730,6 +724,8 @@ class Calls:
                     return "own error"
                 raise
             _check(answer, str(inspect.signature(function).return_annotation))
+            if self.group == "batch" or texts.get("engine") == "'compiled'":
+                _check_form(texts.get("controller", ""))
             _close(answer)
         return "good"
 
@@ -755,7 +751,25 @@ def _check(answer: Any, annotation: str) -> None:
     if annotation == "Trajectory" and isinstance(answer, Trajectory) and len(answer) > 1 and not np.isfinite(answer.q).all():
         raise Broken("a trajectory that is not finite was returned as good")
     if annotation == "Crane":
-        simulate(answer, namespace()["law"], duration=0.005, watch="mark")
+        with suppress(CraneError):  # that it diverges is an answer
+            simulate(answer, namespace()["law"], duration=0.005, watch="mark")
+
+
+_SHAPES = {"feed_forward": (3,), "gain": (3, 10), "wanted": (10,), "integral_gain": None, "limit": None, "integral": None}
+"""Of a row of each part of the common form; None for those of three numbers that have no rows."""
+
+
+def _check_form(text: str) -> None:
+    """A common form that was accepted is one: what native code reads has the shape that it reads."""
+    if not text.startswith("Malformed("):
+        return
+    ((name, value),) = eval(text, dict(namespace()))._replaced.items()
+    with suppress(TypeError, ValueError):
+        found, shape = np.asarray(value, dtype=float), _SHAPES[name]
+        rows = found.shape == (3,) if shape is None else len(found) > 0 and found.shape[1:] == shape
+        if rows and not np.isnan(found).any():
+            return
+    raise Broken(f"a common form was accepted whose {name} is none", text)
 
 
 def _close(answer: Any) -> None:

@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[3]
 OURS = ("cranedyn", "experiments")
 """The folders whose promises are tested."""
 
-BUDGET, PATIENCE = 5.0, 2.0
+BUDGET, PATIENCE = 2.0, 2.0
 """Processor time after which a case is interrupted, and in which it must then end [s]."""
 
 
