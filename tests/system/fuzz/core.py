@@ -48,9 +48,17 @@ class Generator(Protocol):
         interruptible: Whether a case may run until it is interrupted; else taking longer than `BUDGET` breaks a promise.
     """
 
-    name: str
-    weight: float
-    interruptible: bool
+    @property
+    def name(self) -> str:
+        """Of the kind."""
+
+    @property
+    def weight(self) -> float:
+        """How many, beside the others."""
+
+    @property
+    def interruptible(self) -> bool:
+        """Whether a case may take long."""
 
     def draw(self, rng: Random) -> Case:
         """An input, the same for the same random numbers; made of plain values, so that it can go to another process."""
@@ -137,7 +145,7 @@ def judged(generator: Generator, case: Case, base: Path | None = None) -> Verdic
         os.chdir(home)
         shutil.rmtree(folder, ignore_errors=True)
     if said and not verdict.place:
-        line = " ".join(re.sub(r"\[[^]]*\]|[0-9.]+", "#", said).split()[:5])
+        line = " ".join(re.sub(r"\x1b\[[0-9;]*m|\[[^]]*\]|\S*[0-9]\S*", "", said).split()[:5])
         return Verdict("broken", f"raw words beside ours: {line}", said[:500])
     return verdict
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from tests.system.fuzz import api, files, lines, signals
 from tests.system.fuzz.core import Generator
 
-GENERATORS: dict[str, Generator] = {
-    generator.name: generator for generator in [*lines.GENERATORS, *files.GENERATORS, *api.GENERATORS, *signals.GENERATORS]
-}
+_ALL: list[Generator] = [*lines.GENERATORS, *files.GENERATORS, *api.GENERATORS, *signals.GENERATORS]
+GENERATORS = {generator.name: generator for generator in _ALL}
 """By name."""

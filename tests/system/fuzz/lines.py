@@ -528,6 +528,8 @@ class World:
         common.add_world(made)
         with _streams() as err:
             code = common.conduct(made, _trial, ["--out", str(out), *(word for part in case.parts for word in part)])
+        if code == 130 and err().startswith("error: Interrupted at "):  # a budget had an end
+            return "interrupted"
         if code not in (0, 1, 2) or (err() == "") is not (code == 0) or not (code == 0 or err().startswith("error: ")):
             raise Broken("a run neither went well nor ended in a sentence", f"{code} {err()}")
         check_whole(found := [str(path) for path in out.rglob("*")] if out.exists() else [])

@@ -28,6 +28,9 @@ MEMORY = 2_500_000_000
 GRACE, BLOCKED = 3.0, 8.0
 """When a process is ended: processor time beyond that of an interruption [s], and time of sleep with next to no processor time [s]."""
 
+NATIVE = ("api simulate", "api batch")
+"""Kinds that go deep into native code of ours."""
+
 _FAST = "/dev/shm"
 """A file system in memory, where there is one."""
 
@@ -88,6 +91,7 @@ class Worker:
         self.process.start()
         theirs.close()
         self.block: Block | None = None
+        self._last = ""
         self._heard()
 
     def _heard(self) -> None:
@@ -107,9 +111,16 @@ class Worker:
         except (OSError, IndexError):
             return 0
 
+    def fit_for(self, block: Block) -> Worker:
+        """Itself, or one that is fresh: what native code has spoilt in cases of one kind is not to show in those of another."""
+        if self._last in (block.name, "") or self._last not in NATIVE:
+            return self
+        self.close()
+        return Worker()
+
     def submit(self, block: Block) -> None:
         """Begin a block."""
-        self.block = block
+        self.block, self._last = block, block.name
         self.pipe.send(block)
         self._heard()
 
@@ -251,7 +262,7 @@ class Workers:
         try:
             while (queue and time.monotonic() < until) or busy:
                 while idle and queue and time.monotonic() < until:
-                    busy.append(worker := idle.pop())
+                    busy.append(worker := idle.pop().fit_for(queue[0]))
                     worker.submit(queue.popleft())
                 ready = set(wait([worker.pipe for worker in busy], timeout=0.25))
                 for worker in list(busy):
