@@ -34,7 +34,7 @@ from cranedyn.trajectory import COLUMNS, read, read_columns
 from experiments import a1, a2, a3, common, report
 from experiments.document import read_document
 from tests.studies import squares
-from tests.system.fuzz.core import Broken, Case
+from tests.system.fuzz.core import Broken, Case, Generator
 from tests.system.fuzz.lines import inline_sweeps
 
 WORDS = "0 -1 1e308 -1e308 5e-324 1e-400 1e400 nan inf -inf 1e29 1e-20 x 1_0 0x10 1,5 --1 1e ${1} $(arg a) ١ 1. .5 fixed world".split()
@@ -451,7 +451,7 @@ def _document(content: bytes, which: int, folder: Path) -> str:
     return word
 
 
-GENERATORS = [
+GENERATORS: list[Generator] = [
     Edited("file URDF, bytes", 2.0, lambda: [slim().encode()], _urdf),
     Rewritten("file URDF, elements", 2.0, whole=False),
     Rewritten("file URDF, recorded", 0.3, whole=True),

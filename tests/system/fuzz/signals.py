@@ -13,7 +13,7 @@ from pathlib import Path
 from random import Random
 
 from cranedyn.recording.process import free, free_port
-from tests.system.fuzz.core import PATIENCE, ROOT, Broken, Case
+from tests.system.fuzz.core import PATIENCE, ROOT, Broken, Case, Generator
 from tests.system.fuzz.lines import check_whole, commands
 
 ARGUMENTS = {
@@ -121,4 +121,4 @@ def _end_group(pid: int) -> bool:
     return True
 
 
-GENERATORS = [Signals()]
+GENERATORS: list[Generator] = [Signals()]
