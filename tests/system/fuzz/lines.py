@@ -33,7 +33,7 @@ import cranedyn.simulate
 import cranedyn.snapshot
 import experiments
 from cranedyn.controllers import hold_controller
-from cranedyn.description import arguments
+from cranedyn.description import Argument, arguments
 from cranedyn.sweep.chunk import evaluate
 from cranedyn.sweep.pool import Cores
 from cranedyn.trajectory import read
@@ -230,8 +230,8 @@ class _Words:
         if action.choices:
             return str(rng.choice(list(action.choices)))
         if ":=" in shown:
-            name = rng.choice(sorted(arguments()))
-            pair = f"{name}:={self._number(float(arguments()[name].default))}"
+            name = rng.choice(sorted(settings()))
+            pair = f"{name}:={self._number(float(settings()[name].default))}"
             return pair if rng.random() > 0.1 * self._odd else rng.choice([name, pair.replace(":=", "="), f":={name}", f"{name}:=", "x:=1"])
         if any(word in shown for word in ("FILE", "DIR", "RECORDING")):
             return rng.choice(FILES) if rng.random() < self._odd else rng.choice(GOOD_FILES)
@@ -249,6 +249,12 @@ class _Words:
         if rng.random() > self._odd:
             return repr(near * rng.choice([1.0, 0.5, 2.0, 1.0 + 1e-9, 0.999, 10.0, 0.1, 1.1, 1.5]))
         return rng.choice(NUMBERS)
+
+
+@cache
+def settings() -> dict[str, Argument]:
+    """The numbers of the crane that can be set."""
+    return arguments()
 
 
 @cache
@@ -507,7 +513,7 @@ class World:
     """Any numbers for the world of an experiment that is a run of 0.05 s."""
 
     name: str = "line world"
-    weight: float = 1.0
+    weight: float = 0.5
     interruptible: bool = True
 
     def draw(self, rng: Random) -> Case:
@@ -516,7 +522,7 @@ class World:
         def value() -> str:
             return repr(rng.choice([rng.choice(_WORLD), rng.uniform(0.1, 10.0), rng.uniform(0.1, 10.0), 10.0 ** rng.uniform(-300, 300)]))
 
-        names = rng.sample(sorted(arguments()), rng.choice([0, 1, 1, 2, 3]))
+        names = rng.sample(sorted(settings()), rng.choice([0, 1, 1, 2, 3]))
         parts = [("--set", f"{name}:={value()}") for name in names]
         return Case(
             None, parts + [(f"--{flag}={value()}",) for flag in rng.sample(["gravity", "dt", "control-period"], rng.choice([0, 0, 1]))]
@@ -551,5 +557,5 @@ def _trial(options: object, world: common.World) -> common.Outcome:
     return common.Outcome([common.Table("End", [("q", "g"), ("v", "g")], list(zip(*run.state(-1), strict=True)))], [], {}, {"run": run})
 
 
-GENERATORS: list[Generator] = [Line(name, 0.25 if name.endswith((".sweep", ".report", ".compare")) else 1.0) for name in commands()]
+GENERATORS: list[Generator] = [Line(name, 0.1 if name.endswith((".sweep", ".report", ".compare")) else 0.3) for name in commands()]
 GENERATORS.append(World())
