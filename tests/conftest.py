@@ -38,7 +38,7 @@ def limited() -> Iterator[None]:
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """Keep how many inputs the fuzzing of this process tried; a worker hands it to the process that sums up."""
-    tried = getattr(sys.modules.get("tests.test_fuzz"), "TRIED", {})
+    tried = getattr(sys.modules.get("tests.system.test_fuzz"), "TRIED", {})
     if hasattr(session.config, "workeroutput"):
         session.config.workeroutput["tried"] = dict(tried)
     else:

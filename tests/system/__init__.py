@@ -1,0 +1,1 @@
+"""What cuts across the modules: generated input, hostile input, interruptions, packaging."""

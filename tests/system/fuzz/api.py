@@ -1,0 +1,791 @@
+"""The functions that people call from Python, found by inspection, with arguments of wrong types, shapes and sizes.
+
+An argument is an expression in the names of `namespace`, so that a case is a line to paste. What is right for a parameter is found by its
+name and its annotation in `RIGHT`; a function for which nothing is right there is told of by a test, and gets its line there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import math
+import os
+import pkgutil
+import tempfile
+import warnings
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+
+import cranedyn
+from cranedyn import linear
+from cranedyn.controllers.affine import Affine
+from cranedyn.errors import CraneError
+from cranedyn.recording import Run
+from cranedyn.simulate import simulate
+from cranedyn.trajectory import Trajectory
+from tests.studies import squares
+from tests.system.fuzz.core import Broken, Case
+from tests.system.fuzz.lines import cheap
+
+PUBLIC = {
+    "simulate": ("cranedyn.simulate",),
+    "batch": ("cranedyn.batch",),
+    "crane": ("cranedyn.crane", "cranedyn.description"),
+    "controllers": ("cranedyn.controllers", "cranedyn.controllers.damped", "cranedyn.controllers.integral"),
+    "references": ("cranedyn.references", "cranedyn.references.limits", "cranedyn.references.optimal", "cranedyn.references.tour"),
+    "linear": ("cranedyn.linear", "cranedyn.prediction"),
+    "analysis": ("cranedyn.analysis", "cranedyn.watch"),
+    "theory": ("cranedyn.theory",),
+    "trajectory": ("cranedyn.trajectory",),
+    "wind": ("cranedyn.wind",),
+    "sweep": ("cranedyn.sweep",),
+    "recording": ("cranedyn.recording", "cranedyn.snapshot"),
+}
+"""What people import from, by the name of a generator."""
+
+INTERNAL = tuple(
+    f"cranedyn.{name}"
+    for name in (
+        "arguments clocks command compiled drives dynamics"
+        " engine errors figures files integrator log"
+        " processes rigid_body rows style symbolic tables transcription urdf"
+    ).split()
+)
+"""What only our own code calls, in inner loops or with what was checked before; of the packages above, what they do not name as theirs."""
+
+NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
+"""What would open a window or a port; their arguments are tried on the command line."""
+
+HEAVY = {"optimal": 0.03, "mpc": 0.1, "record": 0.1, "Live": 0.1, "sweep": 0.3, "fastest": 0.3, "check": 0.3}
+"""How often what takes its time is tried, beside the others."""
+
+
+# --- what is right -----------------------------------------------------------------------------------------------------------------
+
+RIGHT: dict[str, str] = {
+    # by function and parameter
+    "simulate.duration": "0.05",
+    "simulate_batch.duration": "0.05",
+    "simulate_batch.threads": "1",
+    "fit_swing.swing": "0.1 * np.exp(-0.01 * t) * np.cos(t)",
+    "fit_power_law.x": "np.arange(1.0, 9.0)",
+    "fit_power_law.y": "np.arange(1.0, 9.0) ** 2",
+    "swing_amplitude.swing": "np.full((7, 2), 0.1)",
+    "swing_amplitude.rates": "np.full((7, 2), 0.1)",
+    "settling_time.distance": "np.exp(-t)",
+    "settling_time.within": "0.1",
+    "first_event.hoist": "trajectory.effort[:, 2]",
+    "valid.hoist": "trajectory.effort[:, 2]",
+    "first_event.q": "trajectory.q",
+    "valid.q": "trajectory.q",
+    "first_event.v": "trajectory.v",
+    "valid.v": "trajectory.v",
+    "swing_mode.loop": "loop",
+    "swing_mode.coordinate": "2",
+    "swing_mode.period": "0.005",
+    "feedback_gain.stiffness": "(5e5, 3e5, 3e4)",
+    "feedback_gain.damping": "(1e6, 5e4, 2e4)",
+    "closed.gain": "np.zeros((3, 10))",
+    "free_swing.since": "1.0",
+    "free_swing.until": "3.0",
+    "free_swing.start": "crane.state(phi=0.1)",
+    "optimal.duration": "9.0",
+    "spline.waypoints": "[(0.0, 12.0, 10.0)]",
+    "spline.durations": "[5.0]",
+    "shortest.waypoints": "[(0.0, 12.0, 10.0)]",
+    "shortest.rates": "(0.1, 1.0, 1.0)",
+    "shortest.accelerations": "(0.1, 0.5, 0.5)",
+    "itinerary.rates": "(0.1, 1.0, 1.0)",
+    "operator.accelerations": "(0.1, 0.5, 0.5)",
+    "shaped_hoisting.duration": "4.0",
+    "tour.plan": "lambda start, goal: flat(crane, start, goal, 6.0)",
+    "tour.legs": "[Leg('out', x=12.0), Leg('back', x=float(start.q[1]))]",
+    "sensed.rng": "np.random.default_rng(1)",
+    "grid.values": "{'x': [1.0, 2.0]}",
+    "sampled.ranges": "{'x': (0.0, 1.0)}",
+    "sampled.count": "4",
+    "state.values": "{'x': 12.0}",
+    "load_crane.values": "{'payload_mass': 900.0}",
+    "sweep.folder": "'swept'",
+    "sweep.workers": "1",
+    "results.folder": "'done'",
+    "rows.first": "0",
+    "rows.last": "1",
+    **{f"Crane.{name}": f"crane.{name}" for name in ("written", "model", "data", "damping", "lower", "upper", "effort_limit")},
+    **{f"Tracking.{name}": f"tracking.{name}" for name in ("period", "feed_forward", "gain", "wanted")},
+    **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a")},
+    "HoistIntegral.tracking": "tracking",
+    "Shaper.fractions": "(0.0, 0.5)",
+    "Shaper.amplitudes": "(0.5, 0.5)",
+    "itinerary.legs": "[Leg('out', x=12.0), Leg('back', x=float(start.q[1]))]",
+    "small_swing.swing": "np.zeros(2)",
+    "small_swing.rates": "np.zeros(2)",
+    "since.t": "0.05",
+    "parse_values.pairs": "['payload_mass:=900']",
+    "read.path": "'good.csv'",
+    "read_columns.path": "'good.parquet'",
+    "read_columns.columns": "('t_s', 'phi_rad')",
+    "write.path": "'new.csv'",
+    "record.path": "'new.rrd'",
+    "snapshot.recording": "'good.rrd'",
+    "animate.recording": "'good.rrd'",
+    "snapshot.folder": "'pictures'",
+    "animate.path": "'new.gif'",
+    "snapshot.times": "[0.01]",
+    "animate.span": "(0.0, 0.1)",
+    "check_port.port": "28431",
+    "__getitem__.column": "'t_s'",
+    "step_gust.base": "steady(8.0)",
+    "cosine_gust.base": "steady(8.0)",
+    "turbulence.base": "steady(8.0)",
+    "wind.direction": "0.3",
+    "cross.a": "design",
+    "cross.b": "grid(y=[1.0, 2.0])",
+    "trolley_plane.gravity": "9.81",
+    # by parameter
+    "drive": "'x'",
+    "duration": "6.0",
+    "dwell": "1.0",
+    "t": "t",
+    "y": "np.cos(t)",
+    "seed": "1",
+    "dt": "5e-4",
+    "control_period": "5e-3",
+    "period": "5e-3",
+    "study": "squares",
+    "title": "'t'",
+    "name": "'a'",
+    "goal": "goal",
+    "damping_ratio": "0.1",
+    "tolerance": "0.05",
+    "amplitude": "0.1",
+    "swing": "0.1",
+    "mass": "1000.0",
+    "length": "10.0",
+    "gravity": "9.81",
+    "lengths": "np.linspace(5.0, 20.0, 5)",
+    "measured": "np.cos(t)",
+    "modelled": "0.9 * np.cos(t)",
+    "pushes": "[Push('x', 0.5, 1.0, 2.0)]",
+    "legs": "[Leg('out', x=12.0)]",
+    "pieces": "[trajectory]",
+    "runs": "[run]",
+    "near": "0.05",
+    "far": "0.1",
+    "lasts": "2.0",
+    # by annotation
+    "Crane": "crane",
+    "State": "start",
+    "Controller": "law",
+    "Reference": "still",
+    "Motion": "motion",
+    "Limits": "limits",
+    "Trajectory": "trajectory",
+    "Run": "run",
+    "Hold": "law",
+    "Shaper": "zv()",
+    "Design": "design",
+    "Speed": "steady(8.0)",
+    "float": "1.0",
+    "int": "1",
+    "bool": "False",
+    "str": "'a'",
+    "np.random.Generator": "np.random.default_rng(1)",
+    "np.ndarray": "np.ones(3)",
+    "Sequence[float]": "(0.1, 0.1, 0.1)",
+    "Wanted": "still(0.0)",
+    "Mapping[str, np.ndarray]": "{'x': [1.0, 2.0]}",
+    "Callable[[float], Motion]": "lambda duration: flat(crane, start, goal, duration)",
+}
+
+
+class Mine(Exception):
+    """What a function of the caller's own raises."""
+
+
+def raises(error: BaseException | None = None, answer: object = None, after: int = 0) -> Callable[..., Any]:
+    """A function that raises when it has been called some times, and gives an answer before; it takes anything."""
+    calls = 0
+
+    def function(*given: object) -> object:
+        nonlocal calls
+        calls += 1
+        if calls > after:
+            raise Mine("mine") if error is None else error
+        return answer
+
+    return function
+
+
+def writes(part: str) -> Callable[..., Any]:
+    """A controller that writes into the state that it is shown."""
+
+    def controller(t: float, state: Any, setpoint: object) -> np.ndarray:
+        getattr(state, part)[...] = 1.0
+        return np.zeros(3)
+
+    return controller
+
+
+class Malformed:
+    """An affine controller whose common form has one part replaced, and whose calls are those of a good one."""
+
+    def __init__(self, **replaced: Any) -> None:
+        self._replaced = replaced
+
+    def __call__(self, t: float, state: Any, setpoint: Any) -> np.ndarray:
+        """As a hold."""
+        return namespace()["law"](t, state, setpoint)
+
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
+        """The form of a hold, less what is replaced."""
+        return dataclasses.replace(namespace()["law"].affine(times, positions), **self._replaced)
+
+
+class Pretending:
+    """A reference whose tabulation answers something of its own."""
+
+    def __init__(self, answer: Any) -> None:
+        self._answer = answer
+
+    def __call__(self, t: float) -> Any:
+        """As a hold."""
+        return namespace()["still"](t)
+
+    def at(self, times: np.ndarray) -> Any:
+        """What it was given."""
+        return self._answer
+
+
+@cache
+def namespace() -> dict[str, Any]:
+    """Names for expressions: everything public, and some good things made of it."""
+    names: dict[str, Any] = {
+        "np": np,
+        "math": math,
+        "Fraction": Fraction,
+        "Decimal": Decimal,
+        "Path": Path,
+        "squares": squares,
+        "deque": deque,
+    }
+    names |= {
+        "Mine": Mine,
+        "raises": raises,
+        "writes": writes,
+        "Malformed": Malformed,
+        "Pretending": Pretending,
+        "Affine": Affine,
+        "Run": Run,
+    }
+    for modules in PUBLIC.values():
+        for module in modules:
+            names |= {name: thing for name, thing in vars(importlib.import_module(module)).items() if not name.startswith("_")}
+    for name, text in {
+        "crane": "load_crane()",
+        "start": "crane.start",
+        "goal": "crane.state(gamma=0.3, x=12.0, l=10.0)",
+        "still": "hold(start)",
+        "law": "hold_controller(crane)",
+        "motion": "flat(crane, start, goal, 16.0)",
+        "short": "flat(crane, start, crane.state(x=start.q[1] + 0.1), 1.0)",
+        "tracking": "lqr(crane, short)",
+        "limits": "Limits((0.1, 1.0, 1.0), (0.1, 0.5, 0.5))",
+        "trajectory": "simulate(crane, law, duration=0.1)",
+        "run": "Run('r', crane, trajectory)",
+        "design": "grid(x=[1.0, 2.0])",
+        "loop": "linear.sampled(crane, crane.state(l=10.0)).closed(feedback_gain((5e5, 3e5, 3e4), (1e6, 5e4, 2e4)))",
+        "t": "np.linspace(0.0, 60.0, 1200)",
+    }.items():
+        names[name] = eval(text, names | {"linear": linear})
+    return names
+
+
+# --- what is wrong -----------------------------------------------------------------------------------------------------------------
+
+ODD = [
+    *("None", "''", "'a\\0b'", "'\\udcff'", "object()", "[]", "{}", "()", "set()", "b'x'", "int", "...", "iter([1])", "range(3)", "1j"),
+    *("'crane'", "crane", "start", "law", "still", "motion", "trajectory", "[[1, 2], [3]]", "[None]", "lambda: 0", "{'a': 1}", "True"),
+    *(
+        "np.zeros(0)",
+        "np.nan",
+        "10**5000",
+        "-1",
+        "'9' * 5000",
+        "Mine",
+        "deque([1.0])",
+        "[1.0, 'a', 3.0]",
+        "type(crane)",
+        "np.zeros((2, 2))",
+    ),
+]
+"""For any parameter."""
+
+NUMBERS = [
+    *("0", "-0.0", "-1", "1e300", "-1e300", "1e-300", "5e-324", "np.nan", "np.inf", "-np.inf", "10**5000", "-(10**5000)", "True", "'0.05'"),
+    *("b'1'", "1j", "np.float32(1)", "np.float64('nan')", "np.array(1.0)", "np.array([1.0])", "np.ma.masked", "Fraction(1, 3)", "2**63"),
+    *("Decimal('nan')", "Decimal('sNaN')", "1e15", "np.int64(-1)", "np.datetime64('2020')", "[1.0]", "None", "1.5", "0.1", "2", "1e-9"),
+]
+"""Where a number is asked for."""
+
+ARRAYS = [
+    *(
+        "np.zeros(0)",
+        "np.zeros((0, 5))",
+        "np.zeros((0, 3))",
+        "np.zeros(1)",
+        "np.zeros(3)",
+        "np.zeros(5)",
+        "np.zeros(10)",
+        "np.zeros((3, 1))",
+    ),
+    *(
+        "np.zeros((5, 3))",
+        "np.zeros((3, 10))",
+        "np.zeros((10, 10))",
+        "np.full(3, np.nan)",
+        "np.full(5, np.inf)",
+        "np.full((1200,), np.nan)",
+    ),
+    *(
+        "np.zeros(3, dtype=complex)",
+        "np.array(['a', 'b', 'c'])",
+        "np.array([None] * 3)",
+        "np.zeros(3, dtype='>f8')",
+        "np.zeros(3, dtype='f2')",
+    ),
+    *("np.ma.masked_all(3)", "np.zeros((1,) * 32)", "np.arange(6.0)[::2]", "np.broadcast_to(1.0, (3,))", "np.zeros(3, dtype=bool)"),
+    *(
+        "np.array(1.0)",
+        "[1.0, 'a', 3.0]",
+        "[1, 2, 3]",
+        "[1] * 1200",
+        "np.full(3, 1e300)",
+        "np.full(3, 5e-324)",
+        "-np.ones(3)",
+        "np.ones(3) * 1e-9",
+    ),
+    *("np.zeros((4, 5))", "np.zeros((1200, 2))", "np.zeros(1200)", "np.arange(1200.0)[::-1]", "np.zeros(3, dtype='M8[s]')", "3.0", "None"),
+    *("[[1.0] * 5] * 2", "np.full((3, 3), np.nan)", "np.float64(2.0)", "(1.0, 2.0)", "[10**5000] * 3", "np.ones((10, 10)) * np.nan"),
+]
+"""Where an array or several numbers are asked for."""
+
+_FORMS = [
+    "np.zeros(0)",
+    "np.zeros((0, 3))",
+    "np.zeros((0, 3, 10))",
+    "np.zeros((1, 2))",
+    "np.zeros((1, 3, 9))",
+    "3",
+    "None",
+    "np.zeros((1, 3))",
+]
+_FORMS += ["np.zeros((4000, 3))", "np.full((1, 3), np.nan)", "np.zeros((1, 10))", "np.zeros(4)", "np.zeros((2, 3), dtype=complex)", "'abc'"]
+_FORMS += [
+    "np.zeros((11, 3, 10), dtype='f4')",
+    "np.zeros((2, 10))",
+    "[[0.0] * 10]",
+    "np.zeros((1, 3, 10))[:, ::-1]",
+    "np.full(3, np.nan)",
+    "np.zeros(3)",
+]
+
+CALLABLES = [
+    *(f"Malformed({name}={form})" for name in ("feed_forward", "gain", "wanted", "integral_gain", "limit", "integral") for form in _FORMS),
+    *(
+        "raises()",
+        "raises(answer=np.zeros(3), after=2)",
+        "raises(ValueError('x'), np.zeros(3), 1)",
+        "raises(SystemExit(3), np.zeros(3), 1)",
+    ),
+    *("lambda: None", "lambda t: None", "lambda t, s: np.zeros(3)", "lambda *a: None", "lambda *a: np.zeros(2)", "lambda *a: 'abc'"),
+    *("lambda *a: np.full(3, np.nan)", "lambda *a: [0.0, 0.0, None]", "lambda *a: np.zeros((3, 1))", "lambda *a: {}", "lambda *a: 1j"),
+    *("lambda *a: np.zeros(3, dtype='f4')", "lambda *a: [10**5000] * 3", "writes('q')", "writes('v')", "lambda *a, b: np.zeros(3)"),
+    *(
+        "lambda *a: np.full(3, 1e300)",
+        "lambda *a: np.ones((2, 3))",
+        "lambda *a: np.full((2, 3), np.nan)",
+        "lambda *a: (1, 2)",
+        "lambda *a: 1.0",
+    ),
+    *(
+        "lambda t: Wanted(np.zeros(3), np.zeros(3), None)",
+        "lambda t: Wanted(*np.zeros((3, 2)))",
+        "lambda t: Wanted(*np.full((3, 3), np.nan))",
+    ),
+    *("lambda t: Wanted([0.0, 10.0, 10.0], [0.0] * 3, [0.0] * 3)", "lambda t: np.zeros(3)", "lambda t: (0.0, 1.0, 2.0)", "lambda t: still"),
+    *(
+        "Pretending(None)",
+        "Pretending(Wanted(*np.zeros((3, 4, 2))))",
+        "Pretending(Wanted(*np.zeros((3, 1, 3))))",
+        "Pretending(np.zeros(3))",
+    ),
+    *(
+        "Pretending(Wanted(*np.full((3, 11, 3), np.nan)))",
+        "Pretending(Wanted(*np.zeros((3, 0, 3))))",
+        "Pretending(3)",
+        "Pretending((1, 2, 3))",
+    ),
+    *(
+        "Hold(np.zeros(0), np.zeros(3))",
+        "Hold(None, None)",
+        "Hold(np.full(3, np.nan), np.zeros(3))",
+        "Hold([1, 2], 'x', 3)",
+        "Hold(np.eye(3), np.eye(3))",
+    ),
+    *(
+        "Tracking(0.005, np.zeros((0, 3)), np.zeros((0, 3, 10)), np.zeros((0, 10)))",
+        "Tracking('a', *tracking_parts)",
+        "Tracking(0.0, *tracking_parts)",
+    ),
+    *(
+        "Tracking(0.005, np.zeros((3, 3)), np.zeros((2, 3, 10)), np.zeros((1, 10)))",
+        "Tracking(np.nan, *tracking_parts)",
+        "Tracking(0.005, 1, 2, 3)",
+    ),
+    *(
+        "HoistIntegral(tracking, np.nan, 1.0)",
+        "HoistIntegral(tracking, 1.0, -1.0, np.inf)",
+        "HoistIntegral(None, 1.0, 1.0)",
+        "Motion(0.0, 1, 2, 3)",
+    ),
+    *("Motion(0.005, np.zeros((0, 5)), np.zeros((0, 5)), np.zeros((0, 5)))", "Motion(0.005, np.zeros((3, 2)), np.zeros(3), None)"),
+    *("follow(still)", "follow(None)", "tracking", "motion", "observed(tracking, crane, short)", "law.__class__", "mpc(crane, short)"),
+    *("[law, law]", "[law] * 3", "[]", "[law, None]", "(still, still)", "[raises()]"),
+]
+"""Where a function of the caller's own is asked for."""
+
+STATES = [
+    *("State(np.zeros(5), np.zeros(5))", "State(np.zeros(4), np.zeros(5))", "State(start.q, None)", "State(start.q, np.full(5, np.nan))"),
+    *(
+        "State(start.q, np.full(5, 1e300))",
+        "(start.q, start.v)",
+        "(start.q,)",
+        "State(start.q * 1e300, start.v)",
+        "State(start.q[::-1], start.v)",
+    ),
+    *(
+        "State(list(start.q), list(start.v))",
+        "State(np.tile(start.q, (2, 1)), np.zeros((2, 5)))",
+        "[start, start]",
+        "[start] * 3",
+        "State('a', 'b')",
+    ),
+    *(
+        "State(start.q + 0j, start.v)",
+        "State(np.zeros((0, 5)), np.zeros((0, 5)))",
+        "State(start.q, np.zeros((2, 5)))",
+        "goal",
+        "[start, None]",
+    ),
+    *(
+        "State(start.q * np.nan, start.v)",
+        "start._replace(q=-start.q)",
+        "State(np.zeros((5, 5)), np.zeros((5, 5)))",
+        "crane.state(phi=1.5)",
+    ),
+]
+"""Where a state is asked for."""
+
+WORDS = [
+    "''",
+    "'a\\0b'",
+    "'\\udcff'",
+    "'a' * 300",
+    "'a/b/c.csv'",
+    "'.'",
+    "'/'",
+    "'folder'",
+    "'/dev/null'",
+    "'/proc/x.csv'",
+    "'pipe.csv'",
+    "'new'",
+]
+WORDS += [
+    "'a\\nb'",
+    "Path('x')",
+    "b'good.csv'",
+    "99",
+    "'rk4'",
+    "'good.txt'",
+    "'../x.csv'",
+    "'good.csv'",
+    "'/dev/zero'",
+    "'-'",
+    "'α' * 130",
+    "'.csv'",
+]
+"""Where a word or a name of a file is asked for."""
+
+
+def wrong_for(annotation: str, rng: Random) -> str:
+    """An expression that is wrong, or at least odd, for a parameter of a type."""
+    kinds: list[Sequence[str]] = [ODD]
+    for words, more in (
+        (("float", "int", "complex"), NUMBERS),
+        (("ndarray", "Sequence", "tuple", "list", "Values"), ARRAYS),
+        (("Controller", "Reference", "Callable", "Motion", "Speed", "Disturbance", "Tracking", "Study"), CALLABLES),
+        (("State",), STATES),
+        (("str", "Path", "Name", "Drive", "Watch", "object"), WORDS),
+        (
+            ("Mapping", "values", "object"),
+            ["{'a': None}", "{'x': np.nan}", "{'x': 'a'}", "{'': 1.0}", "{'x': 10**5000}", "{'a\\0': 1}", "{'x': []}"],
+        ),
+    ):
+        if any(word in annotation for word in words):
+            kinds += [more] * 3
+    return rng.choice(rng.choice(kinds))
+
+
+# --- functions ---------------------------------------------------------------------------------------------------------------------
+
+
+class _Files:
+    """Makes the files that a function may be given, where it runs."""
+
+    @staticmethod
+    @cache
+    def contents() -> dict[str, bytes]:
+        """Good ones."""
+        with tempfile.TemporaryDirectory() as folder:
+            run: Trajectory = namespace()["trajectory"]
+            for ending in (".csv", ".parquet"):
+                run.write(Path(folder) / f"good{ending}")
+            namespace()["record"](Path(folder) / "good.rrd", [namespace()["run"]], title="t")
+            with cheap(cut=False):
+                namespace()["sweep"](squares, namespace()["design"], Path(folder) / "done", workers=1)
+            return {str(path.relative_to(folder)): path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
+
+    @classmethod
+    def furnish(cls, folder: Path) -> None:
+        """Put them into a folder."""
+        for name, content in cls.contents().items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_bytes(content)
+        (folder / "folder").mkdir()
+        os.mkfifo(folder / "pipe.csv")
+
+
+@cache
+def functions(group: str) -> dict[str, Callable[..., Any]]:
+    """The functions, classes and methods of a group of modules, by name."""
+    found: dict[str, Callable[..., Any]] = {}
+    for module in map(importlib.import_module, PUBLIC[group]):
+        for name in getattr(module, "__all__", None) or [name for name in vars(module) if not name.startswith("_")]:
+            thing = getattr(module, name)
+            if (
+                not (inspect.isfunction(thing) or inspect.isclass(thing))
+                or not thing.__module__.startswith("cranedyn")
+                or name in NOT_CALLED
+            ):
+                continue
+            if not hasattr(module, "__all__") and thing.__module__ != module.__name__:
+                continue
+            if inspect.isclass(thing):
+                found |= _methods(name, thing)
+            if (
+                inspect.isfunction(thing)
+                or "__post_init__" in vars(thing)
+                or ("__init__" in vars(thing) and not dataclasses.is_dataclass(thing))
+            ):
+                found[name] = thing  # what is a record of values and no more has nothing to refuse
+    return found
+
+
+_INSTANCES = {"Crane": "crane", "Trajectory": "trajectory", "Design": "design", "Sampled": "Sampled(np.eye(10), np.zeros((10, 3)), 0.005)"}
+
+
+def _methods(name: str, thing: type) -> dict[str, Callable[..., Any]]:
+    """Methods that say in their names what they are, of what there is a good one of."""
+    if name not in _INSTANCES:
+        return {}
+    one = eval(_INSTANCES[name], namespace())
+    return {
+        f"{name}.{key}": getattr(one, key) for key, value in vars(thing).items() if inspect.isfunction(value) and not key.startswith("_")
+    }
+
+
+def parameters(name: str, function: Callable[..., Any]) -> dict[str, str]:
+    """Annotations of what a function takes, by name; that of `**values` is ``values``."""
+    found = {}
+    for key, parameter in inspect.signature(function).parameters.items():
+        found[key] = "values" if parameter.kind is parameter.VAR_KEYWORD else str(parameter.annotation)
+    return found
+
+
+def right_for(name: str, key: str, annotation: str) -> str | None:
+    """A good argument, None if nobody knows one."""
+    short = name.rpartition(".")[2]
+    kinds = [part.strip() for part in annotation.split("|")]
+    for known in (f"{name}.{key}", f"{short}.{key}", key, *kinds, *(kind.replace("Sequence[", "").rstrip("]") for kind in kinds)):
+        if known in RIGHT:
+            return RIGHT[known]
+    return None
+
+
+def right(name: str, function: Callable[..., Any]) -> dict[str, str]:
+    """Good arguments for all that must be given, and for those that have a line of their own in `RIGHT`."""
+    short, made = name.rpartition(".")[2], {}
+    for key, parameter in inspect.signature(function).parameters.items():
+        kind = parameters(name, function)[key]
+        if parameter.kind is parameter.VAR_POSITIONAL:
+            continue
+        if parameter.default is parameter.empty or f"{short}.{key}" in RIGHT:
+            if (known := right_for(name, key, kind)) is not None and not (kind == "values" and f"{short}.{key}" not in RIGHT):
+                made[key] = known
+    return made
+
+
+def called(function: Callable[..., Any], texts: dict[str, str]) -> Any:
+    """What a function answers to arguments given as expressions."""
+    names = namespace() | {"tracking_parts": _tracking_parts()}
+    given = {key: eval(text, dict(names)) for key, text in texts.items()}
+    positional: list[Any] = []
+    keyed: dict[str, Any] = {}
+    for key, parameter in inspect.signature(function).parameters.items():
+        if key not in given:
+            continue
+        if parameter.kind is parameter.POSITIONAL_ONLY:
+            positional.append(given[key])
+        elif parameter.kind is parameter.VAR_KEYWORD:
+            keyed |= given[key] if isinstance(given[key], dict) else {"x": given[key]}
+        elif parameter.kind is not parameter.VAR_POSITIONAL:
+            keyed[key] = given[key]
+    before = {key: value.copy() for key, value in given.items() if isinstance(value, np.ndarray) and value.dtype.kind == "f"}
+    answer = function(*positional, **keyed)
+    for key, value in before.items():
+        if not np.array_equal(value, given[key], equal_nan=True):
+            raise Broken(f"an argument is written to: {getattr(function, '__qualname__', function)}({key})")
+    return answer
+
+
+@cache
+def _tracking_parts() -> tuple[np.ndarray, ...]:
+    tracking = namespace()["tracking"]
+    return tracking.feed_forward, tracking.gain, tracking.wanted
+
+
+@dataclass(frozen=True)
+class Calls:
+    """Calls of the functions of some modules, each with one argument or a few that are wrong."""
+
+    group: str
+    weight: float
+    interruptible: bool = True
+
+    @property
+    def name(self) -> str:
+        """Of the kind."""
+        return f"api {self.group}"
+
+    def draw(self, rng: Random) -> Case:
+        """A function, and what is wrong."""
+        found = functions(self.group)
+        name = rng.choices(list(found), [HEAVY.get(name.rpartition(".")[2], 1.0) for name in found])[0]
+        keys, needed = parameters(name, found[name]), right(name, found[name])
+        chosen = rng.choices(list(keys), [3.0 if key in needed else 1.0 for key in keys], k=rng.choice([1, 1, 1, 2, 3])) if keys else []
+        wrong = {key: wrong_for(f"{key} {keys[key]}" if keys[key] == "values" else keys[key], rng) for key in chosen}
+        return Case((name, rng.random() < 0.5), list(wrong.items()))
+
+    def attempt(self, case: Case, folder: Path) -> str:
+        """Call it: it answers, or refuses in a sentence; what it answers is as it says."""
+        name, fast = case.head
+        function = functions(self.group)[name]
+        texts = right(name, function) | dict(case.parts)
+        if fast and self.group == "simulate" and "engine" not in texts and name == "simulate":
+            texts["engine"] = "'compiled'"
+        _Files.furnish(folder)
+        os.chdir(folder)
+        with (
+            open(os.devnull, "w") as nowhere,
+            redirect_stdout(nowhere),
+            redirect_stderr(nowhere),
+            warnings.catch_warnings(),
+            cheap(cut=False),
+        ):
+            warnings.simplefilter("ignore")
+            try:
+                answer = called(function, texts)
+            except CraneError as error:
+                if not (str(error).isprintable() and str(error)):
+                    raise Broken("an error that is no printable sentence", repr(str(error))) from None
+                return "interrupted" if isinstance(error.__context__, KeyboardInterrupt) else "refused"
+            except Mine:
+                if any(text.startswith("raises") and key not in ("controller", "reference", "disturbance") for key, text in case.parts):
+                    return "own error"
+                raise
+            _check(answer, str(inspect.signature(function).return_annotation))
+            if self.group == "batch" or texts.get("engine") == "'compiled'":
+                _check_form(texts.get("controller", ""))
+            _close(answer)
+        return "good"
+
+    def shown(self, case: Case) -> str:
+        """The call."""
+        name, fast = case.head
+        texts = right(name, functions(self.group)[name]) | dict(case.parts)
+        if fast and name == "simulate":
+            texts.setdefault("engine", "'compiled'")
+        return f"{name}({', '.join(f'{key}={text}' for key, text in texts.items())})"
+
+
+def _check(answer: Any, annotation: str) -> None:
+    """A reference that was accepted says finite things, and a crane that was accepted moves."""
+    if annotation in ("Reference", "Motion") and callable(answer):
+        for t in (0.0, 0.7, 3.0, 1e4):
+            setpoint = answer(t)
+            if not all(np.isfinite(part).all() and np.shape(part) == (3,) for part in setpoint):
+                raise Broken(
+                    f"a reference was accepted that says what is not finite, or not three numbers ({type(answer).__name__})",
+                    f"t = {t}: {setpoint}",
+                )
+    if annotation == "Trajectory" and isinstance(answer, Trajectory) and len(answer) > 1 and not np.isfinite(answer.q).all():
+        raise Broken("a trajectory that is not finite was returned as good")
+    if annotation == "Crane":
+        with suppress(CraneError):  # that it diverges is an answer
+            simulate(answer, namespace()["law"], duration=0.005, watch="mark")
+
+
+_SHAPES = {"feed_forward": (3,), "gain": (3, 10), "wanted": (10,), "integral_gain": None, "limit": None, "integral": None}
+"""Of a row of each part of the common form; None for those of three numbers that have no rows."""
+
+
+def _check_form(text: str) -> None:
+    """A common form that was accepted is one: what native code reads has the shape that it reads."""
+    if not text.startswith("Malformed("):
+        return
+    ((name, value),) = eval(text, dict(namespace()))._replaced.items()
+    with suppress(TypeError, ValueError):
+        found, shape = np.asarray(value, dtype=float), _SHAPES[name]
+        rows = found.shape == (3,) if shape is None else len(found) > 0 and found.shape[1:] == shape
+        if rows and not np.isnan(found).any():
+            return
+    raise Broken(f"a common form was accepted whose {name} is none", text)
+
+
+def _close(answer: Any) -> None:
+    with suppress(Exception):
+        answer.close()
+
+
+def unlisted() -> list[str]:
+    """Modules that are neither public nor internal."""
+    modules = [module.name for module in pkgutil.walk_packages(cranedyn.__path__, "cranedyn.")]
+    public = [name for names in PUBLIC.values() for name in names]
+    packages = [name for name in public if hasattr(importlib.import_module(name), "__all__")]
+    known = {*public, *INTERNAL}
+    return [name for name in modules if name not in known and not any(name.startswith(f"{one}.") for one in (*INTERNAL, *packages))]
+
+
+GENERATORS = [Calls(group, 3.0 if group in ("simulate", "batch") else 1.0) for group in PUBLIC]
