@@ -19,7 +19,8 @@ import pytest
 import cranedyn.controllers
 import cranedyn.references
 from cranedyn import analysis, linear, prediction, wind
-from cranedyn.arguments import checked, described, finite, of_drives, taken
+from cranedyn.arguments import checked, described, of_drives, taken
+from cranedyn.arrays import finite
 from cranedyn.batch import simulate_batch
 from cranedyn.clocks import clocks, intervals
 from cranedyn.controllers import follow, hold_controller, lqr, observed, paper_controller, sensed
