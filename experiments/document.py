@@ -60,7 +60,7 @@ class Document:
     def stale(self, tables: Sequence[Table], *, part: bool = False, rounding: float = 0.0) -> list[str]:
         """Where it shows something else than tables made anew, a sentence each.
 
-        A number may differ by one of its last printed digit: what lies beside a rounding edge falls on either side of it.
+        A number shown must be the new one rounded: off by half of its last digit, and by a hundredth of it for what lies on the edge.
 
         Args:
             tables: Those of the experiment.
@@ -123,7 +123,7 @@ def _differences(table: Table, shown: Sequence[Sequence[str]], part: bool, round
     yield from (f"a row {name!r} is not there" for name in made if name not in before)
     for name, (row, values) in made.items():
         for (header, form), old, new, value in zip(table.columns, before.get(name, row), row, values, strict=True):
-            if not _same(old, new, value, form, rounding):
+            if not (old == new or _rounds(old, value, form, rounding)):
                 yield f"{header} of {name!r} is {old}, now {new}"
 
 
@@ -136,11 +136,11 @@ def _by_name(names: Sequence[str], items: Sequence[_Item]) -> dict[str, _Item]:
     return found
 
 
-def _same(old: str, new: str, value: float | str | None, form: str, rounding: float) -> bool:
-    """Whether a cell is what it was, to one of its last digit."""
-    if old == new or value is None or isinstance(value, str) or old == "-":
-        return old == new
-    return abs(float(old.replace(",", "")) - float(new.replace(",", ""))) <= 1.001 * last_digit(value, form) + rounding
+def _rounds(shown: str, value: float | str | None, form: str, rounding: float) -> bool:
+    """Whether a cell is what a value is rounded to."""
+    if value is None or isinstance(value, str) or shown == "-":
+        return False
+    return abs(float(shown.replace(",", "")) - value) <= 0.51 * last_digit(value, form) + rounding
 
 
 def last_digit(value: float, form: str) -> float:
