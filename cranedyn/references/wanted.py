@@ -34,29 +34,29 @@ Reference = Callable[[float], Wanted]
 """From time [s] to what is wanted then."""
 
 
-def setpoint(answer: Any, shape: tuple[int, ...] = (3,)) -> Wanted:
-    """What a reference answered: positions, rates and accelerations as arrays of finite numbers, of one shape.
+def setpoint(answer: Any) -> Wanted:
+    """What a reference answered, if it is three finite positions, rates and accelerations.
 
     Raises:
         Misshapen: If it is anything else.
         OutOfRange: If a number is not finite.
     """
-    if type(answer) is Wanted and shape == (3,) and _sound(answer):
-        return answer
+    try:  # quickly, since it is asked at every control instant
+        (a, b, c), (d, e, f), (g, h, i) = answer.position.tolist(), answer.velocity.tolist(), answer.acceleration.tolist()
+        if math.isfinite(a + b + c + d + e + f + g + h + i) and type(answer) is Wanted:
+            return answer
+    except (AttributeError, TypeError, ValueError):
+        pass
+    return _setpoints(answer, (3,))
+
+
+def _setpoints(answer: Any, shape: tuple[int, ...]) -> Wanted:
+    """What a reference answered, as arrays of finite numbers of one shape."""
     try:
         parts = list(zip(_PARTS, answer, strict=True))
     except (TypeError, ValueError):
         raise Misshapen("answer of the reference", described(answer), "a Wanted: position, velocity, acceleration") from None
     return Wanted(*(finite(f"{name} that the reference wants", part, shape) for name, part in parts))
-
-
-def _sound(answer: Wanted) -> bool:
-    """Whether these are three times three finite numbers, to be seen quickly: it is asked at every control instant."""
-    try:
-        (a, b, c), (d, e, f), (g, h, i) = answer.position.tolist(), answer.velocity.tolist(), answer.acceleration.tolist()
-        return math.isfinite(a + b + c + d + e + f + g + h + i)
-    except (AttributeError, TypeError, ValueError):
-        return False
 
 
 def tabulated(reference: Reference, times: np.ndarray) -> Wanted:
@@ -68,7 +68,7 @@ def tabulated(reference: Reference, times: np.ndarray) -> Wanted:
     """
     at_once = getattr(reference, "at", None)
     if at_once is not None:
-        return setpoint(at_once(times), (len(times), 3))
+        return _setpoints(at_once(times), (len(times), 3))
     rows = [setpoint(reference(t)) for t in times.tolist()]
     return Wanted(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))
 
