@@ -241,7 +241,7 @@ def _loop(**changed: Any) -> Loop:
 
 
 def _with(name: str, change: Callable[[np.ndarray], Any]) -> dict[str, Any]:
-    return {name: change(_loop()._kept[1][name])}
+    return {name: change(_loop()._kept[2][name])}
 
 
 def _read_only(array: np.ndarray) -> np.ndarray:
