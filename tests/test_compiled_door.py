@@ -292,7 +292,8 @@ def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name
         {"end": -1},
         {"after": 1.5},
     ],
-    ids=str,
+    ids=["starts too far", "starts before", "law short", "aim short", "no aim", "narrow force", "nan force", "inf offset"]
+    + ["log short", "no instant", "no row", "no end", "half an instant"],
 )
 def test_the_door_opens_for_counts_that_stay_within_the_arrays_only(changed: dict[str, Any]) -> None:
     with pytest.raises(OutOfRange, match="allowed is"):
@@ -481,17 +482,18 @@ def test_a_run_in_a_thread_of_its_own_can_be_ended_as_soon(run: Callable[..., ob
 
 
 def test_runs_and_batches_in_many_threads_give_what_they_give_alone() -> None:
+    # masses that no other test has, so that code is made in threads, too
+    cranes = {mass: load_crane(payload_mass=mass) for mass in (1017.0, 1019.0)} | {1000.0: crane()}
     shared, starts = crane(), State(np.tile(crane().start.q, (9, 1)) + 0.1 * np.arange(9)[:, None], np.zeros((9, 5)))
 
     def alone(mass: float) -> bytes:
-        c = shared if mass == 1000.0 else load_crane(payload_mass=mass)
+        c = cranes[mass]
         return simulate(c, hold_controller(c), start=c.state(phi=0.1), duration=0.3, watch="mark", engine="compiled").q.tobytes()
 
     def batch(mass: float) -> bytes:
-        c = shared if mass == 1000.0 else load_crane(payload_mass=mass)
+        c = cranes[mass]
         return simulate_batch([c, shared] * 4 + [c], hold_controller(c), start=starts, duration=0.3, record=1, threads=2).q.tobytes()
 
-    # masses that no other test has, so that code is made in threads, too
     tasks = [(way, mass) for mass in (1000.0, 1017.0, 1000.0, 1019.0) for way in (alone, batch, alone)]
     often, before = 1e-5, sys.getswitchinterval()
     sys.setswitchinterval(often)
