@@ -292,8 +292,10 @@ def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name
         {"end": -1},
         {"after": 1.5},
     ],
-    ids=["starts too far", "starts before", "law short", "aim short", "no aim", "narrow force", "nan force", "inf offset"]
-    + ["log short", "no instant", "no row", "no end", "half an instant"],
+    ids=(
+        "starts too far, starts before, law short, aim short, no aim, narrow force, nan force, inf offset, "
+        "log short, no instant, no row, no end, half an instant"
+    ).split(", "),
 )
 def test_the_door_opens_for_counts_that_stay_within_the_arrays_only(changed: dict[str, Any]) -> None:
     with pytest.raises(OutOfRange, match="allowed is"):
