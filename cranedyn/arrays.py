@@ -25,7 +25,10 @@ def shaped(name: str, value: Any, *shapes: Shape) -> np.ndarray:
     Raises:
         Misshapen: If it is no array of real numbers, or has another shape.
     """
-    if not (type(value) is np.ndarray and value.dtype is _DOUBLE):
+    if type(value) is np.ndarray and value.dtype is _DOUBLE:
+        if value.shape in shapes:
+            return value
+    else:
         try:
             found = np.asarray(value)
             value = found.astype(float) if found.dtype.kind in "iuf" else f"one of {found.dtype}" if found.shape else type(value).__name__

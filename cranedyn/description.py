@@ -10,7 +10,6 @@ import contextlib
 import io
 import re
 import sys
-import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,6 @@ from cranedyn.files import read_text, written
 from cranedyn.urdf import parse
 
 _HERE = Path(__file__).resolve().parent
-_EXPANDING = threading.Lock()  # xacro keeps the file that it is at in a variable of its module
 XACRO = next(folder / "urdf" / "tower_crane.urdf.xacro" for folder in (_HERE, _HERE.parent) if (folder / "urdf").is_dir())
 """The crane of this project: inside the package once installed, beside it in a checkout."""
 
@@ -92,7 +90,7 @@ def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = Non
         unit, allowed = known[name].unit, known[name].allowed
         mappings[name] = repr(number(name, value, unit, allowed)) if allowed else str(value)
     try:
-        with _EXPANDING, contextlib.redirect_stderr(io.StringIO()):
+        with contextlib.redirect_stderr(io.StringIO()):
             document = xacro.process_file(str(path), mappings=mappings)
         _strip_comments(document)
         return "\n".join(line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()) + "\n"

@@ -296,6 +296,7 @@ def main() -> None:
         guard()
     ended: Counter[str] = Counter()
     digest = hashlib.sha256()
+    np.seterr(all="ignore")
     for case in range(given.cases):
         rng = np.random.default_rng([given.seed, case])
         try:

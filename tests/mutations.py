@@ -260,9 +260,23 @@ MUTATIONS = (
     Mutation(
         "cranes of a batch have each other's numbers",
         "cranedyn/batch.py",
-        "grouped(varied[which], _LANES)",
-        "grouped(varied[which[::-1]], _LANES)",
+        "grouped([varied[which]], _LANES)",
+        "grouped([varied[which[::-1]]], _LANES)",
         ("batch",),
+    ),
+    Mutation(
+        "compiled code begins a piece of a control period with control again",
+        "cranedyn/compiled/kernel.py",
+        "with code.when(code.builder.not_(begun)):",
+        "with code.when(code.builder.or_(code.builder.not_(begun), begun)):",
+        ("compiled_door",),
+    ),
+    Mutation(
+        "tables are read beyond their end",
+        "cranedyn/compiled/door.py",
+        "final + length > total",
+        "final > total",
+        ("compiled_door",),
     ),
     Mutation(
         "a swing of a batch counts as residual a row late",

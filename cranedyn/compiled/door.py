@@ -51,9 +51,10 @@ def _known(name: str, array: np.ndarray, *, infinite: bool = False) -> None:
     Raises:
         OutOfRange: If not.
     """
-    wrong = np.isnan(array) if infinite else ~np.isfinite(array)
-    if wrong.any():
-        raise OutOfRange(name, float(array[wrong][0]), "a number" if infinite else "finite")
+    if not np.isfinite(array).all():
+        wrong = array[np.isnan(array) if infinite else ~np.isfinite(array)]
+        if len(wrong):
+            raise OutOfRange(name, float(wrong[0]), "a number" if infinite else "finite")
 
 
 class Rows:
@@ -61,7 +62,7 @@ class Rows:
 
     def __init__(self, machine: Machine, name: str, given: int, answered: int) -> None:
         """Take a function of a module by its name, and how many numbers it reads and writes for each row."""
-        self._run, self._given, self._answered = machine.function(name, 3), given, answered
+        self._machine, self._run, self._given, self._answered = machine, machine.function(name, 3), given, answered
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
         """The answers to rows, shape (n, given), in rows, shape (n, answered).
@@ -131,7 +132,7 @@ class Loop:
         self._weight = small if recipe.buffers and recipe.integrator.smooth else 1
         self._run, self._groups = code.machine.function("run", 1), len(memory["state"])
         self._call, self._moving = np.zeros(len(SLOTS), dtype=np.int64), list[tuple[int, int, int]]()
-        self._kept = (tables, memory)
+        self._kept = (code, tables, memory)
         counts = {"end": end, "small": small, "every": whole("every", every, 1), "after": whole("after", after, 0)}
         for name, count in counts.items():
             self._call[SLOTS[name]] = count

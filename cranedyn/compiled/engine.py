@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from cranedyn.arrays import fixed
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop, Rows
 from cranedyn.compiled.kernel import Kernel, Recipe
-from cranedyn.compiled.layout import FORCE, LAW, ROW, STATE, places, size
+from cranedyn.compiled.layout import AIM, FORCE, LAW, ROW, STATE, places, size
 from cranedyn.compiled.step import in_code
 from cranedyn.compiled.tables import Table, aim, alone, held, law
 from cranedyn.controllers.affine import Affine, Remembering, form
@@ -26,6 +27,15 @@ _BLOCK, _STEPS = 2000, 1_000_000
 """Control instants, and physics steps, that a closed loop runs ahead at most before it is looked at."""
 
 _AT, _FEED_FORWARD = places(STATE), places(LAW)["feed_forward"]
+
+
+class _Block(NamedTuple):
+    """Tables to fill, shape (laws, columns) and (instants, columns), the log that comes of them, and the run."""
+
+    laws: np.ndarray
+    aims: np.ndarray
+    rows: np.ndarray
+    run: Callable[[], None]
 
 
 class CompiledEngine(Engine):
@@ -52,6 +62,7 @@ class CompiledEngine(Engine):
         self._held, self._effort = self._law[0, _FEED_FORWARD], np.zeros(3)
         self._codes: dict[tuple[bool, bool], Kernel] = {}
         self._step: Callable[[], None] | None = None
+        self._blocks: dict[tuple[bool, int, int, int], _Block] = {}
 
     def _code(self, *, integral: bool, log: bool) -> Kernel:
         """Code, made and checked at the first need."""
@@ -143,11 +154,11 @@ class CompiledEngine(Engine):
                 raise
             except Exception:  # it comes again at the instant at which it belongs
                 common = None
-            block = None if common is None or not common.finite() else self._run(common, wanted, clocks.periods - first)
+            block = None if common is None else self._run(common, wanted, clocks.periods - first)
             if block is None:
                 break
             if isinstance(controller, Remembering):
-                controller.resume(float(times[-1]), self._memory[_AT["integral"]])
+                controller.resume(float(times[-1]), self._memory[_AT["integral"]].copy())
             log.block(wanted, block)
             first += len(times)
             self._arrived()
@@ -155,13 +166,26 @@ class CompiledEngine(Engine):
         self.take(self._memory[_AT["held"]].copy())
 
     def _run(self, common: Affine, wanted: np.ndarray, end: int) -> dict[str, np.ndarray] | None:
-        """A block of rows by name; None, and all as before, if a number in it is not finite or a joint moves too fast."""
+        """A block of rows by name; None, and all as before, if a number for it or in it is not finite or a joint moves too fast."""
         before, n = self._memory.copy(), len(wanted)
+        block = self._block(bool(common.integral_gain.any()), len(common.feed_forward), n, min(end, n))
+        law(common, block.laws)
+        aim(common, wanted, block.aims)
         self._memory[_AT["integral"]] = common.integral
-        code, rows = self._code(integral=bool(common.integral_gain.any()), log=True), np.empty((n, size(ROW)))
-        self._loop(code, alone(law(common)), alone(aim(common, wanted)), n, end, rows).alone()()
-        block = {name: rows[:, where] for name, where in places(ROW).items()}
-        if np.isfinite(rows).all() and (np.square(block["v"]).sum(axis=1) < DIVERGED**2).all():
-            return block
+        block.run()
+        found = {name: block.rows[:, where] for name, where in places(ROW).items()}
+        known = np.isfinite(block.rows).all() and np.isfinite(common.integral).all() and not np.isnan(common.limit).any()
+        if known and (np.square(found["v"]).sum(axis=1) < DIVERGED**2).all():
+            return found
         self._memory[:] = before
         return None
+
+    def _block(self, integral: bool, laws: int, instants: int, end: int) -> _Block:
+        """What a block of a size is run with, made once."""
+        size_of_it = integral, laws, instants, end
+        if size_of_it not in self._blocks:
+            tables = np.zeros((laws, size(LAW))), np.zeros((instants, size(AIM)))
+            rows, code = np.empty((instants, size(ROW))), self._code(integral=integral, log=True)
+            run = self._loop(code, alone(tables[0]), alone(tables[1]), instants, end, rows).alone()
+            self._blocks[size_of_it] = _Block(*tables, rows, run)
+        return self._blocks[size_of_it]

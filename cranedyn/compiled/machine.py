@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
@@ -23,6 +23,7 @@ class Machine:
 
     engine: Any
     context: Any
+    _known: dict[str, Any] = field(default_factory=dict, init=False)
 
     def __del__(self) -> None:
         """Free the context after the engine, which needs it to the last; llvmlite by itself frees it first."""
@@ -33,9 +34,9 @@ class Machine:
 
     def function(self, name: str, arguments: int) -> Any:
         """A function of so many addresses without a result, which believes them: for `cranedyn.compiled.door` alone."""
-        made: Any = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.engine.get_function_address(name))
-        made.machine = self  # an address keeps nothing
-        return made
+        if name not in self._known:
+            self._known[name] = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.engine.get_function_address(name))
+        return self._known[name]
 
 
 def translated(module: ir.Module) -> Machine:

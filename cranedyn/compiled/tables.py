@@ -10,6 +10,8 @@ import numpy as np
 from cranedyn.compiled.layout import AIM, FORCE, LAW, places, size
 from cranedyn.controllers.affine import Affine
 
+_LAW, _AIM = places(LAW), places(AIM)
+
 
 @dataclass(frozen=True, eq=False)
 class Table:
@@ -44,19 +46,19 @@ def table(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> Table:
     return Table(stacked, length, chosen.astype(np.int64) * length)
 
 
-def law(form: Affine) -> np.ndarray:
-    """A controller's rows, shape (n, columns)."""
-    n, at = len(form.feed_forward), places(LAW)
-    rows = np.empty((n, size(LAW)))
+def law(form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
+    """A controller's rows, shape (n, columns), in an array of that shape if there is one."""
+    n, at = len(form.feed_forward), _LAW
+    rows = np.empty((n, size(LAW))) if rows is None else rows
     rows[:, at["feed_forward"]], rows[:, at["gain"]] = form.feed_forward, form.gain.reshape(n, 30)
     rows[:, at["integral_gain"]], rows[:, at["limit"]] = form.integral_gain, form.limit
     return rows
 
 
-def aim(form: Affine, positions: np.ndarray) -> np.ndarray:
-    """Rows of what a controller is about and of where its reference wants the drives, shape (n, columns)."""
-    n, at = len(positions), places(AIM)
-    rows = np.empty((n, size(AIM)))
+def aim(form: Affine, positions: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+    """Rows of what a controller is about and of where its reference wants the drives, shape (n, columns); in an array as for `law`."""
+    n, at = len(positions), _AIM
+    rows = np.empty((n, size(AIM))) if rows is None else rows
     rows[: len(form.wanted), at["wanted"]], rows[len(form.wanted) :, at["wanted"]] = form.wanted[:n], form.wanted[-1]
     rows[:, at["position"]] = positions
     return rows
@@ -71,7 +73,7 @@ def shortened(rows: np.ndarray) -> np.ndarray:
 def held(command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tables of one row with which the drives just hold a command, shape (3,)."""
     rows = np.zeros((1, size(LAW)))
-    rows[0, places(LAW)["feed_forward"]] = command
+    rows[0, _LAW["feed_forward"]] = command
     return rows, np.zeros((1, size(AIM)))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 
@@ -34,10 +34,6 @@ class Affine:
     integral_gain: np.ndarray
     limit: np.ndarray
     integral: np.ndarray
-
-    def finite(self) -> bool:
-        """Whether every number is finite; a limit may be infinite."""
-        return self.lacking() == ""
 
     def lacking(self) -> str:
         """The first part with a number that is not finite, empty if there is none."""
@@ -89,9 +85,9 @@ def form(controller: object, times: np.ndarray, positions: np.ndarray) -> Affine
         Misshapen: If it is not made of arrays as it should be.
     """
     answers = next((kind for kind in type(controller).__mro__ if "__call__" in vars(kind) or "affine" in vars(kind)), object)
-    if not (isinstance(controller, AffineController) and "affine" in vars(answers)):
+    if not callable(vars(answers).get("affine")):
         return None
-    answer, whose = controller.affine(fixed(times), fixed(positions)), type(controller).__name__
+    answer, whose = cast(AffineController, controller).affine(fixed(times), fixed(positions)), type(controller).__name__
     if answer is not None and not isinstance(answer, Affine):
         raise Misshapen(f"the common form of {whose}", type(answer).__name__, "an Affine, or None where it is not affine")
     return None if answer is None else answer.fitting(whose, len(times))
