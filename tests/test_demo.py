@@ -20,6 +20,7 @@ from cranedyn.recording import Live
 from cranedyn.references import ARTICLE_TOUR, Leg, itinerary
 from cranedyn.trajectory import Trajectory, join, read
 from experiments import common, demo
+from experiments.moves import residual
 from tests.helpers import FAST, crane
 
 RATES = (0.08, 0.8, 0.8)
@@ -94,7 +95,7 @@ def test_residual_is_the_amplitude_of_a_known_swing() -> None:
     q[:, 2], q[:, 3] = 0.03 * np.cos(t), 0.04 * np.sin(t)
     empty = np.zeros((4001, 3))
     run = Trajectory(t, q, 0 * q, empty, empty, empty, 0 * t, empty, 0 * t, np.zeros((4001, 6)), np.zeros((4001, 2)), 0 * t + 1)
-    assert demo.residual(run) == pytest.approx(0.05, rel=1e-5)  # 4001 samples meet the tops within 1e-6
+    assert residual(run) == pytest.approx(0.05, rel=1e-5)  # 4001 samples meet the tops within 1e-6
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +112,7 @@ def test_the_load_keeps_swinging_in_every_dwell_and_the_table_says_how_much(done
     assert min(row[2] for row in rows) > 1.0
     run = read(done / "demo.parquet")
     last = run.between(run.t[-1] - 3.0, run.t[-1])
-    assert 1000 * demo.residual(last) == pytest.approx(rows[-1][2], rel=1e-6)
+    assert 1000 * residual(last) == pytest.approx(rows[-1][2], rel=1e-6)
 
 
 def test_the_recording_of_a_finished_demo_holds_every_instant(done: Path) -> None:
