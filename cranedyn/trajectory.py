@@ -102,6 +102,10 @@ class Trajectory:
         """The rows from a time on [s]."""
         return self._rows(self.t >= t)
 
+    def before(self, t: float) -> Trajectory:
+        """The rows before a time [s]."""
+        return self._rows(self.t < t)
+
     def between(self, first: float, last: float) -> Trajectory:
         """The rows from one time to another [s], both included."""
         return self._rows((self.t >= first - 1e-9) & (self.t <= last + 1e-9))

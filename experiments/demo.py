@@ -6,9 +6,10 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,19 +17,27 @@ from rich.console import Console
 
 from cranedyn import theory
 from cranedyn.analysis import swing_amplitude
+from cranedyn.command import interrupted
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from cranedyn.errors import CraneError, RunError, number
+from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, number
 from cranedyn.figures import COLOURS, panels
 from cranedyn.references.itinerary import Stage, Timetable
 from cranedyn.references.limits import Limits
 from cranedyn.simulate import Controller
 from cranedyn.trajectory import Trajectory, join
 from experiments import common
-from experiments.moves import CLOSE, DWELL, TOUR_LIMITS, of_sampling, residual
+from experiments.endless import PART, Dwell, Dwells, Record, part_of
+from experiments.moves import CLOSE, DWELL, TOUR_LIMITS, of_sampling
 from experiments.tours import CONTROLS
 
 PIECE = 0.5
 """Length of the pieces in which the demo is simulated, shown and written [s]."""
+
+RECORDED = 3600.0
+"""How much is recorded live into one file [s]."""
+
+MOST_ROWS = 70
+"""Dwells in a table: those of ten cycles."""
 
 PACES = "0.001 to 1e6"
 """How many times real time the demo may go: slower, a piece would not end in minutes."""
@@ -45,16 +54,6 @@ def pieces(world: common.World, tour: Timetable, controller: Controller, until: 
         yield piece
 
 
-def dwelt(stage: Stage, cycle: float, run: Trajectory) -> tuple[str, float, float, float] | None:
-    """What is left after a leg: its name, arrival [s], swing [mrad] and way at the hook [mm]; None before its dwell is over."""
-    arrival, end = cycle + stage.arrival, cycle + stage.end
-    rest = run.between(arrival, end)
-    if run.t[-1] < end - 1e-6 or len(rest) < 2:
-        return None
-    swing = 1000.0 * residual(rest)
-    return stage.leg.name, arrival, swing, swing * float(rest.q[-1, 4])
-
-
 def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
     """Run until the cycles are done or the user interrupts; either way everything so far is kept."""
     from cranedyn.recording import Run
@@ -68,54 +67,85 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     limits = Limits((options.rate_slew, options.rate_x, options.rate_hoist), TOUR_LIMITS.accelerations)
     tour, controller = CONTROLS[options.control](world, limits, number("dwell", options.dwell, "s", "> 0"))
     until = math.inf if options.cycles is None else number("cycles", options.cycles, "", "> 0") * tour.duration
-    run = _show(options, world, (tour, controller), until, None if pace is None else number("pace", pace, "", PACES))
-    rows = _dwells(tour, run)
-    tables, claims = [_table(rows, options.control)], _bare(world, tour, rows, run) if rows and options.control == "none" else []
-    runs = {"demo": run}
-    if options.control != "none":
-        bare, brake = CONTROLS["none"](world, limits, options.dwell)
-        runs = {f"with {options.control}": run}
-        if (other := _before(world, bare, brake, float(run.t[-1]))) is not None:
+    if until < world.control_period:
+        raise OutOfRange("cycles", options.cycles, f"{world.control_period / tour.duration:.3g} or more, one control period")
+    bare = None if options.control == "none" else Bare(world, limits, options.dwell)
+    show = _Show(options, world, tour, bare, None if pace is None else number("pace", pace, "", PACES))
+    run = show.run(pieces(world, tour, controller, until))
+    rows, parts = show.dwells.rows, [part.name for part in show.record.parts]
+    tables = [_table(rows, options.control, float(run.t[0]), parts)]
+    claims = _bare(world, tour, show.dwells) if rows and options.control == "none" else []
+    runs, kept = {"demo" if bare is None else f"with {options.control}": run}, {"demo": run}
+    if bare is not None and (other := bare.run(float(run.t[-1]))) is not None:
+        kept["demo_before"] = other
+        if not parts:
             runs["without control"] = other
-            before = _dwells(bare, other)
-            tables.append(_table(before, "none"))
-            claims = [_better(rows, before, options.control)] if rows and before else []
+        before = bare.dwells.rows
+        tables.append(_table(before, "none"))
+        claims = [_better(rows, before, options.control)] if rows and before else []
         if options.control == "flat" and rows:
-            claims.append(_nothing(world, rows, run))
+            claims.append(_nothing(world, show.dwells))
     return common.Outcome(
         tables=tables,
         claims=claims,
         parameters=world.parameters()
-        | {"rates": list(limits.rates), "accelerations": list(limits.accelerations), "dwell_s": options.dwell, "control": options.control},
-        trajectories={"demo": run} | ({"demo_before": runs["without control"]} if len(runs) > 1 else {}),
+        | {"rates": list(limits.rates), "accelerations": list(limits.accelerations), "dwell_s": options.dwell, "control": options.control}
+        | ({"earlier_parts": parts} if parts else {}),
+        trajectories=kept,
         figures={"swing": _figure(tour, run)},
         recording=[Run(name, world.crane, what) for name, what in runs.items()],
     )
 
 
-def _before(world: common.World, tour: Timetable, controller: Controller, until: float) -> Trajectory | None:
-    """The same time without swing control; None, with a word, if that breaks off."""
-    start = world.crane.start
-    try:
-        return world.simulate(world.crane, controller, tour, start=start, duration=until, label="without control")
-    except RunError as error:
-        print(f"There is no run without control to compare with: {error}", file=sys.stderr)
-        return None
+class Bare:
+    """The same tour without swing control, simulated alongside for as long as all of it is kept."""
+
+    def __init__(self, world: common.World, limits: Limits, dwell: float) -> None:
+        """Begin at the start of the tour."""
+        tour, brake = CONTROLS["none"](world, limits, dwell)
+        self._coming, self._done, self._broken = pieces(world, tour, brake, 2.0 * PART), list[Trajectory](), False
+        self.dwells = Dwells(tour, world.control_period)
+
+    def follow(self, t: float) -> None:
+        """Simulate up to a time [s], the end of what is kept, or where it breaks off, which is said."""
+        while not self._broken and (not self._done or self._done[-1].t[-1] < t - 1e-9):
+            try:
+                piece = next(self._coming, None)
+            except RunError as error:
+                if interrupted(error):
+                    raise KeyboardInterrupt from None
+                print(f"There is no run without control to compare with: {error}", file=sys.stderr)
+                self._broken = True
+                return
+            if piece is None:
+                return
+            self._done.append(piece)
+            self.dwells.add(piece)
+
+    def run(self, t: float) -> Trajectory | None:
+        """What happened up to a time [s] or the end of what is kept; None if it broke off."""
+        self.follow(t)
+        return join(self._done).before(t + 1e-9) if self._done and not self._broken else None
 
 
-def _table(rows: Sequence[tuple[str, float, float, float]], control: str) -> common.Table:
+def _table(rows: Sequence[Dwell], control: str, begin: float = 0.0, parts: Sequence[str] = ()) -> common.Table:
     columns = [("leg", ""), ("arrives [s]", ".1f"), ("residual swing [mrad]", ".4g"), ("at the hook [mm]", ".4g")]
     title = "Swing that is left in the dwells, " + ("without swing control" if control == "none" else f"control {control}")
-    return common.Table(title, columns, rows, "Half the way across, radial and tangential together.")
+    note = "Half the way across, radial and tangential together."
+    if len(rows) > MOST_ROWS:
+        note += f" The last {MOST_ROWS} of {len(rows)} dwells."
+    if parts:
+        note += f" What happened before t = {begin:.0f} s is in {', '.join(parts if len(parts) < 3 else [parts[0], '…', parts[-1]])}."
+    return common.Table(title, columns, rows[-MOST_ROWS:], note)
 
 
-def _bare(world: common.World, tour: Timetable, rows: Sequence[tuple[str, float, float, float]], run: Trajectory) -> list[common.Claim]:
+def _bare(world: common.World, tour: Timetable, dwells: Dwells) -> list[common.Claim]:
     """Without swing control: it keeps swinging, and after the first leg as the closed form says."""
-    least, hook = min(row[2] for row in rows), min(row[3] for row in rows)
-    first = run.between(tour.stages[0].begin, tour.stages[0].end)
-    found = float(swing_amplitude(first.q[-1:, 2:4], first.v[-1:, 2:4], first.q[-1, 4], world.gravity)[0])
-    closed, allowed = started_and_stopped(world, tour.stages[0], float(first.q[-1, 4]))
-    limited = bool((np.abs(first.effort) >= world.crane.effort_limit).any())
+    least, hook = min(row.swing for row in dwells.rows), min(row.way for row in dwells.rows)
+    q, v = dwells.first
+    found = float(swing_amplitude(q[None, 2:4], v[None, 2:4], q[4], world.gravity)[0])
+    closed, allowed = started_and_stopped(world, tour.stages[0], float(q[4]))
+    limited = bool((dwells.effort >= world.crane.effort_limit).any())
     return [
         common.Claim(
             f"Without swing control the load keeps swinging in every dwell: {least:.1f} mrad and {hook:.0f} mm at the hook at least, where "
@@ -145,31 +175,24 @@ def started_and_stopped(world: common.World, stage: Stage, length: float) -> tup
     return most * abs(math.sin(omega * duration / 2.0)), most**3 * (1.0 + omega * duration / 16.0)
 
 
-def _better(
-    after: Sequence[tuple[str, float, float, float]], before: Sequence[tuple[str, float, float, float]], control: str
-) -> common.Claim:
+def _better(after: Sequence[Dwell], before: Sequence[Dwell], control: str) -> common.Claim:
     """Dwell by dwell: each leaves a quarter of what the same dwell leaves without control, or less."""
-    pairs = [(row[2], other[2]) for row, other in zip(after, before, strict=False)]
+    pairs = [(row.swing, other.swing) for row, other in zip(after, before, strict=False)]
     worst = max(with_control / without for with_control, without in pairs)
     return common.Claim(
         f"With {control} every dwell has at most a quarter of its swing without control (worst: 1/{1 / worst:.0f}).", worst < 0.25
     )
 
 
-def _nothing(world: common.World, rows: Sequence[tuple[str, float, float, float]], run: Trajectory) -> common.Claim:
+def _nothing(world: common.World, dwells: Dwells) -> common.Claim:
     """Flat paths leave nothing: what is left is what the sampling of the efforts makes of the swing on the way."""
-    left, peak = max(row[2] for row in rows), float(np.linalg.norm(run.q[:, 2:4], axis=1).max())
-    allowed = 1000.0 * of_sampling(world.gravity, float(run.q[:, 4].min()), world.control_period, peak)
+    left, peak = max(row.swing for row in dwells.rows), dwells.peak
+    allowed = 1000.0 * of_sampling(world.gravity, dwells.shortest, world.control_period, peak)
     return common.Claim(
         f"Flat paths leave no swing: {left:.4f} mrad at most, where efforts that are held for {1000 * world.control_period:g} ms may leave "
         f"{allowed:.4f} of {1000 * peak:.1f} mrad on the way.",
         left < allowed,
     )
-
-
-def _dwells(tour: Timetable, run: Trajectory) -> list[tuple[str, float, float, float]]:
-    cycles = tour.duration * np.arange(math.ceil(run.t[-1] / tour.duration))
-    return [row for cycle in cycles for stage in tour.stages if (row := dwelt(stage, float(cycle), run)) is not None]
 
 
 def _figure(tour: Timetable, run: Trajectory) -> Figure:
@@ -180,66 +203,104 @@ def _figure(tour: Timetable, run: Trajectory) -> Figure:
     drives.plot(run.t, np.degrees(run["gamma_rad"]), color=COLOURS["gamma"], label="γ [°]")
     swing.plot(run.t, np.degrees(run["phi_rad"]), color=COLOURS["phi"], label="φ radial")
     swing.plot(run.t, np.degrees(run["theta_rad"]), color=COLOURS["theta"], label="θ tangential")
-    for cycle in tour.duration * np.arange(math.ceil(run.t[-1] / tour.duration)):
+    for cycle in tour.duration * np.arange(run.t[0] // tour.duration, math.ceil(run.t[-1] / tour.duration)):
         for stage in tour.stages:
-            if cycle + stage.arrival < run.t[-1]:
-                swing.axvspan(cycle + stage.arrival, min(cycle + stage.end, run.t[-1]), color=COLOURS["wanted"], alpha=0.25, linewidth=0)
+            if run.t[0] < cycle + stage.end and cycle + stage.arrival < run.t[-1]:
+                swing.axvspan(
+                    max(cycle + stage.arrival, run.t[0]),
+                    min(cycle + stage.end, run.t[-1]),
+                    color=COLOURS["wanted"],
+                    alpha=0.25,
+                    linewidth=0,
+                )
     swing.set(xlabel="time [s], dwells shaded", ylabel="swing [°]")
     drives.legend(ncols=3, loc="upper left")
     swing.legend(ncols=2, loc="upper left")
     return figure
 
 
-def _show(
-    options: argparse.Namespace, world: common.World, way: tuple[Timetable, Controller], until: float, pace: float | None
-) -> Trajectory:
-    """Simulate, announce, stream; returns what happened until the end or the interruption."""
-    console = Console(highlight=False)
-    tour, controller = way
-    done: list[Trajectory] = []
-    leg: list[Trajectory] = []
-    with ExitStack() as stack:
+class _Show:
+    """Simulates, announces, streams; keeps what happened until the end or the interruption."""
+
+    def __init__(self, options: argparse.Namespace, world: common.World, tour: Timetable, bare: Bare | None, pace: float | None) -> None:
+        self._options, self._world, self._tour, self._bare, self._pace = options, world, tour, bare, pace
+        self._console = Console(highlight=False)
+        self.record, self.dwells = Record(options.folder / "demo.parquet"), Dwells(tour, world.control_period)
+
+    def run(self, pieces: Iterator[Trajectory]) -> Trajectory:
+        """What is kept in memory of the pieces, the last minutes."""
+        with ExitStack() as stack:
+            try:
+                for piece in pieces:
+                    if not self.record:  # what would be refused has been by now
+                        sinks, began = _Sinks(self._options, self._world, stack), time.monotonic()
+                    self._add(piece)
+                    sinks.append(piece)
+                    if self._pace:
+                        time.sleep(max(0.0, float(piece.t[-1]) / self._pace - (time.monotonic() - began)))
+            except (KeyboardInterrupt, RunError) as error:
+                if not interrupted(error):
+                    if isinstance(error, RunError) and error.trajectory is not None and len(error.trajectory):
+                        error.trajectory = self.record.last(error.trajectory)
+                    raise
+                self._console.print("Interrupted; what was recorded so far is kept.")
+            if not self.record:
+                raise KeyboardInterrupt("Interrupted before the first half second was over.")
+            if self.record.parts:
+                sinks.put_aside()
+        return self.record.last()
+
+    def _add(self, piece: Trajectory) -> None:
+        """Keep a piece and say what there is to say."""
+        if (stage := self.dwells.begins(piece)) is not None:
+            self._console.print(f"{piece.t[0]:8.1f} s  {stage.leg.name}")
+        self.record.append(piece)
+        if self._bare is not None:
+            self._bare.follow(float(piece.t[-1]))
+        if (left := self.dwells.add(piece)) is not None:
+            self._console.print(f"            the load still swings {left.swing:.1f} mrad, {left.way:.0f} mm at the hook")
+
+
+class _Sinks:
+    """Where the pieces go while the run is under way: the recording's file, readable at any time, and a viewer if one is asked for.
+
+    Rerun keeps some 40 kB for each second in memory until a file is closed, so a long one comes in parts. What a viewer is shown has none.
+    """
+
+    def __init__(self, options: argparse.Namespace, world: common.World, stack: ExitStack) -> None:
+        """Open what the options ask for, until the stack is left."""
+        from cranedyn import recording
+
+        viewer = ""
+        if options.view:
+            viewer = recording.open_viewer()
+        elif options.serve:
+            server = stack.enter_context(recording.serve(port=options.port))
+            viewer = server.data
+            print(server.words)
+        common.make_folder(options.folder)
+        self._live = partial(recording.Live, world.crane, "demo", title="The demo under way")
+        self._path, self._begin = options.recording, 0.0
+        self._shown = [stack.enter_context(self._live(viewer=viewer))] if viewer else []
+        self._file = self._live(file=self._path)
+        stack.callback(lambda: self._file.close())
+
+    def append(self, piece: Trajectory) -> None:
+        """Add what happened since the last piece."""
+        if piece.t[0] - self._begin >= RECORDED:
+            self.put_aside()
+            self._file, self._begin = self._live(file=self._path), float(piece.t[0])
+        for live in (*self._shown, self._file):
+            live.append(piece)
+
+    def put_aside(self) -> None:
+        """Finish the file and name it after its begin, so that another can take its name."""
+        self._file.close()
+        aside = part_of(self._path, self._begin)
         try:
-            for piece in pieces(world, tour, controller, until):
-                if not done:  # what would be refused has been by now
-                    append, began = _sinks(options, world, stack), time.monotonic()
-                stage, cycle = tour.stage(float(piece.t[0]) + world.control_period / 2.0)
-                if not leg:
-                    console.print(f"{piece.t[0]:8.1f} s  {stage.leg.name}")
-                done.append(piece)
-                leg.append(piece)
-                append(piece)
-                if piece.t[-1] > cycle + stage.end - world.control_period / 2.0:
-                    if row := dwelt(stage, cycle, join(leg)):
-                        console.print(f"            the load still swings {row[2]:.1f} mrad, {row[3]:.0f} mm at the hook")
-                    leg.clear()
-                if pace:
-                    time.sleep(max(0.0, float(piece.t[-1]) / pace - (time.monotonic() - began)))
-        except (KeyboardInterrupt, RunError) as error:
-            if isinstance(error, RunError) and not isinstance(error.__context__, KeyboardInterrupt):
-                if error.trajectory is not None and len(error.trajectory):
-                    error.trajectory = join([*done, error.trajectory])
-                raise
-            console.print("Interrupted; what was recorded so far is kept.")
-    if not done:
-        raise KeyboardInterrupt("Interrupted before the first half second was over.")
-    return join(done)
-
-
-def _sinks(options: argparse.Namespace, world: common.World, stack: ExitStack) -> Callable[[Trajectory], None]:
-    """Where the pieces go while the run is under way: the recording's file, readable at any time, and a viewer if one is asked for."""
-    from cranedyn import recording
-
-    viewer = ""
-    if options.view:
-        viewer = recording.open_viewer()
-    elif options.serve:
-        server = stack.enter_context(recording.serve(port=options.port))
-        viewer = server.data
-        print(server.words)
-    return stack.enter_context(
-        recording.Live(world.crane, "demo", title="The demo under way", file=options.recording, viewer=viewer)
-    ).append
+            self._path.replace(aside)
+        except OSError as error:
+            raise DataError(f"Cannot rename {self._path} to {aside}: {error.strerror}.") from error
 
 
 def main(argv: Sequence[str] | None = None) -> int:

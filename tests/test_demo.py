@@ -20,6 +20,8 @@ from cranedyn.recording import Live
 from cranedyn.references import ARTICLE_TOUR, Leg, itinerary
 from cranedyn.trajectory import Trajectory, join, read
 from experiments import common, demo
+from experiments.endless import Dwell, Dwells
+from experiments.moves import residual
 from experiments.report import page
 from tests.helpers import FAST, crane
 from tests.told import missing
@@ -96,7 +98,7 @@ def test_residual_is_the_amplitude_of_a_known_swing() -> None:
     q[:, 2], q[:, 3] = 0.03 * np.cos(t), 0.04 * np.sin(t)
     empty = np.zeros((4001, 3))
     run = Trajectory(t, q, 0 * q, empty, empty, empty, 0 * t, empty, 0 * t, np.zeros((4001, 6)), np.zeros((4001, 2)), 0 * t + 1)
-    assert demo.residual(run) == pytest.approx(0.05, rel=1e-5)  # 4001 samples meet the tops within 1e-6
+    assert residual(run) == pytest.approx(0.05, rel=1e-5)  # 4001 samples meet the tops within 1e-6
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +117,7 @@ def test_the_load_keeps_swinging_in_every_dwell_and_the_table_says_how_much(done
     assert missing([f"{min(left):.0f} to {max(left):.0f} mrad"], "README.md") == []
     run = read(done / "demo.parquet")
     last = run.between(run.t[-1] - 6.0, run.t[-1])
-    assert 1000 * demo.residual(last) == pytest.approx(rows[-1][2], rel=1e-6)
+    assert 1000 * residual(last) == pytest.approx(rows[-1][2], rel=1e-6)
 
 
 def test_the_report_shows_the_result(done: Path) -> None:
@@ -127,20 +129,22 @@ def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_i
     assert [claim["holds"] for claim in claims] == [True, True]
     world, run = common.World(), read(done / "demo.parquet")
     tour = itinerary(world.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
-    rows = [("leg", 0.0, 100.0, 9.0)]
-    assert [claim.holds for claim in demo._bare(world, tour, rows, run)] == [False, True]  # 9 mm at the hook count as settled
+    dwells = Dwells(tour, world.control_period)
+    dwells.add(run.between(0.0, tour.stages[0].end))
+    assert [claim.holds for claim in demo._bare(world, tour, dwells)] == [True, True]
     monkeypatch.setattr(demo, "DAMPING", (0.0, 4.0 * demo.DAMPING[1], 0.0))
-    assert [claim.holds for claim in demo._bare(world, tour, rows, run)] == [False, False]
+    dwells.rows = [Dwell("leg", 0.0, 100.0, 9.0)]  # 9 mm at the hook count as settled
+    assert [claim.holds for claim in demo._bare(world, tour, dwells)] == [False, False]
 
 
 def test_flat_paths_may_leave_what_sampling_makes_of_the_swing_and_no_more() -> None:
-    world, t = common.World(), np.linspace(0.0, 1.0, 201)
-    q = np.zeros((201, 5))
-    q[:, 2], q[:, 4] = 0.04 * np.sin(t), 10.0
-    none = np.zeros((201, 3))
-    run = Trajectory(t, q, 0 * q, none, none, none, 0 * t, none, 0 * t, np.zeros((201, 6)), np.zeros((201, 2)), 0 * t + 1)
-    most = np.sqrt(world.gravity / 10.0) * 2.5e-3 * 40.0 * np.sin(1.0)  # mrad
-    assert [demo._nothing(world, [("leg", 0.0, left, 0.0)], run).holds for left in (0.99 * most, 1.01 * most)] == [True, False]
+    world = common.World()
+    dwells = Dwells(itinerary(world.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0), world.control_period)
+    dwells.peak, dwells.shortest = 0.04, 10.0
+    most = np.sqrt(world.gravity / 10.0) * 2.5e-3 * 40.0  # mrad
+    for left, holds in ((0.99 * most, True), (1.01 * most, False)):
+        dwells.rows = [Dwell("leg", 0.0, left, 0.0)]
+        assert demo._nothing(world, dwells).holds == holds
 
 
 def test_the_recording_of_a_finished_demo_holds_every_instant(done: Path) -> None:
