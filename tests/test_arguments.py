@@ -99,9 +99,9 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: Limits((1, 1), (1, 1, 1)), "rate limit is (1.0, 1.0); allowed is three numbers: slew, trolley, hoist."),
     (lambda: linear.swing_mode(np.eye(3), 0.005, 2), "loop is an array of shape (3, 3); allowed is one of shape (10, 10)."),
     (lambda: linear.sampled(C, REST, dt=1e-3, control_period=1.5e-3), "control_period is 0.0015 s; allowed is a multiple of dt"),
-    (lambda: analysis.fit_swing(T, T[:9]), "swing is an array of shape (9,) rad; allowed is one of shape (600,)."),
-    (lambda: analysis.agreement(T, np.full(600, math.nan)), "modelled is an array that holds nan; allowed is finite numbers."),
-    (lambda: riccati(np.ones((1, 1, 1)) * 2.0, np.zeros((1, 1, 1)), np.eye(1), np.eye(1)), "There is no stationary LQR for this model"),
+    (lambda: analysis.fit_swing(T, T[:9]), "swing is an array of shape (9,); allowed is one of shape (600,)."),
+    (lambda: analysis.agreement(T, np.full(600, math.nan)), "modelled is nan; allowed is finite."),
+    (lambda: riccati(np.ones((1, 1, 1)) * 2.0, np.zeros((1, 1, 1)), np.eye(1), np.eye(1)), "There is no linear-quadratic regulator for this crane"),
     (
         lambda: simulate_batch([C, None], BRAKE, start=REST, duration=0.1),
         "crane is a list; allowed is a cranedyn.crane.Crane or a",
@@ -306,8 +306,8 @@ def test_values_are_described_shortly() -> None:
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: finite("a", [[1, 2]], ("n", 3), "m"), r"^a is an array of shape \(1, 2\) m; allowed is one of shape \(n, 3\)\.$"),
-        (lambda: finite("a", [1, math.inf], (2,)), r"^a is an array that holds inf; allowed is finite numbers\.$"),
+        (lambda: finite("a", [[1, 2]], ("n", 3), unit="m"), r"^a is an array of shape \(1, 2\); allowed is one of shape \(n, 3\)\.$"),
+        (lambda: finite("a", [1, math.inf], (2,)), r"^a is inf; allowed is finite\.$"),
         (lambda: of_drives("rate", [1, 2, 0], "/s", "> 0"), r"^rate of hoist is 0 m/s; allowed is > 0\.$"),
         (lambda: taken("a", 1j, float | None), r"^a is 1j; allowed is a number or None\.$"),
         (lambda: number("a", _Stranger()), r"^a is _Stranger that cannot be written out; allowed is a number\.$"),
@@ -331,14 +331,14 @@ def _from(t0: float, then: Callable[[], Any], usual: Callable[..., Any]) -> Call
 
 BAD_SETPOINTS: dict[str, tuple[Any, str]] = {
     "none": (None, "answer of the reference is None; allowed is a Wanted: position, velocity, acceleration"),
-    "an array": (np.zeros(3), r"position that the reference wants is an array of shape \(\); allowed is one of shape \(3,\)"),
+    "an array": (np.zeros(3), r"answer of the reference is an array"),
     "two numbers": (Wanted(*np.zeros((3, 2))), r"position that the reference wants is an array of shape \(2,\)"),
     "nan": (
         Wanted(np.array([0.0, math.nan, 15.0]), np.zeros(3), np.zeros(3)),
-        "position that the reference wants is an array that holds nan",
+        "position that the reference wants is nan; allowed is finite",
     ),
-    "an endless rate": (Wanted(np.zeros(3), np.full(3, math.inf), np.zeros(3)), "velocity that the reference wants is .* holds inf"),
-    "words": (Wanted("a", "b", "c"), "position that the reference wants is 'a'; allowed is an array of numbers"),  # type: ignore[arg-type]
+    "an endless rate": (Wanted(np.zeros(3), np.full(3, math.inf), np.zeros(3)), "velocity that the reference wants is inf; allowed is finite"),
+    "words": (Wanted("a", "b", "c"), "position that the reference wants is no array of numbers but str"),  # type: ignore[arg-type]
 }
 
 
@@ -389,7 +389,7 @@ def test_every_row_of_a_table_of_setpoints_must_be_there_and_finite() -> None:
 
     assert len(plumb(Table(21, 3), 0.1).q) == 21
     for table in (Table(20, 3), Table(22, 3), Table(21, 2), Table(21, 3, math.nan)):
-        with pytest.raises(OutOfRange, match="position that the reference wants is an array "):
+        with pytest.raises(OutOfRange, match="position that the reference wants is (an array of shape|nan)"):
             plumb(table, 0.1)
 
 

@@ -146,14 +146,14 @@ def _wanted(shape: tuple[int, ...]) -> Callable[[np.ndarray], Wanted]:
 @pytest.mark.parametrize(
     ("answer", "sentence"),
     [
-        (_wanted((ROWS, 2)), rf"position that the reference wants at {ROWS} times is an array of shape \({ROWS}, 2\); .* \({ROWS}, 3\)"),
+        (_wanted((ROWS, 2)), rf"position that the reference wants is an array of shape \({ROWS}, 2\); .* \({ROWS}, 3\)"),
         (_wanted((2, 3)), r"is an array of shape \(2, 3\)"),
         (_wanted((ROWS + 1, 3)), rf"is an array of shape \({ROWS + 1}, 3\)"),
         (_wanted((0, 3)), r"is an array of shape \(0, 3\)"),
         (_wanted((3,)), r"is an array of shape \(3,\)"),
         (lambda times: Wanted(*[np.zeros((len(times), 3))] * 2, None), "acceleration that .* is no array of numbers but NoneType"),
-        (lambda times: None, "what the reference wants at many times is NoneType; allowed is a Wanted: position, velocity, acceleration"),
-        (lambda times: np.zeros((3, len(times), 3)), "what the reference wants at many times is ndarray"),
+        (lambda times: None, "answer of the reference is None; allowed is a Wanted: position, velocity, acceleration"),
+        (lambda times: np.zeros((3, len(times), 3)), "answer of the reference is an array"),
     ],
 )
 def test_a_table_of_a_reference_that_is_not_as_it_should_be_is_refused(

@@ -8,7 +8,7 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,7 +26,7 @@ from cranedyn.figures import panels
 from cranedyn.files import digest
 from cranedyn.recording import Live, Run
 from cranedyn.simulate import simulate
-from cranedyn.trajectory import read
+from cranedyn.trajectory import Trajectory, read
 from experiments import a1, common, demo, report
 from experiments.document import read_document
 from tests.helpers import FAST, crane, files, python, quickly
@@ -210,7 +210,7 @@ def test_a_document_that_cannot_be_read_whole_or_written_is_refused_before_the_r
     (tmp_path / "page.md").write_text("<!-- a1: -->\n<!-- end -->\n")
     monkeypatch.setattr("secrets.token_hex", lambda count: "a" * 255)  # no room for a draft of any name
     for document, sentence in (
-        ("/dev/zero", "Cannot read /dev/zero: it is larger than 5 MB."),
+        ("/dev/zero", "Cannot read /dev/zero: it is no file but a device."),
         ("page.md", "Cannot write page.md: File name too long."),
     ):
         with pytest.raises(DataError, match=re.escape(sentence)):
@@ -237,8 +237,9 @@ def test_arguments_that_are_refused_leave_the_recording_that_was_there(tmp_path:
 
 
 def test_a_demo_interrupted_before_its_first_row_is_130_and_leaves_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> None:
+    def interrupted(*_: object) -> Iterator[Trajectory]:
         raise KeyboardInterrupt
+        yield
 
     monkeypatch.setattr(demo, "pieces", interrupted)
     (tmp_path / "demo.rrd").write_text("old")

@@ -52,11 +52,9 @@ def setpoint(answer: Any) -> Wanted:
 
 def _setpoints(answer: Any, shape: tuple[int, ...]) -> Wanted:
     """What a reference answered, as arrays of finite numbers of one shape."""
-    try:
-        parts = list(zip(_PARTS, answer, strict=True))
-    except (TypeError, ValueError):
-        raise Misshapen("answer of the reference", described(answer), "a Wanted: position, velocity, acceleration") from None
-    return Wanted(*(finite(f"{name} that the reference wants", part, shape) for name, part in parts))
+    if not isinstance(answer, Wanted):
+        raise Misshapen("answer of the reference", described(answer), "a Wanted: position, velocity, acceleration")
+    return Wanted(*(finite(f"{name} that the reference wants", part, shape) for name, part in zip(_PARTS, answer, strict=True)))
 
 
 def tabulated(reference: Reference, times: np.ndarray) -> Wanted:
