@@ -11,13 +11,14 @@ import io
 import re
 import sys
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.dom import Node, minidom
 
 import xacro
 
+from cranedyn.arguments import checked
 from cranedyn.command import command, interrupted
 from cranedyn.errors import DataError, ModelError, UnknownName, number, quoted
 from cranedyn.files import read_text, written
@@ -49,6 +50,7 @@ class Argument:
     meaning: str = ""
 
 
+@checked
 def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
     """The arguments that a xacro file declares, by name, with the unit and range that the comment behind each one gives.
 
@@ -67,6 +69,7 @@ def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
     return found
 
 
+@checked
 def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = None, *, visuals: bool = True) -> str:
     """Expand a xacro file into a plain URDF without comments.
 
@@ -102,7 +105,8 @@ def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = Non
         raise ModelError(f"{path} cannot be expanded: {str(error) or type(error).__name__}.") from error
 
 
-def parse_values(pairs: Iterable[str]) -> dict[str, str]:
+@checked
+def parse_values(pairs: Sequence[str]) -> dict[str, str]:
     """Values by name from words like ``payload_mass:=2000``.
 
     Raises:
