@@ -17,11 +17,13 @@ from pathlib import Path
 from typing import TypeVar
 
 from cranedyn.command import FAILED, command
-from cranedyn.errors import DataError
+from cranedyn.errors import DataError, quoted
 from cranedyn.files import check_writable, read_bytes, read_text, write_text
 from experiments.outcome import Table
 
 _BLOCK = re.compile(r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)", re.DOTALL)
+
+_BEGIN = re.compile(r"<!-- \w+: ?[^\n]*-->\n")
 
 _Item = TypeVar("_Item")
 
@@ -89,13 +91,17 @@ def read_document(path: str | Path, experiment: str) -> Document:
     """A document as it is.
 
     Raises:
-        DataError: If the file cannot be read or written, or has no block for the experiment.
+        DataError: If the file cannot be read or written, has no block for the experiment, or one that begins before another has ended.
     """
     try:
         text = read_bytes(path).decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         raise DataError(f"Cannot read {path}: it is not text.") from error
-    if not any(block["experiment"] == experiment for block in _BLOCK.finditer(text)):
+    blocks = list(_BLOCK.finditer(text))
+    for block in blocks:
+        if _BEGIN.search(block["content"]):
+            raise DataError(f"{path}: the block {quoted(block[1].strip())} has no line <!-- end --> before the next one begins.")
+    if not any(block["experiment"] == experiment for block in blocks):
         raise DataError(f"{path} has no lines <!-- {experiment}: --> and <!-- end -->; the tables go between them.")
     check_writable(path)
     return Document(Path(path), experiment, text)

@@ -57,7 +57,12 @@ class Design:
 
     @checked
     def rows(self, first: int, last: int) -> dict[str, np.ndarray]:
-        """The columns of the cases from one up to, not including, another."""
+        """The columns of the cases from one up to, not including, another.
+
+        Raises:
+            OutOfRange: If there is no such case.
+        """
+        first, last = whole("first", first, 0, len(self)), whole("last", last, 0, len(self))
         return {name: values[first:last] for name, values in self.columns.items()}
 
     @property
