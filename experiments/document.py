@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -22,8 +23,6 @@ from cranedyn.files import check_writable, read_bytes, read_text, write_text
 from experiments.outcome import Table
 
 _BLOCK = re.compile(r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)", re.DOTALL)
-
-_BEGIN = re.compile(r"<!-- \w+: ?[^\n]*-->\n")
 
 _Item = TypeVar("_Item")
 
@@ -99,7 +98,7 @@ def read_document(path: str | Path, experiment: str) -> Document:
         raise DataError(f"Cannot read {path}: it is not text.") from error
     blocks = list(_BLOCK.finditer(text))
     for block in blocks:
-        if _BEGIN.search(block["content"]):
+        if "<!--" in block["content"] or "-->" in block["content"]:
             raise DataError(f"{path}: the block {quoted(block[1].strip())} has no line <!-- end --> before the next one begins.")
     if not any(block["experiment"] == experiment for block in blocks):
         raise DataError(f"{path} has no lines <!-- {experiment}: --> and <!-- end -->; the tables go between them.")
@@ -175,7 +174,7 @@ def _main(options: argparse.Namespace) -> int:
     for path in options.documents:
         for name in _experiments(path):
             folder = options.results / name
-            if not (folder / "result.json").is_file():
+            if not os.path.isfile(folder / "result.json"):
                 print(f"{path}: there is no result of {name} in {options.results}; its tables are not looked at.")
                 continue
             document, tables = read_document(path, name), _kept(folder / "result.json")

@@ -6,6 +6,7 @@ import argparse
 import base64
 import importlib
 import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -91,7 +92,7 @@ def _made(folder: Path) -> bool:
     """Whether a result is there, and every file that it lists; what is wrong with it otherwise is said when it is read."""
     file = folder / "result.json"
     try:
-        return file.is_file() and all((folder / name).is_file() for name in json.loads(read_text(file))["files"])
+        return os.path.isfile(file) and all(os.path.isfile(folder / name) for name in json.loads(read_text(file))["files"])
     except (DataError, LookupError, TypeError, ValueError, RecursionError):
         return True
 
@@ -99,7 +100,7 @@ def _made(folder: Path) -> bool:
 def _check_set(folder: Path, files: Mapping[str, str]) -> None:
     """Return if every file is the one that its run wrote."""
     for name, expected in files.items():
-        if Path(name).name != name or not (folder / name).is_file():
+        if Path(name).name != name or not os.path.isfile(folder / name):
             raise ValueError(f"{name!r} is no file in its folder")
         if digest(folder / name) != expected:
             raise DataError(f"Cannot read {folder}: {name} there is of another run than its result.json; run it --again.")

@@ -442,7 +442,7 @@ def _document(content: bytes, which: int, folder: Path) -> str:
     def both() -> None:
         read_document(path, "a1").write([table])
         text = path.read_text(encoding="utf-8")
-        if "**Some table**" not in text or ("theirs" in content.decode() and "theirs" not in text):
+        if "**Some table**" not in text or ("<!-- a2: -->\ntheirs" in content.decode() and "theirs" not in text):
             raise Broken("a document lost what is not ours, or lacks what is", text)
 
     word = ended(both)
