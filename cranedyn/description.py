@@ -19,7 +19,7 @@ from xml.dom import Node, minidom
 import xacro
 
 from cranedyn.arguments import checked
-from cranedyn.command import command, interrupted
+from cranedyn.command import Parser, command, interrupted
 from cranedyn.errors import DataError, ModelError, UnknownName, number, quoted
 from cranedyn.files import read_text, written
 from cranedyn.urdf import parse
@@ -139,7 +139,7 @@ def _strip_comments(node: minidom.Node) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Write the URDF to standard output or a file; 0, or 2 with one sentence for bad arguments."""
-    parser = argparse.ArgumentParser(prog="python -m cranedyn.description", description="Write the crane as a plain URDF.")
+    parser = Parser(prog="python -m cranedyn.description", description="Write the crane as a plain URDF.")
     parser.add_argument("values", nargs="*", metavar="name:=value", help="arguments of the xacro file")
     parser.add_argument("-o", "--output", metavar="FILE", help="write to this file instead of standard output")
     parser.add_argument("--list", action="store_true", help="list the arguments with default, unit, range and meaning")

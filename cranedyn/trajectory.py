@@ -15,7 +15,7 @@ import numpy as np
 from cranedyn.arguments import checked, described
 from cranedyn.crane import State
 from cranedyn.errors import DataError, OutOfRange
-from cranedyn.files import written
+from cranedyn.files import parse_json, written
 
 if TYPE_CHECKING:
     import pyarrow
@@ -197,7 +197,7 @@ def read_columns(path: str | Path, columns: Sequence[str]) -> dict[str, np.ndarr
 
 def _parameters(metadata: Mapping[bytes, bytes], path: str | Path) -> dict[str, float | str]:
     try:
-        found = json.loads(metadata.get(b"cranedyn", b"{}"))
+        found = parse_json(metadata.get(b"cranedyn", b"{}"))
     except (ValueError, RecursionError):
         found = None
     if not isinstance(found, dict) or not all(isinstance(value, float | int | str) for value in found.values()):

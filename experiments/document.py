@@ -7,7 +7,6 @@ with ``--write`` it puts these in.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import re
@@ -17,9 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from cranedyn.command import FAILED, command
+from cranedyn.command import FAILED, Parser, command
 from cranedyn.errors import DataError, quoted
-from cranedyn.files import check_writable, read_bytes, read_text, write_text
+from cranedyn.files import check_writable, parse_json, read_bytes, read_text, write_text
 from experiments.outcome import Table
 
 _BLOCK = re.compile(r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)", re.DOTALL)
@@ -162,7 +161,7 @@ def last_digit(value: float, form: str) -> float:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code 0 if all that documents show is what the results hold, 1 if not, 2 for bad arguments."""
-    made = argparse.ArgumentParser(prog="python -m experiments.document", description="Say which cells of documents are stale.")
+    made = Parser(prog="python -m experiments.document", description="Say which cells of documents are stale.")
     made.add_argument("documents", nargs="+", metavar="FILE.md", help="documents with tables between marks")
     made.add_argument("--results", metavar="DIR", type=Path, default=Path("out"), help="folder of the results (default: %(default)s)")
     made.add_argument("--write", action="store_true", help="put the tables of the results in")
@@ -194,7 +193,7 @@ def _kept(file: Path) -> list[Table]:
     """The tables of a result."""
     text = read_text(file)
     try:
-        return [Table.of(kept) for kept in json.loads(text)["tables"]]
+        return [Table.of(kept) for kept in parse_json(text)["tables"]]
     except (LookupError, TypeError, ValueError, RecursionError) as error:
         raise DataError(f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: {error}).") from error
 

@@ -55,6 +55,7 @@ COUNTS = {
 
 _OTHERS = {"line": 30, "api": 100}
 
+
 @pytest.fixture(scope="module")
 def workers() -> Iterator[Workers]:
     made = Workers(1)
