@@ -210,7 +210,7 @@ def test_a_document_that_cannot_be_read_whole_or_written_is_refused_before_the_r
     (tmp_path / "page.md").write_text("<!-- a1: -->\n<!-- end -->\n")
     monkeypatch.setattr("secrets.token_hex", lambda count: "a" * 255)  # no room for a draft of any name
     for document, sentence in (
-        ("/dev/zero", "Cannot read /dev/zero: it is larger than 5 MB."),
+        ("/dev/zero", "Cannot read /dev/zero: it is no file but a device."),
         ("page.md", "Cannot write page.md: File name too long."),
     ):
         with pytest.raises(DataError, match=re.escape(sentence)):
