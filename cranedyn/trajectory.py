@@ -103,7 +103,7 @@ class Trajectory:
         """
         try:
             q, v = self.q[operator.index(row)], self.v[operator.index(row)]
-        except (IndexError, TypeError):
+        except (IndexError, OverflowError, TypeError):
             raise OutOfRange("row", described(row), f"a whole number from {-len(self)} to {len(self) - 1}") from None
         return State(q, v)
 
