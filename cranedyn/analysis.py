@@ -61,12 +61,14 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
         swing: Swing angle [rad], shape (n,).
 
     Raises:
-        DataError: If the record holds fewer than two swings, or the fit does not converge.
+        DataError: If time does not increase, the record holds fewer than two swings, or the fit does not converge.
     """
     t = finite("t", t, ("n",), unit="s")
     swing = finite("swing", swing, t.shape, unit="rad")
     if len(t) == 0:
         raise DataError("The record holds no row where a swing is to be fitted.")
+    if not (t[1:] > t[:-1]).all():
+        raise DataError("The times of a record must increase from row to row where a swing is to be fitted.")
     centred = swing - swing.mean()
     clear = np.abs(centred) > 0.25 * centred.std()  # so that noise about zero makes no crossings
     crossings = zero_crossings(t[clear], centred[clear])

@@ -30,6 +30,7 @@ _WORDS = {
     str: "a text",
     NoneType: "None",
     np.ndarray: "an array of numbers",
+    collections.abc.Mapping: "a mapping, such as a dict",
     np.random.Generator: "a np.random.Generator, such as np.random.default_rng(1)",
 }
 _DRIVES = ("slew", "trolley", "hoist")
@@ -119,6 +120,10 @@ def _as(value: Any, kind: Any) -> Any:
         return _callable(value, inner[0])
     if origin is collections.abc.Sequence:
         return _sequence(value, inner[0])
+    if origin is tuple:
+        return _tuple(value, inner)
+    if isinstance(origin, type) and not isinstance(value, origin):
+        raise TypeError
     if kind is float:
         return _float(value)
     if kind is np.ndarray:
@@ -166,6 +171,12 @@ def _sequence(value: Any, kind: Any) -> Any:
     return value
 
 
+def _tuple(value: Any, kinds: Any) -> tuple[Any, ...]:
+    if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
+        raise TypeError
+    return tuple(_as(one, kind) for one, kind in zip(value, kinds, strict=True))
+
+
 def _callable(value: Any, arguments: Any) -> Any:
     if not callable(value):
         raise TypeError
@@ -187,4 +198,7 @@ def _words(kind: Any) -> str:
     if origin is collections.abc.Callable:
         names = "" if inner[0] is Ellipsis else f" of {len(inner[0])}: {', '.join(getattr(one, '__name__', str(one)) for one in inner[0])}"
         return f"a callable{names}"
+    if origin is tuple:
+        return f"{len(inner)} of {' and '.join(sorted(set(map(_words, inner))))}"
+    kind = origin or kind
     return _WORDS.get(kind) or f"a {kind.__module__}.{kind.__qualname__}"

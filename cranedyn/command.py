@@ -3,18 +3,36 @@
 from __future__ import annotations
 
 import _thread
+import argparse
 import os
+import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
-from typing import Any
+from typing import Any, NoReturn
 
-from cranedyn.errors import CraneError
+from cranedyn.errors import CraneError, printable
 
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130
 """Exit codes: a claim does not hold or a run failed; bad arguments or files; stopped by the user."""
+
+
+class Parser(argparse.ArgumentParser):
+    """One whose errors cannot be ended by what they quote, and that takes no ``--`` for a value, which argparse would leave out."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong, on one line after the usage, and end with `REFUSED`."""
+        super().error(printable(message))
+
+    def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """As argparse does."""
+        words = [*(sys.argv[1:] if args is None else args)]
+        for word in words[: words.index("--") if "--" in words else None]:
+            if re.fullmatch(r"-[^=]*=--|-\w--", word):
+                self.error(f"argument {word.removesuffix('--').removesuffix('=')}: -- is not a value")
+        return super().parse_known_args(words, namespace)
 
 
 def command(run: Callable[[], int]) -> int:

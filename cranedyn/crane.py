@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.arguments import described, taken
+from cranedyn.arguments import checked, described, taken
+from cranedyn.arrays import shaped
 from cranedyn.description import XACRO, describe
 from cranedyn.errors import ModelError, OutOfRange, UnknownName, number, printable, quoted, within
 from cranedyn.files import read_text
@@ -107,6 +108,7 @@ class _Scratch(threading.local):
         return type(self), (self.model,)
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Crane:
     """A crane as loaded: parameters that do not change during a run, and that several threads may use at once.
@@ -130,7 +132,13 @@ class Crane:
     _scratch: _Scratch = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Have scratch memory for each thread."""
+        """Have scratch memory for each thread.
+
+        Raises:
+            OutOfRange: If an array has another shape.
+        """
+        for name, count in (("damping", 5), ("lower", 5), ("upper", 5), ("effort_limit", 3)):
+            shaped(name, getattr(self, name), (count,))
         object.__setattr__(self, "_scratch", _Scratch(self.model))
 
     @property

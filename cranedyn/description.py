@@ -10,14 +10,15 @@ import contextlib
 import io
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.dom import Node, minidom
 
 import xacro
 
-from cranedyn.command import command, interrupted
+from cranedyn.arguments import checked
+from cranedyn.command import Parser, command, interrupted
 from cranedyn.errors import DataError, ModelError, UnknownName, number, quoted
 from cranedyn.files import read_text, written
 from cranedyn.urdf import parse
@@ -47,6 +48,7 @@ class Argument:
     meaning: str = ""
 
 
+@checked
 def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
     """The arguments that a xacro file declares, by name, with the unit and range that the comment behind each one gives.
 
@@ -65,6 +67,7 @@ def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
     return found
 
 
+@checked
 def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = None, *, visuals: bool = True) -> str:
     """Expand a xacro file into a plain URDF without comments.
 
@@ -100,7 +103,8 @@ def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = Non
         raise ModelError(f"{path} cannot be expanded: {str(error) or type(error).__name__}.") from error
 
 
-def parse_values(pairs: Iterable[str]) -> dict[str, str]:
+@checked
+def parse_values(pairs: Sequence[str]) -> dict[str, str]:
     """Values by name from words like ``payload_mass:=2000``.
 
     Raises:
@@ -133,7 +137,7 @@ def _strip_comments(node: minidom.Node) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Write the URDF to standard output or a file; 0, or 2 with one sentence for bad arguments."""
-    parser = argparse.ArgumentParser(prog="python -m cranedyn.description", description="Write the crane as a plain URDF.")
+    parser = Parser(prog="python -m cranedyn.description", description="Write the crane as a plain URDF.")
     parser.add_argument("values", nargs="*", metavar="name:=value", help="arguments of the xacro file")
     parser.add_argument("-o", "--output", metavar="FILE", help="write to this file instead of standard output")
     parser.add_argument("--list", action="store_true", help="list the arguments with default, unit, range and meaning")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import json
+import math
 import os
 import secrets
 import stat
@@ -11,9 +13,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from cranedyn.errors import DataError
+from cranedyn.errors import DataError, quoted
 
 MOST_TEXT = 5_000_000
 """Most bytes of a file that is read as text."""
@@ -64,6 +66,21 @@ def read_text(path: str | Path) -> str:
         return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise DataError(f"Cannot read {path}: it is not text.") from error
+
+
+def parse_json(text: str | bytes) -> Any:
+    """What a JSON text says, if all numbers in it are finite.
+
+    Raises:
+        ValueError: If it is no JSON, or a number in it is not finite or too large for a double, such as 1e400.
+    """
+    return json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=lambda digits: int(digits) if _finite(digits) else 0)
+
+
+def _finite(digits: str) -> float:
+    if not math.isfinite(number := float(digits)):
+        raise ValueError(f"{quoted(digits)} is no finite number")
+    return number
 
 
 def write_text(path: str | Path, text: str) -> None:

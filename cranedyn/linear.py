@@ -31,9 +31,14 @@ class Sampled:
     b: np.ndarray
     period: float
 
+    @checked
     def closed(self, gain: np.ndarray) -> np.ndarray:
-        """The loop closed with u = -gain z; gain has shape (3, 10), the answer (10, 10)."""
-        return self.a - self.b @ gain
+        """The loop closed with u = -gain z; gain has shape (3, 10), the answer (10, 10).
+
+        Raises:
+            OutOfRange: If the gain is not 3 by 10 finite numbers.
+        """
+        return self.a - self.b @ finite("gain", gain, (3, 10))
 
 
 @checked

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps
 
+from cranedyn.arguments import checked
 from cranedyn.errors import DataError, OutOfRange, number
 from cranedyn.files import check_writable, make_folder, written
 from cranedyn.recording.headless import headless
@@ -20,6 +21,7 @@ Progress = Callable[[int], object]
 """Told after each picture how many are done."""
 
 
+@checked
 def snapshot(
     recording: str | Path,
     times: Sequence[float],
@@ -59,6 +61,7 @@ def snapshot(
     return found
 
 
+@checked
 def animate(
     recording: str | Path,
     span: tuple[float, float],

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -22,8 +21,8 @@ LARGEST = 1_000_000_000
 _LARGEST_FOOTER = 20_000_000
 """Most bytes in which a Parquet file says what is in it; they take some ten times as much memory."""
 
-_HEAD = 1_000_000
-"""Bytes among which the header of a CSV file must end."""
+_BLOCK = 1_000_000
+"""Bytes of a CSV file that are read at a time; most bytes of a line."""
 
 
 def read_table(path: str | Path, columns: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[bytes, bytes]]:
@@ -59,7 +58,12 @@ def _parquet(file: BinaryIO, columns: Sequence[str], path: Path) -> pa.Table:
     end = file.read(8)
     if end[4:] == b"PAR1" and (footer := int.from_bytes(end[:4], "little")) > _LARGEST_FOOTER:
         raise DataError(f"{path} says in {footer / 1e6:.0f} MB what is in it; allowed are {_LARGEST_FOOTER / 1e6:.0f}.")
-    source = pyarrow.parquet.ParquetFile(file)
+    # the same file by a name of the system's: threads of Arrow that hold an object of Python's abort a program that ends
+    with pa.OSFile(f"/dev/fd/{file.fileno()}") as same, pyarrow.parquet.ParquetFile(same) as source:
+        return _asked(source, columns, path)
+
+
+def _asked(source: pyarrow.parquet.ParquetFile, columns: Sequence[str], path: Path) -> pa.Table:
     _check_names(source.schema_arrow.names, columns, path)
     _check_kinds(source.schema_arrow, columns, path)
     rows = [source.metadata.row_group(i).num_rows for i in range(source.metadata.num_row_groups)]
@@ -70,18 +74,36 @@ def _parquet(file: BinaryIO, columns: Sequence[str], path: Path) -> pa.Table:
 def _csv(file: BinaryIO, columns: Sequence[str], path: Path) -> pa.Table:
     """Only what is asked for is kept, block by block."""
     _check_size(os.fstat(file.fileno()).st_size, path)
-    head = file.read(_HEAD)
-    whole_lines = head[: max(head.rfind(b"\n"), head.rfind(b"\r")) + 1] or head
-    _check_names(pyarrow.csv.open_csv(io.BytesIO(whole_lines)).schema.names, columns, path)
-    file.seek(0)
-    options = pyarrow.csv.ConvertOptions(include_columns=list(columns), column_types=dict.fromkeys(columns, pa.float64()))
-    blocks, kept = [], 0
-    with pyarrow.csv.open_csv(file, convert_options=options) as reader:
-        for block in reader:
-            blocks.append(block)
-            kept += block.nbytes
-            _check_size(max(kept, file.tell()), path)  # the file may grow meanwhile
-        return pa.Table.from_batches(blocks, reader.schema)
+    convert = pyarrow.csv.ConvertOptions(include_columns=list(columns), column_types=dict.fromkeys(columns, pa.float64()))
+    blocks: list[pa.Table] = []
+    names: list[str] | None = None
+    kept = 0
+    for lines in _lines(file, path):
+        if names is None:
+            head = pyarrow.csv.ReadOptions(use_threads=False)
+            names = pyarrow.csv.open_csv(pa.BufferReader(lines), read_options=head).schema.names
+            _check_names(names, columns, path)
+            options = head
+        else:
+            options = pyarrow.csv.ReadOptions(use_threads=False, column_names=names)
+        blocks.append(pyarrow.csv.read_csv(pa.BufferReader(lines), read_options=options, convert_options=convert))
+        kept += blocks[-1].nbytes
+        _check_size(max(kept, file.tell()), path)  # the file may grow meanwhile
+    return pa.concat_tables(blocks)
+
+
+def _lines(file: BinaryIO, path: Path) -> Iterator[bytes]:
+    """Whole lines, a block of them at a time, one block at least."""
+    rest, first = b"", True
+    while (more := file.read(_BLOCK)) or rest or first:
+        text = rest + more
+        end = max(text.rfind(b"\n"), text.rfind(b"\r")) + 1 if more else len(text)
+        if len(text) - end > _BLOCK:
+            raise DataError(f"{path} has a line of more than {_BLOCK / 1e6:g} MB.")
+        rest = text[end:]
+        if text[:end].strip() or not more:
+            yield text[:end]
+            first = False
 
 
 def _check_size(size: float, path: Path) -> None:

@@ -1,28 +1,59 @@
 """Closed forms to hold the simulation against. SI units, radians, gravity positive.
 
-Swing angles are positive when the load lags behind the pivot.
+Swing angles are positive when the load lags behind the pivot. Each raises `OutOfRange` for arguments that are no numbers or arrays of
+numbers, and where it has no finite answer.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk, jv, yv
 
+from cranedyn.arguments import checked, described
+from cranedyn.errors import OutOfRange
 
+_Any = TypeVar("_Any", bound=Callable[..., Any])
+
+
+def _answered(form: _Any) -> _Any:
+    """Have arguments held against their annotations, and an answer that is not finite refused."""
+    held = checked(form)
+
+    @wraps(form)
+    def answering(*args: Any, **named: Any) -> Any:
+        try:
+            with np.errstate(all="ignore"):
+                answer = held(*args, **named)
+            if np.isfinite(answer).all():
+                return answer
+        except (ArithmeticError, ValueError):  # np.linalg.LinAlgError among them
+            pass
+        given = ", ".join([*map(described, args), *(f"{name}={described(value)}" for name, value in named.items())])
+        raise OutOfRange(f"the answer of {form.__name__}({given})", "not finite", "what has a finite one")
+
+    return answering  # type: ignore[return-value]
+
+
+@_answered
 def point_period(length: float | np.ndarray, gravity: float) -> float | np.ndarray:
     """Small swings of a point load on a cable [s]: 2π√(l/g)."""
     return 2.0 * math.pi * np.sqrt(length / gravity)
 
 
+@_answered
 def rigid_period(length: float, gravity: float, mass: float, inertia: float) -> float:
     """Small swings of a load with rotational inertia I about its own centre [s]: 2π√((m l² + I)/(m g l)), the compound pendulum."""
     return 2.0 * math.pi * math.sqrt((mass * length**2 + inertia) / (mass * gravity * length))
 
 
+@_answered
 def amplitude_factor(amplitude: float | np.ndarray) -> float | np.ndarray:
     """Period of a swing of finite amplitude [rad] over that of a small one: (2/π) K(sin²(A/2)), about 1 + A²/16.
 
@@ -31,6 +62,7 @@ def amplitude_factor(amplitude: float | np.ndarray) -> float | np.ndarray:
     return 2.0 / math.pi * ellipk(np.sin(np.asarray(amplitude) / 2.0) ** 2)
 
 
+@_answered
 def pivot_give(
     length: float, gravity: float, mass: float, stiffness: float, damping: float = 0.0, trolley_mass: float = 0.0
 ) -> tuple[float, float]:
@@ -48,6 +80,7 @@ def pivot_give(
     return scale * compliance.real, -scale * compliance.imag
 
 
+@_answered
 def hoist_give(amplitude: float, length: float, gravity: float, mass: float, stiffness: float, damping: float) -> tuple[float, float]:
     """What a hoist held by k_p [N/m] and k_d [N s/m] does to a swing of a given amplitude [rad].
 
@@ -63,6 +96,7 @@ def hoist_give(amplitude: float, length: float, gravity: float, mass: float, sti
     return scale * (1.0 / (8.0 * stiffness) + 9.0 / 16.0 * compliance.real), -9.0 / 16.0 * scale * compliance.imag
 
 
+@_answered
 def constant_hoisting(t: np.ndarray, length: float, rate: float, gravity: float, swing: float, swing_rate: float) -> np.ndarray:
     """Small swing of a point load while the cable runs at constant speed [rad]: (l0 + v t) φ̈ + 2 v φ̇ + g φ = 0.
 
@@ -81,6 +115,7 @@ def constant_hoisting(t: np.ndarray, length: float, rate: float, gravity: float,
     return (a * jv(1, u) + b * yv(1, u)) / u
 
 
+@_answered
 def constant_hoisting_envelope(t: np.ndarray, length: float, rate: float, gravity: float, swing: float, swing_rate: float) -> np.ndarray:
     """Amplitude of `constant_hoisting` [rad]: √((A² + B²)(J1² + Y1²))/u, the modulus in which the swing oscillates."""
     a, b = _hoisting_constants(length, rate, gravity, swing, swing_rate)
@@ -97,16 +132,19 @@ def _hoisting_constants(length: float, rate: float, gravity: float, swing: float
     return float(a), float(b)
 
 
+@_answered
 def radial_paper(phi: float, *, length: float, gravity: float, push: float) -> float:
     """φ̈ [rad/s²] by Eq. (8) of Muddassir et al., ISARC 2024: l φ̈ + g φ - ẍ = 0, where push is ẍ [m/s²]."""
     return (push - gravity * phi) / length
 
 
+@_answered
 def tangential_paper(theta: float, *, length: float, gravity: float, push: float) -> float:
     """θ̈ [rad/s²] by Eq. (10) of Muddassir et al., ISARC 2024: l θ̈ + g θ - x γ̈ = 0, where push is x γ̈ [m/s²]."""
     return (push - gravity * theta) / length
 
 
+@_answered
 def small_swing(
     swing: np.ndarray,
     rates: np.ndarray,
@@ -148,6 +186,7 @@ def small_swing(
     return (np.array([phi_push, theta_push]) - 2.0 * length_rate * np.asarray(rates) - gravity * np.asarray(swing)) / length
 
 
+@_answered
 def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) -> np.ndarray:
     """Amplitude that a swing [rad] keeps when the cable is run slowly from one length [m] to others, of any size below 180°.
 
@@ -163,6 +202,7 @@ def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) ->
     return np.array([brentq(lambda a, ratio=ratio: action(a) * ratio**1.5 - goal, 1e-9, 3.1) for ratio in np.atleast_1d(lengths) / length])
 
 
+@_answered
 def apsidal_precession(length: float, far: float, near: float) -> float:
     """Angle by which the orbit of a spherical pendulum turns in one revolution [rad], from 4 times the apsidal angle ψ.
 
@@ -190,11 +230,13 @@ def apsidal_precession(length: float, far: float, near: float) -> float:
     return float(4.0 * quad(turned, -math.pi / 2.0, math.pi / 2.0, epsabs=1e-13, epsrel=1e-13)[0] - 2.0 * math.pi)
 
 
+@_answered
 def airy_precession(length: float, far: float, near: float) -> float:
     """The same to lowest order in the half axes a and b of the orbit [rad]: 3π a b/(4 l²) (Airy, Memoirs of the RAS 20, 1851)."""
     return 3.0 * math.pi * far * near / (4.0 * length**2)
 
 
+@_answered
 def slewing_swing(radius: float, length: float, rate: float, gravity: float) -> float:
     """φ [rad] at which a point load hangs while the jib turns steadily [rad/s]; negative, because the load swings out.
 
@@ -207,16 +249,19 @@ def slewing_swing(radius: float, length: float, rate: float, gravity: float) -> 
     return -float(brentq(short, 0.0, math.pi / 2.0, xtol=1e-15))
 
 
+@_answered
 def slewing_tension(radius: float, length: float, rate: float, gravity: float, mass: float) -> float:
     """Tension of the rope then [N]: m √(g² + Ω⁴ r²) with r the radius of the load."""
     return mass * math.hypot(gravity, rate**2 * (radius - length * math.sin(slewing_swing(radius, length, rate, gravity))))
 
 
+@_answered
 def rolling_period(length: float, gravity: float, mass: float, trolley: float) -> float:
     """Small swings under a trolley that rolls without drive or friction [s]: 2π √(l M/((M + m) g)), M the trolley's mass."""
     return 2.0 * math.pi * math.sqrt(length * trolley / ((trolley + mass) * gravity))
 
 
+@_answered
 def pulse_residual(acceleration: float, pulse: float, length: float, gravity: float) -> float:
     """Amplitude that a trolley leaves when it accelerates for a time and then runs on [rad], small angles: (2a/g) |sin(ω t_p/2)|.
 
@@ -232,12 +277,14 @@ def pulse_residual(acceleration: float, pulse: float, length: float, gravity: fl
     return 2.0 * abs(acceleration) / gravity * abs(math.sin(math.sqrt(gravity / length) * pulse / 2.0))
 
 
+@_answered
 def coast_residual(acceleration: float, pulse: float, coast: float, length: float, gravity: float) -> float:
     """The same after it has also coasted for t_c and braked as it accelerated [rad]: the above times 2 |sin(ω (t_p + t_c)/2)|."""
     later = math.sin(math.sqrt(gravity / length) * (pulse + coast) / 2.0)
     return 2.0 * pulse_residual(acceleration, pulse, length, gravity) * abs(later)
 
 
+@_answered
 def quintic_residual(distance: float, duration: float, length: float, gravity: float) -> float:
     """Amplitude that a quintic spline of the trolley leaves, rest to rest [rad], small angles.
 

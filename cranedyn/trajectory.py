@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cranedyn.arguments import checked
+from cranedyn.arguments import checked, described
 from cranedyn.crane import State
-from cranedyn.errors import DataError
-from cranedyn.files import written
+from cranedyn.errors import DataError, OutOfRange
+from cranedyn.files import parse_json, written
 
 if TYPE_CHECKING:
     import pyarrow
@@ -95,17 +96,28 @@ class Trajectory:
         raise KeyError(column)
 
     def state(self, row: int) -> State:
-        """The state at a row; -1 is the last."""
-        return State(self.q[row], self.v[row])
+        """The state at a row; -1 is the last.
 
+        Raises:
+            OutOfRange: If there is no such row.
+        """
+        try:
+            q, v = self.q[operator.index(row)], self.v[operator.index(row)]
+        except (IndexError, OverflowError, TypeError):
+            raise OutOfRange("row", described(row), f"a whole number from {-len(self)} to {len(self) - 1}") from None
+        return State(q, v)
+
+    @checked
     def since(self, t: float) -> Trajectory:
         """The rows from a time on [s]."""
         return self._rows(self.t >= t)
 
+    @checked
     def before(self, t: float) -> Trajectory:
         """The rows before a time [s]."""
         return self._rows(self.t < t)
 
+    @checked
     def between(self, first: float, last: float) -> Trajectory:
         """The rows from one time to another [s], both included."""
         return self._rows((self.t >= first - 1e-9) & (self.t <= last + 1e-9))
@@ -132,6 +144,7 @@ class Trajectory:
             {name: np.ascontiguousarray(self[name]) for name in names}, metadata={"cranedyn": json.dumps(dict(self.parameters))}
         )
 
+    @checked
     def write(self, path: str | Path) -> Path:
         """Write to a ``.csv`` or ``.parquet`` file; both hold every number to the bit, Parquet the parameters too.
 
@@ -150,6 +163,7 @@ class Trajectory:
         return path
 
 
+@checked
 def read(path: str | Path) -> Trajectory:
     """Read a whole trajectory back from what `Trajectory.write` wrote.
 
@@ -170,6 +184,7 @@ def read(path: str | Path) -> Trajectory:
     )
 
 
+@checked
 def read_columns(path: str | Path, columns: Sequence[str]) -> dict[str, np.ndarray]:
     """Read some columns of a ``.csv`` or ``.parquet`` file, ours or recorded elsewhere.
 
@@ -187,7 +202,7 @@ def read_columns(path: str | Path, columns: Sequence[str]) -> dict[str, np.ndarr
 
 def _parameters(metadata: Mapping[bytes, bytes], path: str | Path) -> dict[str, float | str]:
     try:
-        found = json.loads(metadata.get(b"cranedyn", b"{}"))
+        found = parse_json(metadata.get(b"cranedyn", b"{}"))
     except (ValueError, RecursionError):
         found = None
     if not isinstance(found, dict) or not all(isinstance(value, float | int | str) for value in found.values()):

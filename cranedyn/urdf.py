@@ -192,7 +192,7 @@ def skeleton(robot: ET.Element) -> str:
     It names no file and holds nothing that was not checked, so that it is safe to hand on.
     """
     bare = ET.Element("robot", name=printable(robot.get("name", "")))
-    bare.extend(_kept(part) for part in robot if part.tag in ("link", "joint"))
+    bare.extend([_kept(part) for part in robot if part.tag in ("link", "joint")])  # a list: Ctrl-C in a generator is a TypeError
     return ET.tostring(bare, encoding="unicode")
 
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.arrays import shaped
 from cranedyn.crane import JOINTS, PASSIVE, UNITS, Crane
 from cranedyn.drives import cable_buffers
 from cranedyn.dynamics import pivot_position
@@ -43,6 +44,7 @@ class _Condition(NamedTuple):
     words: str
 
 
+@checked
 def first_event(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buffers: bool = False) -> Event | None:
     """The first row at which the model does not hold, None if there is none.
 
@@ -52,6 +54,9 @@ def first_event(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *
         v: Their rates, shape (n, 5).
         hoist: Force of the hoist, and of the buffers at the ends of the cable [N], shape (n,).
         buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little is no event.
+
+    Raises:
+        OutOfRange: If an array has another shape.
     """
     found = [event for condition in _conditions(crane, q, v, hoist, buffers) for event in _beginnings(condition)[:1]]
     return min(found, key=lambda event: event.row, default=None)
@@ -67,12 +72,19 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
     return sorted(event for condition in known for event in _beginnings(condition))
 
 
+@checked
 def valid(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buffers: bool = False) -> np.ndarray:
-    """Whether the model holds at each row, shape (n,)."""
+    """Whether the model holds at each row, shape (n,); arguments as of `first_event`.
+
+    Raises:
+        OutOfRange: If an array has another shape.
+    """
     return np.logical_and.reduce([condition.holds for condition in _conditions(crane, q, v, hoist, buffers)])
 
 
 def _conditions(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, buffers: bool) -> Iterator[_Condition]:
+    q = shaped("q", q, ("n", 5))
+    v, hoist = shaped("v", v, q.shape), shaped("hoist", hoist, q.shape[:1])
     for i, joint in enumerate(JOINTS):
         low, high = float(crane.lower[i]), float(crane.upper[i])
         if i in PASSIVE:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
+from cranedyn.command import Parser
 from cranedyn.errors import DataError
 from cranedyn.simulate import EngineName
 
@@ -23,9 +24,7 @@ def parser(
         recording: Whether it leaves a recording, which can be saved elsewhere and looked at.
         engines: What may compute its steps, the default first.
     """
-    made = argparse.ArgumentParser(
-        prog=f"python -m experiments.{name}", description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    made = Parser(prog=f"python -m experiments.{name}", description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     made.add_argument("--out", metavar="DIR", help=f"folder for results, default out/{name}", default=argparse.SUPPRESS)
     made.add_argument(
         "--document", metavar="FILE.md", help="put the tables between their marks in this document, too", default=argparse.SUPPRESS

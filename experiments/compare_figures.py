@@ -40,5 +40,6 @@ def robustness_figure(found: Mapping[str, Mapping[str, Any]]) -> Figure:
         if points:
             ax.plot(*zip(*points, strict=True), "o", markersize=4.5, color=shade, label=case)
     ax.set(xscale="log", xlabel="swing 20 s after the arrival [mrad]", yticks=range(len(ways), 0, -1), yticklabels=ways)
-    ax.legend(ncols=5, loc="lower left", bbox_to_anchor=(-0.3, 1.0), fontsize=9.0)
+    if ax.lines:  # some way could be made
+        ax.legend(ncols=5, loc="lower left", bbox_to_anchor=(-0.3, 1.0), fontsize=9.0)
     return figure

@@ -7,8 +7,8 @@ with ``--write`` it puts these in.
 from __future__ import annotations
 
 import argparse
-import json
 import math
+import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from cranedyn.command import FAILED, command
-from cranedyn.errors import DataError
-from cranedyn.files import check_writable, read_bytes, read_text, write_text
+from cranedyn.command import FAILED, Parser, command
+from cranedyn.errors import DataError, quoted
+from cranedyn.files import check_writable, parse_json, read_bytes, read_text, write_text
 from experiments.outcome import Table
 
 _BLOCK = re.compile(r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)", re.DOTALL)
@@ -89,13 +89,17 @@ def read_document(path: str | Path, experiment: str) -> Document:
     """A document as it is.
 
     Raises:
-        DataError: If the file cannot be read or written, or has no block for the experiment.
+        DataError: If the file cannot be read or written, has no block for the experiment, or one that begins before another has ended.
     """
     try:
         text = read_bytes(path).decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         raise DataError(f"Cannot read {path}: it is not text.") from error
-    if not any(block["experiment"] == experiment for block in _BLOCK.finditer(text)):
+    blocks = list(_BLOCK.finditer(text))
+    for block in blocks:
+        if "<!--" in block["content"] or "-->" in block["content"]:
+            raise DataError(f"{path}: the block {quoted(block[1].strip())} has no line <!-- end --> before the next one begins.")
+    if not any(block["experiment"] == experiment for block in blocks):
         raise DataError(f"{path} has no lines <!-- {experiment}: --> and <!-- end -->; the tables go between them.")
     check_writable(path)
     return Document(Path(path), experiment, text)
@@ -157,7 +161,7 @@ def last_digit(value: float, form: str) -> float:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code 0 if all that documents show is what the results hold, 1 if not, 2 for bad arguments."""
-    made = argparse.ArgumentParser(prog="python -m experiments.document", description="Say which cells of documents are stale.")
+    made = Parser(prog="python -m experiments.document", description="Say which cells of documents are stale.")
     made.add_argument("documents", nargs="+", metavar="FILE.md", help="documents with tables between marks")
     made.add_argument("--results", metavar="DIR", type=Path, default=Path("out"), help="folder of the results (default: %(default)s)")
     made.add_argument("--write", action="store_true", help="put the tables of the results in")
@@ -169,7 +173,7 @@ def _main(options: argparse.Namespace) -> int:
     for path in options.documents:
         for name in _experiments(path):
             folder = options.results / name
-            if not (folder / "result.json").is_file():
+            if not os.path.isfile(folder / "result.json"):
                 print(f"{path}: there is no result of {name} in {options.results}; its tables are not looked at.")
                 continue
             document, tables = read_document(path, name), _kept(folder / "result.json")
@@ -189,7 +193,7 @@ def _kept(file: Path) -> list[Table]:
     """The tables of a result."""
     text = read_text(file)
     try:
-        return [Table.of(kept) for kept in json.loads(text)["tables"]]
+        return [Table.of(kept) for kept in parse_json(text)["tables"]]
     except (LookupError, TypeError, ValueError, RecursionError) as error:
         raise DataError(f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: {error}).") from error
 

@@ -6,15 +6,16 @@ import argparse
 import base64
 import importlib
 import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from cranedyn.command import INTERRUPTED, command
+from cranedyn.command import INTERRUPTED, Parser, command
 from cranedyn.errors import DataError, UnknownName
-from cranedyn.files import check_writable, digest, make_folder, read_bytes, read_text, write_text
+from cranedyn.files import check_writable, digest, make_folder, parse_json, read_bytes, read_text, write_text
 from experiments import common
 from experiments.arguments import add_engine
 
@@ -76,7 +77,7 @@ def _result(folder: Path) -> tuple[str, str]:
     """The name of an experiment and its section of the page."""
     file = folder / "result.json"
     try:
-        result = json.loads(read_text(file))
+        result = parse_json(read_text(file))
         _check_set(folder, result["files"])
         return escape(result["experiment"]), _section(folder, result)
     except json.JSONDecodeError as error:
@@ -91,7 +92,7 @@ def _made(folder: Path) -> bool:
     """Whether a result is there, and every file that it lists; what is wrong with it otherwise is said when it is read."""
     file = folder / "result.json"
     try:
-        return file.is_file() and all((folder / name).is_file() for name in json.loads(read_text(file))["files"])
+        return os.path.isfile(file) and all(os.path.isfile(folder / name) for name in parse_json(read_text(file))["files"])
     except (DataError, LookupError, TypeError, ValueError, RecursionError):
         return True
 
@@ -99,7 +100,7 @@ def _made(folder: Path) -> bool:
 def _check_set(folder: Path, files: Mapping[str, str]) -> None:
     """Return if every file is the one that its run wrote."""
     for name, expected in files.items():
-        if Path(name).name != name or not (folder / name).is_file():
+        if Path(name).name != name or not os.path.isfile(folder / name):
             raise ValueError(f"{name!r} is no file in its folder")
         if digest(folder / name) != expected:
             raise DataError(f"Cannot read {folder}: {name} there is of another run than its result.json; run it --again.")
@@ -141,7 +142,7 @@ def _figure(folder: Path, name: str) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run what is missing, write the page; 0, or the first code of an experiment that is not 0."""
-    parser = argparse.ArgumentParser(prog="python -m experiments.report", description="All experiments on one page, report.html.")
+    parser = Parser(prog="python -m experiments.report", description="All experiments on one page, report.html.")
     parser.add_argument(
         "--out", metavar="DIR", default="out", help="folder of all results, one folder inside for each experiment (default out)"
     )

@@ -14,7 +14,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from cranedyn.command import command
+from cranedyn.command import Parser, command
 from cranedyn.errors import number
 from cranedyn.files import reserved, together
 from cranedyn.snapshot import animate, snapshot
@@ -22,7 +22,7 @@ from cranedyn.snapshot import animate, snapshot
 
 def main(arguments: list[str] | None = None) -> int:
     """Exit code 0, or 2 for bad arguments, a file that is no recording, or where there is nothing to draw with."""
-    parser = argparse.ArgumentParser(prog="python -m experiments.snapshot", description="Pictures of a recording, without a display.")
+    parser = Parser(prog="python -m experiments.snapshot", description="Pictures of a recording, without a display.")
     parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")
     parser.add_argument("-t", "--times", metavar="T", type=float, nargs="+", default=[], help="when to take a picture [s]")
     parser.add_argument(

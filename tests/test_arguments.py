@@ -18,7 +18,7 @@ import pytest
 
 import cranedyn.controllers
 import cranedyn.references
-from cranedyn import analysis, linear, prediction, wind
+from cranedyn import analysis, linear, prediction, theory, wind
 from cranedyn.arguments import checked, described, of_drives, taken
 from cranedyn.arrays import finite
 from cranedyn.batch import simulate_batch
@@ -29,8 +29,10 @@ from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.riccati import riccati
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.crane import State, load_crane
+from cranedyn.description import describe
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole
 from cranedyn.integrator import rk4
+from cranedyn.recording import record
 from cranedyn.references import Leg, Motion, Push, Wanted, flat, hold, itinerary, operator, plumb, pulse, ramp, shaped, shortest, spline, zv
 from cranedyn.references.limits import Limits, fastest, use
 from cranedyn.references.optimal import optimal
@@ -38,8 +40,10 @@ from cranedyn.references.shaped import Shaper, shaped_hoisting
 from cranedyn.references.spline import Spline
 from cranedyn.references.tour import tour
 from cranedyn.simulate import simulate
+from cranedyn.snapshot import snapshot
+from cranedyn.sweep import cross, grid
 from cranedyn.trajectory import COLUMNS, join, read
-from cranedyn.watch import events
+from cranedyn.watch import events, valid
 from tests.helpers import crane
 
 C, REST = crane(), crane().start
@@ -101,12 +105,35 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: linear.sampled(C, REST, dt=1e-3, control_period=1.5e-3), "control_period is 0.0015 s; allowed is a multiple of dt"),
     (lambda: analysis.fit_swing(T, T[:9]), "swing is an array of shape (9,); allowed is one of shape (600,)."),
     (lambda: analysis.agreement(T, np.full(600, math.nan)), "modelled is nan; allowed is finite."),
-    (lambda: riccati(np.ones((1, 1, 1)) * 2.0, np.zeros((1, 1, 1)), np.eye(1), np.eye(1)), "There is no linear-quadratic regulator for this crane"),
+    (
+        lambda: riccati(np.ones((1, 1, 1)) * 2.0, np.zeros((1, 1, 1)), np.eye(1), np.eye(1)),
+        "There is no linear-quadratic regulator for this crane",
+    ),
     (
         lambda: simulate_batch([C, None], BRAKE, start=REST, duration=0.1),
         "crane is a list; allowed is a cranedyn.crane.Crane or a",
     ),
     (lambda: join([RUN, None]), "pieces is a list; allowed is a sequence, each a cranedyn.trajectory.Trajectory."),
+    (lambda: valid(C, RUN.q, RUN.v[:1], RUN.effort[:, 2]), "v is an array of shape (1, 5); allowed is one of shape (3, 5)."),
+    (lambda: RUN.state(3), "row is 3; allowed is a whole number from -3 to 2."),
+    (lambda: RUN.state(0.5), "row is 0.5; allowed is a whole number from -3 to 2."),
+    (lambda: RUN.since("0.05"), "t is '0.05'; allowed is a number."),
+    (lambda: RUN.between(0.0, []), "last is []; allowed is a number."),
+    (lambda: RUN.write(3), "path is 3; allowed is a text or a pathlib.Path."),
+    (lambda: read(b"a.csv"), "path is b'a.csv'; allowed is a text or a pathlib.Path."),
+    (lambda: describe(3), "path is 3; allowed is a text or a pathlib.Path."),
+    (lambda: describe(values=[1]), "values is [1]; allowed is a mapping, such as a dict or None."),
+    (lambda: analysis.fit_swing(0.0 * T, T), "The times of a record must increase from row to row where a swing is to be fitted."),
+    (lambda: grid(x=[1.0, 2.0]).rows(0, 3), "last is 3; allowed is a whole number from 0 to 2."),
+    (lambda: cross(grid(x=[1.0]), {"y": [1.0]}), "b is {'y': [1.0]}; allowed is a cranedyn.sweep.design.Design."),
+    (lambda: snapshot("a.rrd", "0.05", "a"), "times is '0.05'; allowed is a sequence of numbers."),
+    (lambda: snapshot("a.rrd", [0.0], "a", size=(200, 200, 200)), "size is (200, 200, 200); allowed is 2 of a whole number."),
+    (lambda: record("a.rrd", [RUN], title="t"), "runs is a list; allowed is a sequence, each a cranedyn.recording.run.Run."),
+    (lambda: theory.point_period("a", 9.81), "length is 'a'; allowed is a number or an array of numbers."),
+    (
+        lambda: theory.rigid_period(10.0, -9.81, 1000.0, 1.0),
+        "the answer of rigid_period(10.0, -9.81, 1000.0, 1.0) is not finite; allowed is what has a finite one.",
+    ),
     (lambda: events(C, None), "run is None; allowed is a cranedyn.trajectory.Trajectory."),
     (lambda: C.state(x=10**5000), "x at the start is int that cannot be written out m; allowed is a number."),
     (lambda: C.state(**{"x\0": 1.0}), "There is no coordinate 'x\\x00'"),
@@ -337,7 +364,10 @@ BAD_SETPOINTS: dict[str, tuple[Any, str]] = {
         Wanted(np.array([0.0, math.nan, 15.0]), np.zeros(3), np.zeros(3)),
         "position that the reference wants is nan; allowed is finite",
     ),
-    "an endless rate": (Wanted(np.zeros(3), np.full(3, math.inf), np.zeros(3)), "velocity that the reference wants is inf; allowed is finite"),
+    "an endless rate": (
+        Wanted(np.zeros(3), np.full(3, math.inf), np.zeros(3)),
+        "velocity that the reference wants is inf; allowed is finite",
+    ),
     "words": (Wanted("a", "b", "c"), "position that the reference wants is no array of numbers but str"),  # type: ignore[arg-type]
 }
 

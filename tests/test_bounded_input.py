@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -19,7 +20,7 @@ from cranedyn import snapshot as pictures
 from cranedyn.crane import load_crane
 from cranedyn.description import describe
 from cranedyn.errors import DataError
-from cranedyn.files import opened, read_bytes, read_text
+from cranedyn.files import opened, parse_json, read_bytes, read_text
 from cranedyn.recording import open_viewer
 from cranedyn.trajectory import read, read_columns
 from experiments import a1, a2, a3, report
@@ -157,3 +158,40 @@ def test_a_large_table_of_our_own_is_read_to_the_bit(tmp_path: Path) -> None:
     assert list(found) == ["d", "t_s", "b"]
     np.testing.assert_array_equal(found["d"], values[:, 4])
     np.testing.assert_array_equal(found["b"], values[:, 2])
+
+
+def test_arrow_is_handed_no_object_of_pythons_to_read_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its threads would come back to it while Python ends, which aborts the process now and then."""
+    table, seen = pa.table({"t_s": np.arange(3.0)}), []
+    pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
+    pyarrow.csv.write_csv(table, tmp_path / "a.csv")
+
+    def watched(reader: Any) -> Any:
+        def read(source: Any, *args: Any, **named: Any) -> Any:
+            seen.append(type(source))
+            return reader(source, *args, **named)
+
+        return read
+
+    monkeypatch.setattr("pyarrow.parquet.ParquetFile", watched(pyarrow.parquet.ParquetFile))
+    for name in ("open_csv", "read_csv"):
+        monkeypatch.setattr(f"pyarrow.csv.{name}", watched(getattr(pyarrow.csv, name)))
+    for name in ("a.parquet", "a.csv"):
+        assert len(read_columns(tmp_path / name, ("t_s",))["t_s"]) == 3
+    assert seen == [pa.OSFile, pa.BufferReader, pa.BufferReader]
+
+
+@pytest.mark.parametrize("text", ["1e400", "[-1e400]", "Infinity", '{"a": NaN}', "9" * 400, "9" * 5000, "{"])
+def test_a_json_text_with_a_number_that_is_not_finite_is_none(text: str) -> None:
+    with pytest.raises(ValueError):
+        parse_json(text)
+    assert parse_json('{"a": [1, 2.5, -0.0, 1e-400]}') == {"a": [1, 2.5, 0.0, 0.0]}
+
+
+def test_a_line_that_is_longer_than_a_block_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cranedyn.tables._BLOCK", 100)
+    _csv(tmp_path / "a.csv", 200, 50)
+    assert read_columns(tmp_path / "a.csv", ("t_s",))["t_s"].tolist() == list(range(200))
+    _csv(tmp_path / "a.csv", 200, 500)
+    with pytest.raises(DataError, match=r"a\.csv has a line of more than 0\.0001 MB\."):
+        read_columns(tmp_path / "a.csv", ("t_s",))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cranedyn.controllers.riccati import riccati, stationary
+from cranedyn.description import main as description_main
 from cranedyn.errors import CraneError, OutOfRange
 from experiments import a1, b1, common, compare, demo, energy, mass_ratio
 from experiments.moves import MOVES
@@ -78,7 +79,9 @@ def test_a_system_that_cannot_be_regulated_is_a_sentence(a: np.ndarray, b: np.nd
     q, r = np.eye(2), np.eye(1)
     with pytest.raises(CraneError, match="There is no linear-quadratic regulator"):
         stationary(a[0], b[0], q, r)
-    with pytest.raises(CraneError, match="There is no linear-quadratic regulator" if np.isfinite(a).all() else "a is inf; allowed is finite"):
+    with pytest.raises(
+        CraneError, match="There is no linear-quadratic regulator" if np.isfinite(a).all() else "a is inf; allowed is finite"
+    ):
         riccati(np.repeat(a, 400, axis=0), np.repeat(b, 400, axis=0), q * 1e300, r, q)
 
 
@@ -92,3 +95,20 @@ def test_a_pace_is_one_that_a_clock_can_keep(pace: str, tmp_path: Path, capsys: 
 def test_a_world_has_clocks_that_a_run_can_have() -> None:
     with pytest.raises(OutOfRange, match="control_period is -1 s"):
         common.World(control_period=-1)
+
+
+@pytest.mark.parametrize(
+    ("main", "words", "says"),
+    [
+        (a1.main, ["--document=--"], "error: argument --document: -- is not a value"),
+        (description_main, ["-o--"], "error: argument -o: -- is not a value"),
+        (a1.main, ["a\nerror: forged"], r"error: unrecognized arguments: a\nerror: forged"),
+    ],
+)
+def test_what_a_parser_quotes_stays_on_its_line_and_two_dashes_are_no_value(
+    main: Callable[[list[str]], int], words: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert end.value.code == 2
+    assert capsys.readouterr().err.endswith(f"{says}\n")

@@ -104,6 +104,7 @@ def test_a_table_whose_rows_cannot_be_shown_cannot_be_made(row: tuple[object, ..
     [
         ("no marks", "has no lines <!-- trial: --> and <!-- end -->"),
         ("<!-- trial: Move three -->\n<!-- end -->\n", "asks for a table 'Move three', which is not among those of trial"),
+        ("<!-- trial: -->\nold\n\nOther text.\n<!-- other: -->\nkept\n<!-- end -->\n", "has no line <!-- end --> before the next"),
     ],
 )
 def test_a_document_without_a_place_for_a_table_is_refused_and_left_alone(tmp_path: Path, text: str, words: str) -> None:

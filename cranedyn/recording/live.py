@@ -7,6 +7,7 @@ from types import TracebackType
 
 import rerun as rr
 
+from cranedyn.arguments import checked
 from cranedyn.crane import Crane
 from cranedyn.errors import DataError
 from cranedyn.files import Draft, check_writable, sync_folder
@@ -27,6 +28,7 @@ class Live:
     The scene shows the past that its path needs, so pieces may be short.
     """
 
+    @checked
     def __init__(self, crane: Crane, name: str, *, title: str, text: str = "", file: str | Path | None = None, viewer: str = "") -> None:
         """Open the recording.
 
@@ -59,6 +61,7 @@ class Live:
         self._past: Trajectory | None = None
         self._start_energy = 0.0
 
+    @checked
     def append(self, piece: Trajectory) -> None:
         """Add what happened since the last piece.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from cranedyn.arguments import checked
 from cranedyn.errors import CraneError, DataError, OutOfRange, printable, quoted
 from cranedyn.files import written
 from cranedyn.recording.dashboard import dashboard
@@ -30,6 +31,7 @@ def check_enabled() -> None:
         raise CraneError("Rerun is switched off by the environment variable RERUN; unset it to write a recording.")
 
 
+@checked
 def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "") -> Path:
     """Write runs into one ``.rrd`` file on one clock, with the layout inside.
 

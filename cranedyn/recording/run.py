@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
+from cranedyn.arguments import checked
 from cranedyn.crane import Crane
 from cranedyn.trajectory import Trajectory
 
@@ -14,6 +15,7 @@ TIMELINE = "sim_time"
 """The one clock of a recording."""
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Run:
     """One crane and what happened to it.

@@ -11,7 +11,8 @@ from urllib.parse import quote
 
 import rerun as rr
 
-from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.arguments import checked
+from cranedyn.errors import CraneError, DataError, OutOfRange, whole
 from cranedyn.files import opened
 from cranedyn.recording.page import Page
 from cranedyn.recording.process import HOST, await_ready, end, free, free_port, start
@@ -19,6 +20,7 @@ from cranedyn.recording.process import HOST, await_ready, end, free, free_port, 
 _INSTEAD = "write the recording with --save, or look at it in a browser with --serve"
 
 
+@checked
 def check(path: str | Path) -> Path:
     """The path, if a recording stands there that this version of Rerun shows.
 
@@ -49,6 +51,7 @@ def check_display() -> None:
         raise CraneError(f"There is no display to open a window on; {_INSTEAD}.")
 
 
+@checked
 def open_viewer(path: str | Path | None = None) -> str:
     """Show a recording in a window, which stays open when the program ends.
 
@@ -114,6 +117,7 @@ class Server:
         end(self.process)
 
 
+@checked
 def check_port(port: int) -> None:
     """Return if a port and the next are free on this machine.
 
@@ -121,7 +125,7 @@ def check_port(port: int) -> None:
         OutOfRange: If there is no such port.
         CraneError: If one of the two is in use.
     """
-    if not 1 <= port <= 65534:
+    if not 1 <= whole("port", port, 1) <= 65534:
         raise OutOfRange("port", port, "1 to 65534")
     for taken in (port, port + 1):
         if not free(taken):
@@ -130,6 +134,7 @@ def check_port(port: int) -> None:
             )
 
 
+@checked
 def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
     """Serve a recording with its viewer to browsers on this machine alone; the page talks to nobody else.
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import signal
 import socket
 import threading
@@ -14,7 +15,6 @@ import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -198,7 +198,7 @@ def tls(ca_file: str, cert: str, key: str) -> Security:
     except ImportError as error:
         raise _no_dask(error) from None
     for file in (ca_file, cert, key):
-        if not Path(file).is_file():
+        if not os.path.isfile(file):
             raise DataError(f"Cannot read {file}: there is no such file.")
     return Security(tls_ca_file=ca_file, tls_client_cert=cert, tls_client_key=key, require_encryption=True)
 

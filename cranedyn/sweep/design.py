@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number
 from cranedyn.sweep.limits import check_memory, whole
 
@@ -25,6 +26,7 @@ Values = Sequence[float] | Sequence[str] | np.ndarray | float | str
 """What a column is made of: numbers or words, several or one."""
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Design:
     """A table of cases, one a row.
@@ -53,8 +55,14 @@ class Design:
         """Number of cases."""
         return len(next(iter(self.columns.values())))
 
+    @checked
     def rows(self, first: int, last: int) -> dict[str, np.ndarray]:
-        """The columns of the cases from one up to, not including, another."""
+        """The columns of the cases from one up to, not including, another.
+
+        Raises:
+            OutOfRange: If there is no such case.
+        """
+        first, last = whole("first", first, 0, len(self)), whole("last", last, 0, len(self))
         return {name: values[first:last] for name, values in self.columns.items()}
 
     @property
@@ -116,6 +124,7 @@ def sampled(count: int, /, *, seed: int, method: str = "sobol", **ranges: tuple[
     return Design(dict(zip(ranges, (low + (high - low) * points).clip(low, high).T, strict=True)))
 
 
+@checked
 def cross(a: Design, b: Design) -> Design:
     """Every case of one design with every case of another, the first changing slowest.
 

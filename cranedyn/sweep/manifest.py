@@ -96,7 +96,7 @@ def read_manifest(folder: Path) -> Manifest:
         DataError: If there is none that can be read, or it is not as it was written.
     """
     path = folder / MANIFEST
-    if not path.is_file():
+    if not os.path.isfile(path):  # which a name too long is not
         raise DataError(f"{folder} holds no sweep: there is no {MANIFEST} in it.")
     text = read_text(path)
     try:
@@ -185,7 +185,7 @@ def _names(folder: Path) -> set[str]:
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
     """The folder, with those above it; after an error those that were not there before go again if they are empty."""
-    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    missing = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
     try:
         make_folder(folder)
         yield

@@ -62,7 +62,8 @@ def opened(folder: Path, manifest: Manifest, part: int) -> Iterator[pq.ParquetFi
                 raise DataError(f"{path} is no file; move it away, and its cases are computed.")
             if not is_whole(file):
                 raise Damaged(f"{path} is not as it was written.")
-        with pq.ParquetFile(path) as found:  # by its path: threads of Arrow that hold an object of Python's abort a program that ends
+        # by a name of the system's, which may be no UTF-8: threads of Arrow that hold an object of Python's abort a program that ends
+        with open(path, "rb") as file, pa.OSFile(f"/dev/fd/{file.fileno()}") as same, pq.ParquetFile(same) as found:
             label = (found.metadata.metadata or {}).get(_KEY, b"").partition(_MARK)[0]
             if not label.endswith(manifest.checksum.encode()):
                 raise DataError(f"{path} is whole, but of another sweep; move it away, and its cases are computed.")

@@ -55,25 +55,6 @@ COUNTS = {
 
 _OTHERS = {"line": 30, "api": 100}
 
-_API = "functions that do not look at what they are given"
-_URDF = "urdfdom's lines stand beside our sentence"
-KNOWN: dict[str, str] = {
-    "line a1": "a document without end takes all memory",
-    "line compare": "a figure without curves warns on standard error",
-    "line demo": "a recording has its name before its first row stands",
-    "line mass_ratio": "a document without end takes all memory",
-    "line report": "Rerun's lines stand beside our sentence when a recording is interrupted",
-    "line sweep": "a name of 300 letters for a scheduler; a refused sweep leaves folders",
-    "file URDF, bytes": _URDF,
-    "file URDF, elements": _URDF,
-    "file URDF, recorded": _URDF,
-    "file xacro, bytes": _URDF,
-    "file sweep": "a damaged part changes results without a word",
-    "file document": "a block without an end takes the next one along",
-    **{f"api {group}": _API for group in api.PUBLIC},
-}
-"""Kinds that break a promise as yet, and which."""
-
 
 @pytest.fixture(scope="module")
 def workers() -> Iterator[Workers]:
@@ -83,13 +64,7 @@ def workers() -> Iterator[Workers]:
 
 
 def _cases() -> list[Any]:
-    return [
-        pytest.param(name, COUNTS.get(name, _OTHERS.get(name.partition(" ")[0], 50)), id=name, marks=_marks(name)) for name in GENERATORS
-    ]
-
-
-def _marks(name: str) -> list[pytest.MarkDecorator]:
-    return [pytest.mark.xfail(reason=KNOWN[name], strict=True)] if name in KNOWN else []
+    return [pytest.param(name, COUNTS.get(name, _OTHERS.get(name.partition(" ")[0], 50)), id=name) for name in GENERATORS]
 
 
 @pytest.mark.parametrize(("name", "count"), _cases())

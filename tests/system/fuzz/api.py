@@ -57,7 +57,7 @@ PUBLIC = {
 INTERNAL = tuple(
     f"cranedyn.{name}"
     for name in (
-        "arguments clocks command compiled drives dynamics"
+        "arguments arrays clocks command compiled drives dynamics"
         " engine errors figures files integrator log"
         " processes rigid_body rows style symbolic tables transcription urdf"
     ).split()

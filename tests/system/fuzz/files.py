@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import re
@@ -383,6 +384,10 @@ class SweepFolder:
             raise Broken("a damaged sweep was read as if it were whole", table.to_pydict())
 
 
+_PICTURE = bytes.fromhex(
+    "89504e470d0a1a0a0000000d49484452000000010000000108060000001f15c4890000000d49444154789c6360606060000000050001a5f645400000000049454e44ae426082"
+)
+
 _RESULT: dict[str, Any] = {
     "experiment": "a1",
     "about": "What <b>it</b> is.",
@@ -390,13 +395,11 @@ _RESULT: dict[str, Any] = {
     "claims": [{"sentence": "It holds.", "holds": True}, {"sentence": "It was not judged.", "holds": None}],
     "parameters": {"dt_s": 5e-4, "values": [1.0, "a"]},
     "figures": ["a.png"],
+    "files": {"a.png": hashlib.sha256(_PICTURE).hexdigest()},
     "tables": [{"title": "t", "columns": ["a", "b"], "formats": ["", ".3f"], "rows": [["x", 1.0], ["y", None]], "note": "n"}],
     "versions": {"python": "3.11", "numpy": None},
     "machine": "m",
 }
-_PICTURE = bytes.fromhex(
-    "89504e470d0a1a0a0000000d49484452000000010000000108060000001f15c4890000000d49444154789c6360606060000000050001a5f645400000000049454e44ae426082"
-)
 
 
 def _result(content: bytes, which: int, folder: Path) -> str:
@@ -442,7 +445,7 @@ def _document(content: bytes, which: int, folder: Path) -> str:
     def both() -> None:
         read_document(path, "a1").write([table])
         text = path.read_text(encoding="utf-8")
-        if "**Some table**" not in text or ("theirs" in content.decode() and "theirs" not in text):
+        if "**Some table**" not in text or ("<!-- a2: -->\ntheirs" in content.decode() and "theirs" not in text):
             raise Broken("a document lost what is not ours, or lacks what is", text)
 
     word = ended(both)
