@@ -10,6 +10,7 @@ import contextlib
 import io
 import re
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,8 @@ _HERE = Path(__file__).resolve().parent
 XACRO = next(folder / "urdf" / "tower_crane.urdf.xacro" for folder in (_HERE, _HERE.parent) if (folder / "urdf").is_dir())
 """The crane of this project: inside the package once installed, beside it in a checkout."""
 
+
+_EXPANDING = threading.Lock()  # xacro keeps the file that it is at in a variable of its module
 
 _DOCUMENTED = re.compile(r"\[(?P<unit>[^\]]*)\] (?P<allowed>any|> 0|>= 0): (?P<meaning>.+)")
 
@@ -93,7 +96,7 @@ def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = Non
         unit, allowed = known[name].unit, known[name].allowed
         mappings[name] = repr(number(name, value, unit, allowed)) if allowed else str(value)
     try:
-        with contextlib.redirect_stderr(io.StringIO()):
+        with _EXPANDING, contextlib.redirect_stderr(io.StringIO()):
             document = xacro.process_file(str(path), mappings=mappings)
         _strip_comments(document)
         return "\n".join(line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()) + "\n"

@@ -419,7 +419,7 @@ def test_every_row_of_a_table_of_setpoints_must_be_there_and_finite() -> None:
 
     assert len(plumb(Table(21, 3), 0.1).q) == 21
     for table in (Table(20, 3), Table(22, 3), Table(21, 2), Table(21, 3, math.nan)):
-        with pytest.raises(OutOfRange, match="position that the reference wants is (an array of shape|nan)"):
+        with pytest.raises(OutOfRange, match=r"position that the reference wants is (an array of shape|nan)"):
             plumb(table, 0.1)
 
 

@@ -79,9 +79,7 @@ def test_a_system_that_cannot_be_regulated_is_a_sentence(a: np.ndarray, b: np.nd
     q, r = np.eye(2), np.eye(1)
     with pytest.raises(CraneError, match="There is no linear-quadratic regulator"):
         stationary(a[0], b[0], q, r)
-    with pytest.raises(
-        CraneError, match="There is no linear-quadratic regulator" if np.isfinite(a).all() else "a is inf; allowed is finite"
-    ):
+    with pytest.raises(CraneError, match="There is no linear-quadratic regulator" if np.isfinite(a).all() else "a is inf"):
         riccati(np.repeat(a, 400, axis=0), np.repeat(b, 400, axis=0), q * 1e300, r, q)
 
 

@@ -36,16 +36,15 @@ class Affine:
     integral: np.ndarray
 
     def lacking(self) -> str:
-        """The first part with a number that is not finite, empty if there is none."""
+        """The first part with a number that is not finite, empty if there is none; a limit may be infinite."""
         names = ("feed_forward", "gain", "wanted", "integral_gain", "integral")
-        unknown = next((name for name in names if not np.isfinite(getattr(self, name)).all()), "")
-        return unknown or ("limit" if np.isnan(self.limit).any() else "")
+        return next((name for name in names if not np.isfinite(getattr(self, name)).all()), "")
 
     def fitting(self, whose: str, instants: int) -> Affine:
         """The same, if it is made of arrays as it should be, for so many control instants.
 
         Raises:
-            Misshapen: If it is not: which of them, of whose form.
+            Misshapen: If it is not: which of them, of whose form; or if a limit is no number.
         """
 
         def part(name: str, *shape: int | str) -> np.ndarray:
@@ -56,7 +55,10 @@ class Affine:
 
         feed_forward, wanted = part("feed_forward", "n", 3), part("wanted", "m", 10)
         gain = part("gain", len(feed_forward), 3, 10)
-        return Affine(feed_forward, gain, wanted, *(part(name, 3) for name in ("integral_gain", "limit", "integral")))
+        limit = part("limit", 3)
+        if np.isnan(limit).any():
+            raise Misshapen(f"limit in the common form of {whose}", "an array that holds nan", "numbers, inf for none")
+        return Affine(feed_forward, gain, wanted, part("integral_gain", 3), limit, part("integral", 3))
 
 
 @runtime_checkable

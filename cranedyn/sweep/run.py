@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pyarrow as pa
 
+from cranedyn.arguments import taken
 from cranedyn.errors import CraneError, within
 from cranedyn.sweep.chunk import Study, failed, joined, name_of
 from cranedyn.sweep.cluster import Cluster
@@ -96,8 +97,7 @@ def sweep(
     """
     if not isinstance(design, Design):
         raise CraneError(f"design is {design!r}; allowed is a Design, of which grid, sampled and cross make some.")
-    if not (progress is None or callable(progress)):
-        raise CraneError(f"progress is {progress!r}; allowed is a function, or None.")
+    progress = taken("progress", progress, Callable[[Progress], None] | None)
     pool_of = _pool(workers, scheduler, security, limit)
     size = max(1, min(_LARGEST, -(-len(design) // _PARTS))) if chunk is None else whole("chunk", chunk, 1)
     name, folder = name_of(study), as_folder(folder)
