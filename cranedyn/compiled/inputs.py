@@ -156,7 +156,7 @@ def _form(controller: Any, times: np.ndarray, wanted: np.ndarray) -> Affine:
     if lacking := common.lacking():
         values = getattr(common, lacking)
         name = f"{lacking} in the common form of {type(controller).__name__}"
-        raise OutOfRange(name, float(values[~np.isfinite(values)][0]), "finite" if lacking != "limit" else "a number")
+        raise OutOfRange(name, float(values[~np.isfinite(values)][0]), "finite")
     return common
 
 
