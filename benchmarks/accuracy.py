@@ -17,14 +17,15 @@ from benchmarks.conduct import conduct
 from benchmarks.contestants import CONTESTANTS
 from benchmarks.timing import race
 from benchmarks.workload import Case, Contestant
-from cranedyn import dynamics
-from cranedyn.analysis import zero_crossings
-from cranedyn.crane import DRIVES, Crane, State
-from cranedyn.figures import panels
-from cranedyn.integrator import Integrator, rk4, semi_implicit_euler
-from cranedyn.simulate import simulate
-from cranedyn.trajectory import Trajectory
-from experiments.outcome import Table
+from cranedyn.analysis.swing import zero_crossings
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
+from cranedyn.interfaces import State
+from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.plotting.figures import panels
+from cranedyn.simulation.simulate import simulate
+from experiments.harness.outcome import Table
 
 INTEGRATORS = (semi_implicit_euler, rk4)
 """Those that are compared."""

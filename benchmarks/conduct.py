@@ -9,10 +9,10 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from cranedyn.command import command
-from cranedyn.figures import save
-from cranedyn.files import make_folder
-from experiments.document import read_document
-from experiments.outcome import Outcome, Table, show
+from cranedyn.data.files import make_folder
+from cranedyn.plotting.figures import save
+from experiments.harness.document import read_document
+from experiments.harness.outcome import Outcome, Table, show
 
 Benchmark = Callable[[int, bool], tuple[Sequence[Table], Callable[[], Figure]]]
 """From the number of rounds and whether to be quick to the tables, and to what measures and draws the figure if one is asked for."""

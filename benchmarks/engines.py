@@ -18,7 +18,7 @@ from benchmarks.engines_figure import engines_figure
 from benchmarks.timing import race, stretch
 from benchmarks.workload import DURATION, Case, Contestant
 from cranedyn.errors import CraneError
-from experiments.outcome import Table
+from experiments.harness.outcome import Table
 
 CRANES = (64, 1024)
 """How many cranes run together."""

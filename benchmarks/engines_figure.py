@@ -13,7 +13,7 @@ from benchmarks.agreement import Ready
 from benchmarks.contestants.ours import PLAIN
 from benchmarks.timing import race, stretch
 from benchmarks.workload import Case, Run
-from cranedyn.figures import panels
+from cranedyn.plotting.figures import panels
 
 SIZES = tuple(10**k for k in range(6))
 """Numbers of cranes."""

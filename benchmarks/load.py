@@ -12,7 +12,7 @@ from collections.abc import Sequence
 _PROGRAM = """
 import json, time
 start = time.perf_counter()
-from cranedyn.crane import load_crane
+from cranedyn.model.load import load_crane
 imported = time.perf_counter()
 crane = load_crane()
 first = time.perf_counter()

@@ -11,8 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import Crane, load_crane
-from cranedyn.simulate import simulate
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.simulation.simulate import simulate
 
 DURATION, STEPS = 20.0, 40_000
 """Simulated time of one round [s], and its physics steps of 0.5 ms."""

@@ -9,8 +9,10 @@ import numpy as np
 
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import Hold
-from cranedyn.crane import DRIVES, PASSIVE, Crane, State, load_crane
-from cranedyn.simulate import Controller, EngineName, simulate
+from cranedyn.interfaces import Controller, EngineName, State
+from cranedyn.model.crane import DRIVES, PASSIVE, Crane
+from cranedyn.model.load import load_crane
+from cranedyn.simulation.simulate import simulate
 
 DURATION = 70.0
 """Simulated time of a whole run [s]."""

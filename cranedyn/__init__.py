@@ -3,7 +3,7 @@
 import signal
 import sys
 
-# As in the package of the experiments: Ctrl-C before "python -m cranedyn.description" has begun ends it at once.
+# As in the package of the experiments: Ctrl-C before "python -m cranedyn.model.description" has begun ends it at once.
 if sys.argv[:1] == ["-m"] and any(word.startswith("cranedyn.") for word in sys.orig_argv):
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)

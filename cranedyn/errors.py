@@ -10,7 +10,7 @@ from numbers import Integral
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cranedyn.trajectory import Trajectory
+    from cranedyn.data.trajectory import Trajectory
 
 
 _LONGEST = 2000

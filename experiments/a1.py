@@ -12,15 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn import theory
-from cranedyn.analysis import SwingFit, fit_swing
+from cranedyn.analysis.prediction import FreeSwing, free_swing
+from cranedyn.analysis.swing import SwingFit, fit_swing
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from cranedyn.crane import STANDARD_GRAVITY, Crane
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import OutOfRange, number
-from cranedyn.prediction import FreeSwing, free_swing
+from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse
-from cranedyn.trajectory import Trajectory
-from experiments import common
+from experiments.harness import conduct as common
 
 
 class Published(NamedTuple):

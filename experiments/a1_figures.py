@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cranedyn import theory
-from cranedyn.crane import STANDARD_GRAVITY
-from cranedyn.figures import COLOURS, panels
+from cranedyn.model.crane import STANDARD_GRAVITY
+from cranedyn.plotting.figures import COLOURS, panels
 
 if TYPE_CHECKING:
     from experiments.a1 import Case

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from experiments import a1, common
+from experiments import a1
+from experiments.harness import conduct as common
 
 ROUNDING = np.array(list(a1.ROUNDING.values()))
 """Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad], shape (3,)."""

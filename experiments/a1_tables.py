@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from cranedyn import theory
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from cranedyn.crane import STANDARD_GRAVITY, Crane
-from experiments import common
+from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+from experiments.harness import conduct as common
 
 if TYPE_CHECKING:
     from experiments.a1 import Case

@@ -11,14 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn import theory
-from cranedyn.analysis import PowerLaw, fit_power_law, peaks, zero_crossings
+from cranedyn.analysis.swing import PowerLaw, fit_power_law, peaks, zero_crossings
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from cranedyn.crane import STANDARD_GRAVITY, Crane, State
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
-from cranedyn.references import Reference, hold, pulse, ramp
-from cranedyn.trajectory import Trajectory
-from experiments import common
+from cranedyn.interfaces import Reference, State
+from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+from cranedyn.references import hold, pulse, ramp
+from experiments.harness import conduct as common
 
 LENGTH, TARGET, RATE, HOIST_AT, DURATION = 20.0, 8.0, 0.5, 30.0, 110.0
 """Cable length before and after [m], hoisting speed [m/s], when it starts, and how long the run lasts [s]."""

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from cranedyn import theory
-from cranedyn.crane import STANDARD_GRAVITY
-from cranedyn.figures import COLOURS, panels
-from cranedyn.trajectory import Trajectory
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.model.crane import STANDARD_GRAVITY
+from cranedyn.plotting.figures import COLOURS, panels
 
 if TYPE_CHECKING:
     from experiments.a2 import Reading

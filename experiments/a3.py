@@ -13,14 +13,14 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import savgol_filter
 
 from cranedyn import theory
-from cranedyn.analysis import Agreement, agreement
+from cranedyn.analysis.swing import Agreement, agreement
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from cranedyn.crane import STANDARD_GRAVITY, Crane
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
+from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse
-from cranedyn.trajectory import Trajectory
-from experiments import common
+from experiments.harness import conduct as common
 
 RADIUS, LENGTH, PULSE, PULSE_AT, DURATION, ANALYSED_FROM = 20.0, 15.0, 0.05, 5.0, 70.0, 4.0
 """Trolley radius and cable length [m], slew pulse [rad], when it starts (ours), length of the run, start of the comparison [s]."""

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from cranedyn.analysis import Agreement
-from cranedyn.figures import COLOURS, panels
+from cranedyn.analysis.swing import Agreement
+from cranedyn.plotting.figures import COLOURS, panels
 
 
 def slewing_figure(t: np.ndarray, measured: np.ndarray, modelled: np.ndarray, push: np.ndarray) -> Figure:

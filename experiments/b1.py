@@ -11,14 +11,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cranedyn.controllers import paper
-from cranedyn.crane import DRIVES
-from cranedyn.figures import COLOURS, panels
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.model.crane import DRIVES
+from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references.flat import flat
-from cranedyn.trajectory import Trajectory
-from experiments import common
-from experiments.cases import make
-from experiments.moves import AFTER, CLOSE, MOVES, Move, Score, of_sampling
-from experiments.ways import FLAT, LQR, PAPER, PD, WAYS
+from experiments.harness import conduct as common
+from experiments.scenarios.moves import AFTER, CLOSE, MOVES, Move, Score, of_sampling
+from experiments.scenarios.perturbations import make
+from experiments.scenarios.strategies import FLAT, LQR, PAPER, PD, WAYS
 
 SHOWN = ("spline alone", PD, PAPER, LQR, FLAT)
 

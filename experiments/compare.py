@@ -17,18 +17,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.crane import State
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError, number
-from cranedyn.processes import end_with_parent
-from cranedyn.references import Wanted
-from cranedyn.simulate import Controller
-from cranedyn.trajectory import Trajectory
-from experiments import common
-from experiments.cases import CASES, NOMINAL, make
+from cranedyn.interfaces import Controller, State, Wanted
+from cranedyn.sweep.processes import end_with_parent
 from experiments.compare_figures import robustness_figure, swing_figure
-from experiments.moves import DWELL, LIMITS, MOVES, SWINGING, TOUR_LIMITS, Move, Score, of_sampling, residual
-from experiments.tours import CONTROLS
-from experiments.ways import FASTEST, FLAT, MPC, PAPER, PD, TIME, WAYS, mpc_period
+from experiments.harness import conduct as common
+from experiments.scenarios.moves import DWELL, LIMITS, MOVES, SWINGING, TOUR_LIMITS, Move, Score, of_sampling, residual
+from experiments.scenarios.perturbations import CASES, NOMINAL, make
+from experiments.scenarios.strategies import FASTEST, FLAT, MPC, PAPER, PD, TIME, WAYS, mpc_period
+from experiments.scenarios.tours import CONTROLS
 
 COMBINED = MOVES[-1]
 

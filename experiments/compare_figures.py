@@ -9,9 +9,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from cranedyn.figures import panels
-from cranedyn.trajectory import Trajectory
-from experiments.moves import Move
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.plotting.figures import panels
+from experiments.scenarios.moves import Move
 
 
 def _shades(count: int) -> list[Any]:

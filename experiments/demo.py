@@ -16,19 +16,19 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from cranedyn import theory
-from cranedyn.analysis import swing_amplitude
+from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.command import interrupted
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
+from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, number
-from cranedyn.figures import COLOURS, panels
+from cranedyn.interfaces import Controller
+from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references.itinerary import Stage, Timetable
 from cranedyn.references.limits import Limits
-from cranedyn.simulate import Controller
-from cranedyn.trajectory import Trajectory, join
-from experiments import common
 from experiments.endless import PART, Dwell, Dwells, Record, part_of
-from experiments.moves import CLOSE, DWELL, TOUR_LIMITS, of_sampling
-from experiments.tours import CONTROLS
+from experiments.harness import conduct as common
+from experiments.scenarios.moves import CLOSE, DWELL, TOUR_LIMITS, of_sampling
+from experiments.scenarios.tours import CONTROLS
 
 PIECE = 0.5
 """Length of the pieces in which the demo is simulated, shown and written [s]."""

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.crane import State
+from cranedyn.data.trajectory import Trajectory, join
+from cranedyn.interfaces import State
 from cranedyn.references.itinerary import Stage, Timetable
-from cranedyn.trajectory import Trajectory, join
 
 PART = 300.0
 """How long each part of a long run is [s]; one to two of them are kept in memory."""

@@ -16,14 +16,14 @@ from scipy.integrate import solve_ivp
 
 from cranedyn import theory
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import Crane, State
-from cranedyn.dynamics import energy, payload_position
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.pinocchio import energy, payload_position
 from cranedyn.errors import DataError, number
-from cranedyn.figures import COLOURS, panels
+from cranedyn.interfaces import State, Watch
+from cranedyn.model.crane import Crane
+from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import spline
-from cranedyn.simulate import Watch
-from cranedyn.trajectory import Trajectory
-from experiments import common
+from experiments.harness import conduct as common
 
 SWING, LENGTH, AUDIT, LONG = 0.15, 15.0, 6.0, 60.0
 """Swing at the start [rad], cable length [m], time of the audit and of the long run [s]."""

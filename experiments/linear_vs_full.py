@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from experiments import common
+from experiments.harness import conduct as common
 from experiments.linear.runs import Case, cases, powers, reaches, scan
 from experiments.linear.sites import ANGLES, SHARES, SITES, short_slews, slow_slews
 from experiments.linear.tables import RPM, angles_table, dropped_table, errors_table, powers_table, rates_table

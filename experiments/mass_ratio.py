@@ -11,14 +11,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cranedyn import theory
-from cranedyn.analysis import zero_crossings
+from cranedyn.analysis.swing import zero_crossings
 from cranedyn.controllers import follow
-from cranedyn.crane import Crane
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
-from cranedyn.figures import COLOURS, panels
+from cranedyn.model.crane import Crane
+from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import spline
-from cranedyn.trajectory import Trajectory
-from experiments import common
+from experiments.harness import conduct as common
 from experiments.oracles.reading import locked
 
 LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)

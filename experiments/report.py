@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from cranedyn.command import INTERRUPTED, Parser, command
+from cranedyn.data.files import check_writable, digest, make_folder, parse_json, read_bytes, read_text, write_text
 from cranedyn.errors import DataError, UnknownName
-from cranedyn.files import check_writable, digest, make_folder, parse_json, read_bytes, read_text, write_text
-from experiments import common
-from experiments.arguments import add_engine
+from experiments.harness import conduct as common
+from experiments.harness.arguments import add_engine
 
 EXPERIMENTS = {
     "a1": ["--gravity", "9.8"],

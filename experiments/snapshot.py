@@ -15,9 +15,9 @@ from rich.console import Console
 from rich.progress import Progress
 
 from cranedyn.command import Parser, command
+from cranedyn.data.files import reserved, together
 from cranedyn.errors import number
-from cranedyn.files import reserved, together
-from cranedyn.snapshot import animate, snapshot
+from cranedyn.recording.snapshot import animate, snapshot
 
 
 def main(arguments: list[str] | None = None) -> int:

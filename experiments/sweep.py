@@ -14,11 +14,11 @@ from cranedyn.errors import DataError
 from cranedyn.sweep import Design, cross, grid, results, sweep
 from cranedyn.sweep.cluster import tls
 from cranedyn.sweep.limits import check_memory
-from experiments import common
-from experiments.progress import shown
-from experiments.robustness import AFTER, COMBINED, WAYS, robustness
+from experiments.harness import conduct as common
+from experiments.harness.progress import shown
+from experiments.scenarios.robustness import AFTER, COMBINED, WAYS, robustness
+from experiments.scenarios.strategies import FLAT, PAPER, PD
 from experiments.sweep_figures import map_figure, timing_figure
-from experiments.ways import FLAT, PAPER, PD
 
 LOADS, CABLES, DURATIONS = (0.5, 1.5), (-1.5, 1.5), (13.0, 35.0)
 """Ranges: mass of the payload over that planned for, length of the cable less that measured [m], time for the move [s]."""

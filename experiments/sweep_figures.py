@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from cranedyn.figures import panels
+from cranedyn.plotting.figures import panels
 
 Columns = Mapping[str, np.ndarray]
 

@@ -8,10 +8,10 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cranedyn.crane import Crane
-from cranedyn.description import parse_values
 from cranedyn.errors import number
-from experiments import common
+from cranedyn.model.crane import Crane
+from cranedyn.model.description import parse_values
+from experiments.harness import conduct as common
 from experiments.oracles import conserved, hoisting, moves, slewing, swing
 from experiments.oracles.check import STEP, Check, G, check, point_crane
 from experiments.oracles.reading import Bench, locked
@@ -130,7 +130,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         action="extend",
         default=[],
         metavar="name:=value",
-        help="change the cranes but not the closed forms, to see which rows notice; see python -m cranedyn.description --list",
+        help="change the cranes but not the closed forms, to see which rows notice; see python -m cranedyn.model.description --list",
     )
     return common.conduct(made, experiment, argv)
 

@@ -201,15 +201,15 @@ class _Elsewhere:
         return self._still(t)
 
     def at(self, times: np.ndarray) -> Any:
-        from cranedyn.references import Wanted
+        from cranedyn.interfaces import Wanted
 
         return Wanted(*(_maybe(self._rng, np.array(part), self._often) for part in self._still.at(times)))
 
 
 def _common(rng: np.random.Generator) -> tuple[Any, dict[str, Any], Callable[[], Any], Any]:
     from cranedyn.controllers import hold_controller
-    from cranedyn.crane import load_crane
-    from cranedyn.integrator import rk4, semi_implicit_euler
+    from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
+    from cranedyn.model.load import load_crane
     from cranedyn.references import hold
 
     if not _CRANES:
@@ -237,8 +237,8 @@ _ROBOTS: list[Any] = []
 
 
 def _batch(rng: np.random.Generator) -> Call:
-    from cranedyn.batch import simulate_batch
-    from cranedyn.crane import State
+    from cranedyn.compiled.batch import simulate_batch
+    from cranedyn.interfaces import State
 
     crane, how, controller, reference = _common(rng)
     often, n = how.pop("often"), int(rng.integers(1, 20))
@@ -255,7 +255,7 @@ def _batch(rng: np.random.Generator) -> Call:
 
 
 def _run(rng: np.random.Generator) -> Call:
-    from cranedyn.simulate import simulate
+    from cranedyn.simulation.simulate import simulate
 
     crane, how, controller, reference = _common(rng)
     buffers = how.pop("buffers"), how.pop("often")

@@ -14,12 +14,13 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from cranedyn.crane import Crane, State, load_crane
-from cranedyn.dynamics import prescribed_acceleration
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.pinocchio import prescribed_acceleration
 from cranedyn.errors import CraneError
-from cranedyn.references import Wanted
-from cranedyn.simulate import EngineName, simulate
-from cranedyn.trajectory import Trajectory
+from cranedyn.interfaces import EngineName, State, Wanted
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.simulation.simulate import simulate
 
 ROOT = Path(__file__).parents[1]
 """Where the repository is."""

@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from cranedyn.analysis import PowerLaw, SwingFit, agreement, fit_power_law, fit_swing, peaks, zero_crossings
+from cranedyn.analysis.swing import PowerLaw, SwingFit, agreement, fit_power_law, fit_swing, peaks, zero_crossings
 from cranedyn.errors import DataError
 
 T = np.arange(0.0, 60.0, 0.005)

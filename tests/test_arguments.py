@@ -18,32 +18,37 @@ import pytest
 
 import cranedyn.controllers
 import cranedyn.references
-from cranedyn import analysis, linear, prediction, theory, wind
+from cranedyn import theory
+from cranedyn.analysis import prediction
+from cranedyn.analysis import swing as analysis
 from cranedyn.arguments import checked, described, of_drives, taken
 from cranedyn.arrays import finite
-from cranedyn.batch import simulate_batch
-from cranedyn.clocks import clocks, intervals
+from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import follow, hold_controller, lqr, observed, paper_controller, sensed
 from cranedyn.controllers.damped import damped
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.riccati import riccati
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.crane import State, load_crane
-from cranedyn.description import describe
+from cranedyn.data.trajectory import COLUMNS, join, read
+from cranedyn.disturbances import wind
+from cranedyn.dynamics import linearisation as linear
+from cranedyn.dynamics.integrators import rk4
+from cranedyn.dynamics.validity import events, valid
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole
-from cranedyn.integrator import rk4
+from cranedyn.interfaces import State, Wanted
+from cranedyn.model.description import describe
+from cranedyn.model.load import load_crane
+from cranedyn.planning.optimal import optimal
 from cranedyn.recording import record
-from cranedyn.references import Leg, Motion, Push, Wanted, flat, hold, itinerary, operator, plumb, pulse, ramp, shaped, shortest, spline, zv
+from cranedyn.recording.snapshot import snapshot
+from cranedyn.references import Leg, Motion, Push, flat, hold, itinerary, operator, plumb, pulse, ramp, shaped, shortest, spline, zv
 from cranedyn.references.limits import Limits, fastest, use
-from cranedyn.references.optimal import optimal
 from cranedyn.references.shaped import Shaper, shaped_hoisting
 from cranedyn.references.spline import Spline
 from cranedyn.references.tour import tour
-from cranedyn.simulate import simulate
-from cranedyn.snapshot import snapshot
+from cranedyn.simulation.clocks import clocks, intervals
+from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import cross, grid
-from cranedyn.trajectory import COLUMNS, join, read
-from cranedyn.watch import events, valid
 from tests.helpers import crane
 
 C, REST = crane(), crane().start
@@ -62,8 +67,11 @@ def _short(t: float, state: State) -> np.ndarray:
 
 
 MISTAKES: list[tuple[Callable[[], Any], str]] = [
-    (lambda: simulate("tower.urdf", BRAKE, duration=0.1), "crane is 'tower.urdf'; allowed is a cranedyn.crane.Crane."),
-    (lambda: simulate(C, BRAKE, duration=0.1, integrator="rk4"), "integrator is 'rk4'; allowed is a cranedyn.integrator.Integrator."),
+    (lambda: simulate("tower.urdf", BRAKE, duration=0.1), "crane is 'tower.urdf'; allowed is a cranedyn.model.crane.Crane."),
+    (
+        lambda: simulate(C, BRAKE, duration=0.1, integrator="rk4"),
+        "integrator is 'rk4'; allowed is a cranedyn.dynamics.integrators.Integrator.",
+    ),
     (
         lambda: simulate(C, BRAKE, np.zeros(3), duration=0.1),
         "reference is an array of shape (3,); allowed is a callable of 1: float or None.",
@@ -111,9 +119,9 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     ),
     (
         lambda: simulate_batch([C, None], BRAKE, start=REST, duration=0.1),
-        "crane is a list; allowed is a cranedyn.crane.Crane or a",
+        "crane is a list; allowed is a cranedyn.model.crane.Crane or a",
     ),
-    (lambda: join([RUN, None]), "pieces is a list; allowed is a sequence, each a cranedyn.trajectory.Trajectory."),
+    (lambda: join([RUN, None]), "pieces is a list; allowed is a sequence, each a cranedyn.data.trajectory.Trajectory."),
     (lambda: valid(C, RUN.q, RUN.v[:1], RUN.effort[:, 2]), "v is an array of shape (1, 5); allowed is one of shape (3, 5)."),
     (lambda: RUN.state(3), "row is 3; allowed is a whole number from -3 to 2."),
     (lambda: RUN.state(0.5), "row is 0.5; allowed is a whole number from -3 to 2."),
@@ -134,7 +142,7 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
         lambda: theory.rigid_period(10.0, -9.81, 1000.0, 1.0),
         "the answer of rigid_period(10.0, -9.81, 1000.0, 1.0) is not finite; allowed is what has a finite one.",
     ),
-    (lambda: events(C, None), "run is None; allowed is a cranedyn.trajectory.Trajectory."),
+    (lambda: events(C, None), "run is None; allowed is a cranedyn.data.trajectory.Trajectory."),
     (lambda: C.state(x=10**5000), "x at the start is int that cannot be written out m; allowed is a number."),
     (lambda: C.state(**{"x\0": 1.0}), "There is no coordinate 'x\\x00'"),
     (lambda: load_crane(3.0), "urdf is 3.0; allowed is a text or a pathlib."),

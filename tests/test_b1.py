@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from cranedyn import theory
-from cranedyn.analysis import settling_time, swing_amplitude
+from cranedyn.analysis.swing import settling_time, swing_amplitude
 from experiments import b1
 from experiments.b1 import SHOWN as WAYS
-from experiments.document import read_document
-from experiments.moves import MOVES
-from experiments.outcome import Table
+from experiments.harness.document import read_document
+from experiments.harness.outcome import Table
 from experiments.report import page
+from experiments.scenarios.moves import MOVES
 from tests.helpers import ROOT
 
 

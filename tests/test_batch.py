@@ -15,22 +15,24 @@ from numpy.testing import assert_allclose
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
-from cranedyn import watch
-from cranedyn.analysis import swing_amplitude
-from cranedyn.batch import Batch, simulate_batch
+from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled import inputs
+from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.crane import Crane, State, load_crane
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics import validity as watch
+from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
+from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.errors import CraneError, OutOfRange
-from cranedyn.integrator import Integrator, rk4, semi_implicit_euler
-from cranedyn.linear import feedback_gain
-from cranedyn.references import Reference, Wanted, hold, plumb, ramp
-from cranedyn.simulate import Controller, simulate
-from cranedyn.trajectory import Trajectory
+from cranedyn.interfaces import Controller, Reference, State, Wanted
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.references import hold, plumb, ramp
+from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, crane
 from tests.test_compiled import allowed_between, per_second, soft_hold
 from tests.test_properties import LAB, VARIANTS
@@ -333,8 +335,8 @@ NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
         ({"reference": _references(10)}, "number of (cranes|starts) is 9; allowed is 10, as many as there are of others"),
         ({"start": []}, "number of starts is 0; allowed is"),
         ({"start": [crane().start] * 4}, "number of starts is 4; allowed is 9"),
-        ({"start": 3.0}, "start is 3.0; allowed is a cranedyn.crane.State or a sequence, each a cranedyn.crane.State"),
-        ({"start": [3.0] * 9}, r"start is \[3.0, .*\]; allowed is a cranedyn.crane.State"),
+        ({"start": 3.0}, "start is 3.0; allowed is a cranedyn.model.crane.State or a sequence, each a cranedyn.model.crane.State"),
+        ({"start": [3.0] * 9}, r"start is \[3.0, .*\]; allowed is a cranedyn.model.crane.State"),
         (
             {"start": State(np.zeros((9, 4)), np.zeros((9, 5)))},
             r"coordinates at the start is an array of shape \(9, 4\); allowed is one of",

@@ -17,8 +17,8 @@ from benchmarks.conduct import conduct
 from benchmarks.contestants import CONTESTANTS, native, ours
 from benchmarks.timing import race, stretch
 from benchmarks.workload import Case, Contestant, Result, Run, plain
+from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import CraneError, ModelError
-from cranedyn.integrator import semi_implicit_euler
 from tests.helpers import crane, extrapolated
 from tests.lagrangian import Lagrangian
 

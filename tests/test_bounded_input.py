@@ -16,15 +16,15 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from cranedyn import snapshot as pictures
-from cranedyn.crane import load_crane
-from cranedyn.description import describe
+from cranedyn.data.files import opened, parse_json, read_bytes, read_text
+from cranedyn.data.trajectory import read, read_columns
 from cranedyn.errors import DataError
-from cranedyn.files import opened, parse_json, read_bytes, read_text
+from cranedyn.model.description import describe
+from cranedyn.model.load import load_crane
 from cranedyn.recording import open_viewer
-from cranedyn.trajectory import read, read_columns
+from cranedyn.recording import snapshot as pictures
 from experiments import a1, a2, a3, report
-from experiments.document import read_document
+from experiments.harness.document import read_document
 from tests.helpers import python
 
 READERS: dict[str, Callable[[Path], object]] = {
@@ -93,7 +93,7 @@ def _csv(path: Path, rows: int, junk: int) -> None:
 _PEAK = """
 import sys
 import pyarrow as pa
-from cranedyn.tables import read_table
+from cranedyn.data.tables import read_table
 found = read_table(sys.argv[1], ["t_s"])[0]["t_s"]
 assert found[-1] == len(found) - 1.0
 print(len(found), pa.default_memory_pool().max_memory())
@@ -114,15 +114,15 @@ def test_columns_that_nobody_asks_for_cost_no_memory(tmp_path: Path) -> None:
 def test_numbers_of_a_small_file_that_would_fill_the_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.csv"
     path.write_text("t_s\n" + "".join(f"{k % 10}\n" for k in range(300_000)))  # 2 bytes each, 8 in memory
-    monkeypatch.setattr("cranedyn.tables.LARGEST", 1_000_000)
+    monkeypatch.setattr("cranedyn.data.tables.LARGEST", 1_000_000)
     with pytest.raises(DataError, match=r"a\.csv holds \d MB to read; allowed are 1\."):
         read_columns(path, ("t_s",))
 
 
 def test_a_file_that_grows_while_it_is_read_is_refused_when_it_is_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _csv(tmp_path / "a.csv", 10_000, 1000)
-    monkeypatch.setattr("cranedyn.tables.LARGEST", 4_000_000)
-    monkeypatch.setattr("cranedyn.tables.os.fstat", lambda _: SimpleNamespace(st_size=1000))  # as it was when it was opened
+    monkeypatch.setattr("cranedyn.data.tables.LARGEST", 4_000_000)
+    monkeypatch.setattr("cranedyn.data.tables.os.fstat", lambda _: SimpleNamespace(st_size=1000))  # as it was when it was opened
     with pytest.raises(DataError, match=r"a\.csv holds [4-9] MB to read; allowed are 4\."):
         read_columns(tmp_path / "a.csv", ("t_s",))
 
@@ -133,7 +133,7 @@ def test_a_parquet_file_whose_own_description_is_large_is_refused(tmp_path: Path
     pyarrow.parquet.write_table(table, path)
     assert struct.unpack("<I", path.read_bytes()[-8:-4])[0] > 100_000
     assert read_columns(path, ("t_s",))["t_s"].tolist() == [0.0, 1.0, 2.0]
-    monkeypatch.setattr("cranedyn.tables._LARGEST_FOOTER", 100_000)
+    monkeypatch.setattr("cranedyn.data.tables._LARGEST_FOOTER", 100_000)
     with pytest.raises(DataError, match=r"a\.parquet says in 0 MB what is in it; allowed are 0\."):
         read_columns(path, ("t_s",))
 
@@ -189,7 +189,7 @@ def test_a_json_text_with_a_number_that_is_not_finite_is_none(text: str) -> None
 
 
 def test_a_line_that_is_longer_than_a_block_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cranedyn.tables._BLOCK", 100)
+    monkeypatch.setattr("cranedyn.data.tables._BLOCK", 100)
     _csv(tmp_path / "a.csv", 200, 50)
     assert read_columns(tmp_path / "a.csv", ("t_s",))["t_s"].tolist() == list(range(200))
     _csv(tmp_path / "a.csv", 200, 500)

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from cranedyn.controllers.riccati import riccati, stationary
-from cranedyn.description import main as description_main
 from cranedyn.errors import CraneError, OutOfRange
-from experiments import a1, b1, common, compare, demo, energy, mass_ratio
-from experiments.moves import MOVES
-from experiments.ways import FLAT, LQR, MPC
+from cranedyn.model.description import main as description_main
+from experiments import a1, b1, compare, demo, energy, mass_ratio
+from experiments.harness import conduct as common
+from experiments.scenarios.moves import MOVES
+from experiments.scenarios.strategies import FLAT, LQR, MPC
 from tests.helpers import FAST
 
 Main = Callable[[Sequence[str]], int]

@@ -11,18 +11,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cranedyn.data.trajectory import read
 from cranedyn.references import zv
 from cranedyn.references.limits import use
 from cranedyn.references.motion import plumb
-from cranedyn.trajectory import read
-from experiments import common, compare
-from experiments.cases import CASES, NOMINAL, Case, make
+from experiments import compare
 from experiments.compare import Result
-from experiments.document import read_document
-from experiments.moves import LIMITS, MOVES, SWINGING, Move, Score
-from experiments.outcome import Table
+from experiments.harness import conduct as common
+from experiments.harness.document import read_document
+from experiments.harness.outcome import Table
 from experiments.report import page
-from experiments.ways import FASTEST, FLAT, LQR, MPC, PAPER, PD, TIME, WAYS, joystick
+from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, Move, Score
+from experiments.scenarios.perturbations import CASES, NOMINAL, Case, make
+from experiments.scenarios.strategies import FASTEST, FLAT, LQR, MPC, PAPER, PD, TIME, WAYS, joystick
 from tests.helpers import FAST, ROOT
 from tests.told import missing
 

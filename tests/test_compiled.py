@@ -18,17 +18,21 @@ from scipy.integrate import solve_ivp
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
-from cranedyn import dynamics, rigid_body, wind
 from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.crane import DRIVES, Crane, State, load_crane
+from cranedyn.data.trajectory import COLUMNS, Trajectory, join
+from cranedyn.disturbances import wind
+from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.errors import CraneError, ModelError, OutOfRange, RunError
-from cranedyn.integrator import Integrator, rk4, semi_implicit_euler
-from cranedyn.references import Reference, Wanted, hold, plumb, ramp
-from cranedyn.simulate import Controller, Disturbance, simulate
-from cranedyn.trajectory import COLUMNS, Trajectory, join
+from cranedyn.interfaces import Controller, Disturbance, Reference, State, Wanted
+from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.load import load_crane
+from cranedyn.references import hold, plumb, ramp
+from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, constant, crane, locked, python
 from tests.test_properties import CALM, VARIANTS, Case, cases, kinds, run
 
@@ -192,7 +196,7 @@ def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 def test_code_that_moves_otherwise_is_refused(drive: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cranedyn.rigid_body.cross", _wrong_cross)
+    monkeypatch.setattr("cranedyn.dynamics.rigid_body.cross", _wrong_cross)
     c = load_crane(payload_mass=1234.5)
     with pytest.raises(ModelError, match=r"The compiled crane moves otherwise than Pinocchio's: accelerations differ by .* of the largest"):
         simulate(c, CONTROLLERS["hold" if drive == "effort" else "follow"][1](), duration=0.1, drive=drive, engine="compiled")
@@ -225,9 +229,9 @@ def test_llvmlite_is_imported_where_it_is_used_and_missed_in_a_sentence() -> Non
     script = """
 import sys
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import load_crane
+from cranedyn.model.load import load_crane
 from cranedyn.errors import CraneError
-from cranedyn.simulate import simulate
+from cranedyn.simulation.simulate import simulate
 crane = load_crane()
 simulate(crane, hold_controller(crane), duration=0.01)
 print([name for name in sys.modules if "llvm" in name or "compiled" in name])

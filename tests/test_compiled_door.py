@@ -23,13 +23,12 @@ import pytest
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
-from cranedyn.batch import simulate_batch
-from cranedyn.clocks import clocks
 from cranedyn.compiled import checked, door
+from cranedyn.compiled.batch import simulate_batch
+from cranedyn.compiled.call import AIM, FORCE, LAW, ROW, STATE, SUMMARY, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop
 from cranedyn.compiled.kernel import Recipe
-from cranedyn.compiled.layout import AIM, FORCE, LAW, ROW, STATE, SUMMARY, size
 from cranedyn.compiled.model import forward_dynamics
 from cranedyn.compiled.tables import Table
 from cranedyn.controllers import hold_controller
@@ -37,13 +36,15 @@ from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.crane import State, load_crane
+from cranedyn.data.trajectory import COLUMNS, Trajectory
+from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import CraneError, Misshapen, OutOfRange, RunError
-from cranedyn.integrator import rk4, semi_implicit_euler
-from cranedyn.references import Wanted, hold
+from cranedyn.interfaces import State, Wanted
+from cranedyn.model.load import load_crane
+from cranedyn.references import hold
 from cranedyn.references.ramp import ramp
-from cranedyn.simulate import simulate
-from cranedyn.trajectory import COLUMNS, Trajectory
+from cranedyn.simulation.clocks import clocks
+from cranedyn.simulation.simulate import simulate
 from tests.helpers import ROOT, crane
 
 NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cranedyn import rigid_body
+from cranedyn.dynamics import rigid_body
 from cranedyn.errors import ModelError, OutOfRange
 from tests.test_integrator import ROBOTS, _robot
 
@@ -146,7 +146,7 @@ _NUMBERS = rigid_body.Bodies.numbers
 def test_code_that_moves_otherwise_is_refused(what: str, wrong: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
     model = _tree(["revolute x", "prismatic y", "revolute z"], 5, branch=False, armature=False)
     forward_dynamics(model)
-    monkeypatch.setattr(f"cranedyn.rigid_body.{what}", wrong)
+    monkeypatch.setattr(f"cranedyn.dynamics.rigid_body.{what}", wrong)
     with pytest.raises(ModelError, match=r"moves otherwise than in Pinocchio: accelerations differ by .* of the largest"):
         forward_dynamics(model)
 

@@ -11,15 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
-from cranedyn.analysis import swing_amplitude
+from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import follow
 from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT, lqr
 from cranedyn.controllers.paper import SLEW_WEIGHTS, TROLLEY_WEIGHTS, paper_controller, slew_plane, trolley_plane
 from cranedyn.controllers.riccati import riccati
-from cranedyn.crane import DRIVES, State
-from cranedyn.dynamics import acceleration, holding_effort, linearise, payload_position, prescribed_acceleration
+from cranedyn.dynamics.linearisation import sampled
+from cranedyn.dynamics.pinocchio import acceleration, holding_effort, linearise, payload_position, prescribed_acceleration
 from cranedyn.errors import CraneError, OutOfRange
-from cranedyn.linear import sampled
+from cranedyn.interfaces import State
+from cranedyn.model.crane import DRIVES
 from cranedyn.references import hold, ramp
 from cranedyn.references.flat import flat, smoothstep
 from cranedyn.references.limits import Limits, check, fastest, use
@@ -27,7 +28,7 @@ from cranedyn.references.motion import plumb
 from cranedyn.references.operator import Push, operator
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import shortest, spline
-from cranedyn.references.wanted import tabulated
+from cranedyn.references.tabulated import tabulated
 from tests.helpers import G, big_crane, crane, quickly
 
 

@@ -10,14 +10,14 @@ import pytest
 
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
-from cranedyn.crane import load_crane
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.model.load import load_crane
 from cranedyn.references import plumb, spline
 from cranedyn.references.flat import flat
-from cranedyn.simulate import simulate
-from cranedyn.trajectory import Trajectory
-from experiments import common
-from experiments.moves import Move
-from experiments.ways import FLAT, LQR, MPC, PAPER, WAYS
+from cranedyn.simulation.simulate import simulate
+from experiments.harness import conduct as common
+from experiments.scenarios.moves import Move
+from experiments.scenarios.strategies import FLAT, LQR, MPC, PAPER, WAYS
 from tests.helpers import FAST
 
 MOVE = Move("short", (0.0, 10.0, 12.0), (0.1, 11.0, 11.0), 8.0)
@@ -100,7 +100,7 @@ def test_a_load_heavier_than_believed_ends_where_it_shall_at_any_control_period(
     plain = simulate(heavy, replace(made, integral=0.0), motion, **how)
     assert abs(plain["l_m"][-1] - 13.0) < 2e-4  # the integrator takes 2.5 s; 12 s after the arrival e^-4.8 of 2 kN / 1e4 N/m are left
     if FAST == "compiled":
-        from cranedyn.batch import simulate_batch
+        from cranedyn.compiled.batch import simulate_batch
 
         compiled = simulate(heavy, replace(made, integral=0.0), motion, engine=FAST, **how)
         batch = simulate_batch(heavy, made, motion, **{**how, "start": [start]})

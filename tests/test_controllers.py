@@ -11,9 +11,9 @@ from cranedyn.controllers import Hold, follow, hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.crane import State
-from cranedyn.references import Wanted, hold, ramp
-from cranedyn.simulate import Controller, EngineName, simulate
+from cranedyn.interfaces import Controller, EngineName, State, Wanted
+from cranedyn.references import hold, ramp
+from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, crane, states
 
 STILL = Wanted(np.array([0.1, 11.0, 14.0]), np.zeros(3), np.zeros(3))

@@ -14,10 +14,12 @@ import pytest
 from hypothesis import given
 from numpy.testing import assert_allclose
 
-from cranedyn import dynamics
-from cranedyn.crane import COORDINATES, DRIVES, JOINTS, PASSIVE, STANDARD_GRAVITY, Crane, State, load_crane
-from cranedyn.description import XACRO, arguments, describe
+from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName
+from cranedyn.interfaces import COORDINATES, State
+from cranedyn.model.crane import DRIVES, JOINTS, PASSIVE, STANDARD_GRAVITY, Crane
+from cranedyn.model.description import XACRO, arguments, describe
+from cranedyn.model.load import load_crane
 from tests.helpers import G, crane, efforts, states, turned
 
 Load = Callable[..., Crane]
@@ -136,7 +138,7 @@ def test_a_crane_is_built_without_its_looks_and_is_the_crane_of_its_whole_urdf(
     values: dict[str, float], load: Load, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[str] = []
-    monkeypatch.setattr("cranedyn.crane.describe", lambda *given, **how: made.append(describe(*given, **how)) or made[-1])
+    monkeypatch.setattr("cranedyn.model.load.describe", lambda *given, **how: made.append(describe(*given, **how)) or made[-1])
     c = load_crane(**values)
     assert [text.count("<visual>") for text in made] == [0]
     assert c.urdf == describe(values=values)
@@ -158,8 +160,8 @@ def test_loading_and_running_a_crane_imports_nothing_that_only_others_need() -> 
     program = """
 import sys
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import load_crane
-from cranedyn.simulate import simulate
+from cranedyn.model.load import load_crane
+from cranedyn.simulation.simulate import simulate
 crane = load_crane()
 simulate(crane, hold_controller(crane), duration=0.1)
 print([name for name in ("scipy.linalg", "scipy.interpolate", "scipy.optimize", "pyarrow", "matplotlib", "rerun") if name in sys.modules])

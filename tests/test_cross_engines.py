@@ -17,12 +17,13 @@ from hypothesis import given, settings
 from numpy.testing import assert_allclose
 
 from benchmarks.contestants.mujoco import twin
-from cranedyn import dynamics
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import JOINTS, Crane, State
-from cranedyn.references import Reference, hold, ramp
-from cranedyn.simulate import simulate
-from cranedyn.trajectory import Trajectory
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.interfaces import Reference, State
+from cranedyn.model.crane import JOINTS, Crane
+from cranedyn.references import hold, ramp
+from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, crane, efforts, states, turned
 
 DAMPING = {"damp_slew": 3e4, "damp_trolley": 200.0, "damp_swing": 5e3, "damp_hoist": 700.0}

@@ -16,13 +16,14 @@ import pytest
 from rerun.chunk import RrdReader
 
 from cranedyn.controllers import hold_controller
+from cranedyn.data.trajectory import Trajectory, join, read
 from cranedyn.recording import Live
 from cranedyn.references import ARTICLE_TOUR, Leg, itinerary
-from cranedyn.trajectory import Trajectory, join, read
-from experiments import common, demo
+from experiments import demo
 from experiments.endless import Dwell, Dwells
-from experiments.moves import residual
+from experiments.harness import conduct as common
 from experiments.report import page
+from experiments.scenarios.moves import residual
 from tests.helpers import FAST, crane
 from tests.told import missing
 

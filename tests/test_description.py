@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from cranedyn.description import XACRO, arguments, describe, main, parse_values
 from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName
+from cranedyn.model.description import XACRO, arguments, describe, main, parse_values
 from tests.helpers import files
 
 SMALL = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -212,6 +212,8 @@ def test_an_older_file_survives_a_refusal(tmp_path: Path) -> None:
 
 
 def test_the_module_runs_as_a_command() -> None:
-    run = subprocess.run([sys.executable, "-m", "cranedyn.description", "hoist_init:=-1"], capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        [sys.executable, "-m", "cranedyn.model.description", "hoist_init:=-1"], capture_output=True, text=True, check=False
+    )
     assert (run.returncode, run.stdout) == (2, "")
     assert run.stderr == "error: hoist_init is -1 m; allowed is > 0.\n"

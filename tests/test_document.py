@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from cranedyn.errors import DataError
-from experiments.document import Document, main, read_document
-from experiments.outcome import Table
+from experiments.harness.document import Document, main, read_document
+from experiments.harness.outcome import Table
 
 TABLES = [Table("Move one: far", [("way", ""), ("s", ".1f")], [("a", 1.25)]), Table("Move two", [("way", "")], [("b",)], "A note.")]
 TEXT = (

@@ -11,8 +11,10 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from cranedyn import dynamics, theory
-from cranedyn.crane import DRIVES, PASSIVE, Crane, State
+from cranedyn import theory
+from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.interfaces import State
+from cranedyn.model.crane import DRIVES, PASSIVE, Crane
 from tests.helpers import G, accelerations, big_crane, crane, efforts, flow, pendulum_period, states
 from tests.lagrangian import Lagrangian
 

@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 
 from cranedyn.controllers import hold_controller
+from cranedyn.data.trajectory import COLUMNS, Trajectory, join, read
 from cranedyn.references import ARTICLE_TOUR, itinerary
-from cranedyn.trajectory import COLUMNS, Trajectory, join, read
-from experiments import common, demo, endless
+from experiments import demo, endless
 from experiments.endless import Dwells, Record
-from experiments.moves import residual
+from experiments.harness import conduct as common
+from experiments.scenarios.moves import residual
 from tests.helpers import FAST, ROOT, files
 from tests.test_demo import RATES, times
 

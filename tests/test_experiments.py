@@ -25,20 +25,22 @@ from rich.console import Console
 from rich.progress import Progress
 from scipy.integrate import solve_ivp
 
-from cranedyn import simulate as simulation
 from cranedyn import theory
-from cranedyn.analysis import agreement, fit_power_law
+from cranedyn.analysis.swing import agreement, fit_power_law
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from cranedyn.crane import Crane, load_crane
-from cranedyn.description import XACRO
+from cranedyn.data.trajectory import COLUMNS, Trajectory, read
 from cranedyn.errors import RunError
-from cranedyn.log import Log
-from cranedyn.references import Wanted
-from cranedyn.simulate import simulate
-from cranedyn.trajectory import COLUMNS, Trajectory, read
-from experiments import a1, a1_identify, a2, a3, common, energy, mass_ratio, report
-from experiments import world as world_room
+from cranedyn.interfaces import Wanted
+from cranedyn.model.crane import Crane
+from cranedyn.model.description import XACRO
+from cranedyn.model.load import load_crane
+from cranedyn.simulation import simulate as simulation
+from cranedyn.simulation.log import Log
+from cranedyn.simulation.simulate import simulate
+from experiments import a1, a1_identify, a2, a3, energy, mass_ratio, report
+from experiments.harness import conduct as common
+from experiments.harness import setup as world_room
 from tests.helpers import FAST, files, turned
 from tests.told import TOLD, missing
 

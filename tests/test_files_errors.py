@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cranedyn.data.files import digest, read_text, reserved, together, write_text, written
 from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, UnknownName, number, within
-from cranedyn.figures import panels, save
-from cranedyn.files import digest, read_text, reserved, together, write_text, written
+from cranedyn.plotting.figures import panels, save
 from tests.helpers import files
 
 # --- files -------------------------------------------------------------------------------------------------------------------------

@@ -15,13 +15,13 @@ from pathlib import Path
 import pytest
 
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import load_crane
-from cranedyn.description import describe
 from cranedyn.errors import CraneError, ModelError, OutOfRange, number, printable, quoted
+from cranedyn.model.description import describe
+from cranedyn.model.load import load_crane
 from cranedyn.recording import Run
 from cranedyn.recording.record import describe as words_of
-from cranedyn.simulate import simulate
-from experiments.outcome import Outcome, Table, show
+from cranedyn.simulation.simulate import simulate
+from experiments.harness.outcome import Outcome, Table, show
 from tests.helpers import crane
 
 EVIL = "a\nerror: all is well\x9b31m\u202e'; \u2028"

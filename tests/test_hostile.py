@@ -21,17 +21,18 @@ import pyarrow.parquet
 import pytest
 from PIL import Image
 
-from cranedyn import snapshot as pictures
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import load_crane
-from cranedyn.description import describe, parse_values
+from cranedyn.data.trajectory import COLUMNS, join, read, read_columns
+from cranedyn.dynamics.integrators import Integrator
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
-from cranedyn.integrator import Integrator
-from cranedyn.simulate import simulate
-from cranedyn.trajectory import COLUMNS, join, read, read_columns
-from cranedyn.urdf import parse, skeleton
-from experiments import a1, a2, a3, common, energy, mass_ratio, report
+from cranedyn.model.description import describe, parse_values
+from cranedyn.model.load import load_crane
+from cranedyn.model.urdf import parse, skeleton
+from cranedyn.recording import snapshot as pictures
+from cranedyn.simulation.simulate import simulate
+from experiments import a1, a2, a3, energy, mass_ratio, report
 from experiments import snapshot as snapshots
+from experiments.harness import conduct as common
 from tests.helpers import crane, files, python, turned
 
 
@@ -78,7 +79,7 @@ HOSTILE: dict[str, Callable[[str], str | bytes | None]] = {
 _LOADER = """
 import json, resource, sys
 from pathlib import Path
-from cranedyn.crane import load_crane
+from cranedyn.model.load import load_crane
 from cranedyn.errors import CraneError
 
 taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -116,9 +117,9 @@ def test_hostile_descriptions_are_refused_within_30_seconds_and_400_megabytes(ur
 _WATCHED = """
 import sys
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import load_crane
+from cranedyn.model.load import load_crane
 from cranedyn.recording import Run, record
-from cranedyn.simulate import simulate
+from cranedyn.simulation.simulate import simulate
 
 seen = []
 sys.addaudithook(lambda event, given: seen.append((event, given)) if event in ("open", "socket.connect", "socket.getaddrinfo") else None)
@@ -323,7 +324,7 @@ def test_a_file_that_would_not_fit_is_refused_before_it_is_read(ending: str, tmp
     path, rows = tmp_path / f"a{ending}", 200_000
     (pyarrow.csv.write_csv if ending == ".csv" else pyarrow.parquet.write_table)(_table(rows), path)
     assert path.stat().st_size > 1e6 if ending == ".csv" else path.stat().st_size < 0.1 * rows * 8 * len(ALL)
-    monkeypatch.setattr("cranedyn.tables.LARGEST", 1e6)
+    monkeypatch.setattr("cranedyn.data.tables.LARGEST", 1e6)
     monkeypatch.setattr(pyarrow.parquet.ParquetFile, "read", lambda *_, **__: pytest.fail("must not be read"))
     with pytest.raises(DataError, match=r"a\.\w+ holds \d+ MB to read; allowed are 1\."):
         read(path)

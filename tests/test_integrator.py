@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from cranedyn.integrator import in_steps, semi_implicit_euler
+from cranedyn.dynamics.integrators import in_steps, semi_implicit_euler
 
 OMEGA = 0.8
 """Frequency of the pendulum [rad/s]."""

@@ -17,12 +17,12 @@ from pathlib import Path
 import pytest
 
 from cranedyn.controllers import hold_controller
+from cranedyn.data.files import check_writable, read_text, written
 from cranedyn.errors import CraneError, DataError, OutOfRange, RunError
-from cranedyn.files import check_writable, read_text, written
 from cranedyn.recording import Live
 from cranedyn.recording.process import free
-from cranedyn.simulate import simulate
-from experiments import common
+from cranedyn.simulation.simulate import simulate
+from experiments.harness import conduct as common
 from tests.helpers import ROOT, crane, files, python
 
 # --- what is written ---------------------------------------------------------------------------------------------------------------
@@ -88,7 +88,7 @@ def test_a_run_that_breaks_off_over_a_full_disk_says_both(tmp_path: Path, monkey
 _KILLED = """
 import os, signal, sys
 from pathlib import Path
-from cranedyn.files import written
+from cranedyn.data.files import written
 
 with written(sys.argv[1]) as draft:
     draft.write_text("half")
@@ -112,11 +112,11 @@ def test_a_writer_that_is_killed_leaves_the_old_file_and_no_obstacle(tmp_path: P
 
 _TRIAL = """
 import os, resource, signal, sys
-from experiments import common
+from experiments.harness import conduct as common
 from cranedyn.controllers import hold_controller
-from cranedyn.figures import panels
+from cranedyn.plotting.figures import panels
 from cranedyn.recording import Run
-from cranedyn.simulate import simulate
+from cranedyn.simulation.simulate import simulate
 
 def experiment(options, world):
     run = simulate(world.crane, hold_controller(world.crane), duration=0.5)
@@ -160,7 +160,7 @@ def test_files_are_whole_whoever_listens(shell: str, says: str, tmp_path: Path) 
 
 
 def test_the_urdf_may_be_read_by_halves() -> None:
-    command = f'set -o pipefail; "{sys.executable}" -m cranedyn.description | head -1'
+    command = f'set -o pipefail; "{sys.executable}" -m cranedyn.model.description | head -1'
     run = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=ROOT, check=False)
     assert (run.returncode, run.stderr) == (0, "")
 
@@ -192,7 +192,7 @@ for k in range(24):
     print(json.dumps(["code", code, sorted(os.listdir(folder)) if folder.exists() else []]), flush=True)
     time.sleep(0.02)
     for path in folder.glob("*.parquet"):
-        from cranedyn.trajectory import read
+        from cranedyn.data.trajectory import read
         read(path)
 """
 

@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.analysis import fit_swing
+from cranedyn.analysis.prediction import free_swing
+from cranedyn.analysis.swing import fit_swing
 from cranedyn.controllers import Hold, hold_controller
-from cranedyn.crane import State, load_crane
-from cranedyn.dynamics import holding_effort
-from cranedyn.linear import Sampled, feedback_gain, sampled, swing_mode
-from cranedyn.prediction import free_swing
-from cranedyn.references import Wanted, hold, pulse
-from cranedyn.simulate import simulate
-from experiments import a1, common
+from cranedyn.dynamics.linearisation import Sampled, feedback_gain, sampled, swing_mode
+from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.interfaces import State, Wanted
+from cranedyn.model.load import load_crane
+from cranedyn.references import hold, pulse
+from cranedyn.simulation.simulate import simulate
+from experiments import a1
+from experiments.harness import conduct as common
 from tests.helpers import G, big_crane, constant, crane
 
 DAMPED = {"damp_slew": 3e4, "damp_trolley": 200.0, "damp_swing": 5e3, "damp_hoist": 700.0}

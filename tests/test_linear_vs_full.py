@@ -13,10 +13,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn import theory
-from cranedyn.crane import DRIVES, State
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
-from cranedyn.references import Wanted
-from cranedyn.trajectory import Trajectory
+from cranedyn.interfaces import State, Wanted
+from cranedyn.model.crane import DRIVES
 from experiments import linear_vs_full
 from experiments.linear.model import Drives, Miss, all_rates, dropped, integrate, miss, paper
 from experiments.linear.runs import Case, reaches

@@ -13,17 +13,18 @@ import pytest
 from scipy.linalg import cholesky, solve_discrete_are
 from scipy.optimize import lsq_linear
 
-from cranedyn.analysis import swing_amplitude
+from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import lqr, mpc, observed, sensed
 from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT
 from cranedyn.controllers.mpc import Predictive
 from cranedyn.controllers.riccati import riccati
-from cranedyn.crane import DRIVES, Crane, State
-from cranedyn.dynamics import holding_effort
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.linearisation import sampled
+from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, RunError
-from cranedyn.linear import sampled
-from cranedyn.references import Motion, Wanted, flat, plumb, spline
-from cranedyn.trajectory import Trajectory
+from cranedyn.interfaces import State, Wanted
+from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.references import Motion, flat, plumb, spline
 from tests.helpers import G, crane, quickly
 
 needs_solver = pytest.mark.skipif(importlib.util.find_spec("daqp") is None, reason="daqp is not installed: pip install 'cranedyn[mpc]'")

@@ -15,10 +15,11 @@ from hypothesis import given
 from scipy.linalg import expm
 from scipy.optimize import linprog
 
-from cranedyn import dynamics
 from cranedyn.controllers import lqr
-from cranedyn.crane import DRIVES, PASSIVE, Crane, State
+from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.errors import CraneError, ModelError
+from cranedyn.interfaces import State
+from cranedyn.model.crane import DRIVES, PASSIVE, Crane
 from cranedyn.references import Motion
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import Limits, fastest, use
@@ -26,8 +27,9 @@ from tests.helpers import G, accelerations, big_crane, crane, quickly, states
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
-from cranedyn import symbolic, transcription  # noqa: E402
-from cranedyn.references.optimal import optimal  # noqa: E402
+from cranedyn.dynamics import symbolic
+from cranedyn.planning import transcription  # noqa: E402
+from cranedyn.planning.optimal import optimal  # noqa: E402
 
 LIMITS = Limits((0.0838, 1.583, 1.0), (0.02, 0.4, 0.4))
 RAMP = 0.5
@@ -103,9 +105,9 @@ def test_a_joint_of_several_coordinates_is_refused() -> None:
 
 def test_without_casadi_a_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "casadi", None)
-    monkeypatch.delitem(sys.modules, "cranedyn.symbolic")
+    monkeypatch.delitem(sys.modules, "cranedyn.dynamics.symbolic")
     with pytest.raises(CraneError, match=r"pip install 'cranedyn\[optimal\]'"):
-        importlib.import_module("cranedyn.symbolic")
+        importlib.import_module("cranedyn.dynamics.symbolic")
 
 
 # ------------------------------------------------------------------------------------------------------------------ transcription

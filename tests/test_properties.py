@@ -18,13 +18,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 
-from cranedyn import dynamics, wind
-from cranedyn.crane import DRIVES, PASSIVE, Crane, State, load_crane
-from cranedyn.description import arguments
+from cranedyn.data.trajectory import COLUMNS, Trajectory, read
+from cranedyn.disturbances import wind
+from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.errors import CraneError, RunError
-from cranedyn.references import Wanted
-from cranedyn.simulate import Disturbance, simulate
-from cranedyn.trajectory import COLUMNS, Trajectory, read
+from cranedyn.interfaces import Disturbance, State, Wanted
+from cranedyn.model.crane import DRIVES, PASSIVE, Crane
+from cranedyn.model.description import arguments
+from cranedyn.model.load import load_crane
+from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, constant, crane
 
 # --- any crane, any state, any command ---------------------------------------------------------------------------------------------

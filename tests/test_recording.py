@@ -16,15 +16,16 @@ import pyarrow as pa
 import pytest
 
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import Crane, load_crane
-from cranedyn.dynamics import payload_position, pivot_position
+from cranedyn.data.trajectory import COLUMNS, Trajectory
+from cranedyn.dynamics.pinocchio import payload_position, pivot_position
 from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.plotting.style import COLOURS
 from cranedyn.recording import Run, open_viewer, record, serve
 from cranedyn.recording.series import PLOTS
 from cranedyn.references import hold, pulse, ramp
-from cranedyn.simulate import simulate
-from cranedyn.style import COLOURS
-from cranedyn.trajectory import COLUMNS, Trajectory
+from cranedyn.simulation.simulate import simulate
 
 pytestmark = pytest.mark.filterwarnings("error:::rerun")
 

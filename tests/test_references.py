@@ -10,27 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cranedyn.crane import State
 from cranedyn.errors import OutOfRange, UnknownName
-from cranedyn.references import (
-    Leg,
-    Push,
-    Reference,
-    ei,
-    flat,
-    hold,
-    itinerary,
-    operator,
-    plumb,
-    pulse,
-    ramp,
-    shaped,
-    shaped_hoisting,
-    spline,
-    zv,
-)
+from cranedyn.interfaces import Reference, State
+from cranedyn.references import Leg, Push, ei, flat, hold, itinerary, operator, plumb, pulse, ramp, shaped, shaped_hoisting, spline, zv
+from cranedyn.references.tabulated import tabulated
 from cranedyn.references.tour import tour
-from cranedyn.references.wanted import tabulated
 from tests.helpers import G, crane
 
 START = State(np.array([0.5, 12.0, 0.0, 0.0, 9.0]), np.zeros(5))

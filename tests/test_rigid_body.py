@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from cranedyn import dynamics, rigid_body
-from cranedyn.crane import State
-from cranedyn.rigid_body import Bodies, Frame, Push
+from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.rigid_body import Bodies, Frame, Push
+from cranedyn.interfaces import State
 from tests.helpers import crane, states
 
 

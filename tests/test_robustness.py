@@ -10,17 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cranedyn.analysis import swing_amplitude
-from cranedyn.crane import State
-from cranedyn.dynamics import payload_position
-from cranedyn.references import Wanted
-from cranedyn.simulate import simulate
+from cranedyn.analysis.swing import swing_amplitude
+from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.interfaces import State, Wanted
+from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import results
 from experiments import sweep
+from experiments.harness.setup import World
 from experiments.report import page
-from experiments.robustness import AFTER, COMBINED, WAYS, robustness
-from experiments.ways import FLAT, PAPER, PD
-from experiments.world import World
+from experiments.scenarios.robustness import AFTER, COMBINED, WAYS, robustness
+from experiments.scenarios.strategies import FLAT, PAPER, PD
 from tests.helpers import ROOT
 from tests.told import missing
 

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
-from cranedyn.analysis import swing_amplitude
+from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import hold_controller, lqr, observed, sensed
 from cranedyn.controllers.linearised import linearised
 from cranedyn.controllers.observer import DISTURBANCE, DOUBT, MEASURED, Observed
 from cranedyn.controllers.sensed import NOISE
-from cranedyn.crane import Crane, State
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.linearisation import sampled
 from cranedyn.errors import CraneError
-from cranedyn.linear import sampled
-from cranedyn.references import Motion, Wanted, flat, plumb, spline
-from cranedyn.simulate import Controller
-from cranedyn.trajectory import Trajectory
+from cranedyn.interfaces import Controller, State, Wanted
+from cranedyn.model.crane import Crane
+from cranedyn.references import Motion, flat, plumb, spline
 from tests.helpers import G, crane, quickly
 
 STILL = Wanted(np.zeros(3), np.zeros(3), np.zeros(3))

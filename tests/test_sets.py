@@ -21,14 +21,15 @@ import pytest
 
 from cranedyn import recording
 from cranedyn.controllers import hold_controller
+from cranedyn.data.files import digest
+from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import CraneError, DataError
-from cranedyn.figures import panels
-from cranedyn.files import digest
+from cranedyn.plotting.figures import panels
 from cranedyn.recording import Live, Run
-from cranedyn.simulate import simulate
-from cranedyn.trajectory import Trajectory, read
-from experiments import a1, common, demo, report
-from experiments.document import read_document
+from cranedyn.simulation.simulate import simulate
+from experiments import a1, demo, report
+from experiments.harness import conduct as common
+from experiments.harness.document import read_document
 from tests.helpers import FAST, crane, files, python, quickly
 
 SET = ["a1.rrd", "figure.png", "result.json", "run.csv", "run.parquet"]
@@ -221,7 +222,9 @@ def test_a_document_that_cannot_be_read_whole_or_written_is_refused_before_the_r
 def test_a_backend_that_matplotlib_lacks_stops_no_command(monkeypatch: pytest.MonkeyPatch) -> None:
     for backend, shown in (("bogus", "None"), ("svg", "svg")):
         monkeypatch.setenv("MPLBACKEND", backend)
-        run = python("import os, experiments.outcome, matplotlib as m; print(m.rcParams._get_backend_or_none(), os.environ['MPLBACKEND'])")
+        run = python(
+            "import os, experiments.harness.outcome, matplotlib as m; print(m.rcParams._get_backend_or_none(), os.environ['MPLBACKEND'])"
+        )
         assert (run.stdout.split(), run.stderr) == ([shown, backend], "")
 
 

@@ -19,8 +19,8 @@ import pytest
 import xacro
 
 from cranedyn.command import INTERRUPTED, command
-from cranedyn.description import describe
-from cranedyn.trajectory import read
+from cranedyn.data.trajectory import read
+from cranedyn.model.description import describe
 from tests.helpers import ROOT, files
 
 QUIET = "cranedyn/ctrl_c.pth"
@@ -34,7 +34,7 @@ def started(words: list[str], python: str = sys.executable) -> subprocess.Popen[
 # --- before any module of ours is imported --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("module", ["cranedyn.description", "experiments.energy"])
+@pytest.mark.parametrize("module", ["cranedyn.model.description", "experiments.energy"])
 def test_ctrl_c_while_python_reads_its_environment_shows_no_traceback(module: str, tmp_path: Path) -> None:
     venv.create(tmp_path, symlinks=True)
     packages = next(tmp_path.glob("lib/python*/site-packages"))
@@ -60,7 +60,7 @@ def test_other_programs_keep_their_ctrl_c(tmp_path: Path) -> None:
     line = (ROOT / QUIET).read_text()
     script = f"import signal\nexec({line!r})\nimport cranedyn\nprint(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
     (tmp_path / "other.py").write_text(script)
-    for words in (["-c", script], ["-m", "other"], ["-m", "other", "cranedyn.description"]):
+    for words in (["-c", script], ["-m", "other"], ["-m", "other", "cranedyn.model.description"]):
         run = subprocess.run(
             [sys.executable, *words], capture_output=True, text=True, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False
         )
@@ -69,7 +69,7 @@ def test_other_programs_keep_their_ctrl_c(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("seen", ["cranedyn.errors", "minidom", "xacro"])
 def test_ctrl_c_while_the_description_is_being_imported_shows_no_traceback(seen: str) -> None:
-    process = started(["-X", "importtime", "-m", "cranedyn.description"])
+    process = started(["-X", "importtime", "-m", "cranedyn.model.description"])
     assert process.stderr is not None
     for line in process.stderr:
         if line.rstrip().endswith(seen):
@@ -127,7 +127,7 @@ def test_an_interruption_before_or_after_the_run_of_a_command_is_130(when: str, 
 
 
 COMMANDS = [
-    ["cranedyn.description", "-o", "{}/crane.urdf"],
+    ["cranedyn.model.description", "-o", "{}/crane.urdf"],
     ["experiments.energy", "--out", "{}/energy"],
     ["experiments.a1", "--out", "{}/a1"],
     ["experiments.a2", "--engine", "compiled", "--out", "{}/a2"],

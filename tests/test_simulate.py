@@ -12,15 +12,16 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from cranedyn import dynamics
-from cranedyn.analysis import fit_swing
+from cranedyn.analysis.swing import fit_swing
 from cranedyn.controllers import follow, hold_controller
-from cranedyn.crane import DRIVES, Crane, State
+from cranedyn.data.trajectory import COLUMNS, Trajectory
+from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics.integrators import Acceleration, Integrator
 from cranedyn.errors import OutOfRange, RunError
-from cranedyn.integrator import Acceleration, Integrator
-from cranedyn.references import Wanted, hold, pulse, ramp
-from cranedyn.simulate import simulate
-from cranedyn.trajectory import COLUMNS, Trajectory
+from cranedyn.interfaces import State, Wanted
+from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.references import hold, pulse, ramp
+from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, big_crane, constant, crane, extrapolated, flow, locked, moved
 
 DAMPED = {"damp_slew": 3e4, "damp_trolley": 200.0, "damp_swing": 5e3, "damp_hoist": 700.0}

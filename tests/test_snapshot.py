@@ -11,13 +11,14 @@ import pytest
 from PIL import Image
 
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import Crane, load_crane
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
 from cranedyn.recording import Run, record
+from cranedyn.recording.snapshot import animate, snapshot
 from cranedyn.references import hold, pulse
-from cranedyn.simulate import simulate
-from cranedyn.snapshot import animate, snapshot
-from cranedyn.trajectory import Trajectory
+from cranedyn.simulation.simulate import simulate
 from experiments.snapshot import main
 
 drivers = "VK_ICD_FILENAMES" in os.environ or "VK_DRIVER_FILES" in os.environ or any(Path("/usr/share/vulkan/icd.d").glob("*.json"))

@@ -28,7 +28,7 @@ from cranedyn.sweep import Design, Progress, cross, grid, limits, results, sweep
 from cranedyn.sweep.chunk import DIED, evaluate, name_of
 from cranedyn.sweep.manifest import Manifest, claimed, version
 from cranedyn.sweep.sources import sources
-from experiments import progress as told
+from experiments.harness import progress as told
 from tests import studies
 from tests.helpers import files
 
@@ -333,7 +333,7 @@ def test_progress_is_shown_in_words() -> None:
 def test_progress_is_told_only_to_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     with told.sweeping("study") as nobody:
         assert nobody is None
-    monkeypatch.setattr("experiments.world.Console", lambda stderr: Console(file=io.StringIO(), force_terminal=True))
+    monkeypatch.setattr("experiments.harness.setup.Console", lambda stderr: Console(file=io.StringIO(), force_terminal=True))
     with told.sweeping("study") as somebody:
         assert somebody is not None
         somebody(Progress(1, 2, 0, 0))

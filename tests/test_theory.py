@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from cranedyn import dynamics, theory
-from cranedyn.crane import State
+from cranedyn import theory
+from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.interfaces import State
 from tests.helpers import G, accelerations, big_crane, pendulum_period, states
 from tests.lagrangian import Lagrangian
 

@@ -12,12 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cranedyn import dynamics, wind
 from cranedyn.controllers import hold_controller, lqr
-from cranedyn.crane import Crane, State, load_crane
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.disturbances import wind
+from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
 from cranedyn.references import flat
-from cranedyn.simulate import simulate
-from cranedyn.trajectory import Trajectory
+from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, G, crane
 
 
@@ -95,7 +98,7 @@ def test_motions_are_planned_and_controllers_made_in_two_threads_as_in_one(restl
 
 @pytest.mark.skipif(FAST != "compiled", reason="extra compiled (llvmlite) is not installed")
 def test_code_is_made_and_batches_run_in_two_threads_as_in_one(restless: None) -> None:
-    from cranedyn.batch import simulate_batch
+    from cranedyn.compiled.batch import simulate_batch
 
     cranes = [crane(payload_mass=mass) for mass in (911.0, 912.0)]  # of which no other test has made code
 

@@ -16,18 +16,20 @@ from cranedyn.controllers import follow
 from cranedyn.controllers.damped import damped
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
-from cranedyn.crane import DRIVES, State
-from cranedyn.dynamics import payload_position
+from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.interfaces import EngineName, State
+from cranedyn.model.crane import DRIVES
 from cranedyn.references import ARTICLE_TOUR, Leg, hold, plumb, spline
 from cranedyn.references.flat import cruise, flat
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
 from cranedyn.references.tour import tour
-from cranedyn.simulate import EngineName, simulate
-from experiments import common, demo
-from experiments.moves import TOUR_LIMITS as LIMITS
-from experiments.tours import CONTROLS, repeated
+from cranedyn.simulation.simulate import simulate
+from experiments import demo
+from experiments.harness import conduct as common
+from experiments.scenarios.moves import TOUR_LIMITS as LIMITS
+from experiments.scenarios.tours import CONTROLS, repeated
 from tests.helpers import FAST, G, big_crane, crane, quickly
 
 FREE = Limits((10.0, 100.0, 100.0), (10.0, 100.0, 100.0))

@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from cranedyn.data.trajectory import COLUMNS, Trajectory, read, read_columns
 from cranedyn.errors import DataError
-from cranedyn.trajectory import COLUMNS, Trajectory, read, read_columns
 from tests.helpers import files
 
 WIDTHS = {name: len(columns) for name, columns in COLUMNS.items()}

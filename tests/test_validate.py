@@ -14,14 +14,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from cranedyn import drives as loop
-from cranedyn.crane import Crane, load_crane
-from cranedyn.description import XACRO
+from cranedyn.dynamics import drives as loop
+from cranedyn.dynamics.integrators import Acceleration, Integrator
 from cranedyn.errors import DataError
-from cranedyn.integrator import Acceleration, Integrator
-from cranedyn.simulate import EngineName, simulate
+from cranedyn.interfaces import EngineName
+from cranedyn.model.crane import Crane
+from cranedyn.model.description import XACRO
+from cranedyn.model.load import load_crane
+from cranedyn.simulation.simulate import simulate
 from experiments import validate
-from experiments.document import read_document
+from experiments.harness.document import read_document
 from experiments.oracles import conserved, hoisting, moves, reading, slewing, swing
 from experiments.oracles.check import LARGE, POINT, ROUNDING, G, Oracle, check, point_crane
 from experiments.oracles.reading import Bench

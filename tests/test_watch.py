@@ -9,12 +9,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import State
+from cranedyn.data.trajectory import COLUMNS, Trajectory
+from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, OutOfRange, RunError
-from cranedyn.references import Wanted, hold, ramp
-from cranedyn.simulate import EngineName, simulate
-from cranedyn.trajectory import COLUMNS, Trajectory
-from cranedyn.watch import events
+from cranedyn.interfaces import EngineName, State, Wanted
+from cranedyn.references import hold, ramp
+from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, G, big_crane, constant, crane, locked
 
 
@@ -97,7 +97,7 @@ def test_a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the
     (event,) = events(crane(), error.trajectory)
     assert (event.row, event.value) == (len(error.trajectory) - 1, pytest.approx(error.value))
     if engine == "compiled":
-        from cranedyn.batch import simulate_batch
+        from cranedyn.compiled.batch import simulate_batch
 
         batch = simulate_batch(crane(), brake, fast, start=[how["start"]], duration=5.0, buffers=True)
         assert batch.valid_until[0] == pytest.approx(error.t, abs=1e-9)

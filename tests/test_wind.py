@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from numpy.testing import assert_allclose
 
-from cranedyn import wind
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import State
-from cranedyn.dynamics import outside_effort, payload_position, payload_velocity, pivot_position, pivot_velocity
+from cranedyn.disturbances import wind
+from cranedyn.dynamics.pinocchio import outside_effort, payload_position, payload_velocity, pivot_position, pivot_velocity
 from cranedyn.errors import OutOfRange
-from cranedyn.simulate import simulate
+from cranedyn.interfaces import State
+from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, crane, locked, quickly, states
 
 POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.workload import Case, Contestant, Result, Run, brake, logged
-from cranedyn.crane import DRIVES, JOINTS
+from cranedyn.model.crane import DRIVES, JOINTS
 
 
 def _missing() -> str | None:

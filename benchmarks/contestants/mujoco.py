@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.workload import Case, Contestant, Result, Run, brake, logged, swing
-from cranedyn.crane import DRIVES
+from cranedyn.model.crane import DRIVES
 
 
 def twin(urdf: str, *, gravity: float, dt: float) -> Any:

@@ -8,9 +8,8 @@ from functools import partial
 import numpy as np
 
 from benchmarks.workload import Case, Contestant, Result, Run, plain
-from cranedyn.crane import State
-from cranedyn.integrator import Integrator, semi_implicit_euler
-from cranedyn.references import Wanted
+from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.interfaces import State, Wanted
 
 
 def _no_need() -> None:
@@ -54,7 +53,7 @@ def _batch(threads: int | None, integrator: Integrator = semi_implicit_euler) ->
     """Eight cranes in a vector, control and steps compiled."""
 
     def prepare(case: Case) -> Run:
-        from cranedyn.batch import simulate_batch
+        from cranedyn.compiled.batch import simulate_batch
 
         together = partial(simulate_batch, case.crane, case.controller, dt=case.dt, control_period=case.period, threads=threads)
 

@@ -9,14 +9,14 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from cranedyn import rigid_body
 from cranedyn.compiled.door import accelerations
 from cranedyn.compiled.kernel import Kernel, Recipe, kernel
 from cranedyn.compiled.plant import numbers
 from cranedyn.compiled.step import in_code
-from cranedyn.crane import DRIVES, PASSIVE, Crane
-from cranedyn.dynamics import follow_drives, full, outside_effort
+from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.pinocchio import follow_drives, full, outside_effort
 from cranedyn.errors import ModelError
+from cranedyn.model.crane import DRIVES, PASSIVE, Crane
 
 _CHECKED, _REMEMBERED = 16, 4096
 _MAKING = threading.Lock()

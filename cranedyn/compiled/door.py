@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cranedyn.compiled.layout import AIM, FORCE, LAW, ROW, SLOTS, STATE, SUMMARY, size
+from cranedyn.compiled.call import AIM, FORCE, LAW, ROW, SLOTS, STATE, SUMMARY, size
 from cranedyn.errors import Misshapen, OutOfRange, number, whole
 
 if TYPE_CHECKING:
-    from cranedyn.clocks import Clocks
     from cranedyn.compiled.kernel import Kernel
     from cranedyn.compiled.machine import Machine
     from cranedyn.compiled.tables import Table
+    from cranedyn.simulation.clocks import Clocks
 
 _PIECE = 100_000
 """Physics steps, or rows, that code goes through before Python is asked whether to end; of eight cranes at once some tenths of a second."""

@@ -8,20 +8,19 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.arrays import fixed
+from cranedyn.compiled.call import AIM, FORCE, LAW, ROW, STATE, places, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop, Rows
 from cranedyn.compiled.kernel import Kernel, Recipe
-from cranedyn.compiled.layout import AIM, FORCE, LAW, ROW, STATE, places, size
 from cranedyn.compiled.step import in_code
 from cranedyn.compiled.tables import Table, aim, alone, held, law
 from cranedyn.controllers.affine import Affine, Remembering, form
-from cranedyn.crane import State
-from cranedyn.drives import Limits
-from cranedyn.engine import DIVERGED, Engine, Setting
+from cranedyn.dynamics.drives import Limits
 from cranedyn.errors import Misshapen
-from cranedyn.log import Log
-from cranedyn.references import Reference
-from cranedyn.references.wanted import tabulated
+from cranedyn.interfaces import Reference, State
+from cranedyn.references.tabulated import tabulated
+from cranedyn.simulation.engine import DIVERGED, Engine, Setting
+from cranedyn.simulation.log import Log
 
 _BLOCK, _STEPS = 2000, 1_000_000
 """Control instants, and physics steps, that a closed loop runs ahead at most before it is looked at."""

@@ -8,13 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.arrays import finite
-from cranedyn.compiled.layout import AIM, FORCE, LAW, ROW, size
+from cranedyn.compiled.call import AIM, FORCE, LAW, ROW, size
 from cranedyn.compiled.tables import NO_FORCE, Table, aim, law, shortened, table
 from cranedyn.controllers.affine import Affine, form
-from cranedyn.crane import DRIVES, State
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
-from cranedyn.references import Reference, hold
-from cranedyn.references.wanted import tabulated
+from cranedyn.interfaces import Reference, State
+from cranedyn.model.crane import DRIVES
+from cranedyn.references import hold
+from cranedyn.references.tabulated import tabulated
 
 _LARGEST = 4e9
 """Memory that a batch may take, tables and records among it [byte]."""

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
+from cranedyn.compiled.call import AIM, CALL, FORCE, LAW, SLOTS, STATE, SUMMARY, places, size
 from cranedyn.compiled.code import INTEGER, Code, Value, Variable
-from cranedyn.compiled.layout import AIM, CALL, FORCE, LAW, SLOTS, STATE, SUMMARY, places, size
 from cranedyn.compiled.machine import Machine, translated
 from cranedyn.compiled.plant import Plant, plant
 from cranedyn.compiled.step import in_code
-from cranedyn.crane import DRIVES
-from cranedyn.integrator import Integrator
-from cranedyn.rigid_body import array
+from cranedyn.dynamics.integrators import Integrator
+from cranedyn.dynamics.rigid_body import array
+from cranedyn.model.crane import DRIVES
 
 
 @dataclass(frozen=True)

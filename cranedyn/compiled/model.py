@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 from llvmlite import ir
 
-from cranedyn import rigid_body
 from cranedyn.arrays import finite
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.door import Rows
 from cranedyn.compiled.machine import translated
+from cranedyn.dynamics import rigid_body
 from cranedyn.errors import ModelError
 
 

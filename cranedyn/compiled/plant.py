@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn import rigid_body
 from cranedyn.compiled.code import Code, Value
-from cranedyn.crane import DRIVES, PASSIVE, Crane
-from cranedyn.drives import buffer_numbers
-from cranedyn.dynamics import pivot_position
-from cranedyn.rigid_body import Bodies, Frame, Push, array
+from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.drives import buffer_numbers
+from cranedyn.dynamics.pinocchio import pivot_position
+from cranedyn.dynamics.rigid_body import Bodies, Frame, Push, array
+from cranedyn.model.crane import DRIVES, PASSIVE, Crane
 
 _PIVOT, _LOAD = 2, 4
 """The bodies that outside forces act on: at the swing pivot, and the payload."""
@@ -83,7 +83,7 @@ class Plant:
         return array(pushes)
 
     def held(self, q: np.ndarray, v: np.ndarray) -> Any:
-        """What the buffers at the ends of the cable push [N], see `cranedyn.drives.Outside.held`."""
+        """What the buffers at the ends of the cable push [N], see `cranedyn.dynamics.drives.Outside.held`."""
         return self.pushed_back(q, v)[2] if self.buffers else 0.0
 
     def beyond(self, q: np.ndarray) -> Any:
@@ -93,7 +93,7 @@ class Plant:
         return code.either(*sides)
 
     def holds(self, q: np.ndarray, v: np.ndarray, hoist: Any) -> Any:
-        """Whether the model holds at a state under a force of the hoist and of the buffers of the cable, see `cranedyn.watch`."""
+        """Whether the model holds at a state under a force of the hoist and of the buffers of the cable, see `cranedyn.dynamics.validity`."""
         code: Code = q[0].code
         conditions = [self.damping[4] * v[4] - hoist > 0.0, self.height[0] - q[4] * (np.cos(q[2]) * np.cos(q[3])) >= 0.0]
         for i, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):

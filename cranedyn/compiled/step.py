@@ -1,4 +1,4 @@
-"""Stepping rules in code, those of `cranedyn.integrator`."""
+"""Stepping rules in code, those of `cranedyn.dynamics.integrators`."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 
 from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.plant import Plant
-from cranedyn.crane import DRIVES
+from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
+from cranedyn.dynamics.rigid_body import array
 from cranedyn.errors import OutOfRange
-from cranedyn.integrator import Integrator, rk4, semi_implicit_euler
-from cranedyn.rigid_body import array
+from cranedyn.model.crane import DRIVES
 
 Step = Callable[[Plant, np.ndarray, np.ndarray, np.ndarray, Any, Value, Any, Any], tuple[np.ndarray, np.ndarray, Any]]
 """From plant, q, v, command, forces from outside, step [s], work of the buffers so far [J] and number of
@@ -90,5 +90,7 @@ def in_code(integrator: Integrator) -> Step:
     """
     if integrator not in _STEPS:
         known = " or ".join(rule.name for rule in _STEPS)
-        raise OutOfRange("integrator of compiled code", integrator.name, f"{known} of cranedyn.integrator; engine = pinocchio takes any")
+        raise OutOfRange(
+            "integrator of compiled code", integrator.name, f"{known} of cranedyn.dynamics.integrators; engine = pinocchio takes any"
+        )
     return _STEPS[integrator]

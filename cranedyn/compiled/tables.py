@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.compiled.layout import AIM, FORCE, LAW, places, size
+from cranedyn.compiled.call import AIM, FORCE, LAW, places, size
 from cranedyn.controllers.affine import Affine
 
 _LAW, _AIM = places(LAW), places(AIM)

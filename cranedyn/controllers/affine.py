@@ -8,8 +8,8 @@ from typing import Protocol, cast, runtime_checkable
 import numpy as np
 
 from cranedyn.arrays import fixed, shaped
-from cranedyn.crane import DRIVES
 from cranedyn.errors import Misshapen
+from cranedyn.model.crane import DRIVES
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.clocks import soon_enough
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
-from cranedyn.crane import DRIVES, State
+from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.errors import number
-from cranedyn.linear import feedback_gain
-from cranedyn.references import Reference, Wanted
-from cranedyn.references.wanted import tabulated
+from cranedyn.interfaces import Reference, State, Wanted
+from cranedyn.model.crane import DRIVES
+from cranedyn.references.tabulated import tabulated
+from cranedyn.simulation.clocks import soon_enough
 
 
 @checked
@@ -34,7 +34,7 @@ class Follow:
         number("control_period", self.control_period, "s", "> 0")
 
     def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
+        """See `cranedyn.simulation.clocks.Timed`."""
         soon_enough(self.control_period, control_period)
 
     def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:

@@ -10,10 +10,10 @@ import numpy as np
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite, shaped
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
-from cranedyn.crane import STANDARD_GRAVITY, Crane, State
+from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.errors import number
-from cranedyn.linear import feedback_gain
-from cranedyn.references import Wanted
+from cranedyn.interfaces import State, Wanted
+from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 
 STIFFNESS = (5.0e5, 3.0e5, 3.0e4)
 """k_p of slew [N m/rad], trolley [N/m], hoist [N/m]. Only the trolley's is published."""

@@ -8,12 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.crane import State
 from cranedyn.errors import number
-from cranedyn.references import Wanted
+from cranedyn.interfaces import State, Wanted
+from cranedyn.simulation.clocks import SAME_PERIOD
 
 
 @checked
@@ -45,7 +44,7 @@ class HoistIntegral:
         self._elapsed = self.tracking.period
 
     def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
+        """See `cranedyn.simulation.clocks.Timed`."""
         self._elapsed = control_period
         if t > self._t:
             self._t = t - control_period

@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.clocks import multiple
-from cranedyn.crane import Crane, State
-from cranedyn.dynamics import inverse_dynamics
+from cranedyn.dynamics.linearisation import sampled
+from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.errors import whole
-from cranedyn.linear import sampled
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
+from cranedyn.simulation.clocks import multiple
 
 
 class Linearised(NamedTuple):

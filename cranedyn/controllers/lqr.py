@@ -8,7 +8,7 @@ from cranedyn.arguments import checked
 from cranedyn.controllers.linearised import linearised
 from cranedyn.controllers.riccati import riccati
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.crane import Crane
+from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 
 STATE_WEIGHT = np.diag([100.0, 10.0, 100.0, 100.0, 10.0, 20.0, 2.0, 100.0, 100.0, 2.0]) ** 2

@@ -16,16 +16,16 @@ import numpy as np
 import scipy
 
 from cranedyn.arguments import checked
-from cranedyn.clocks import multiple
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT
 from cranedyn.controllers.riccati import Sweep, riccati
 from cranedyn.controllers.tracking import check_finite
-from cranedyn.crane import DRIVES, PASSIVE, Crane, State
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole, within
-from cranedyn.references import Wanted
+from cranedyn.interfaces import State, Wanted
+from cranedyn.model.crane import DRIVES, PASSIVE, Crane
 from cranedyn.references.motion import Motion
-from cranedyn.rows import SAME, at_place, place
+from cranedyn.references.rows import SAME, at_place, place
+from cranedyn.simulation.clocks import multiple
 
 BOUNDED = np.concatenate([5 + DRIVES, PASSIVE])
 """What of coordinates and rates has a bound: γ̇, ẋ, l̇, φ, θ."""

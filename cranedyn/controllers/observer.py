@@ -12,14 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.sensed import NOISE
-from cranedyn.crane import DRIVES, Crane, State
 from cranedyn.errors import CraneError, OutOfRange, number, whole
-from cranedyn.references import Wanted
+from cranedyn.interfaces import Controller, State, Wanted
+from cranedyn.model.crane import DRIVES, Crane
 from cranedyn.references.motion import Motion
-from cranedyn.simulate import Controller
+from cranedyn.simulation.clocks import SAME_PERIOD
 
 MEASURED = np.concatenate([DRIVES, 5 + DRIVES])
 """What is measured of coordinates and rates: γ, x, l and their rates."""

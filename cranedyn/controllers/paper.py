@@ -16,8 +16,8 @@ from cranedyn.arrays import finite
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.riccati import riccati, stationary
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.crane import STANDARD_GRAVITY, Crane
 from cranedyn.errors import OutOfRange, number, whole
+from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references.motion import Motion
 
 TROLLEY_WEIGHTS = (np.diag([10.0, 2.0, 100.0, 100.0]) ** 2, np.diag([1.0 / 1.0e3]) ** 2)

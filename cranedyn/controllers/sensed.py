@@ -10,10 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.crane import COORDINATES, State
 from cranedyn.errors import CraneError, OutOfRange, number, whole
-from cranedyn.references import Wanted
-from cranedyn.simulate import Controller
+from cranedyn.interfaces import COORDINATES, Controller, State, Wanted
 
 NOISE = np.array([1e-4, 1e-3, 1e-3, 1e-3, 1e-3, 1e-4, 2e-3, 3e-3, 3e-3, 2e-3])
 """Standard deviations of sensors as cranes have them, ours: of γ 0.1 mrad, of x and l 1 mm, of the swing 1 mrad; of their rates

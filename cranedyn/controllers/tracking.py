@@ -10,10 +10,9 @@ import numpy as np
 from cranedyn.arguments import checked
 from cranedyn.arrays import shaped
 from cranedyn.controllers.affine import Affine, without_integral
-from cranedyn.crane import COORDINATES, UNITS, State
 from cranedyn.errors import OutOfRange, number
-from cranedyn.references import Wanted
-from cranedyn.rows import at_place, at_places, place, places
+from cranedyn.interfaces import COORDINATES, UNITS, State, Wanted
+from cranedyn.references.rows import at_place, at_places, place, places
 
 
 @checked

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
-from cranedyn.crane import DRIVES
-from cranedyn.dynamics import pivot_position
+from cranedyn.dynamics.pinocchio import pivot_position
+from cranedyn.model.crane import DRIVES
+from cranedyn.plotting.style import rgb
 from cranedyn.recording.run import TIMELINE, Run
 from cranedyn.recording.scene import BACKGROUND
 from cranedyn.recording.series import Table, plot
-from cranedyn.style import rgb
 
 
 def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:

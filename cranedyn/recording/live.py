@@ -8,15 +8,15 @@ from types import TracebackType
 import rerun as rr
 
 from cranedyn.arguments import checked
-from cranedyn.crane import Crane
+from cranedyn.data.files import Draft, check_writable, sync_folder
+from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.errors import DataError
-from cranedyn.files import Draft, check_writable, sync_folder
+from cranedyn.model.crane import Crane
 from cranedyn.recording.dashboard import dashboard
 from cranedyn.recording.record import check_enabled, describe
 from cranedyn.recording.run import Run
 from cranedyn.recording.scene import PATH_SECONDS, Scene, looks
 from cranedyn.recording.series import log_series, table
-from cranedyn.trajectory import Trajectory, join
 
 _PATIENCE = 10.0
 

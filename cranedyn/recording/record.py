@@ -12,13 +12,13 @@ import numpy as np
 import rerun as rr
 
 from cranedyn.arguments import checked
+from cranedyn.data.files import written
+from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, DataError, OutOfRange, printable, quoted
-from cranedyn.files import written
 from cranedyn.recording.dashboard import dashboard
 from cranedyn.recording.run import Run
 from cranedyn.recording.scene import PATH_SECONDS, Scene, looks
 from cranedyn.recording.series import Table, log_series, table
-from cranedyn.watch import events
 
 
 def check_enabled() -> None:

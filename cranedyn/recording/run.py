@@ -8,8 +8,8 @@ import numpy as np
 import rerun as rr
 
 from cranedyn.arguments import checked
-from cranedyn.crane import Crane
-from cranedyn.trajectory import Trajectory
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.model.crane import Crane
 
 TIMELINE = "sim_time"
 """The one clock of a recording."""

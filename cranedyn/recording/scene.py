@@ -13,13 +13,13 @@ import numpy as np
 import rerun as rr
 from rerun.urdf import UrdfTree
 
-from cranedyn.crane import DRIVES, JOINTS
-from cranedyn.dynamics import payload_position, pivot_position
+from cranedyn.dynamics.pinocchio import payload_position, pivot_position
 from cranedyn.errors import printable
+from cranedyn.model.crane import DRIVES, JOINTS
+from cranedyn.model.urdf import parse, skeleton
+from cranedyn.plotting.style import COLOURS, mixed, rgb
 from cranedyn.recording.run import Run, clock
 from cranedyn.recording.shapes import Shape, log_shapes, shapes
-from cranedyn.style import COLOURS, mixed, rgb
-from cranedyn.urdf import parse, skeleton
 
 BACKGROUND = "#E1E8F0"
 """Colour behind the scene, into which the path of the payload fades."""

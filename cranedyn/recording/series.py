@@ -14,9 +14,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import VisualizerComponentMapping
 
+from cranedyn.data.trajectory import COLUMNS, Trajectory
+from cranedyn.plotting.style import COLOURS, mixed, rgb
 from cranedyn.recording.run import Run, clock
-from cranedyn.style import COLOURS, mixed, rgb
-from cranedyn.trajectory import COLUMNS, Trajectory
 
 Table = dict[str, np.ndarray]
 """Columns by name, shape (n,) each."""

@@ -12,8 +12,8 @@ from urllib.parse import quote
 import rerun as rr
 
 from cranedyn.arguments import checked
+from cranedyn.data.files import opened
 from cranedyn.errors import CraneError, DataError, OutOfRange, whole
-from cranedyn.files import opened
 from cranedyn.recording.page import Page
 from cranedyn.recording.process import HOST, await_ready, end, free, free_port, start
 

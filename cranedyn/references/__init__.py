@@ -1,5 +1,6 @@
 """Where the drives should be at a time. A reference is a plain callable from time [s] to `Wanted`."""
 
+from cranedyn.interfaces import Reference, Wanted
 from cranedyn.references.flat import flat
 from cranedyn.references.hold import hold
 from cranedyn.references.itinerary import ARTICLE_TOUR, Itinerary, Leg, itinerary
@@ -9,7 +10,6 @@ from cranedyn.references.pulse import pulse
 from cranedyn.references.ramp import ramp
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import shortest, spline
-from cranedyn.references.wanted import Reference, Wanted
 
 __all__ = [
     "ARTICLE_TOUR",

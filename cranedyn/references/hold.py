@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.crane import DRIVES, State
-from cranedyn.references.wanted import Reference, Wanted
+from cranedyn.interfaces import Reference, State, Wanted
+from cranedyn.model.crane import DRIVES
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.arguments import checked, of_drives
-from cranedyn.crane import DRIVES, State
 from cranedyn.errors import OutOfRange, number
-from cranedyn.references.wanted import Wanted
+from cranedyn.interfaces import State, Wanted
+from cranedyn.model.crane import DRIVES
 
 
 class Leg(NamedTuple):

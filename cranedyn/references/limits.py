@@ -9,9 +9,9 @@ import numpy as np
 import scipy
 
 from cranedyn.arguments import checked, of_drives
-from cranedyn.crane import DRIVES, Crane
-from cranedyn.dynamics import inverse_dynamics
+from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.errors import OutOfRange
+from cranedyn.model.crane import DRIVES, Crane
 from cranedyn.references.motion import Motion
 
 _NAMES, _LONGEST = ("slew", "trolley", "hoist"), 3600.0

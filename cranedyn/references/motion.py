@@ -9,11 +9,12 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
-from cranedyn.clocks import intervals
-from cranedyn.crane import DRIVES
 from cranedyn.errors import OutOfRange, number
-from cranedyn.references.wanted import Reference, Wanted, tabulated
-from cranedyn.rows import SAME, at_place, at_places, place, places
+from cranedyn.interfaces import Reference, Wanted
+from cranedyn.model.crane import DRIVES
+from cranedyn.references.rows import SAME, at_place, at_places, place, places
+from cranedyn.references.tabulated import tabulated
+from cranedyn.simulation.clocks import intervals
 
 
 @checked

@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.arguments import checked, of_drives
-from cranedyn.crane import DRIVES, State
 from cranedyn.errors import OutOfRange, number
-from cranedyn.references.wanted import Reference, Tabulating, Wanted, along
+from cranedyn.interfaces import Reference, State, Wanted
+from cranedyn.model.crane import DRIVES
+from cranedyn.references.tabulated import Tabulating, along
 
 _TOUCH = 1e-9
 """By how much one push may begin before the last one ends and still follow it: what sums of times round off [s]."""

@@ -8,7 +8,8 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.errors import number
-from cranedyn.references.wanted import Reference, Wanted, along, tabulated
+from cranedyn.interfaces import Reference, Wanted
+from cranedyn.references.tabulated import along, tabulated
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,10 @@ import scipy
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
-from cranedyn.clocks import intervals
 from cranedyn.errors import number, within
-from cranedyn.references.wanted import Reference, Tabulating, Wanted, tabulated
+from cranedyn.interfaces import Reference, Wanted
+from cranedyn.references.tabulated import Tabulating, tabulated
+from cranedyn.simulation.clocks import intervals
 
 
 @checked

@@ -10,9 +10,9 @@ import scipy
 
 from cranedyn.arguments import checked, described, of_drives
 from cranedyn.arrays import finite
-from cranedyn.crane import DRIVES, State
 from cranedyn.errors import OutOfRange, number
-from cranedyn.references.wanted import Wanted
+from cranedyn.interfaces import State, Wanted
+from cranedyn.model.crane import DRIVES
 
 PEAK_RATE, PEAK_ACCELERATION = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
 """Of a quintic from 0 to 1 in unit time, rest to rest: its largest velocity and its largest acceleration."""

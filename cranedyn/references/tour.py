@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked, taken
-from cranedyn.clocks import intervals
-from cranedyn.crane import COORDINATES, DRIVES, Crane, State
 from cranedyn.errors import OutOfRange, number
+from cranedyn.interfaces import COORDINATES, State, Wanted
+from cranedyn.model.crane import DRIVES, Crane
 from cranedyn.references.itinerary import Leg, Stage, Timetable
 from cranedyn.references.motion import Motion
-from cranedyn.references.wanted import Wanted
+from cranedyn.simulation.clocks import intervals
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,8 @@ from functools import cached_property
 from importlib import metadata
 from pathlib import Path
 
+from cranedyn.data.files import make_folder, read_text, written
 from cranedyn.errors import CraneError, DataError
-from cranedyn.files import make_folder, read_text, written
 from cranedyn.sweep.sources import changed
 
 MANIFEST, LOCK, PART = "_sweep.json", ".lock", "part-{:06d}.parquet"

@@ -16,8 +16,8 @@ from typing import BinaryIO
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from cranedyn.data.files import written
 from cranedyn.errors import DataError
-from cranedyn.files import written
 from cranedyn.sweep.manifest import PART, Manifest
 
 _KEY, _MARK, _EMPTY = b"cranedyn.sweep", b" sha256 ", b"0" * 64

@@ -16,8 +16,8 @@ import numpy as np
 import pyarrow as pa
 
 from cranedyn.errors import CraneError
-from cranedyn.processes import end_with_parent
 from cranedyn.sweep.chunk import DIED, LATE, evaluate, failed, load
+from cranedyn.sweep.processes import end_with_parent
 
 Rows = tuple[int, int]
 """The first case of a chunk, and that after its last."""

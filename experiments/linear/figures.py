@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from cranedyn.figures import COLOURS, panels
+from cranedyn.plotting.figures import COLOURS, panels
 from experiments.linear.model import all_rates, integrate, paper
 from experiments.linear.runs import Case
 from experiments.linear.sites import ANGLES, SHARES, SITES

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn import theory
-from cranedyn.crane import DRIVES
-from cranedyn.trajectory import Trajectory
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.model.crane import DRIVES
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn import theory
-from cranedyn.analysis import swing_amplitude
+from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import follow
-from cranedyn.crane import Crane
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
+from cranedyn.model.crane import Crane
 from cranedyn.references import spline
-from cranedyn.trajectory import Trajectory
-from experiments import common
+from experiments.harness import conduct as common
 from experiments.linear.model import Miss, Model, all_rates, dropped, integrate, miss, paper
 from experiments.linear.sites import SITES, Job, Site, jobs
 

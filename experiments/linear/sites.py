@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cranedyn.crane import Crane, State
-from cranedyn.references import Push, Reference, operator, shortest, spline
-from experiments import common
+from cranedyn.interfaces import Reference, State
+from cranedyn.model.crane import Crane
+from cranedyn.references import Push, operator, shortest, spline
+from experiments.harness import conduct as common
 
 POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
 """A point load on a massless rope without friction."""

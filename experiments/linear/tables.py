@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from experiments.harness.outcome import Table
 from experiments.linear.runs import DEEP, HIGH, Case
 from experiments.linear.sites import ANGLES, HOLD, RAMPS, SHARES, Site
-from experiments.outcome import Table
 
 RPM = 30.0 / math.pi
 """Turns a minute of one radian a second."""

@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
-from cranedyn.crane import Crane, load_crane
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
 
 G, MASS = 9.81, 1000.0
 """Gravity [m/s²] and mass of the load [kg] of all oracles."""

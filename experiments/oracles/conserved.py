@@ -8,11 +8,10 @@ from functools import cache
 import numpy as np
 
 from cranedyn import theory
-from cranedyn.crane import Crane, State
-from cranedyn.dynamics import prescribed_acceleration
-from cranedyn.references import Wanted
-from cranedyn.simulate import Controller, Drive
-from cranedyn.trajectory import Trajectory
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.pinocchio import prescribed_acceleration
+from cranedyn.interfaces import Controller, Drive, State, Wanted
+from cranedyn.model.crane import Crane
 from experiments.oracles.check import MASS, G, Oracle
 from experiments.oracles.reading import Bench, crossing, curve, payload, speed
 

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cranedyn import theory
-from cranedyn.crane import Crane
-from cranedyn.figures import COLOURS, panels
-from cranedyn.trajectory import Trajectory
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.model.crane import Crane
+from cranedyn.plotting.figures import COLOURS, panels
 from experiments.oracles.check import STEP, Check
 from experiments.oracles.reading import Bench, payload
 from experiments.oracles.swing import LENGTH, OVALS

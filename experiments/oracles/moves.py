@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from cranedyn import theory
-from cranedyn.crane import Crane, State
-from cranedyn.references import Wanted, spline
+from cranedyn.interfaces import State, Wanted
+from cranedyn.model.crane import Crane
+from cranedyn.references import spline
 from experiments.oracles.check import G, Oracle
 from experiments.oracles.reading import Bench
 

@@ -10,11 +10,11 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import brentq
 
 from cranedyn.controllers import Hold, follow
-from cranedyn.crane import Crane, State
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
-from cranedyn.references import Reference
-from cranedyn.simulate import Controller, Drive, EngineName, simulate
-from cranedyn.trajectory import Trajectory
+from cranedyn.interfaces import Controller, Drive, EngineName, Reference, State
+from cranedyn.model.crane import Crane
+from cranedyn.simulation.simulate import simulate
 from experiments.oracles.check import Build
 
 EVERY, SELDOM = 5, 50

@@ -8,7 +8,8 @@ from functools import cache
 import numpy as np
 
 from cranedyn import theory
-from cranedyn.crane import Crane, State
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
 from experiments.oracles.check import MASS, Build, G, Oracle
 from experiments.oracles.reading import SELDOM, Bench
 

@@ -8,8 +8,9 @@ from functools import cache
 import numpy as np
 
 from cranedyn import theory
-from cranedyn.crane import Crane, State
-from cranedyn.trajectory import Trajectory
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
 from experiments.oracles.check import MASS, G, Oracle
 from experiments.oracles.reading import Bench, crossing, curve, payload, root
 

@@ -28,29 +28,29 @@ from typing import Any
 import numpy as np
 
 import cranedyn
-from cranedyn import linear
 from cranedyn.controllers.affine import Affine
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics import linearisation as linear
 from cranedyn.errors import CraneError, Misshapen
 from cranedyn.recording import Run
-from cranedyn.simulate import simulate
-from cranedyn.trajectory import Trajectory
+from cranedyn.simulation.simulate import simulate
 from tests.studies import squares
 from tests.system.fuzz.core import Broken, Case
 from tests.system.fuzz.lines import cheap
 
 PUBLIC = {
-    "simulate": ("cranedyn.simulate",),
-    "batch": ("cranedyn.batch",),
-    "crane": ("cranedyn.crane", "cranedyn.description"),
+    "simulate": ("cranedyn.simulation.simulate",),
+    "batch": ("cranedyn.compiled.batch",),
+    "crane": ("cranedyn.model.crane", "cranedyn.model.description"),
     "controllers": ("cranedyn.controllers", "cranedyn.controllers.damped", "cranedyn.controllers.integral"),
-    "references": ("cranedyn.references", "cranedyn.references.limits", "cranedyn.references.optimal", "cranedyn.references.tour"),
-    "linear": ("cranedyn.linear", "cranedyn.prediction"),
-    "analysis": ("cranedyn.analysis", "cranedyn.watch"),
+    "references": ("cranedyn.references", "cranedyn.references.limits", "cranedyn.planning.optimal", "cranedyn.references.tour"),
+    "linear": ("cranedyn.dynamics.linearisation", "cranedyn.analysis.prediction"),
+    "analysis": ("cranedyn.analysis.swing", "cranedyn.dynamics.validity"),
     "theory": ("cranedyn.theory",),
-    "trajectory": ("cranedyn.trajectory",),
-    "wind": ("cranedyn.wind",),
+    "trajectory": ("cranedyn.data.trajectory",),
+    "wind": ("cranedyn.disturbances.wind",),
     "sweep": ("cranedyn.sweep",),
-    "recording": ("cranedyn.recording", "cranedyn.snapshot"),
+    "recording": ("cranedyn.recording", "cranedyn.recording.snapshot"),
 }
 """What people import from, by the name of a generator."""
 

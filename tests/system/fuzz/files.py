@@ -23,17 +23,18 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from cranedyn.controllers import hold_controller
-from cranedyn.crane import load_crane
-from cranedyn.description import describe
-from cranedyn.dynamics import acceleration, energy
+from cranedyn.data.trajectory import COLUMNS, read, read_columns
+from cranedyn.dynamics.pinocchio import acceleration, energy
 from cranedyn.errors import CraneError
+from cranedyn.model.description import describe
+from cranedyn.model.load import load_crane
 from cranedyn.recording import Run, record
 from cranedyn.recording.viewer import check
-from cranedyn.simulate import simulate
+from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import grid, results, sweep
-from cranedyn.trajectory import COLUMNS, read, read_columns
-from experiments import a1, a2, a3, common, report
-from experiments.document import read_document
+from experiments import a1, a2, a3, report
+from experiments.harness import conduct as common
+from experiments.harness.document import read_document
 from tests.studies import squares
 from tests.system.fuzz.core import Broken, Case, Generator
 from tests.system.fuzz.lines import inline_sweeps

@@ -22,6 +22,8 @@ from random import Random
 from typing import Any
 from unittest.mock import patch
 
+import cranedyn.simulate
+import cranedyn.snapshot
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
@@ -29,19 +31,17 @@ import pyarrow.parquet
 from PIL import Image
 
 import cranedyn.recording
-import cranedyn.simulate
-import cranedyn.snapshot
 import experiments
 from cranedyn.controllers import hold_controller
-from cranedyn.description import Argument, arguments
+from cranedyn.data.trajectory import read
+from cranedyn.model.description import Argument, arguments
 from cranedyn.sweep.chunk import evaluate
 from cranedyn.sweep.pool import Cores
-from cranedyn.trajectory import read
-from experiments import common
+from experiments.harness import conduct as common
 from tests.system.fuzz.core import OURS, Broken, Case, Generator, interrupt_after
 from tests.system.fuzz.odd import LETTERS, NUMBERS, SMALL_COUNTS
 
-COMMANDS = ["cranedyn.description"]
+COMMANDS = ["cranedyn.model.description"]
 """Modules that are run as commands; those of the experiments are found."""
 
 FILES = [
@@ -378,7 +378,7 @@ def _cut_off(*given: Any, progress: Callable[[float], object] | None = None, **m
     return _SIMULATE(*given, progress=stop, **more)
 
 
-_SIMULATE = cranedyn.simulate.simulate
+_SIMULATE = cranedyn.simulation.simulate.simulate
 
 
 @contextmanager
@@ -452,7 +452,7 @@ def cheap(cut: bool = False) -> Iterator[None]:
             for module, name in _places(old, len(sys.modules)):
                 stack.enter_context(patch.object(module, name, new))
         stack.enter_context(inline_sweeps())
-        stack.enter_context(patch.object(cranedyn.snapshot, "headless", _pictures))
+        stack.enter_context(patch.object(cranedyn.recording.snapshot, "headless", _pictures))
         stack.enter_context(patch.object(cranedyn.recording, "open_viewer", lambda path=None: ""))
         stack.enter_context(patch.object(cranedyn.recording, "serve", lambda path=None, port=0: _Served()))
         yield

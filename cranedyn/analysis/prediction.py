@@ -1,0 +1,104 @@
+"""The free swing of a held crane, predicted without simulating it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.arguments import checked
+from cranedyn.controllers import Hold
+from cranedyn.dynamics.linearisation import feedback_gain, sampled, swing_mode
+from cranedyn.errors import OutOfRange, number
+from cranedyn.interfaces import Reference, State
+from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.references.tabulated import setpoint
+from cranedyn.simulation.clocks import intervals, multiple
+from cranedyn.theory import amplitude_factor, hoist_give
+
+_GONE = 300.0
+"""After so many times of decay nothing is left of a swing: its square is no longer a number of full precision."""
+
+
+@dataclass(frozen=True)
+class FreeSwing:
+    """What a fit of the free swing over a stretch of time should find.
+
+    Attributes:
+        period: [s].
+        damping_ratio: Of critical.
+        amplitude: Its root mean square over the stretch [rad].
+    """
+
+    period: float
+    damping_ratio: float
+    amplitude: float
+
+
+@checked
+def free_swing(
+    crane: Crane,
+    hold: Hold,
+    reference: Reference,
+    start: State,
+    *,
+    since: float,
+    until: float,
+    dt: float = 5e-4,
+    control_period: float = 5e-3,
+) -> FreeSwing:
+    """Predict the radial swing that a reference leaves behind.
+
+    Period and damping of small swings are an eigenvalue of the linear crane under the sampled hold, stepped as `simulate` steps it; the
+    amplitude is the share of that mode after the reference has acted on the linear loop. Two effects of finite amplitude are then
+    added: the pendulum's own, (2/π) K(sin²(A/2)), and the give of the hoist at twice the swing's frequency (`theory.hoist_give`).
+
+    Args:
+        crane: The crane.
+        hold: How its drives are held.
+        reference: What excites the swing; it must be back at rest before `since`.
+        start: Where the crane starts, at rest.
+        since: Start of the stretch [s].
+        until: End of the stretch [s].
+        dt: Physics step [s].
+        control_period: Time between control instants [s].
+
+    Raises:
+        OutOfRange: If the stretch does not begin at 0 or later and end after that while there is a swing, or the control period is not a
+            multiple of `dt`.
+    """
+    if not number("since", since, "s", ">= 0") < number("until", until, "s"):
+        raise OutOfRange("since", since, f"less than until, {until:g} s", "s")
+    multiple("control_period", control_period, "dt", dt)
+    intervals("until", until, control_period)
+    rest = start.q.copy()
+    rest[4] += (hold.feed_forward[2] + crane.payload_mass * crane.gravity) / hold.stiffness[2]
+    plant = sampled(crane, State(rest, np.zeros(5)), dt=dt, control_period=control_period)
+    loop = plant.closed(feedback_gain(hold.stiffness, hold.damping))
+    mode = swing_mode(loop, control_period, coordinate=2)
+    pushes = [
+        hold.stiffness * (setpoint(reference(k * control_period)).position - start.q[DRIVES]) for k in range(round(since / control_period))
+    ]
+    last = max((k for k, push in enumerate(pushes) if push.any()), default=0)
+    z = np.zeros(10)
+    for push in pushes[: last + 1]:
+        z = loop @ z + plant.b @ push
+
+    def give(amplitude: float) -> tuple[float, float]:
+        return hoist_give(amplitude, rest[4], crane.gravity, crane.payload_mass, float(hold.stiffness[2]), float(hold.damping[2]))
+
+    times = np.linspace(since, until, 200) - (last + 1) * control_period
+    if -mode.rate.real * until > _GONE:
+        raise OutOfRange("until", until, f"{-_GONE / mode.rate.real:.3g} or less: the swing has died away by then", "s")
+    decayed = _decay(times, 2.0 * float(abs(mode.weights @ z)), -mode.rate.real, mode.rate.imag * give(1.0)[1])
+    amplitude = math.sqrt(float(np.mean(decayed**2)))
+    stretch, damping = give(amplitude)
+    return FreeSwing(mode.period * float(amplitude_factor(amplitude)) * (1.0 + stretch), mode.damping_ratio + damping, amplitude)
+
+
+def _decay(t: np.ndarray, first: float, linear: float, cubic: float) -> np.ndarray:
+    """Amplitudes at times after the first, with dA/dt = -linear A - cubic A³, in closed form."""
+    linear = max(linear, 1e-12)
+    grown = np.exp(2.0 * linear * t)
+    return first / np.sqrt(grown + cubic * first**2 * (grown - 1.0) / linear)

@@ -1,0 +1,176 @@
+"""Many cranes at once, each with numbers, start, controller and reference of its own, one in each lane of the processor's vectors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.arguments import checked
+from cranedyn.arrays import fixed
+from cranedyn.compiled import inputs
+from cranedyn.compiled.call import ROW, STATE, SUMMARY, places, size
+from cranedyn.compiled.checked import compiled
+from cranedyn.compiled.door import Loop
+from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.memory import grouped, run, ungrouped
+from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.errors import OutOfRange, number, whole, within
+from cranedyn.interfaces import Controller, Drive, Reference, State
+from cranedyn.model.crane import Crane
+from cranedyn.simulation.clocks import Clocks, clocks
+
+_LANES, _THREADS = 8, 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """What became of n cranes; a crane that diverged has numbers that are not finite.
+
+    Attributes:
+        end: Coordinates and rates at the end, shape (n, 5) each.
+        peak_swing: Largest swing, radial and tangential together [rad], shape (n,).
+        residual_swing: Largest amplitude of the swing from `residual_from` on [rad], see `cranedyn.analysis.swing.swing_amplitude`, shape (n,).
+        largest_effort: Of slew, trolley, hoist [N m, N, N], shape (n, 3).
+        valid_until: Time at which the model ceased to hold, see `cranedyn.dynamics.validity` [s]; inf where it held throughout; shape (n,).
+        t: Times of the recorded rows [s], shape (m,).
+        q, v: Coordinates and rates at these, shape (n, m, 5) each.
+        command, effort: What the controllers asked for and what acted, shape (n, m, 3) each.
+        energy: Mechanical energy [J], shape (n, m).
+    """
+
+    end: State
+    peak_swing: np.ndarray
+    residual_swing: np.ndarray
+    largest_effort: np.ndarray
+    valid_until: np.ndarray
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    command: np.ndarray
+    effort: np.ndarray
+    energy: np.ndarray
+
+    def __len__(self) -> int:
+        """Number of cranes."""
+        return len(self.peak_swing)
+
+
+@checked
+def simulate_batch(
+    crane: Crane | Sequence[Crane],
+    controller: Controller | Sequence[Controller],
+    reference: Reference | Sequence[Reference] | None = None,
+    *,
+    start: State | Sequence[State],
+    since: float = 0.0,
+    duration: float,
+    dt: float = 5e-4,
+    control_period: float = 5e-3,
+    drive: Drive = "effort",
+    force: np.ndarray | None = None,
+    sensor_offset: np.ndarray | None = None,
+    buffers: bool = False,
+    integrator: Integrator = semi_implicit_euler,
+    residual_from: float | None = None,
+    record: int = 0,
+    threads: int | None = None,
+) -> Batch:
+    """Run many cranes under controllers that are affine in the state, by compiled code; each does what `simulate` does with watch = mark.
+
+    What is given once is for all cranes. A controller or reference that several cranes share should be the same object: its table is then
+    kept once.
+
+    Args:
+        crane: One crane or n.
+        controller: One or n, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`. Those with a memory begin with what they remember,
+            and are left as they are.
+        reference: One or n; None holds the drives where they start.
+        start: One state, n states, or one with n rows.
+        since: Time at the start [s].
+        duration: How long to run [s].
+        dt: Physics step [s].
+        control_period: Time between control instants [s].
+        drive: What the controllers command, see `simulate`.
+        force: From outside in the world [N] at each control instant, on payload and trolley, shape (m, 6) for all or (n, m, 6); beyond its
+            end the last row holds. Wind that depends on how the load moves needs `simulate`.
+        sensor_offset: What the sensors add to coordinates and rates, shape (10,) for all or (n, 10).
+        buffers: Whether buffers end the ranges of the drives.
+        integrator: The stepping rule.
+        residual_from: When swing begins to count as residual [s], within the run; by default at its end.
+        record: Record every that manieth control instant; 0 for none.
+        threads: How many, 1024 at most; by default one for each processor.
+
+    Raises:
+        OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not finite, a time is not in the run, or
+            cranes, records and tables would not fit into 4 GB.
+        CraneError: If a controller is not affine in the state.
+        ModelError: If the code would not do what Pinocchio does.
+    """
+    clock = clocks(duration, dt, control_period)
+    if drive not in ("effort", "motion"):
+        raise OutOfRange("drive", drive, "effort or motion")
+    if buffers and drive != "effort":
+        raise OutOfRange("buffers", buffers, "False where the drives follow prescribed motion")
+    number("time at the start", since, "s", "-1e9 to 1e9")
+    after = _instant(residual_from, since, clock)
+    every = min(whole("record", record, 0), clock.periods + 1)
+    workers = None if threads is None else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
+    cranes = inputs.count(crane=crane, controller=controller, reference=reference, start=start)
+    rows = clock.periods // every + 1 if every else 0
+    taken = inputs.fits(cranes, rows, clock.periods, 0 if sensor_offset is None else 10)
+    state = inputs.starts(start, cranes)
+    offsets = None if sensor_offset is None else inputs.rows("sensor_offset", sensor_offset, cranes, 10)
+    times = since + control_period * np.arange(clock.periods + 1)
+    control, forces = inputs.control(controller, reference, state, fixed(times), taken), inputs.forces(force, cranes)
+    recipe = Recipe(
+        _LANES,
+        drive,
+        integrator,
+        buffers,
+        integral=control.integrates,
+        offset=offsets is not None,
+        forces=force is not None,
+        shared=(control.law.shared, control.aim.shared, forces.shared),
+        log=rows > 0,
+        summary=True,
+    )
+    which, distinct = inputs.distinct(crane, cranes)
+    code, varied = compiled(distinct, recipe)
+    inputs.fit("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
+    tables = (control.law, control.aim, forces)
+    memory = {
+        "state": grouped([state.q, state.v, control.integrals, np.broadcast_to(0.0, (cranes, 4))], _LANES),
+        "numbers": grouped([varied[which]], _LANES),
+        "summary": grouped([np.broadcast_to([0.0, 0.0, math.inf, 0.0, 0.0, 0.0], (cranes, 6))], _LANES),
+    }
+    memory["log"] = np.empty((len(memory["state"]), rows * size(ROW), _LANES))
+    if offsets is not None:
+        memory["offset"] = grouped([offsets], _LANES)
+    if not all(recipe.shared):
+        memory["starts"] = grouped([table.starts[:, None] for table in tables], _LANES, np.int64)
+    run(Loop(code, clock, tables, last=clock.periods + 1, end=clock.periods, every=max(every, 1), after=after, **memory), workers)
+    state_at, row_at, kept_at = places(STATE), places(ROW), places(SUMMARY)
+    end, kept = ungrouped(memory["state"][:, :10], cranes), ungrouped(memory["summary"], cranes)
+    log = ungrouped(memory["log"], cranes).reshape(cranes, rows, size(ROW))
+    first_invalid = kept[:, kept_at["invalid"]][:, 0]
+    return Batch(
+        end=State(end[:, state_at["q"]], end[:, state_at["v"]]),
+        peak_swing=np.sqrt(kept[:, kept_at["peak"]][:, 0]),
+        residual_swing=np.sqrt(kept[:, kept_at["residual"]][:, 0]),
+        largest_effort=kept[:, kept_at["effort"]],
+        valid_until=since + control_period * first_invalid,
+        t=times[:: max(every, 1)][:rows],
+        **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort")},
+        energy=log[:, :, row_at["energy"]][:, :, 0],
+    )
+
+
+def _instant(t: float | None, since: float, clock: Clocks) -> int:
+    """The first control instant at or after a time within the run [s]; the last for None."""
+    if t is None:
+        return clock.periods
+    end = since + clock.periods * clock.period
+    return min(clock.periods, math.ceil((within("residual_from", t, since, end, "s") - since) / clock.period - 1e-6))

@@ -1,0 +1,1 @@
+"""What acts on a crane from outside: wind and other forces."""

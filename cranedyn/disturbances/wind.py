@@ -1,0 +1,129 @@
+"""Wind and other forces from outside, on the payload and on the trolley.
+
+A wind speed is a plain callable from time [s] to [m/s]; `wind` makes forces of it for `cranedyn.simulation.simulate.simulate`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from cranedyn.arguments import checked
+from cranedyn.dynamics.pinocchio import payload_velocity, pivot_velocity
+from cranedyn.errors import OutOfRange, number
+from cranedyn.interfaces import Disturbance, State
+from cranedyn.model.crane import Crane
+from cranedyn.references.rows import at_place, place
+from cranedyn.simulation.clocks import intervals
+
+AIR_DENSITY = 1.225
+"""Of the standard atmosphere at sea level [kg/m³] (ISO 2533)."""
+
+Speed = Callable[[float], float]
+"""From time [s] to wind speed [m/s]."""
+
+
+@checked
+def push(payload: Sequence[float] = (0.0, 0.0, 0.0), trolley: Sequence[float] = (0.0, 0.0, 0.0), *, at: float = 0.0) -> Disturbance:
+    """Constant forces in the world [N] from a time on [s].
+
+    A horizontal force F on a payload of weight m g moves its rest to atan(F/(m g)); coming at once it swings the payload to nearly twice
+    that.
+
+    Raises:
+        OutOfRange: If a number is not finite, or a force has not three.
+    """
+    given = [[number("force", part, "N") for part in force] for force in (payload, trolley)]
+    if any(len(force) != 3 for force in given):
+        raise OutOfRange("force", given, "three numbers each for payload and trolley", "N")
+    forces = np.array(given)
+    first = number("start of the push", at, "s")
+    return lambda t, state: forces if t >= first else np.zeros((2, 3))
+
+
+@checked
+def steady(speed: float) -> Speed:
+    """The same wind all the time [m/s]."""
+    value = number("wind speed", speed, "m/s")
+    return lambda t: value
+
+
+@checked
+def step_gust(base: Speed, rise: float, *, at: float) -> Speed:
+    """Add a rise [m/s] from a time on [s]."""
+    by, first = number("rise of the wind", rise, "m/s"), number("start of the gust", at, "s")
+    return lambda t: base(t) + (by if t >= first else 0.0)
+
+
+@checked
+def cosine_gust(base: Speed, rise: float, *, at: float, lasts: float) -> Speed:
+    """Add a gust of shape (1 - cos)/2, a discrete gust: its largest rise [m/s], when it begins and how long it lasts [s]."""
+    by, first = number("rise of the wind", rise, "m/s"), number("start of the gust", at, "s")
+    span = number("duration of the gust", lasts, "s", "> 0")
+    return lambda t: base(t) + (by * (1.0 - math.cos(2.0 * math.pi * (t - first) / span)) / 2.0 if first <= t <= first + span else 0.0)
+
+
+@checked
+def turbulence(
+    base: Speed, intensity: float, rng: np.random.Generator, *, duration: float, time_scale: float = 5.0, step: float = 0.05
+) -> Speed:
+    """Add a first-order Gauss-Markov process, the longitudinal Dryden spectrum: σ² autocorrelated as exp(-|τ|/time scale).
+
+    At the steps this is exact. Between them, where a straight line would have less than σ, it is the line over its share of σ.
+
+    Args:
+        base: Mean wind.
+        intensity: Standard deviation σ over the mean wind at the start.
+        rng: Where the randomness comes from; the same seed gives the same wind.
+        duration: How long it blows [s], after which the last value stays.
+        time_scale: Integral time scale [s].
+        step: Time between values [s].
+
+    Raises:
+        OutOfRange: If a number is not positive.
+    """
+    sigma = number("turbulence intensity", intensity, "", ">= 0") * abs(number("wind speed", base(0.0), "m/s"))
+    intervals("duration of the turbulence", duration, step)
+    count = math.ceil(duration / step) + 1
+    keep = math.exp(-step / number("time scale of the turbulence", time_scale, "s", "> 0"))
+    noise = rng.standard_normal(count) * sigma
+    values = [noise[0]]
+    for kick in noise[1:]:
+        values.append(keep * values[-1] + math.sqrt(1.0 - keep**2) * kick)
+    gusts = np.array(values)
+
+    def gust(t: float) -> float:
+        row, share = place(t, step, count)
+        lost = 2.0 * share * (1.0 - share) * (1.0 - keep)  # a line from a to b with E[ab] = keep σ² has the variance (1 - lost) σ²
+        return float(at_place(gusts, row, share)) / math.sqrt(1.0 - lost)
+
+    return lambda t: base(t) + gust(t)
+
+
+@checked
+def wind(crane: Crane, speed: Speed, *, direction: float, payload_area: float, trolley_area: float = 0.0) -> Disturbance:
+    """Drag of a horizontal wind on payload and trolley: ½ ρ A |w - v| (w - v), relative to their own velocity v.
+
+    Args:
+        crane: The crane.
+        speed: Wind speed over time.
+        direction: Where it blows to, angle from the world's +X towards +Y [rad]; -π/2 is along the jib at zero slew.
+        payload_area: Drag coefficient times area of the payload [m²].
+        trolley_area: The same of the trolley [m²].
+
+    Raises:
+        OutOfRange: If a number is not finite or an area is negative.
+    """
+    angle = number("direction of the wind", direction, "rad")
+    along = np.array([math.cos(angle), math.sin(angle), 0.0])
+    areas = np.array(
+        [[number("drag area of the payload", payload_area, "m²", ">= 0")], [number("drag area of the trolley", trolley_area, "m²", ">= 0")]]
+    )
+
+    def disturbance(t: float, state: State) -> np.ndarray:
+        relative = speed(t) * along - np.stack([payload_velocity(crane, state), pivot_velocity(crane, state)])
+        return 0.5 * AIR_DENSITY * areas * np.linalg.norm(relative, axis=1)[:, None] * relative
+
+    return disturbance

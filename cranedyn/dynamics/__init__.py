@@ -1,0 +1,1 @@
+"""How a crane moves: bodies, joint forces, drives, integrators, and where the model ceases to hold."""

@@ -1,0 +1,53 @@
+"""One style for all figures: SI labels, colours by quantity, legible at the width of a README."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cranedyn.data.files import written
+from cranedyn.plotting.style import COLOURS
+
+__all__ = ["COLOURS", "panels", "save"]
+
+_STYLE: Any = {
+    "font.size": 11.0,
+    "axes.grid": True,
+    "grid.color": "#DDDDDD",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.6,
+    "legend.frameon": False,
+    "figure.facecolor": "white",
+}
+
+
+def panels(rows: int = 1, columns: int = 1, *, height: float = 3.2, width: float = 9.0, **arguments: Any) -> tuple[Figure, list[Axes]]:
+    """A figure with panels in reading order.
+
+    Args:
+        rows: Panels one above the other.
+        columns: Panels side by side.
+        height: Of one row [inch].
+        width: Of the figure [inch].
+        arguments: Handed to matplotlib's ``Figure.subplots``, for example ``sharex=True``.
+    """
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(width, rows * height), layout="constrained")
+        return figure, list(figure.subplots(rows, columns, squeeze=False, **arguments).flat)
+
+
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write a figure as PNG.
+
+    Raises:
+        DataError: If the file cannot be written.
+    """
+    with mpl.rc_context(_STYLE), written(path) as file:
+        figure.savefig(file, dpi=130)
+    return Path(path)

@@ -1,0 +1,1 @@
+"""The plain loop, its clocks, its log, and what computes a step."""

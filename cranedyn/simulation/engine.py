@@ -1,0 +1,147 @@
+"""How a crane gets from one control instant to the next, by Pinocchio's algorithms; `cranedyn.compiled.engine` does the same by code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.dynamics.drives import EffortDrives, MotionDrives, Outside
+from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.interfaces import Reference, State
+from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.simulation.clocks import Clocks
+from cranedyn.simulation.log import Log
+
+DIVERGED = 1e6
+"""No joint of a crane moves this fast [rad/s or m/s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What a run is made with.
+
+    Attributes:
+        crane: The crane.
+        clocks: Physics steps and control periods.
+        drive: "effort" or "motion".
+        forces: Whether there are forces from outside.
+        buffers: Whether buffers end the ranges of the drives.
+        integrator: The stepping rule.
+    """
+
+    crane: Crane
+    clocks: Clocks
+    drive: str
+    forces: bool
+    buffers: bool
+    integrator: Integrator
+
+    def outside(self, dt: float, *, buffers: bool) -> Outside | None:
+        """What acts from outside, time counted in steps [s]; None if nothing can."""
+        return Outside(self.crane, dt, buffers=buffers) if self.forces or self.buffers else None
+
+    def drives(self, dt: float, outside: Outside | None) -> EffortDrives | MotionDrives:
+        """The drives, time counted in steps [s]."""
+        return (EffortDrives if self.drive == "effort" else MotionDrives)(self.crane, dt, outside)
+
+
+class Engine:
+    """A crane that moves from one control instant to the next.
+
+    Where buffers act, a stepping rule that asks for a smooth motion gives way to small semi-implicit steps: a step at whose beginning
+    or end a drive is beyond its range is made with these instead.
+
+    Attributes:
+        state: Where the crane is.
+        look_back: After how many control instants the log should be looked through for what the model does not hold for.
+    """
+
+    look_back = 200
+
+    def __init__(self, setting: Setting, start: State) -> None:
+        """Begin at a state, without command."""
+        self.state, self._setting = start, setting
+        clocks = setting.clocks
+        self._steps, self._integrator = clocks.steps, setting.integrator
+        self._u, self._per_second = clocks.dt * start.v, np.full(5, 1.0 / clocks.dt)
+        gives_way = setting.buffers and setting.integrator.smooth
+        self._outside = setting.outside(clocks.dt, buffers=setting.buffers and not gives_way)
+        self._drives = setting.drives(clocks.dt, self._outside)
+        self._rough = _Rough(setting) if gives_way else None
+
+    def run_ahead(self, controller: object, reference: Reference, since: float, log: Log) -> Iterator[int]:
+        """Log rows without asking anybody where that can be done, and say from time to time how many there are; here it cannot."""
+        return iter(())
+
+    def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Take a command until the next one; returns the effort asked for, or what the motion costs, and what acts, shape (3,) each."""
+        if self._rough is not None:
+            self._rough.drives.take(command, self.state)
+        return self._drives.take(command, self.state)
+
+    def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Mechanical energy of states in rows [J], zero of height at the ground, shape (n,)."""
+        energy = partial(pin.computeMechanicalEnergy, self._setting.crane.model, self._setting.crane.data)
+        found = (energy(*row) for row in zip(q, v, strict=True))
+        return np.fromiter(found, float, len(q))  # a generator is Python, which answers Ctrl-C
+
+    def effort(self) -> np.ndarray:
+        """What acts here under the last command, shape (3,)."""
+        return self._drives.effort(self.state)
+
+    def push(self, force: np.ndarray) -> np.ndarray:
+        """Take forces from outside until the next, in the world [N], on payload and trolley, shape (2, 3); returns them."""
+        for outside in (self._outside, None if self._rough is None else self._rough.outside):
+            if outside is not None:
+                outside.force = force
+        return force
+
+    def buffers(self) -> tuple[float, float]:
+        """Work done on the crane by the buffers so far [J], and what those at the ends of the cable push [N]."""
+        outside = self._outside if self._rough is None else self._rough.outside
+        return (0.0, 0.0) if outside is None else (outside.buffer_work(self.state), outside.held(self.state))
+
+    def advance(self) -> State:
+        """Go on to the next control instant."""
+        if self._rough is None:
+            q, self._u = self._integrator.advance(self._drives.acceleration, self._drives.model, self.state.q, self._u, self._steps)
+        else:
+            q = self._advance_to_buffers(self._rough)
+        v = self._u * self._per_second
+        q.setflags(write=False)
+        v.setflags(write=False)
+        self.state = State(q, v)
+        return self.state
+
+    def _advance_to_buffers(self, rough: _Rough) -> np.ndarray:
+        q, u = self.state.q, self._u
+        for _ in range(self._steps):
+            there, faster = self._integrator.advance(self._drives.acceleration, self._drives.model, q, u, 1)
+            q, u = rough.advance(q, u) if rough.beyond(q) or rough.beyond(there) else (there, faster)
+        self._u = u
+        return q
+
+
+class _Rough:
+    """Small semi-implicit steps, in which buffers act."""
+
+    def __init__(self, setting: Setting) -> None:
+        self._count = setting.clocks.small
+        dt = setting.clocks.dt / self._count
+        self.outside = setting.outside(dt, buffers=True)
+        self.drives = setting.drives(dt, self.outside)
+        self._lower, self._upper = setting.crane.lower[DRIVES], setting.crane.upper[DRIVES]
+
+    def beyond(self, q: np.ndarray) -> bool:
+        """Whether a drive is beyond its range."""
+        here = q[DRIVES]
+        return bool((here < self._lower).any() or (here > self._upper).any())
+
+    def advance(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """One step in small ones."""
+        q, fine = semi_implicit_euler.advance(self.drives.acceleration, self.drives.model, q, u / self._count, self._count)
+        return q, fine * self._count

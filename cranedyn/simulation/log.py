@@ -1,0 +1,141 @@
+"""The log of a run, row by row while it goes, and the trajectory with its energy ledger that it becomes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from cranedyn.data.trajectory import COLUMNS, Trajectory
+from cranedyn.dynamics.pinocchio import payload_position, pivot_position
+from cranedyn.dynamics.validity import valid
+from cranedyn.errors import OutOfRange
+from cranedyn.interfaces import State
+from cranedyn.model.crane import DRIVES, Crane
+
+_LARGEST = 4e9
+"""Memory that the log of a run and the trajectory made of it may take [byte]."""
+
+Energies = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""From coordinates and rates in rows, shape (n, 5) each, to mechanical energies [J], shape (n,)."""
+
+_ROW = 2 * 8 * sum(len(columns) for columns in COLUMNS.values())
+
+
+class Log:
+    """Rows at the control instants."""
+
+    def __init__(self, crane: Crane, since: float, period: float, rows: int, lead: float) -> None:
+        """Make room for all rows.
+
+        Args:
+            crane: The crane.
+            since: Time of the first row [s].
+            period: Time between rows [s].
+            rows: How many there will be at most.
+            lead: By how much the positions run ahead of the velocities [s].
+
+        Raises:
+            OutOfRange: If they would take more than 4 GB.
+        """
+        if rows * _ROW > _LARGEST:
+            most = f"{(_LARGEST / _ROW - 1) * period:.3g} s at most"
+            takes = f"its {rows} rows would take {rows * _ROW / 1e9:.3g} GB of {_LARGEST / 1e9:g} GB"
+            raise OutOfRange("duration", f"{(rows - 1) * period:g}", f"{most}: {takes}", "s")
+        self._crane, self._since, self._period, self._lead = crane, since, period, lead
+        self._rows, self._looked = 0, 0
+        self._q, self._v = np.empty((rows, 5)), np.empty((rows, 5))
+        self._wanted, self._command, self._effort, self._before = (np.empty((rows, 3)) for _ in range(4))
+        self._force, self._buffer_work, self._held = np.zeros((rows, 6)), np.zeros(rows), np.zeros(rows)
+        self._energy = np.full(rows, np.nan)
+
+    def __len__(self) -> int:
+        """Number of rows so far."""
+        return self._rows
+
+    def row(self, state: State, wanted: np.ndarray, command: np.ndarray, effort: np.ndarray, before: np.ndarray) -> None:
+        """Add a row: effort is what acts from here on, before what acted until here."""
+        k = self._rows
+        self._q[k], self._v[k] = state
+        self._wanted[k], self._command[k], self._effort[k], self._before[k] = wanted, command, effort, before
+        self._rows = k + 1
+
+    def force(self, force: np.ndarray) -> None:
+        """Add the forces from outside to the row that comes next, shape (2, 3)."""
+        self._force[self._rows] = force.ravel()
+
+    def buffers(self, work: float, held: float) -> None:
+        """Add to the row that comes next what the buffers did [J], and what those at the ends of the cable push [N]."""
+        self._buffer_work[self._rows], self._held[self._rows] = work, held
+
+    def block(self, wanted: np.ndarray, block: Mapping[str, np.ndarray]) -> None:
+        """Add many rows at once.
+
+        Args:
+            wanted: Where the reference wants the drives, shape (n, 3).
+            block: q, v, command, effort, before as for `row`; energy, buffers, held in columns, shape (n, 1).
+        """
+        rows = slice(self._rows, self._rows + len(wanted))
+        self._q[rows], self._v[rows], self._wanted[rows] = block["q"], block["v"], wanted
+        self._command[rows], self._effort[rows], self._before[rows] = block["command"], block["effort"], block["before"]
+        self._energy[rows], self._buffer_work[rows], self._held[rows] = (block[name][:, 0] for name in ("energy", "buffers", "held"))
+        self._rows = rows.stop
+
+    def fresh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coordinates, rates and what holds the load of the rows not looked at before."""
+        rows = slice(self._looked, self._rows)
+        return self._q[rows], self._v[rows], self._effort[rows, 2] + self._held[rows]
+
+    def looked_at(self) -> None:
+        """Have all rows looked at."""
+        self._looked = self._rows
+
+    def keep(self, fresh_row: int) -> float:
+        """Drop what comes behind a row, counted from the first not looked at; returns its time [s]."""
+        self._rows = self._looked + fresh_row + 1
+        return self._since + self._period * (self._rows - 1)
+
+    def trajectory(self, parameters: dict[str, float | str], energies: Energies, *, buffers: bool) -> Trajectory:
+        """The log as arrays, with its energy ledger.
+
+        Work is a force times the displacement that belongs to the velocities, so the lead of the positions is taken off. Where motion is
+        prescribed the mean of the efforts at both ends of a period stands for them. Dissipation is integrated by the trapezoidal rule.
+        """
+        n, crane, period = self._rows, self._crane, self._period
+        q, v, effort, force = self._q[:n], self._v[:n], self._effort[:n], self._force[:n]
+        middle = q - self._lead * v
+        work = np.zeros((n, 3))
+        np.cumsum((effort[:-1] + self._before[1:n]) / 2 * np.diff(middle[:, DRIVES], axis=0), axis=0, out=work[1:])
+        power = v**2 @ crane.damping
+        dissipated = np.zeros(n)
+        np.cumsum((power[:-1] + power[1:]) / 2 * period, out=dissipated[1:])
+        return Trajectory(
+            t=self._since + period * np.arange(n),
+            q=q,
+            v=v,
+            wanted=self._wanted[:n],
+            command=self._command[:n],
+            effort=effort,
+            energy=self._filled(energies),
+            work=work,
+            dissipated=dissipated,
+            force=force,
+            outside=np.stack([self._work_of_forces(middle, force), self._buffer_work[:n]], axis=1),
+            valid=valid(crane, q, v, effort[:, 2] + self._held[:n], buffers=buffers).astype(float),
+            parameters=parameters,
+        )
+
+    def _filled(self, energies: Energies) -> np.ndarray:
+        """Mechanical energy of each row [J], computed where it was not logged."""
+        energy = self._energy[: self._rows].copy()
+        missing = np.isnan(energy)
+        if missing.any():
+            energy[missing] = energies(self._q[: self._rows][missing], self._v[: self._rows][missing])
+        return energy
+
+    def _work_of_forces(self, middle: np.ndarray, force: np.ndarray) -> np.ndarray:
+        work = np.zeros(len(force))
+        if force.any():
+            places = np.array([[payload_position(self._crane, q), pivot_position(self._crane, q)] for q in middle])
+            np.cumsum((force[:-1] * np.diff(places.reshape(-1, 6), axis=0)).sum(axis=1), out=work[1:])
+        return work

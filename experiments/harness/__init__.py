@@ -1,0 +1,1 @@
+"""How every experiment runs: arguments, setup, progress, outcome, files."""

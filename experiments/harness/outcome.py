@@ -1,0 +1,130 @@
+"""What an experiment leaves behind: tables and claims, as printed and as kept."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.errors import printable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from cranedyn.recording import Run
+
+MARKS = {True: "holds", False: "FAILS", None: "not judged"}
+"""What is said of a claim."""
+
+FORMAT = re.compile(r"[+-]?,?(\.\d\d?)?[a-z%]?")
+"""Formats that a column may have: sign, thousands, digits, kind. None of them can make a long text of a short number."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as printed and as kept.
+
+    Attributes:
+        title: What it shows.
+        columns: Header and format of each column, for example ``("T [s]", ".3f")``; an empty format is for text.
+        rows: The values; None is shown as a dash.
+        note: What to know about it.
+
+    Raises:
+        ValueError: If a column has another format than `FORMAT` allows, or a row does not fit the columns.
+    """
+
+    title: str
+    columns: Sequence[tuple[str, str]]
+    rows: Sequence[Sequence[float | str | None]]
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        """Show the rows once, so that whatever is kept can be shown again."""
+        for header, form in self.columns:
+            if not FORMAT.fullmatch(form):
+                raise ValueError(f"the column {header!r} has the format {form!r}")
+        self.shown()
+
+    @classmethod
+    def of(cls, kept: Mapping[str, Any]) -> Table:
+        """The table that stands in a ``result.json``.
+
+        Raises:
+            LookupError, TypeError, ValueError: If it is none.
+        """
+        return cls(kept["title"], list(zip(kept["columns"], kept["formats"], strict=True)), kept["rows"], kept["note"])
+
+    def shown(self) -> list[list[str]]:
+        """The rows as text; a cell is one line, whatever is quoted in it."""
+        return [
+            ["-" if value is None else printable(format(value, form)) for value, (_, form) in zip(row, self.columns, strict=True)]
+            for row in self.rows
+        ]
+
+    def markdown(self) -> str:
+        """The table in Markdown."""
+        head = [[header for header, _ in self.columns], ["---:" if form else "---" for _, form in self.columns]]
+        rows = [[cell.replace("|", "\\|") for cell in row] for row in self.shown()]
+        lines = "\n".join(f"| {' | '.join(row)} |" for row in [*head, *rows])
+        return "\n\n".join(part for part in (f"**{self.title}**", lines, self.note) if part)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A sentence that holds or does not, or could not be judged (None) under the arguments given."""
+
+    sentence: str
+    holds: bool | None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an experiment leaves behind.
+
+    Attributes:
+        tables: In the order to print.
+        claims: What it set out to show.
+        parameters: What it was made with.
+        trajectories: Runs to keep, by file name without ending.
+        figures: Figures to keep, by file name without ending.
+        recording: Runs to record for the viewer.
+    """
+
+    tables: Sequence[Table]
+    claims: Sequence[Claim]
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    trajectories: Mapping[str, Trajectory] = field(default_factory=dict)
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+    recording: Sequence[Run] = ()
+
+
+def show(outcome: Outcome) -> None:
+    """Print tables, claims, and how many of these hold."""
+    console = Console(width=None if sys.stdout.isatty() else 150, highlight=False)
+    for table in outcome.tables:
+        note = Text(table.note) if table.note else None
+        shown = RichTable(title=Text(table.title), title_justify="left", caption=note, caption_justify="left")
+        for header, form in table.columns:
+            shown.add_column(Text(header), justify="right" if form else "left")
+        for row in table.shown():
+            shown.add_row(*map(Text, row))
+        console.print(shown)
+        console.print()
+    for claim in outcome.claims:
+        console.print(f"{MARKS[claim.holds]:11}{claim.sentence}", markup=False)
+    if outcome.claims:
+        console.print(summary(outcome.claims))
+
+
+def summary(claims: Sequence[Claim]) -> str:
+    """How many claims hold, and how many were not judged, which counts as neither."""
+    held, unknown = sum(bool(claim.holds) for claim in claims), sum(claim.holds is None for claim in claims)
+    return f"{held} of {len(claims)} claims hold, {unknown} not judged."

@@ -1,0 +1,232 @@
+"""Where an experiment takes place: gravity, clocks and crane from the command line, data from elsewhere, and who watches."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import get_args
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from cranedyn.data.trajectory import Trajectory, read_columns
+from cranedyn.errors import DataError
+from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Watch
+from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+from cranedyn.model.description import parse_values
+from cranedyn.model.load import load_crane
+from cranedyn.simulation.clocks import clocks
+from cranedyn.simulation.simulate import simulate
+from experiments.harness.arguments import add_mode
+
+_LARGEST, _LONGEST_GAP = 1e6, 0.5
+
+_BEAT = 0.5
+"""How much time passes in a run before its progress is shown again [s]."""
+
+
+def add_world(made: argparse.ArgumentParser, *fixed: str) -> None:
+    """Add the arguments of the world: gravity, the two clocks, and the numbers of the crane but those fixed by the experiment itself."""
+    made.set_defaults(fixed=fixed)
+    made.add_argument(
+        "--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help="gravity of the world [m/s²]; the article's was 9.8"
+    )
+    made.add_argument("--dt", type=float, default=5e-4, help="physics step [s]")
+    made.add_argument("--control-period", type=float, default=5e-3, metavar="T", help="time between control instants [s], a multiple of dt")
+    made.add_argument(
+        "--watch",
+        choices=get_args(Watch),
+        default="stop",
+        help="where a joint leaves its range, the rope would have to push, the load swings to 90 degrees or touches the ground: stop, "
+        "let buffers end the ranges of the drives, or mark it and go on",
+    )
+    made.add_argument(
+        "--set",
+        dest="values",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="name:=value",
+        help="numbers of the crane, see python -m cranedyn.model.description --list",
+    )
+
+
+def add_files(made: argparse.ArgumentParser, columns: Sequence[str], *uses: str) -> None:
+    """Add the argument for files recorded elsewhere, and say which others their analysis uses."""
+    add_mode(made, "files", *uses)
+    text = f"analyse CSV or Parquet files with columns {', '.join(columns)} instead of simulating"
+    made.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=text)
+
+
+@dataclass(frozen=True)
+class Watcher:
+    """Shows how far a run is, on a terminal only."""
+
+    progress: Progress | None
+
+    def run(self, name: str, duration: float) -> Callable[[float], None] | None:
+        """A callback for `simulate`, or None where nobody watches."""
+        progress = self.progress
+        if progress is None:
+            return None
+        task, shown = progress.add_task(name, total=duration, speed=""), -math.inf
+
+        def update(t: float) -> None:
+            nonlocal shown
+            if t > min(shown + _BEAT, duration) - 1e-9:
+                shown, elapsed = t, progress.tasks[task].elapsed or 0.0
+                progress.update(task, completed=t, speed=f"{t:6.1f} s, {t / elapsed:.0f}x real time" if elapsed > 0.1 else "")
+
+        return update
+
+    def count(self, name: str, total: int) -> Callable[[int], None]:
+        """A callback for how many of several tasks are done."""
+        progress = self.progress
+        if progress is None:
+            return lambda done: None
+        task = progress.add_task(name, total=total, speed="")
+        return lambda done: progress.update(task, completed=done, speed=f"{done} of {total}")
+
+
+@contextmanager
+def watching() -> Iterator[Watcher]:
+    """A watcher for as long as the context lasts."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield Watcher(None)
+        return
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[speed]}"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+    ) as progress:
+        yield Watcher(progress)
+
+
+@dataclass(frozen=True)
+class World:
+    """Where an experiment takes place.
+
+    Attributes:
+        gravity: Gravity [m/s²].
+        values: Numbers of the crane that differ from its defaults, by name.
+        dt: Physics step [s].
+        control_period: Time between control instants [s].
+        watch: What to do where the model ceases to hold, see `cranedyn.simulation.simulate.simulate`.
+        engine: What computes a step.
+        watcher: Shows progress.
+
+    Raises:
+        OutOfRange: If the physics step or the control period is none that a run can have.
+    """
+
+    gravity: float = STANDARD_GRAVITY
+    values: Mapping[str, object] = field(default_factory=dict)
+    dt: float = 5e-4
+    control_period: float = 5e-3
+    watch: Watch = "stop"
+    engine: EngineName = "pinocchio"
+    watcher: Watcher = field(default_factory=lambda: Watcher(None))
+
+    def __post_init__(self) -> None:
+        """Judge the clocks before anything is planned by them."""
+        clocks(self.control_period, self.dt, self.control_period)
+
+    @cached_property
+    def crane(self) -> Crane:
+        """The crane of this world."""
+        return self.variant()
+
+    def variant(self, **values: object) -> Crane:
+        """The crane of this world with some more numbers changed."""
+        return load_crane(gravity=self.gravity, **{**self.values, **values})  # type: ignore[arg-type]
+
+    def simulate(
+        self,
+        crane: Crane,
+        controller: Controller,
+        reference: Reference | None,
+        *,
+        start: State,
+        duration: float,
+        label: str,
+        since: float = 0.0,
+        drive: Drive = "effort",
+        disturbance: Disturbance | None = None,
+        watch: Watch | None = None,
+    ) -> Trajectory:
+        """Run a crane on the clocks of this world, with progress under a label, and with its watch if none is given."""
+        return simulate(
+            crane,
+            controller,
+            reference,
+            start=start,
+            since=since,
+            duration=duration,
+            drive=drive,
+            disturbance=disturbance,
+            watch=self.watch if watch is None else watch,
+            dt=self.dt,
+            control_period=self.control_period,
+            engine=self.engine,
+            progress=self.watcher.run(label, duration),
+        )
+
+    def judged(self, holds: bool) -> bool | None:
+        """Whether a claim about published numbers holds; None unless gravity is the article's 9.8 m/s² and all but engine the default."""
+        return bool(holds) if self == replace(World(9.8), engine=self.engine, watcher=self.watcher) else None
+
+    def parameters(self) -> dict[str, object]:
+        """What this world is made of, with units in the names."""
+        clocks = {"dt_s": self.dt, "control_period_s": self.control_period}
+        return {"gravity_m_s2": self.gravity, **clocks, "watch": self.watch, "engine": self.engine, **self.values}
+
+
+def world_of(options: argparse.Namespace, watcher: Watcher) -> World:
+    """The world that the command line describes.
+
+    Raises:
+        DataError: If a number of the crane is given twice, or would be overridden by the experiment.
+    """
+    if not hasattr(options, "gravity"):
+        return World(engine=options.engine, watcher=watcher)
+    values = parse_values(options.values)
+    for name in options.fixed:
+        if name in values:
+            raise DataError(f"{name} is set by the experiment {options.experiment} itself; leave it out of --set.")
+    return World(options.gravity, values, options.dt, options.control_period, options.watch, options.engine, watcher)
+
+
+def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
+    """Columns of a file recorded elsewhere, time `t_s` and the cable length `l_m` among them.
+
+    Raises:
+        DataError: As `read_columns`, if a cable is shorter than a millimetre, a number is beyond a million of its unit, or
+            rows are more than half a second apart.
+    """
+    data = read_columns(file, columns)
+    for name, values in data.items():
+        low = 1e-3 if name == "l_m" else -_LARGEST
+        for extreme in (values.min(), values.max()):
+            if not low <= extreme <= _LARGEST:
+                raise DataError(f"{file}: {name} is {extreme:g} in some row; allowed is {low:g} to {_LARGEST:g}.")
+    if (gap := np.diff(data["t_s"]).max()) > _LONGEST_GAP:
+        raise DataError(f"{file}: t_s leaves a gap of {gap:g} s; allowed are {_LONGEST_GAP:g} s from row to row.")
+    return data
+
+
+@contextmanager
+def analysing(file: str) -> Iterator[None]:
+    """Name the file in what is wrong with its content."""
+    try:
+        yield
+    except DataError as error:
+        raise DataError(f"{file}: {error}") from error

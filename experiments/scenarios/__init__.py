@@ -1,0 +1,1 @@
+"""What experiments share: moves, tours, strategies and perturbations."""

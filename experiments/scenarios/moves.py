@@ -1,0 +1,150 @@
+"""Moves from rest to rest, and what is left of a swing after them; shared by the control experiments."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.analysis.swing import settling_time, swing_amplitude
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.errors import OutOfRange
+from cranedyn.interfaces import State
+from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.references.limits import Limits
+
+CLOSE = 0.010
+"""How near the payload must stay to its goal to count as settled [m]."""
+
+AFTER = 20.0
+"""How long a move is watched after the arrival [s]."""
+
+LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
+"""What the drives may do: slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of hoisting; accelerations ours."""
+
+TOUR_LIMITS = Limits(rates=(0.08, 0.8, 0.8), accelerations=LIMITS.accelerations)
+"""The same in a tour: rates of the article's demonstration are not published, these are ours."""
+
+DWELL = 6.0
+"""How long a tour stands still after each leg [s]."""
+
+
+@dataclass(frozen=True)
+class Move:
+    """From one rest to another.
+
+    Attributes:
+        name: What it is called.
+        start: Slew [rad], trolley radius [m], cable length [m] at the start.
+        goal: The same at the end.
+        duration: Time for it [s].
+        swing: Radial and tangential swing in which the load is let go at the start [rad].
+    """
+
+    name: str
+    start: tuple[float, float, float]
+    goal: tuple[float, float, float]
+    duration: float
+    swing: tuple[float, float] = (0.0, 0.0)
+
+    def ends(self, crane: Crane) -> tuple[State, State]:
+        """Start and goal as states at rest with the load plumb."""
+        first, last = (crane.state(gamma=end[0], x=end[1], l=end[2]) for end in (self.start, self.goal))
+        return first, last
+
+
+MOVES = (
+    Move("trolley", (0.0, 10.0, 15.0), (0.0, 20.0, 15.0), 20.0),
+    Move("slew", (0.0, 15.0, 15.0), (0.6, 15.0, 15.0), 20.0),
+    Move("combined", (0.0, 10.0, 15.0), (0.6, 20.0, 10.0), 20.0),
+)
+"""Single axes and all three together."""
+
+SWINGING = Move("combined, with a swing at the start", (0.0, 10.0, 15.0), (0.6, 20.0, 10.0), 20.0, swing=(0.1, 0.05))
+"""The combined move of a load that swings already."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a move was like.
+
+    Attributes:
+        arrives: When the drives should be there [s].
+        peak: Largest swing on the way [rad], radial and tangential together.
+        arrival: Amplitude of the swing at the arrival [rad].
+        later: Amplitude of the swing 20 s after it [rad].
+        settled: Time after the arrival from which the payload stays within 10 mm of its goal [s]; inf if it does not.
+        length: Cable length at the end [m].
+        tracking: Largest distance of the drives from their reference: slew [mrad], trolley [mm], hoist [mm].
+        effort: Largest effort of the drives beyond holding the load at rest [N m, N, N].
+        rms: Root mean square of the same.
+        rate: Largest rate of a drive as a share of its limit.
+        acceleration: Largest acceleration of a drive as a share of its limit, between control instants.
+        work: What the drives put in, not counting what they took back [J].
+    """
+
+    arrives: float
+    peak: float
+    arrival: float
+    later: float
+    settled: float
+    length: float
+    tracking: np.ndarray
+    effort: np.ndarray
+    rms: np.ndarray
+    rate: float
+    acceleration: float
+    work: float
+
+    @property
+    def cycle(self) -> float:
+        """Time from the start until the payload stays within 10 mm of its goal [s]."""
+        return self.arrives + self.settled
+
+
+def of_sampling(gravity: float, length: float, control_period: float, peak: float) -> float:
+    """Swing that a plan which leaves none may leave [rad], because efforts are held for a control period and so come half of it late.
+
+    Args:
+        gravity: [m/s²].
+        length: Of the cable [m].
+        control_period: Time between control instants [s].
+        peak: Largest swing on the way [rad].
+    """
+    return math.sqrt(gravity / length) * control_period / 2.0 * peak
+
+
+def residual(trajectory: Trajectory) -> float:
+    """Amplitude of the swing over a stretch without drive motion [rad]: half the longest way across, radial and tangential together.
+
+    Raises:
+        OutOfRange: If the stretch has less than two rows.
+    """
+    if len(trajectory) < 2:
+        raise OutOfRange("number of control instants in a dwell", len(trajectory), "2 or more: a shorter control period, a longer dwell")
+    return float(math.hypot(*(np.ptp(trajectory.q[:, 2:4], axis=0) / 2.0)))
+
+
+def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
+    """Score a run that should arrive at a goal at a time [s] and goes on for 20 s."""
+    amplitude = swing_amplitude(run.q[:, 2:4], run.v[:, 2:4], run.q[:, 4], crane.gravity)
+    there = payload_position(crane, goal.q)
+    after = run.since(arrives - 1e-9)
+    distance = np.linalg.norm([payload_position(crane, q) - there for q in after.q], axis=1)
+    beyond = run.effort - np.array([0.0, 0.0, -crane.payload_mass * crane.gravity])
+    return Score(
+        arrives=arrives,
+        peak=float(np.linalg.norm(run.q[:, 2:4], axis=1).max()),
+        arrival=float(amplitude[-len(after)]),
+        later=float(amplitude[-1]),
+        settled=settling_time(after.t - arrives, distance, CLOSE),
+        length=float(run.q[-1, 4]),
+        tracking=1000.0 * np.abs(run.q[:, DRIVES] - run.wanted).max(axis=0),
+        effort=np.abs(beyond).max(axis=0),
+        rms=np.sqrt(np.mean(beyond**2, axis=0)),
+        rate=float((np.abs(run.v[:, DRIVES]) / LIMITS.rates).max()),
+        acceleration=float((np.abs(np.diff(run.v[:, DRIVES], axis=0)) / np.diff(run.t)[:, None] / LIMITS.accelerations).max()),
+        work=float(np.maximum(np.diff(run.work, axis=0), 0.0).sum()),
+    )
