@@ -114,10 +114,10 @@ def integrators(rounds: int, rng: np.random.Generator, *, steps: Sequence[float]
     """Cost and errors of each stepping rule at each step."""
     crane = Case().crane
     times, exact = reference(Case(crane, period=PERIOD), duration)
-    ways = [(integrator, Case(crane, dt, PERIOD)) for integrator in INTEGRATORS for dt in steps]
-    costs = np.median(race([partial(swung, case, integrator, duration) for integrator, case in ways], rounds, rng), axis=1) / duration
+    strategies = [(integrator, Case(crane, dt, PERIOD)) for integrator in INTEGRATORS for dt in steps]
+    costs = np.median(race([partial(swung, case, integrator, duration) for integrator, case in strategies], rounds, rng), axis=1) / duration
     rows = []
-    for (integrator, case), cost in zip(ways, costs, strict=True):
+    for (integrator, case), cost in zip(strategies, costs, strict=True):
         off = errors(crane, swung(case, integrator, duration), times, exact)
         rows.append((integrator.name, 1e3 * case.dt, 1e3 * float(cost), off.place, off.period, off.energy))
     columns = [("integrator", ""), ("step [ms]", "g"), ("ms per simulated s", ".3g")]
@@ -140,7 +140,7 @@ def start_up(rounds: int, rng: np.random.Generator, contestants: Sequence[Contes
         f"All but the first import cranedyn, load the crane and make its controller; C is compiled."
     )
     rows = [(name, 1e3 * float(one)) for name, one in zip(["Python, nothing else", *names], taken, strict=True)]
-    return Table("To the first step", [("way", ""), ("ms", ".0f")], rows, note)
+    return Table("To the first step", [("strategy", ""), ("ms", ".0f")], rows, note)
 
 
 def _process(script: str, *arguments: str) -> bool:

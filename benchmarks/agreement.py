@@ -27,12 +27,12 @@ class Ready:
     Attributes:
         contestant: Who.
         run: Its way to run the case.
-        apart: Its largest difference from the plain loop, counted as in `ALLOWED`.
+        max_deviation: Its largest difference from the plain loop, counted as in `ALLOWED`.
     """
 
     contestant: Contestant
     run: Run
-    apart: float
+    max_deviation: float
 
 
 class Truth:
@@ -42,22 +42,22 @@ class Truth:
         self._case, self._starts = case, case.starts(CRANES)
         self._results = [plain(case, start, STRETCH) for start in self._starts]
 
-    def apart(self, run: Run, *, many: bool) -> float:
+    def max_deviation(self, run: Run, *, many: bool) -> float:
         """The largest difference of another way, counted as in `ALLOWED`.
 
         Of many cranes at the end and in their peaks, of single ones in the whole logs from the first and the last start.
         """
         if many:
-            got, wanted = run(self._starts, STRETCH), self._results
-            ends, peaks = np.concatenate([one.ends for one in wanted]), np.concatenate([one.peaks for one in wanted])
+            got, setpoint = run(self._starts, STRETCH), self._results
+            ends, peaks = np.concatenate([one.ends for one in setpoint]), np.concatenate([one.peaks for one in setpoint])
             return max(_largest(got.ends, ends), _largest(got.peaks, peaks))
         return max(self._of_log(run(self._starts[i][None], STRETCH), self._results[i]) for i in (0, -1))
 
-    def _of_log(self, got: Result, wanted: Result) -> float:
+    def _of_log(self, got: Result, setpoint: Result) -> float:
         scale = np.concatenate([np.ones(10), self._case.crane.effort_limit])
-        if got.log is None or wanted.log is None:
+        if got.log is None or setpoint.log is None:
             return np.inf
-        return max(_largest(got.log / scale, wanted.log / scale), _largest(got.ends, wanted.ends), _largest(got.peaks, wanted.peaks))
+        return max(_largest(got.log / scale, setpoint.log / scale), _largest(got.ends, setpoint.ends), _largest(got.peaks, setpoint.peaks))
 
 
 def _largest(one: np.ndarray, other: np.ndarray) -> float:
@@ -75,13 +75,13 @@ def sort(case: Case, contestants: Sequence[Contestant]) -> tuple[list[Ready], li
         if reason is None:
             try:
                 run = contestant.prepare(case)
-                apart = truth.apart(run, many=contestant.many)
+                max_deviation = truth.max_deviation(run, many=contestant.many)
             except Exception as error:  # Engines fail each in its own way, and one of them must not end the others.
                 reason = f"it fails: {type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
             else:
-                if apart <= ALLOWED:
-                    ready.append(Ready(contestant, run, apart))
+                if max_deviation <= ALLOWED:
+                    ready.append(Ready(contestant, run, max_deviation))
                     continue
-                reason = f"it is {apart:.1e} off the plain loop after {STRETCH:g} s, more than {ALLOWED:g}"
+                reason = f"it is {max_deviation:.1e} off the plain loop after {STRETCH:g} s, more than {ALLOWED:g}"
         refused.append((contestant.name, reason))
     return ready, refused

@@ -23,7 +23,7 @@ from experiments.harness.outcome import Table
 CRANES = (64, 1024)
 """How many cranes run together."""
 
-COLUMNS = (("way", ""), ("cranes", ",d"), ("million steps/s", ",.6g"), ("real time", ",.6g"), ("ratio", ",.6g"), ("apart", ".0e"))
+COLUMNS = (("strategy", ""), ("cranes", ",d"), ("million steps/s", ",.6g"), ("real time", ",.6g"), ("ratio", ",.6g"), ("apart", ".0e"))
 
 
 def measure(case: Case, ready: Sequence[Ready], rounds: int, budget: float, rng: np.random.Generator) -> list[list[float | str | None]]:
@@ -43,7 +43,7 @@ def measure(case: Case, ready: Sequence[Ready], rounds: int, budget: float, rng:
     rates = np.array(steps)[:, None] / race(tasks, rounds, rng)
     (plain,) = (rate for rate, (one, _) in zip(rates, entries, strict=True) if one.contestant is PLAIN)
     return [
-        [one.contestant.name, cranes, *_numbers(case, rate, plain), None if one.contestant is PLAIN else one.apart]
+        [one.contestant.name, cranes, *_numbers(case, rate, plain), None if one.contestant is PLAIN else one.max_deviation]
         for (one, cranes), rate in zip(entries, rates, strict=True)
     ]
 
@@ -67,7 +67,7 @@ def tables(rows: Sequence[Sequence[float | str | None]], refused: Sequence[tuple
     if len(single) < len(rows):
         made.append(Table("Many cranes at once", COLUMNS, [row for row in rows if row[1] != 1], note))
     if refused:
-        made.append(Table("Not shown", (("way", ""), ("why", "")), refused))
+        made.append(Table("Not shown", (("strategy", ""), ("why", "")), refused))
     return made
 
 

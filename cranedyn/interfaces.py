@@ -57,7 +57,7 @@ class State(NamedTuple):
         return state
 
 
-class Wanted(NamedTuple):
+class Setpoint(NamedTuple):
     """Where slew, trolley and hoist should be and how they should move.
 
     Attributes:
@@ -71,12 +71,12 @@ class Wanted(NamedTuple):
     acceleration: np.ndarray
 
 
-Reference = Callable[[float], Wanted]
-"""From time [s] to what is wanted then."""
+Reference = Callable[[float], Setpoint]
+"""From time [s] to the setpoint then."""
 
 
-Controller = Callable[[float, State, Wanted], np.ndarray]
-"""From time [s], state and what is wanted to three numbers for slew, trolley and hoist: efforts [N m, N, N], or accelerations
+Controller = Callable[[float, State, Setpoint], np.ndarray]
+"""From time [s], state and setpoint to three numbers for slew, trolley and hoist: efforts [N m, N, N], or accelerations
 [rad/s², m/s², m/s²] where the drives follow prescribed motion. The passive joints cannot be addressed."""
 
 
@@ -88,7 +88,7 @@ Drive = Literal["effort", "motion"]
 """How the drives take a command."""
 
 
-Watch = Literal["stop", "buffers", "mark"]
+Validity = Literal["stop", "buffers", "mark"]
 """What to do where the model ceases to hold: stop; let buffers end the ranges of the drives and stop at all else; go on and mark it."""
 
 

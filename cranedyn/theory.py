@@ -77,7 +77,7 @@ def amplitude_factor(amplitude: float | np.ndarray) -> float | np.ndarray:
 
 
 @_answered
-def pivot_give(
+def pivot_compliance(
     length: float, gravity: float, mass: float, stiffness: float, damping: float = 0.0, trolley_mass: float = 0.0
 ) -> tuple[float, float]:
     """What a trolley held by k_p [N/m] and k_d [N s/m] does to a small swing.
@@ -95,7 +95,7 @@ def pivot_give(
 
 
 @_answered
-def hoist_give(amplitude: float, length: float, gravity: float, mass: float, stiffness: float, damping: float) -> tuple[float, float]:
+def hoist_compliance(amplitude: float, length: float, gravity: float, mass: float, stiffness: float, damping: float) -> tuple[float, float]:
     """What a hoist held by k_p [N/m] and k_d [N s/m] does to a swing of a given amplitude [rad].
 
     The rope force of a swing A cos ωt varies by m g A² (1/4 - 3/4 cos 2ωt). The hoist gives by that force times its compliance: the
@@ -147,15 +147,15 @@ def _hoisting_constants(length: float, rate: float, gravity: float, swing: float
 
 
 @_answered
-def radial_paper(phi: float, *, length: float, gravity: float, push: float) -> float:
+def radial_paper(phi: float, *, length: float, gravity: float, excitation: float) -> float:
     """φ̈ [rad/s²] by Eq. (8) of Muddassir et al., ISARC 2024: l φ̈ + g φ - ẍ = 0, where push is ẍ [m/s²]."""
-    return (push - gravity * phi) / length
+    return (excitation - gravity * phi) / length
 
 
 @_answered
-def tangential_paper(theta: float, *, length: float, gravity: float, push: float) -> float:
+def tangential_paper(theta: float, *, length: float, gravity: float, excitation: float) -> float:
     """θ̈ [rad/s²] by Eq. (10) of Muddassir et al., ISARC 2024: l θ̈ + g θ - x γ̈ = 0, where push is x γ̈ [m/s²]."""
-    return (push - gravity * theta) / length
+    return (excitation - gravity * theta) / length
 
 
 @_answered
@@ -195,9 +195,9 @@ def small_swing(
     radial = x - length * phi
     radial_rate = x_rate - length_rate * phi - length * phi_rate
     offset, offset_rate = length * theta, length_rate * theta + length * theta_rate
-    phi_push = x_acceleration - slew_rate**2 * radial + 2.0 * slew_rate * offset_rate + slew_acceleration * offset
-    theta_push = slew_acceleration * radial + 2.0 * slew_rate * radial_rate + slew_rate**2 * offset
-    return (np.array([phi_push, theta_push]) - 2.0 * length_rate * np.asarray(rates) - gravity * np.asarray(swing)) / length
+    phi_excitation = x_acceleration - slew_rate**2 * radial + 2.0 * slew_rate * offset_rate + slew_acceleration * offset
+    theta_excitation = slew_acceleration * radial + 2.0 * slew_rate * radial_rate + slew_rate**2 * offset
+    return (np.array([phi_excitation, theta_excitation]) - 2.0 * length_rate * np.asarray(rates) - gravity * np.asarray(swing)) / length
 
 
 @_answered

@@ -20,7 +20,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import OutOfRange, number
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse
-from experiments.harness import conduct as common
+from experiments import harness
 
 
 class Published(NamedTuple):
@@ -95,7 +95,7 @@ class Case:
 
     @property
     def of_finite_swing(self) -> float:
-        """By how much a finite swing changes the give of the pivot, of the order A² of it, relative to the period."""
+        """By how much a finite swing changes the compliance of the pivot, of the order A² of it, relative to the period."""
         return self.predicted.amplitude**2 * self.budget["pivot spring"]
 
     @property
@@ -105,7 +105,7 @@ class Case:
 
 
 def run(
-    world: common.World,
+    setup: harness.Setup,
     length: float,
     *,
     swing: float = SWING,
@@ -116,22 +116,22 @@ def run(
     """Swing the load by moving the trolley aside and back after half a period, and fit what is left.
 
     Args:
-        world: Where.
+        setup: Where and with what it runs.
         length: Cable length [m].
         swing: Swing to aim at [rad].
         stiffness: k_p of slew, trolley, hoist.
         damping: k_d of slew, trolley, hoist.
         published: What the article has of this run.
     """
-    crane = world.crane
+    crane = setup.crane
     start = crane.state(l=length)
     number("swing", number("swing", swing, "rad", "> 0"), "rad", f"0 to {math.pi / 2:.4f}")
     brake = hold_controller(crane, stiffness=stiffness, damping=damping)
     reference = pulse(hold(start), "x", swing * length / 2.0, at=PULSE_AT, width=math.pi * math.sqrt(length / STANDARD_GRAVITY))
-    trajectory = world.simulate(crane, brake, reference, start=start, duration=DURATION, label=f"l = {length:g} m")
+    trajectory = setup.simulate(crane, brake, reference, start=start, duration=DURATION, label=f"l = {length:g} m")
     late = trajectory.since(FIT_FROM)
     fit = fit_swing(late.t, late["phi_rad"])
-    predicted = free_swing(crane, brake, reference, start, since=FIT_FROM, until=DURATION, dt=world.dt, control_period=world.control_period)
+    predicted = free_swing(crane, brake, reference, start, since=FIT_FROM, until=DURATION, dt=setup.dt, control_period=setup.control_period)
     amplitude = float(np.sqrt(np.mean(fit.amplitude_at(late.t) ** 2)))
     return Case(length, stiffness[1], published, fit, predicted, budget(crane, length, amplitude, stiffness, damping), trajectory)
 
@@ -142,93 +142,93 @@ def budget(crane: Crane, length: float, amplitude: float, stiffness: Sequence[fl
     point = float(theory.point_period(length, g))
     payload = theory.rigid_period(length, g, m, crane.payload_inertia)
     links = theory.rigid_period(length, g, m, crane.payload_inertia + crane.dummy_inertia[0])
-    spring = theory.pivot_give(length, g, m, stiffness[1])[0]
+    spring = theory.pivot_compliance(length, g, m, stiffness[1])[0]
     return {
         "payload inertia": payload / point - 1.0,
         "dummy inertia": links / payload - 1.0,
         "pivot spring": spring,
-        "pivot damper": theory.pivot_give(length, g, m, stiffness[1], damping[1], crane.trolley_mass)[0] - spring,
+        "pivot damper": theory.pivot_compliance(length, g, m, stiffness[1], damping[1], crane.trolley_mass)[0] - spring,
         "amplitude": float(theory.amplitude_factor(amplitude)) - 1.0,
         "gravity": math.sqrt(STANDARD_GRAVITY / g) - 1.0,
-        "hoist give": theory.hoist_give(amplitude, length, g, m, stiffness[2], damping[2])[0],
+        "hoist compliance": theory.hoist_compliance(amplitude, length, g, m, stiffness[2], damping[2])[0],
     }
 
 
-def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run all cases, or analyse files recorded elsewhere."""
     if options.files:
-        return _from_files(options.files, world.crane)
+        return _from_files(options.files, setup.crane)
     if options.identify:
         from experiments.a1_identify import identify
 
-        return identify(world)
+        return identify(setup)
     if len({f"{length:g}" for length in options.length}) < len(options.length):
         raise OutOfRange("length", options.length, "each length once, as far as six digits tell", "m")
     as_published = options.swing == SWING
     cases = [
-        run(world, length, swing=options.swing, published=PUBLISHED.get(length) if as_published else None) for length in options.length
+        run(setup, length, swing=options.swing, published=PUBLISHED.get(length) if as_published else None) for length in options.length
     ]
     length, k_p, k_d, published = SOFT
     soft = run(
-        world,
+        setup,
         length,
         swing=options.swing,
         stiffness=(STIFFNESS[0], k_p, STIFFNESS[2]),
         damping=(DAMPING[0], k_d, DAMPING[2]),
         published=published,
     )
-    return outcome(world, cases, soft)
+    return outcome(setup, cases, soft)
 
 
-def outcome(world: common.World, cases: Sequence[Case], soft: Case) -> common.Outcome:
+def outcome(setup: harness.Setup, cases: Sequence[Case], soft: Case) -> harness.Outcome:
     """Tables, claims, figures and files of the cable lengths and the soft trolley."""
     from cranedyn.recording import Run
     from experiments.a1_figures import budget_figure, period_figure, waveform_figure
     from experiments.a1_tables import article_table, budget_table, damping_table, prediction_table
 
-    return common.Outcome(
+    return harness.Outcome(
         tables=[
-            article_table(world.crane, cases),
+            article_table(setup.crane, cases),
             budget_table([*cases, soft]),
-            damping_table(world.crane, cases),
+            damping_table(setup.crane, cases),
             prediction_table([*cases, soft]),
         ],
-        claims=_claims(world, cases, soft),
-        parameters=world.parameters() | {"stiffness": STIFFNESS, "damping": DAMPING, "fit_from_s": FIT_FROM, "pulse_at_s": PULSE_AT},
+        claims=_claims(setup, cases, soft),
+        parameters=setup.parameters() | {"stiffness": STIFFNESS, "damping": DAMPING, "fit_from_s": FIT_FROM, "pulse_at_s": PULSE_AT},
         trajectories={f"a1_l{case.length:g}": case.trajectory for case in cases} | {"a1_soft": soft.trajectory},
         figures={"waveform": waveform_figure(cases), "period": period_figure(cases), "budget": budget_figure(cases)},
-        recording=[Run(f"l = {case.length:g} m", world.crane, case.trajectory, (20.0 * i, 0.0, 0.0)) for i, case in enumerate(cases)],
+        recording=[Run(f"l = {case.length:g} m", setup.crane, case.trajectory, (20.0 * i, 0.0, 0.0)) for i, case in enumerate(cases)],
     )
 
 
-def _claims(world: common.World, cases: Sequence[Case], soft: Case) -> list[common.Claim]:
+def _claims(setup: harness.Setup, cases: Sequence[Case], soft: Case) -> list[harness.Claim]:
     listed = [(case, case.published) for case in cases if case.published]
     every = [*cases, soft]
     explained, budget = _within([case.unexplained for case in every], [case.second_order for case in every])
     small = all(case.predicted.amplitude < 1.1 * SWING for case in every)  # the prediction is of lowest order in the swing
     agree, finite = _within([case.fit.period / case.predicted.period - 1.0 for case in every], [case.of_finite_swing for case in every])
     return [
-        _met(world, "error", "percentage points", [100 * case.error - p.point for case, p in listed]),
-        _met(world, "damping ratio", "", [case.fit.damping_ratio - p.zeta for case, p in listed if p.zeta]),
-        _met(world, "amplitude", "rad", [case.fit.amplitude - p.amplitude for case, p in listed if p.amplitude]),
-        common.Claim(
-            f"What the budget leaves unexplained of a period is of second order in its parts (at most {budget}).", world.judged(explained)
+        _met(setup, "error", "percentage points", [100 * case.error - p.point for case, p in listed]),
+        _met(setup, "damping ratio", "", [case.fit.damping_ratio - p.zeta for case, p in listed if p.zeta]),
+        _met(setup, "amplitude", "rad", [case.fit.amplitude - p.amplitude for case, p in listed if p.amplitude]),
+        harness.Claim(
+            f"What the budget leaves unexplained of a period is of second order in its parts (at most {budget}).", setup.judged(explained)
         ),
-        common.Claim(
+        harness.Claim(
             f"Predicted and simulated period differ by less than a finite swing A changes the pivot's give, A² of it (at most {finite}).",
             agree if small else None,
         ),
     ]
 
 
-def _met(world: common.World, column: str, unit: str, misses: Sequence[float]) -> common.Claim:
+def _met(setup: harness.Setup, column: str, unit: str, misses: Sequence[float]) -> harness.Claim:
     allowed = ROUNDING[column] + LEFT[column]
     sentence = f"Every published {column} is met within {allowed:.2g} {unit}".rstrip()
     if not misses:
-        return common.Claim(f"{sentence} (none was run).", None)
+        return harness.Claim(f"{sentence} (none was run).", None)
     worst = max(map(abs, misses))
-    return common.Claim(
-        f"{sentence}, half its last digit and what the identified gains leave (worst {worst:.2g}).", world.judged(worst < allowed)
+    return harness.Claim(
+        f"{sentence}, half its last digit and what the identified gains leave (worst {worst:.2g}).", setup.judged(worst < allowed)
     )
 
 
@@ -238,14 +238,14 @@ def _within(misses: Sequence[float], allowed: Sequence[float]) -> tuple[bool, st
     return miss < most, f"{100 * miss:.4f} % where {100 * most:.4f} % are allowed"
 
 
-def _from_files(files: Sequence[str], crane: Crane) -> common.Outcome:
+def _from_files(files: Sequence[str], crane: Crane) -> harness.Outcome:
     from experiments.a1_tables import pendulums
 
     rows = []
     for file in files:
-        data = common.recorded(file, COLUMNS)
+        data = harness.recorded(file, COLUMNS)
         late = data["t_s"] >= FIT_FROM
-        with common.analysing(file):
+        with harness.analysing(file):
             fit, length = fit_swing(data["t_s"][late], data["phi_rad"][late]), float(data["l_m"][late].mean())
         point, rigid = pendulums(crane, length)
         rows.append(
@@ -271,19 +271,19 @@ def _from_files(files: Sequence[str], crane: Crane) -> common.Outcome:
         ("fit rms [rad]", ".1e"),
     ]
     note = f"Fitted from t = {FIT_FROM:g} s; rigid pendulum of {crane.payload_mass:g} kg and {crane.payload_inertia:g} kg m²."
-    return common.Outcome([common.Table("Free swing in files recorded elsewhere", columns, rows, note)], [])
+    return harness.Outcome([harness.Table("Free swing in files recorded elsewhere", columns, rows, note)], [])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = common.parser("a1", "Free swing at four cable lengths: the period, its error budget, and its prediction.")
-    common.add_world(made, "hoist_init")
+    made = harness.parser("a1", "Free swing at four cable lengths: the period, its error budget, and its prediction.")
+    harness.add_setup(made, "hoist_init")
     made.add_argument("--length", type=float, nargs="+", default=list(PUBLISHED), metavar="L", help="cable lengths [m]")
     made.add_argument("--swing", type=float, default=SWING, metavar="PHI", help="swing to aim at [rad]")
     made.add_argument("--identify", action="store_true", help="find the unpublished gains of trolley and hoist from the published columns")
-    common.add_files(made, COLUMNS, "values")
-    common.add_mode(made, "identify", "gravity", "dt", "control_period", "values", "engine")
-    return common.conduct(made, experiment, argv)
+    harness.add_files(made, COLUMNS, "values")
+    harness.add_mode(made, "identify", "gravity", "dt", "control_period", "values", "engine")
+    return harness.conduct(made, experiment, argv)
 
 
 if __name__ == "__main__":

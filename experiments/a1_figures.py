@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 _CAUSES = {
     "payload inertia": ["payload inertia"],
     "dummy inertia": ["dummy inertia"],
-    "give of the trolley": ["pivot spring", "pivot damper"],
+    "compliance of the trolley": ["pivot spring", "pivot damper"],
     "finite amplitude": ["amplitude"],
     "gravity": ["gravity"],
-    "give of the hoist": ["hoist give"],
+    "compliance of the hoist": ["hoist compliance"],
 }
 _COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#CC79A7", "#009E73")
 
@@ -45,7 +45,7 @@ def period_figure(cases: Sequence[Case]) -> Figure:
     figure, (left, right) = panels(1, 2, height=3.6)
     lengths = np.array([case.length for case in cases])
     fine = np.linspace(3.4, 22.0, 200)
-    left.plot(fine, theory.point_period(fine, STANDARD_GRAVITY), color=COLOURS["wanted"], label="2π√(l/g)")
+    left.plot(fine, theory.point_period(fine, STANDARD_GRAVITY), color=COLOURS["setpoint"], label="2π√(l/g)")
     left.plot(lengths, [case.fit.period for case in cases], "o", color=COLOURS["phi"], label="simulated")
     left.set(xlabel="cable length [m]", ylabel="period [s]")
     right.plot(lengths, [100 * case.error for case in cases], "o-", color=COLOURS["phi"], label="simulated")

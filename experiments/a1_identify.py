@@ -8,8 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from experiments import a1
-from experiments.harness import conduct as common
+from experiments import a1, harness
 
 ROUNDING = np.array(list(a1.ROUNDING.values()))
 """Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad], shape (3,)."""
@@ -22,10 +21,10 @@ HOIST = (STIFF_HOIST, (1.0e5, 2.0e4), (5.0e4, 2.0e4), (3.0e4, 2.0e4), (3.0e4, 1.
 """Pairs of the hoist's k_p [N/m] and k_d [N s/m] tried, with the trolley's k_d of `cranedyn.controllers.hold`."""
 
 
-def differences(world: common.World, trolley_damping: float, hoist: Sequence[float]) -> np.ndarray:
+def differences(setup: harness.Setup, trolley_damping: float, hoist: Sequence[float]) -> np.ndarray:
     """Ours less the published error [percentage points], ζ and amplitude [rad] at the four lengths, shape (4, 3)."""
     stiffness, damping = (*STIFFNESS[:2], hoist[0]), (DAMPING[0], trolley_damping, hoist[1])
-    cases = [a1.run(world, length, stiffness=stiffness, damping=damping) for length in a1.PUBLISHED]
+    cases = [a1.run(setup, length, stiffness=stiffness, damping=damping) for length in a1.PUBLISHED]
     return np.array(
         [
             (100 * c.error - p.point, c.fit.damping_ratio - (p.zeta or 0.0), c.fit.amplitude - (p.amplitude or 0.0))
@@ -34,23 +33,23 @@ def differences(world: common.World, trolley_damping: float, hoist: Sequence[flo
     )
 
 
-def identify(world: common.World) -> common.Outcome:
+def identify(setup: harness.Setup) -> harness.Outcome:
     """Scan the trolley's k_d, then the hoist's gains, then fit all three together."""
-    scan = np.array([differences(world, k_d, STIFF_HOIST) for k_d in TROLLEY])
+    scan = np.array([differences(setup, k_d, STIFF_HOIST) for k_d in TROLLEY])
     pulls = [_best(np.array(TROLLEY), scan[:, :, column]) for column in range(3)]
-    hoists = np.array([differences(world, DAMPING[1], pair) for pair in HOIST])
+    hoists = np.array([differences(setup, DAMPING[1], pair) for pair in HOIST])
 
     def residuals(logarithms: np.ndarray) -> np.ndarray:
         k_d, *hoist = np.exp(logarithms)
-        return (differences(world, k_d, hoist) / ROUNDING).ravel()
+        return (differences(setup, k_d, hoist) / ROUNDING).ravel()
 
     start = np.log([DAMPING[1], STIFFNESS[2], DAMPING[2]])
     fit = least_squares(residuals, start, diff_step=0.02, xtol=1e-3, ftol=1e-3, max_nfev=4)
     best = np.exp(fit.x)
-    ours = differences(world, DAMPING[1], (STIFFNESS[2], DAMPING[2]))
+    ours = differences(setup, DAMPING[1], (STIFFNESS[2], DAMPING[2]))
     rest = [f"{value:+.6f}" for value in ours[:, 1]]
     stiff = [f"{value:+.6f}" for value in hoists[0][:, 1]]
-    return common.Outcome(
+    return harness.Outcome(
         tables=[
             _table(
                 "Trolley k_d with a stiff hoist (k_p = 1e6 N/m, k_d = 6e4 N s/m): ours less the published columns",
@@ -58,7 +57,7 @@ def identify(world: common.World) -> common.Outcome:
                 ("k_d [N s/m]",),
                 scan,
             ),
-            common.Table(
+            harness.Table(
                 "The k_d that each column alone asks for, stiff hoist",
                 [("column", ""), ("k_d [N s/m]", ".3g")],
                 list(zip(("error", "ζ", "amplitude"), pulls, strict=True)),
@@ -69,7 +68,7 @@ def identify(world: common.World) -> common.Outcome:
                 ("hoist k_p", "hoist k_d"),
                 hoists,
             ),
-            common.Table(
+            harness.Table(
                 "All three gains fitted together, each column weighted by its rounding",
                 [("gain", ""), ("fitted", ".3g"), ("taken", ".3g")],
                 [
@@ -82,12 +81,12 @@ def identify(world: common.World) -> common.Outcome:
             ),
         ],
         claims=[
-            common.Claim(
-                f"The give of the hoist lowers the misfit of ζ at least tenfold ({misfit(hoists[0]):.1e} to {misfit(ours):.1e}).",
-                world.judged(misfit(hoists[0]) > 10.0 * misfit(ours)),
+            harness.Claim(
+                f"The compliance of the hoist lowers the misfit of ζ at least tenfold ({misfit(hoists[0]):.1e} to {misfit(ours):.1e}).",
+                setup.judged(misfit(hoists[0]) > 10.0 * misfit(ours)),
             )
         ],
-        parameters=world.parameters() | {"fitted": best.tolist()},
+        parameters=setup.parameters() | {"fitted": best.tolist()},
     )
 
 
@@ -102,7 +101,7 @@ def misfit(differences: np.ndarray) -> float:
     return float(np.sqrt(np.mean(differences[:, 1] ** 2)))
 
 
-def _table(title: str, labels: Sequence[Sequence[str]], headers: Sequence[str], values: np.ndarray) -> common.Table:
+def _table(title: str, labels: Sequence[Sequence[str]], headers: Sequence[str], values: np.ndarray) -> harness.Table:
     lengths = [f"{length:g} m" for length in a1.PUBLISHED]
     columns = [
         *((h, "") for h in headers),
@@ -115,7 +114,7 @@ def _table(title: str, labels: Sequence[Sequence[str]], headers: Sequence[str], 
         (*label, *(value * (1.0, 1e5, 1e4)).T.ravel().tolist(), float(np.sqrt(np.mean((value / ROUNDING) ** 2))))
         for label, value in zip(labels, values, strict=True)
     ]
-    return common.Table(
+    return harness.Table(
         title,
         columns,
         rows,

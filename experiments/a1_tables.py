@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 from cranedyn import theory
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
-from experiments.harness import conduct as common
+from experiments import harness
 
 if TYPE_CHECKING:
     from experiments.a1 import Case
 
 
-def article_table(crane: Crane, cases: Sequence[Case]) -> common.Table:
+def article_table(crane: Crane, cases: Sequence[Case]) -> harness.Table:
     """The article's table beside ours."""
     rows: list[tuple[float | None, ...]] = []
     for case in cases:
@@ -60,7 +60,7 @@ def article_table(crane: Crane, cases: Sequence[Case]) -> common.Table:
         "Errors against the point and the rigid pendulum (payload inertia alone) in standard gravity, as "
         "published. The article's world had 9.8 m/s²: --gravity 9.8."
     )
-    return common.Table("Free swing beside the article (art.)", columns, rows, note)
+    return harness.Table("Free swing beside the article (art.)", columns, rows, note)
 
 
 def pendulums(crane: Crane, length: float) -> tuple[float, float]:
@@ -70,7 +70,7 @@ def pendulums(crane: Crane, length: float) -> tuple[float, float]:
     )
 
 
-def budget_table(cases: Sequence[Case]) -> common.Table:
+def budget_table(cases: Sequence[Case]) -> harness.Table:
     """What each cause adds to the period, beside what was simulated."""
     causes = list(cases[0].budget)
     rows = []
@@ -87,16 +87,16 @@ def budget_table(cases: Sequence[Case]) -> common.Table:
         ("residual", "+.3f"),
         ("article", "+.2f"),
     ]
-    return common.Table("Error budget [% of the point pendulum's period]", columns, rows)
+    return harness.Table("Error budget [% of the point pendulum's period]", columns, rows)
 
 
-def damping_table(crane: Crane, cases: Sequence[Case]) -> common.Table:
+def damping_table(crane: Crane, cases: Sequence[Case]) -> harness.Table:
     """What each cause adds to the damping ratio."""
     g, m, rows = crane.gravity, crane.payload_mass, []
     for case in cases:
         length = case.length + (crane.payload_inertia + crane.dummy_inertia[0]) / (m * case.length)
-        pivot = theory.pivot_give(length, g, m, STIFFNESS[1], DAMPING[1], crane.trolley_mass)[1]
-        hoist = theory.hoist_give(case.predicted.amplitude, length, g, m, STIFFNESS[2], DAMPING[2])[1]
+        pivot = theory.pivot_compliance(length, g, m, STIFFNESS[1], DAMPING[1], crane.trolley_mass)[1]
+        hoist = theory.hoist_compliance(case.predicted.amplitude, length, g, m, STIFFNESS[2], DAMPING[2])[1]
         joint = float(crane.damping[2]) / (2.0 * m * length**2 * math.sqrt(g / length))
         zeta = case.fit.damping_ratio
         published = case.published.zeta if case.published else None
@@ -104,22 +104,22 @@ def damping_table(crane: Crane, cases: Sequence[Case]) -> common.Table:
     columns = [
         ("l [m]", "g"),
         ("trolley k_d", ".6f"),
-        ("hoist give", ".6f"),
+        ("hoist compliance", ".6f"),
         ("damp_swing", ".6f"),
         ("sum", ".6f"),
         ("simulated", ".6f"),
         ("article", ".5f"),
         ("simulated less article", "+.6f"),
     ]
-    return common.Table(
+    return harness.Table(
         "Where the damping ratio ζ comes from",
         columns,
         rows,
-        "By closed forms for the reduced length l + I/(m l). The give of the hoist is the part that no trolley k_d explains.",
+        "By closed forms for the reduced length l + I/(m l). The compliance of the hoist is the part that no trolley k_d explains.",
     )
 
 
-def prediction_table(cases: Sequence[Case]) -> common.Table:
+def prediction_table(cases: Sequence[Case]) -> harness.Table:
     """Period and damping ratio predicted and simulated."""
     columns = [
         ("l [m]", "g"),
@@ -142,4 +142,4 @@ def prediction_table(cases: Sequence[Case]) -> common.Table:
         )
         for c in cases
     ]
-    return common.Table("Predicted: eigenvalue of the sampled linear loop, times the factors of finite amplitude", columns, rows)
+    return harness.Table("Predicted: eigenvalue of the sampled linear loop, times the factors of finite amplitude", columns, rows)

@@ -19,7 +19,7 @@ from cranedyn.errors import DataError
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse, ramp
-from experiments.harness import conduct as common
+from experiments import harness
 
 LENGTH, TARGET, RATE, HOIST_AT, DURATION = 20.0, 8.0, 0.5, 30.0, 110.0
 """Cable length before and after [m], hoisting speed [m/s], when it starts, and how long the run lasts [s]."""
@@ -99,61 +99,61 @@ def read(t: np.ndarray, phi: np.ndarray, length: np.ndarray, *, since: float = A
 
 
 def run(
-    world: common.World, *, stiffness: Sequence[float] = STIFFNESS, damping: Sequence[float] = DAMPING, pulse_at: float = PULSE_AT
+    setup: harness.Setup, *, stiffness: Sequence[float] = STIFFNESS, damping: Sequence[float] = DAMPING, pulse_at: float = PULSE_AT
 ) -> Trajectory:
     """Swing the load by a trolley pulse, then hoist."""
-    start = world.crane.state(l=LENGTH)
+    start = setup.crane.state(l=LENGTH)
     swung = pulse(hold(start), "x", PULSE, at=pulse_at, width=math.pi * math.sqrt(LENGTH / STANDARD_GRAVITY))
-    brake = hold_controller(world.crane, stiffness=stiffness, damping=damping)
-    return world.simulate(world.crane, brake, _hoist(swung, HOIST_AT), start=start, duration=DURATION, label=f"pulse at {pulse_at:g} s")
+    brake = hold_controller(setup.crane, stiffness=stiffness, damping=damping)
+    return setup.simulate(setup.crane, brake, _hoist(swung, HOIST_AT), start=start, duration=DURATION, label=f"pulse at {pulse_at:g} s")
 
 
 def _hoist(base: Reference, at: float) -> Reference:
     return ramp(base, "l", TARGET - LENGTH, rate=RATE, at=at)
 
 
-def exact(world: common.World, crane: Crane, start: State) -> PowerLaw:
+def exact(setup: harness.Setup, crane: Crane, start: State) -> PowerLaw:
     """The law of the hoisting section from a state of swing at its start, with drives that follow the ramp exactly.
 
     A ramp stops at once, in which a real rope would go slack for an instant.
     """
     reference = _hoist(hold(start), 0.0)
-    drives = follow(reference, world.control_period)
+    drives = follow(reference, setup.control_period)
     duration = (LENGTH - TARGET) / RATE + 4.0
-    trajectory = world.simulate(
-        crane, drives, reference, start=start, duration=duration, label="exact drives", drive="motion", watch="mark"
+    trajectory = setup.simulate(
+        crane, drives, reference, start=start, duration=duration, label="exact drives", drive="motion", validity="mark"
     )
     return read(trajectory.t, trajectory["phi_rad"], trajectory["l_m"], since=0.0).section
 
 
-def exponents(world: common.World, ours: Reading, stiff: Trajectory) -> dict[str, PowerLaw]:
+def exponents(setup: harness.Setup, ours: Reading, stiff: Trajectory) -> dict[str, PowerLaw]:
     """The law of the hoisting section, one effect after the other."""
     row = int(np.searchsorted(stiff.t, HOIST_AT))
     swing, rate = float(stiff["phi_rad"][row]), float(stiff["phi_dot_rad_s"][row])
-    lengths, g = ours.lengths[ours.hoisting], world.gravity
+    lengths, g = ours.lengths[ours.hoisting], setup.gravity
     bessel = theory.constant_hoisting_envelope((LENGTH - lengths) / RATE, LENGTH, -RATE, g, swing, rate)
     slow = theory.adiabatic_amplitude(lengths, LENGTH, float(np.hypot(swing, rate * math.sqrt(LENGTH / g))))
-    point = world.variant(payload_inertia=0, dummy_inertia=0, dummy_mass=0, damp_swing=0)
+    point = setup.variant(payload_inertia=0, dummy_inertia=0, dummy_mass=0, damp_swing=0)
     return {
         "slow hoisting, small swing: l^(-3/4)": fit_power_law(lengths, lengths**-0.75),
         "slow hoisting, swing of this size: the action": fit_power_law(lengths, slow),
         BESSEL: fit_power_law(lengths, bessel),
-        SMALL: exact(world, point, point.state(l=LENGTH, phi=swing / 100, phi_dot=rate / 100)),
-        "exact drives, point load, this swing": exact(world, point, point.state(l=LENGTH, phi=swing, phi_dot=rate)),
-        "exact drives, this load": exact(world, world.crane, world.crane.state(l=LENGTH, phi=swing, phi_dot=rate)),
+        SMALL: exact(setup, point, point.state(l=LENGTH, phi=swing / 100, phi_dot=rate / 100)),
+        "exact drives, point load, this swing": exact(setup, point, point.state(l=LENGTH, phi=swing, phi_dot=rate)),
+        "exact drives, this load": exact(setup, setup.crane, setup.crane.state(l=LENGTH, phi=swing, phi_dot=rate)),
         "hold with a stiff hoist": _read_run(stiff).section,
         "hold with the hoist identified in A1": ours.section,
     }
 
 
-def _exponents_table(stages: dict[str, PowerLaw]) -> common.Table:
+def _exponents_table(stages: dict[str, PowerLaw]) -> harness.Table:
     rows = [(name, law.exponent, law.exponent - PUBLISHED["hoisting"], law.r2, law.points) for name, law in stages.items()]
     rows.append(("article", PUBLISHED["hoisting"], 0.0, 1.0, int(PUBLISHED["hoisting points"])))
     columns = [("hoisting section, effect by effect", ""), ("exponent", "+.4f"), ("less article", "+.4f"), ("R²", ".6f"), ("points", "d")]
-    return common.Table("Where the exponent comes from", columns, rows)
+    return harness.Table("Where the exponent comes from", columns, rows)
 
 
-def _summary(readings: dict[str, Reading]) -> common.Table:
+def _summary(readings: dict[str, Reading]) -> harness.Table:
     rows: list[tuple[str | float | None, ...]] = []
     for name, r in readings.items():
         mean = 100 * float(r.errors.mean())
@@ -208,10 +208,10 @@ def _summary(readings: dict[str, Reading]) -> common.Table:
         "Period of each half swing against 2π√(l/g) at its middle. Neither half nor whole swings give the "
         "article's 35 and 10 points: 98 s hold 29 half swings, 6 in the hoisting."
     )
-    return common.Table("Hoisting while swinging, beside the article", columns, rows, note)
+    return harness.Table("Hoisting while swinging, beside the article", columns, rows, note)
 
 
-def _phase_table(readings: dict[float, Reading]) -> common.Table:
+def _phase_table(readings: dict[float, Reading]) -> harness.Table:
     rows = [
         (at, 100 * float(r.errors.mean()), 100 * r.worst, r.everywhere.exponent, r.section.exponent, float(r.amplitudes[-1]))
         for at, r in readings.items()
@@ -229,7 +229,7 @@ def _phase_table(readings: dict[float, Reading]) -> common.Table:
         "The article does not say when its pulse came. The phase in which the hoist stops decides the "
         "largest error and the exponent over all points; no phase tried meets all its numbers at once."
     )
-    return common.Table(
+    return harness.Table(
         "The phase of the swing when the hoist stops",
         columns,
         [*rows, (None, p["mean"], p["max"], p["all"], p["hoisting"], p["after"])],
@@ -237,47 +237,47 @@ def _phase_table(readings: dict[float, Reading]) -> common.Table:
     )
 
 
-def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run the hoisting, or analyse files recorded elsewhere."""
     if options.files:
         return _from_files(options.files)
     from cranedyn.recording import Run
     from experiments.a2_figures import fits_figure, hoisting_figure
 
-    trajectory, stiff = run(world), run(world, stiffness=STIFF[0], damping=STIFF[1])
+    trajectory, stiff = run(setup), run(setup, stiffness=STIFF[0], damping=STIFF[1])
     ours, hard = _read_run(trajectory), _read_run(stiff)
-    phases = {at: _read_run(run(world, pulse_at=at)) for at in (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)}
-    stages = exponents(world, ours, stiff)
+    phases = {at: _read_run(run(setup, pulse_at=at)) for at in (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)}
+    stages = exponents(setup, ours, stiff)
     small, bessel = stages[SMALL].exponent, stages[BESSEL].exponent
     missed, without = (abs(reading.section.exponent - PUBLISHED["hoisting"]) for reading in (ours, hard))
     means = [100 * float(reading.errors.mean()) for reading in (ours, *phases.values())]
     claims = [
-        common.Claim(
+        harness.Claim(
             f"The exponent over the hoisting section ({ours.section.exponent:.4f}) misses the published by {missed:.4f}, less than the "
             f"hoist identified in A1 takes off ({without - missed:.4f} of {without:.4f}).",
-            world.judged(missed < without - missed),
+            setup.judged(missed < without - missed),
         ),
-        common.Claim(
+        harness.Claim(
             f"With exact drives and a small swing it is the Bessel envelope's ({bessel:.4f}) within 0.001 ({small:.4f}).",
             abs(small - bessel) < 0.001,
         ),
-        common.Claim(
+        harness.Claim(
             f"The mean period error ({means[0]:.2f} %) misses the published by {abs(means[0] - PUBLISHED['mean']):.3f} points, no more "
             f"than the unpublished time of the pulse moves it ({min(means):.2f} to {max(means):.2f} %).",
-            world.judged(abs(means[0] - PUBLISHED["mean"]) <= max(means) - min(means)),
+            setup.judged(abs(means[0] - PUBLISHED["mean"]) <= max(means) - min(means)),
         ),
     ]
-    return common.Outcome(
+    return harness.Outcome(
         tables=[
             _summary({"hoist identified in A1": ours, "stiff hoist": hard}),
             _exponents_table(stages),
             _phase_table({PULSE_AT: ours, **phases}),
         ],
         claims=claims,
-        parameters=world.parameters() | {"stiffness": STIFFNESS, "damping": DAMPING, "pulse_at_s": PULSE_AT},
+        parameters=setup.parameters() | {"stiffness": STIFFNESS, "damping": DAMPING, "pulse_at_s": PULSE_AT},
         trajectories={"a2": trajectory, "a2_stiff": stiff},
         figures={"hoisting": hoisting_figure(trajectory, ours), "fits": fits_figure(ours)},
-        recording=[Run("hoisting", world.crane, trajectory)],
+        recording=[Run("hoisting", setup.crane, trajectory)],
     )
 
 
@@ -285,21 +285,21 @@ def _read_run(trajectory: Trajectory) -> Reading:
     return read(trajectory.t, trajectory["phi_rad"], trajectory["l_m"])
 
 
-def _from_files(files: Sequence[str]) -> common.Outcome:
+def _from_files(files: Sequence[str]) -> harness.Outcome:
     readings = {}
     for file in files:
-        data = common.recorded(file, COLUMNS)
-        with common.analysing(file):
+        data = harness.recorded(file, COLUMNS)
+        with harness.analysing(file):
             readings[file] = read(data["t_s"], data["phi_rad"], data["l_m"])
-    return common.Outcome([_summary(readings)], [])
+    return harness.Outcome([_summary(readings)], [])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = common.parser("a2", "Hoisting while swinging: period and amplitude against cable length.")
-    common.add_world(made, "hoist_init")
-    common.add_files(made, COLUMNS)
-    return common.conduct(made, experiment, argv)
+    made = harness.parser("a2", "Hoisting while swinging: period and amplitude against cable length.")
+    harness.add_setup(made, "hoist_init")
+    harness.add_files(made, COLUMNS)
+    return harness.conduct(made, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -23,10 +23,10 @@ def hoisting_figure(trajectory: Trajectory, reading: Reading) -> Figure:
     t = trajectory.t
     swing.plot(t, np.degrees(trajectory["phi_rad"]), color=COLOURS["phi"])
     swing.set_ylabel("φ [°]")
-    cable.plot(t, trajectory["l_wanted_m"], "--", color=COLOURS["wanted"], label="wanted")
+    cable.plot(t, trajectory["l_setpoint_m"], "--", color=COLOURS["setpoint"], label="setpoint")
     cable.plot(t, trajectory["l_m"], color=COLOURS["l"], label="cable length")
     cable.set_ylabel("l [m]")
-    period.plot(t, theory.point_period(trajectory["l_m"], STANDARD_GRAVITY), color=COLOURS["wanted"], label="2π√(l(t)/g)")
+    period.plot(t, theory.point_period(trajectory["l_m"], STANDARD_GRAVITY), color=COLOURS["setpoint"], label="2π√(l(t)/g)")
     period.plot(
         reading.times,
         (1 + reading.errors) * theory.point_period(np.interp(reading.times, t, trajectory["l_m"]), STANDARD_GRAVITY),
@@ -53,7 +53,7 @@ def fits_figure(reading: Reading) -> Figure:
             reading.lengths[~moving],
             np.degrees(reading.amplitudes[~moving]),
             "o",
-            color=COLOURS["wanted"],
+            color=COLOURS["setpoint"],
             label="cable at rest" if mask.all() else None,
             alpha=1.0 if mask.all() else 0.25,
         )

@@ -20,7 +20,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse
-from experiments.harness import conduct as common
+from experiments import harness
 
 RADIUS, LENGTH, PULSE, PULSE_AT, DURATION, ANALYSED_FROM = 20.0, 15.0, 0.05, 5.0, 70.0, 4.0
 """Trolley radius and cable length [m], slew pulse [rad], when it starts (ours), length of the run, start of the comparison [s]."""
@@ -57,12 +57,14 @@ def exact(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
     return np.concatenate([[change[0]], (change[1:] + change[:-1]) / 2.0, [change[-1]]])
 
 
-def paper_model(t: np.ndarray, theta: np.ndarray, theta_rate: np.ndarray, push: np.ndarray, length: float, gravity: float) -> np.ndarray:
+def paper_model(
+    t: np.ndarray, theta: np.ndarray, theta_rate: np.ndarray, excitation: np.ndarray, length: float, gravity: float
+) -> np.ndarray:
     """Eq. (10) integrated from the first measured state, driven by measured x(t) γ̈(t); shapes (n,)."""
-    drive = make_interp_spline(t, push, k=1)
+    drive = make_interp_spline(t, excitation, k=1)
 
     def rates(s: float, y: np.ndarray) -> tuple[float, float]:
-        return y[1], theory.tangential_paper(y[0], length=length, gravity=gravity, push=float(drive(s)))
+        return y[1], theory.tangential_paper(y[0], length=length, gravity=gravity, excitation=float(drive(s)))
 
     return _integrate(rates, t, [theta[0], theta_rate[0]])[0]
 
@@ -85,7 +87,7 @@ def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0
 
     def derivative(s: float, y: np.ndarray) -> np.ndarray:
         length, length_rate, x, x_rate, x_acceleration, slew_rate, slew_acceleration = drive(s)
-        push = theory.small_swing(
+        excitation = theory.small_swing(
             y[:2],
             y[2:],
             length=length,
@@ -97,7 +99,7 @@ def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0
             slew_rate=slew_rate,
             slew_acceleration=slew_acceleration,
         )
-        return np.concatenate([y[2:], push * length / (length + extra_length)])
+        return np.concatenate([y[2:], excitation * length / (length + extra_length)])
 
     start = [*trajectory.q[0, 2:4], *trajectory.v[0, 2:4]]
     return _integrate(derivative, t, start)[1]
@@ -113,7 +115,7 @@ def _integrate(derivative: Callable, t: np.ndarray, start: Sequence[float]) -> n
 
 
 def run(
-    world: common.World,
+    setup: harness.Setup,
     slew: Sequence[float] = (STIFFNESS[0], DAMPING[0]),
     *,
     crane: Crane | None = None,
@@ -123,17 +125,17 @@ def run(
     """Swing the load by moving the jib aside and back.
 
     Args:
-        world: Where.
+        setup: Where and with what it runs.
         slew: k_p [N m/rad] and k_d [N m s/rad] of the slew drive.
         crane: Another crane than the world's.
         radius: Trolley radius [m].
         length: Cable length [m].
     """
-    crane = crane or world.crane
+    crane = crane or setup.crane
     start = crane.state(x=radius, l=length)
     brake = hold_controller(crane, stiffness=(slew[0], *STIFFNESS[1:]), damping=(slew[1], *DAMPING[1:]))
     reference = pulse(hold(start), "gamma", PULSE, at=PULSE_AT, width=math.pi * math.sqrt(length / STANDARD_GRAVITY))
-    return world.simulate(crane, brake, reference, start=start, duration=DURATION, label=f"slew k_p = {slew[0]:.0e}")
+    return setup.simulate(crane, brake, reference, start=start, duration=DURATION, label=f"slew k_p = {slew[0]:.0e}")
 
 
 def by_paper(
@@ -146,8 +148,8 @@ def by_paper(
     if np.count_nonzero(late) < 2:
         raise DataError(f"The record ends at {data['t_s'][-1]:g} s; the comparison starts at {ANALYSED_FROM:g} s.")
     t, x, theta, theta_rate, length = (data[name][late] for name in COLUMNS if name != "gamma_dot_rad_s")
-    push = x * acceleration(data["t_s"], data["gamma_dot_rad_s"])[late]
-    return t, theta, paper_model(t, theta, theta_rate, push, float(length.mean()), gravity), push
+    excitation = x * acceleration(data["t_s"], data["gamma_dot_rad_s"])[late]
+    return t, theta, paper_model(t, theta, theta_rate, excitation, float(length.mean()), gravity), excitation
 
 
 def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
@@ -169,7 +171,7 @@ def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
     return [(name, agreement(theta, model)) for name, model in models.items()]
 
 
-def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run the slew pulse with a soft and a stiff drive, or analyse files recorded elsewhere."""
     if options.files:
         return _from_files(options.files)
@@ -177,31 +179,31 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     from experiments.a3_figures import slewing_figure, stages_figure
 
     place = {"radius": options.radius, "length": options.length}
-    soft, stiff = run(world, **place), run(world, STIFF_SLEW, **place)
-    found = {"soft": stages(world.crane, soft), "stiff": stages(world.crane, stiff)}
+    soft, stiff = run(setup, **place), run(setup, STIFF_SLEW, **place)
+    found = {"soft": stages(setup.crane, soft), "stiff": stages(setup.crane, stiff)}
     ours, hard = found["soft"][0][1], found["stiff"][0][1]
     rows = [_row(drive, name, result) for drive, results in found.items() for name, result in results]
     last = [results[-1][1].relative for results in found.values()]
-    return common.Outcome(
+    return harness.Outcome(
         tables=[_table([*rows, _row("article", "Eq. (10), γ̈ filtered", PUBLISHED)])],
         claims=[
-            common.Claim(
+            harness.Claim(
                 f"θ has the sign of Eq. (10): correlation {ours.correlation:+.4f} with a soft slew drive, "
                 f"{hard.correlation:+.4f} with a stiff one.",
                 min(ours.correlation, hard.correlation) > 0.99,
             ),
-            common.Claim(
+            harness.Claim(
                 f"Amplitude, correlation and RMS are the published within {DIGITS.measured:g} rad, {DIGITS.correlation:g} and "
                 f"{DIGITS.rms:.0e} rad, one of their last digits ({ours.measured:.5f}, {ours.correlation:+.5f}, {ours.rms:.6f}).",
-                world.judged(_published(ours)) if place == {"radius": RADIUS, "length": LENGTH} else None,
+                setup.judged(_published(ours)) if place == {"radius": RADIUS, "length": LENGTH} else None,
             ),
-            common.Claim(
+            harness.Claim(
                 f"With every cause gone the rest is below 0.5 % of the amplitude ({100 * last[0]:.2f} % soft, "
                 f"{100 * last[1]:.2f} % stiff).",
                 max(last) < 0.005,
             ),
         ],
-        parameters=world.parameters()
+        parameters=setup.parameters()
         | {
             **place,
             "slew_soft": [STIFFNESS[0], DAMPING[0]],
@@ -211,17 +213,17 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
         },
         trajectories={"a3": soft, "a3_stiff": stiff},
         figures={"slewing": slewing_figure(*by_paper(soft)), "stages": stages_figure(found)},
-        recording=[Run("soft slew drive", world.crane, soft)],
+        recording=[Run("soft slew drive", setup.crane, soft)],
     )
 
 
-def _from_files(files: Sequence[str]) -> common.Outcome:
+def _from_files(files: Sequence[str]) -> harness.Outcome:
     rows = []
     for file in files:
-        data = common.recorded(file, COLUMNS)
-        with common.analysing(file):
+        data = harness.recorded(file, COLUMNS)
+        with harness.analysing(file):
             rows.append(_row(file, "Eq. (10), γ̈ filtered", agreement(*by_paper(data)[1:3])))
-    return common.Outcome([_table([*rows, _row("article", "", PUBLISHED)])], [])
+    return harness.Outcome([_table([*rows, _row("article", "", PUBLISHED)])], [])
 
 
 def _published(ours: Agreement) -> bool:
@@ -233,7 +235,7 @@ def _row(run: str, model: str, a: Agreement) -> tuple[str | float, ...]:
     return (run, model, a.measured, a.modelled, a.correlation, a.rms, 100 * a.relative)
 
 
-def _table(rows: Sequence[Sequence[str | float]]) -> common.Table:
+def _table(rows: Sequence[Sequence[str | float]]) -> harness.Table:
     columns = [
         ("slew drive", ""),
         ("model", ""),
@@ -247,17 +249,17 @@ def _table(rows: Sequence[Sequence[str | float]]) -> common.Table:
         "Amplitudes are the largest |θ|. From one row to the next one cause of difference goes: the filter, "
         "the constant of gravity, the dropped rates, the inertia, the small angle."
     )
-    return common.Table("Tangential swing after a slew pulse", columns, rows, note)
+    return harness.Table("Tangential swing after a slew pulse", columns, rows, note)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = common.parser("a3", "Tangential swing after a slew pulse, against Eq. (10) and the full equations.")
-    common.add_world(made, "trolley_init", "hoist_init")
+    made = harness.parser("a3", "Tangential swing after a slew pulse, against Eq. (10) and the full equations.")
+    harness.add_setup(made, "trolley_init", "hoist_init")
     made.add_argument("--radius", type=float, default=RADIUS, metavar="X", help="trolley radius [m]")
     made.add_argument("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
-    common.add_files(made, COLUMNS)
-    return common.conduct(made, experiment, argv)
+    harness.add_files(made, COLUMNS)
+    return harness.conduct(made, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -11,10 +11,10 @@ from cranedyn.analysis.swing import Agreement
 from cranedyn.plotting.figures import COLOURS, panels
 
 
-def slewing_figure(t: np.ndarray, measured: np.ndarray, modelled: np.ndarray, push: np.ndarray) -> Figure:
+def slewing_figure(t: np.ndarray, measured: np.ndarray, modelled: np.ndarray, excitation: np.ndarray) -> Figure:
     """The push x γ̈ above, measured and modelled swing below."""
     figure, (above, below) = panels(2, height=2.6, sharex=True)
-    above.plot(t, push, color=COLOURS["gamma"])
+    above.plot(t, excitation, color=COLOURS["gamma"])
     above.set_ylabel("x γ̈ [m/s²]")
     below.plot(t, np.degrees(measured), color=COLOURS["theta"], label="θ simulated")
     below.plot(t, np.degrees(modelled), "--", color=COLOURS["unexplained"], linewidth=1.0, label="θ by Eq. (10)")

@@ -15,61 +15,64 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import DRIVES
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references.flat import flat
-from experiments.harness import conduct as common
+from experiments import harness
 from experiments.scenarios.moves import AFTER, CLOSE, MOVES, Move, Score, of_sampling
 from experiments.scenarios.perturbations import make
-from experiments.scenarios.strategies import FLAT, LQR, PAPER, PD, WAYS
+from experiments.scenarios.strategies import FLAT, LQR, PAPER, PD, STRATEGIES
 
 SHOWN = ("spline alone", PD, PAPER, LQR, FLAT)
 
 
-def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Every way on every move."""
     from cranedyn.recording import Run
 
-    made = {move: {way: make(world, move, WAYS[way](world, move), label=f"{move.name}, {way}") for way in SHOWN} for move in MOVES}
-    runs = {move: {way: run for way, (run, _) in of_move.items()} for move, of_move in made.items()}
-    scores = {move: {way: found for way, (_, found) in of_move.items()} for move, of_move in made.items()}
+    made = {
+        move: {strategy: make(setup, move, STRATEGIES[strategy](setup, move), label=f"{move.name}, {strategy}") for strategy in SHOWN}
+        for move in MOVES
+    }
+    runs = {move: {strategy: run for strategy, (run, _) in of_move.items()} for move, of_move in made.items()}
+    scores = {move: {strategy: found for strategy, (_, found) in of_move.items()} for move, of_move in made.items()}
     combined = MOVES[-1]
-    return common.Outcome(
+    return harness.Outcome(
         tables=[_table(move, of_move) for move, of_move in scores.items()],
-        claims=_claims(world, combined, scores[combined]),
-        parameters=world.parameters()
+        claims=_claims(setup, combined, scores[combined]),
+        parameters=setup.parameters()
         | {
             "moves": {move.name: [move.start, move.goal, move.duration] for move in MOVES},
             "paper_trolley_weights": [np.diag(w).tolist() for w in paper.TROLLEY_WEIGHTS],
             "paper_slew_weights": [np.diag(w).tolist() for w in paper.SLEW_WEIGHTS],
             "paper_hoist_pid": paper.HOIST,
         },
-        trajectories={f"b1_{move.name}_{_plain(way)}": runs[move][way] for move in MOVES for way in (PD, PAPER, LQR, FLAT)},
+        trajectories={f"b1_{move.name}_{_plain(strategy)}": runs[move][strategy] for move in MOVES for strategy in (PD, PAPER, LQR, FLAT)},
         figures={f"tracking_{move.name}": _tracking_figure(of_move[PAPER]) for move, of_move in runs.items()}
         | {f"swing_{move.name}": _swing_figure(move, of_move) for move, of_move in runs.items()},
-        recording=[Run(way, world.crane, runs[combined][way]) for way in (PD, PAPER)],
+        recording=[Run(strategy, setup.crane, runs[combined][strategy]) for strategy in (PD, PAPER)],
     )
 
 
-def _plain(way: str) -> str:
-    return way.replace("'s", "").replace(" + ", "_").replace(" ", "_").lower()
+def _plain(strategy: str) -> str:
+    return strategy.replace("'s", "").replace(" + ", "_").replace(" ", "_").lower()
 
 
-def _claims(world: common.World, move: Move, found: Mapping[str, Score]) -> list[common.Claim]:
-    pd, ours, lqr, best = (found[way] for way in (PD, PAPER, LQR, FLAT))
-    planned = flat(world.crane, *move.ends(world.crane), move.duration, period=world.control_period)
+def _claims(setup: harness.Setup, move: Move, found: Mapping[str, Score]) -> list[harness.Claim]:
+    pd, ours, lqr, best = (found[strategy] for strategy in (PD, PAPER, LQR, FLAT))
+    planned = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
     plan = float(np.linalg.norm(planned.q[:, 2:4], axis=1).max())
-    sampling = of_sampling(world.gravity, best.length, world.control_period, plan)
+    sampling = of_sampling(setup.gravity, best.length, setup.control_period, plan)
     return [
-        common.Claim(
+        harness.Claim(
             f"Combined move: within {AFTER:g} s of the arrival the paper's control settles to {1000 * CLOSE:g} mm ({_settled(ours)}), "
             f"the PD does not ({_settled(pd)}).",
             math.isfinite(ours.settled) and not math.isfinite(pd.settled),
         ),
-        common.Claim(f"The full-model LQR does, too ({_settled(lqr)}).", math.isfinite(lqr.settled)),
-        common.Claim(
+        harness.Claim(f"The full-model LQR does, too ({_settled(lqr)}).", math.isfinite(lqr.settled)),
+        harness.Claim(
             f"Flat feed-forward with LQR leaves no swing at the arrival: {1000 * best.arrival:.4f} mrad, where efforts that are held for "
-            f"{1000 * world.control_period:g} ms may leave {1000 * sampling:.4f} mrad.",
+            f"{1000 * setup.control_period:g} ms may leave {1000 * sampling:.4f} mrad.",
             best.arrival < sampling,
         ),
-        common.Claim(
+        harness.Claim(
             f"Its peak swing ({1000 * best.peak:.3f} mrad) is the planned ({1000 * plan:.3f} mrad) within the same.",
             abs(best.peak - plan) < sampling,
         ),
@@ -80,10 +83,10 @@ def _settled(found: Score) -> str:
     return f"after {found.settled:.2f} s" if math.isfinite(found.settled) else "not in that time"
 
 
-def _table(move: Move, found: Mapping[str, Score]) -> common.Table:
+def _table(move: Move, found: Mapping[str, Score]) -> harness.Table:
     rows = [
         (
-            way,
+            strategy,
             1000 * s.peak,
             1000 * s.arrival,
             1000 * s.later,
@@ -92,10 +95,10 @@ def _table(move: Move, found: Mapping[str, Score]) -> common.Table:
             *s.tracking.tolist(),
             *s.effort.tolist(),
         )
-        for way, s in found.items()
+        for strategy, s in found.items()
     ]
     columns = [
-        ("way", ""),
+        ("strategy", ""),
         ("peak [mrad]", ".2f"),
         ("at arrival", ".4f"),
         ("20 s later", ".4f"),
@@ -115,7 +118,7 @@ def _table(move: Move, found: Mapping[str, Score]) -> common.Table:
         "(7)-(10), LQR and PID are the paper's; "
         "weights, gains and durations are ours, since the paper's are not public."
     )
-    return common.Table(f"Move {move.name}: {move.start} to {move.goal} in {move.duration:g} s", columns, rows, note)
+    return harness.Table(f"Move {move.name}: {move.start} to {move.goal} in {move.duration:g} s", columns, rows, note)
 
 
 def _tracking_figure(run: Trajectory) -> Figure:
@@ -123,7 +126,7 @@ def _tracking_figure(run: Trajectory) -> Figure:
     figure, axes = panels(3, height=1.8, sharex=True)
     scale = np.degrees(1.0)
     for ax, i, name, factor in zip(axes, DRIVES, ("gamma", "x", "l"), (scale, 1.0, 1.0), strict=True):
-        ax.plot(run.t, factor * run.wanted[:, list(DRIVES).index(i)], "--", color=COLOURS["wanted"], label="wanted")
+        ax.plot(run.t, factor * run.setpoint[:, list(DRIVES).index(i)], "--", color=COLOURS["setpoint"], label="setpoint")
         ax.plot(run.t, factor * run.q[:, i], color=COLOURS[name], label="paper's control")
         ax.set_ylabel({"gamma": "γ [°]", "x": "x [m]", "l": "l [m]"}[name])
     axes[0].legend(loc="lower right")
@@ -134,10 +137,10 @@ def _tracking_figure(run: Trajectory) -> Figure:
 def _swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
     """Radial and tangential swing of each way, in the manner of the paper's Fig. 6."""
     figure, axes = panels(2, height=2.6, sharex=True)
-    colours = {PD: COLOURS["wanted"], PAPER: COLOURS["gamma"], LQR: COLOURS["l"], FLAT: COLOURS["x"]}
+    colours = {PD: COLOURS["setpoint"], PAPER: COLOURS["gamma"], LQR: COLOURS["l"], FLAT: COLOURS["x"]}
     for ax, column, name in zip(axes, ("phi_rad", "theta_rad"), ("φ", "θ"), strict=True):
-        for way, colour in colours.items():
-            ax.plot(runs[way].t, np.degrees(runs[way][column]), color=colour, label=way)
+        for strategy, colour in colours.items():
+            ax.plot(runs[strategy].t, np.degrees(runs[strategy][column]), color=colour, label=strategy)
         ax.axvline(move.duration, linestyle=":", color=COLOURS["unexplained"], linewidth=1.0)
         ax.set_ylabel(f"{name} [°]")
     axes[0].legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
@@ -147,9 +150,9 @@ def _swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = common.parser("b1", "The paper's control on single-axis and combined moves, beside PD, full-model LQR and flat feed-forward.")
-    common.add_world(made)
-    return common.conduct(made, experiment, argv)
+    made = harness.parser("b1", "The paper's control on single-axis and combined moves, beside PD, full-model LQR and flat feed-forward.")
+    harness.add_setup(made)
+    return harness.conduct(made, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Compare: every way to make a move beside every other, as planned and when load, cable, sensors and air are not as planned."""
+"""Compare: every strategy for a move beside every other, as planned and when load, cable, sensors and air are not as planned."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError, number
-from cranedyn.interfaces import Controller, State, Wanted
+from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.sweep.processes import end_with_parent
+from experiments import harness
 from experiments.compare_figures import robustness_figure, swing_figure
-from experiments.harness import conduct as common
 from experiments.scenarios.moves import DWELL, LIMITS, MOVES, SWINGING, TOUR_LIMITS, Move, Score, of_sampling, residual
-from experiments.scenarios.perturbations import CASES, NOMINAL, make
-from experiments.scenarios.strategies import FASTEST, FLAT, MPC, PAPER, PD, TIME, WAYS, mpc_period
+from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, make
+from experiments.scenarios.strategies import FASTEST, FLAT, MPC, PAPER, PD, STRATEGIES, TIME, mpc_period
 from experiments.scenarios.tours import CONTROLS
 
 COMBINED = MOVES[-1]
@@ -33,7 +33,7 @@ COMBINED = MOVES[-1]
 UNSEEING = "it does not look at the swing"
 
 RECORDED = (PD, PAPER, FLAT, TIME)
-"""Ways that are drawn into each other in the recording."""
+"""Strategies that are drawn into each other in the recording."""
 
 
 class Result(NamedTuple):
@@ -49,45 +49,45 @@ Results = dict[str, dict[str, Result]]
 """By way, then by case."""
 
 
-def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Make every move in every way, the combined one under every case, and the tour."""
     from cranedyn.recording import Run
 
-    ways = options.only or list(WAYS)
-    alone = replace(world, watcher=common.Watcher(None))
+    strategies = options.only or list(STRATEGIES)
+    alone = replace(setup, reporter=harness.ProgressReporter(None))
     moves = [*MOVES, SWINGING]
     with _workers(options.jobs) as workers:
         tasks: dict[Future[dict[str, Result]], tuple[Move, str]] = {
-            workers.submit(_made, alone, move, way, move == COMBINED): (move, way) for move in moves for way in ways
+            workers.submit(_made, alone, move, strategy, move == COMBINED): (move, strategy) for move in moves for strategy in strategies
         }
         tours: dict[Future[Toured | str], str] = {workers.submit(_toured, alone, control): control for control in CONTROLS}
-        update = world.watcher.count("comparison", len(tasks) + len(tours))
+        update = setup.reporter.count("comparison", len(tasks) + len(tours))
         everything: list[Future[Any]] = [*tasks, *tours]
         for done, _ in enumerate(as_completed(everything), start=1):
             update(done)
     of_move: dict[str, Results] = {move.name: {} for move in moves}
-    for task, (move, way) in tasks.items():
-        of_move[move.name][way] = task.result()
+    for task, (move, strategy) in tasks.items():
+        of_move[move.name][strategy] = task.result()
     combined = of_move[COMBINED.name]
-    runs = {way: found[NOMINAL.name].run for way, found in combined.items()}
-    kept = {way: run for way, run in runs.items() if run is not None}
-    return common.Outcome(
+    runs = {strategy: found[NOMINAL.name].run for strategy, found in combined.items()}
+    kept = {strategy: run for strategy, run in runs.items() if run is not None}
+    return harness.Outcome(
         tables=[
             *(_table(move, of_move[move.name]) for move in moves),
             *(_drives_table(move, of_move[move.name]) for move in moves),
             _tour_table({control: task.result() for task, control in tours.items()}),
             *_case_tables(combined),
         ],
-        claims=[*_claims(world, combined), *_in_time(world, of_move.values())],
-        parameters=world.parameters()
+        claims=[*_claims(setup, combined), *_in_time(setup, of_move.values())],
+        parameters=setup.parameters()
         | {
             "rate_limits": list(LIMITS.rates),
             "acceleration_limits": list(LIMITS.accelerations),
             "moves": {move.name: [move.start, move.goal, move.duration, move.swing] for move in moves},
         },
-        trajectories={f"compare_{_plain(way)}": run for way, run in kept.items()},
+        trajectories={f"compare_{_plain(strategy)}": run for strategy, run in kept.items()},
         figures={"swing": swing_figure(COMBINED, kept), "robustness": robustness_figure(combined)},
-        recording=[Run(way, world.crane, kept[way]) for way in RECORDED if way in kept],
+        recording=[Run(strategy, setup.crane, kept[strategy]) for strategy in RECORDED if strategy in kept],
     )
 
 
@@ -109,21 +109,21 @@ def _workers(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _made(world: common.World, move: Move, way: str, all_cases: bool) -> dict[str, Result]:
+def _made(setup: harness.Setup, move: Move, strategy: str, all_cases: bool) -> dict[str, Result]:
     """A move in one way, as planned and perhaps under every case; what breaks off or cannot be is told, not raised."""
     try:
-        plan = WAYS[way](world, move)
+        plan = STRATEGIES[strategy](setup, move)
     except CraneError as error:
         return {NOMINAL.name: Result(None, str(error))}
     found = {}
-    for case in CASES if all_cases else (NOMINAL,):
-        if case.sensors_only and not plan.looks:
+    for case in PERTURBATIONS if all_cases else (NOMINAL,):
+        if case.sensors_only and not plan.uses_swing_sensor:
             found[case.name] = Result(None, UNSEEING)
             continue
         calls: list[float] = []
-        noted = plan._replace(controller=partial(_timed, plan.controller, calls)) if way == MPC else plan
+        noted = plan._replace(controller=partial(_timed, plan.controller, calls)) if strategy == MPC else plan
         try:
-            run, scored = make(world, move, noted, case)
+            run, scored = make(setup, move, noted, case)
             found[case.name] = Result(scored, "", run if case == NOMINAL and all_cases else None, np.array(calls))
         except CraneError as error:
             if isinstance(error.__context__, KeyboardInterrupt):
@@ -136,9 +136,9 @@ def _timed(make_controller: Callable[[], Controller], calls: list[float]) -> Con
     """A controller that notes the processor time of each call [s], to which other work of the machine adds nothing."""
     controller = make_controller()
 
-    def timed(t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def timed(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         began = time.thread_time()
-        command = controller(t, state, wanted)
+        command = controller(t, state, setpoint)
         calls.append(time.thread_time() - began)
         return command
 
@@ -155,28 +155,28 @@ class Toured(NamedTuple):
     peak: float
 
 
-def _toured(world: common.World, control: str) -> Toured | str:
+def _toured(setup: harness.Setup, control: str) -> Toured | str:
     """The seven legs under one control, or why not."""
     try:
-        return _tour(world, control)
+        return _tour(setup, control)
     except CraneError as error:
         if isinstance(error.__context__, KeyboardInterrupt):
             raise KeyboardInterrupt from None
         return str(error)
 
 
-def _tour(world: common.World, control: str) -> Toured:
-    reference, controller = CONTROLS[control](world, TOUR_LIMITS, DWELL)
-    duration = world.control_period * round(reference.duration / world.control_period)
-    run = world.simulate(world.crane, controller, reference, start=world.crane.start, duration=duration, label="")
+def _tour(setup: harness.Setup, control: str) -> Toured:
+    reference, controller = CONTROLS[control](setup, TOUR_LIMITS, DWELL)
+    duration = setup.control_period * round(reference.duration / setup.control_period)
+    run = setup.simulate(setup.crane, controller, reference, start=setup.crane.start, duration=duration, label="")
     rests = [run.between(stage.arrival, stage.end) for stage in reference.stages]
     left = [1000.0 * residual(rest) for rest in rests]
     hook = max(swing * float(rest.q[-1, 4]) for swing, rest in zip(left, rests, strict=True))
     return Toured(duration, max(left), float(np.mean(left)), hook, 1000.0 * float(np.linalg.norm(run.q[:, 2:4], axis=1).max()))
 
 
-def _plain(way: str) -> str:
-    return way.replace("'s", "").replace(",", "").replace(" + ", "_").replace(" ", "_").lower()
+def _plain(strategy: str) -> str:
+    return strategy.replace("'s", "").replace(",", "").replace(" + ", "_").replace(" ", "_").lower()
 
 
 def _seconds(value: float) -> float | None:
@@ -192,75 +192,86 @@ def _reasons(results: Mapping[str, Result]) -> str:
     return "".join(f" {', '.join(names)}: {why}" for why, names in reasons.items())
 
 
-def _table(move: Move, found: Results) -> common.Table:
-    columns = [("way", ""), ("arrives [s]", ".2f"), ("peak [mrad]", ".1f"), ("at arrival [mrad]", ".3g"), ("hook [mm]", ".4g")]
+def _table(move: Move, found: Results) -> harness.Table:
+    columns = [("strategy", ""), ("arrives [s]", ".2f"), ("peak [mrad]", ".1f"), ("at arrival [mrad]", ".3g"), ("hook [mm]", ".4g")]
     columns += [("20 s later [mrad]", ".3g"), ("settled [s]", ".2f"), ("cycle [s]", ".2f")]
-    nominal = {way: results[NOMINAL.name] for way, results in found.items()}
+    nominal = {strategy: results[NOMINAL.name] for strategy, results in found.items()}
     rows = [
-        (way, s.arrives, 1e3 * s.peak, 1e3 * s.arrival, 1e3 * s.arrival * s.length, 1e3 * s.later, _seconds(s.settled), _seconds(s.cycle))
+        (
+            strategy,
+            s.arrives,
+            1e3 * s.peak,
+            1e3 * s.arrival,
+            1e3 * s.arrival * s.length,
+            1e3 * s.later,
+            _seconds(s.settled),
+            _seconds(s.cycle),
+        )
         if s
-        else (way, *[None] * 7)
-        for way, s in ((way, result.score) for way, result in nominal.items())
+        else (strategy, *[None] * 7)
+        for strategy, s in ((strategy, result.score) for strategy, result in nominal.items())
     ]
     note = (
         "Amplitudes of the swing; hook: the same at the hook on arrival; settled: time after it from which the payload stays within 10 mm "
         f"of its goal, a dash where it does not in 20 s; cycle: from the start until then.{_reasons(nominal)}"
     )
-    return common.Table(f"Move {move.name}: {move.start} to {move.goal}", columns, rows, note)
+    return harness.Table(f"Move {move.name}: {move.start} to {move.goal}", columns, rows, note)
 
 
-def _drives_table(move: Move, found: Results) -> common.Table:
+def _drives_table(move: Move, found: Results) -> harness.Table:
     names = [f"{drive} {kind} [{unit}]" for kind in ("peak", "RMS") for drive, unit in (("T_γ", "kN m"), ("F_x", "kN"), ("F_l", "kN"))]
     rows = [
-        (way, *(1e-3 * s.effort).tolist(), *(1e-3 * s.rms).tolist(), 1e-3 * s.work, s.rate, s.acceleration)
-        for way, s in ((way, results[NOMINAL.name].score) for way, results in found.items())
+        (strategy, *(1e-3 * s.effort).tolist(), *(1e-3 * s.rms).tolist(), 1e-3 * s.work, s.rate, s.acceleration)
+        for strategy, s in ((strategy, results[NOMINAL.name].score) for strategy, results in found.items())
         if s
     ]
     note = (
         "Efforts beyond holding the load at rest; work: what the drives put in, not counting what they took back; rate, acc.: largest rate "
         "and acceleration as a share of the limits that the plans keep. Feedback is limited by effort only."
     )
-    columns = [("way", ""), *((name, ".2f") for name in names), ("work [kJ]", ".1f"), ("rate", ".2f"), ("acc.", ".2f")]
-    return common.Table(f"What move {move.name} asks of the drives", columns, rows, note)
+    columns = [("strategy", ""), *((name, ".2f") for name in names), ("work [kJ]", ".1f"), ("rate", ".2f"), ("acc.", ".2f")]
+    return harness.Table(f"What move {move.name} asks of the drives", columns, rows, note)
 
 
-def _tour_table(tours: Mapping[str, Toured | str]) -> common.Table:
+def _tour_table(tours: Mapping[str, Toured | str]) -> harness.Table:
     columns = [("control", ""), ("cycle [s]", ".1f"), ("worst dwell [mrad]", ".4g"), ("mean of dwells [mrad]", ".4g")]
     columns += [("worst at the hook [mm]", ".4g"), ("peak on the way [mrad]", ".1f")]
     rows = [(control, *([None] * 5 if isinstance(found, str) else found)) for control, found in tours.items()]
     reasons = "".join(f" {control}: {found}" for control, found in tours.items() if isinstance(found, str))
     note = f"Half the way across, radial and tangential together.{reasons}"
-    return common.Table("The article's seven legs as one tour", columns, rows, note)
+    return harness.Table("The article's seven legs as one tour", columns, rows, note)
 
 
-def _case_tables(found: Results) -> Iterator[common.Table]:
-    columns = [("way", ""), *((case.name, ".3g") for case in CASES)]
+def _case_tables(found: Results) -> Iterator[harness.Table]:
+    columns = [("strategy", ""), *((case.name, ".3g") for case in PERTURBATIONS)]
     for title, value in (
         ("Swing 20 s after the arrival [mrad], combined move", lambda s: 1e3 * s.later),
         ("Settled within 10 mm [s after the arrival], combined move", lambda s: _seconds(s.settled)),
     ):
         rows = [
-            (way, *(value(r.score) if (r := results.get(case.name)) and r.score else None for case in CASES))
-            for way, results in found.items()
+            (strategy, *(value(r.score) if (r := results.get(case.name)) and r.score else None for case in PERTURBATIONS))
+            for strategy, results in found.items()
         ]
-        reasons = _reasons({f"{way}, {case}": r for way, results in found.items() for case, r in results.items() if r.why != UNSEEING})
+        reasons = _reasons(
+            {f"{strategy}, {case}": r for strategy, results in found.items() for case, r in results.items() if r.why != UNSEEING}
+        )
         note = f"A dash: it does not look at the swing, or does not settle in 20 s, or breaks off.{reasons}"
-        yield common.Table(title, columns, rows, note)
+        yield harness.Table(title, columns, rows, note)
 
 
-def _claims(world: common.World, found: Results) -> list[common.Claim]:
-    def score(way: str, case: str = NOMINAL.name) -> Score | None:
-        result = found.get(way, {}).get(case)
+def _claims(setup: harness.Setup, found: Results) -> list[harness.Claim]:
+    def score(strategy: str, case: str = NOMINAL.name) -> Score | None:
+        result = found.get(strategy, {}).get(case)
         return result.score if result else None
 
     claims = []
     flat, shortest = score(FLAT), score(TIME)
     if flat:
-        sampling = of_sampling(world.gravity, flat.length, world.control_period, flat.peak)
+        sampling = of_sampling(setup.gravity, flat.length, setup.control_period, flat.peak)
         claims.append(
-            common.Claim(
+            harness.Claim(
                 f"On arrival flat paths with LQR leave no swing: {1e3 * flat.arrival:.4f} mrad, where efforts that are held for "
-                f"{1e3 * world.control_period:g} ms may leave {1e3 * sampling:.4f} mrad.",
+                f"{1e3 * setup.control_period:g} ms may leave {1e3 * sampling:.4f} mrad.",
                 flat.arrival < sampling,
             )
         )
@@ -268,15 +279,15 @@ def _claims(world: common.World, found: Results) -> list[common.Claim]:
     if loads:
         slowest = max(s.settled for s in loads)
         claims.append(
-            common.Claim(
+            harness.Claim(
                 f"With half or one and a half of the load they settle within a second of the arrival ({slowest:.2f} s).", slowest < 1.0
             )
         )
-    others = {way: s.cycle for way in found if way != TIME and (s := score(way))}
+    others = {strategy: s.cycle for strategy in found if strategy != TIME and (s := score(strategy))}
     if shortest and FASTEST in others:
-        second = min(others, key=lambda way: others[way])
+        second = min(others, key=lambda strategy: others[strategy])
         claims.append(
-            common.Claim(
+            harness.Claim(
                 f"Under the same limits the move of least time settles before any other ({shortest.cycle:.2f} s; next is {second} after "
                 f"{others[second]:.2f} s).",
                 shortest.cycle < others[second],
@@ -285,15 +296,15 @@ def _claims(world: common.World, found: Results) -> list[common.Claim]:
     return claims
 
 
-def _in_time(world: common.World, moves: Iterable[Results]) -> list[common.Claim]:
+def _in_time(setup: harness.Setup, moves: Iterable[Results]) -> list[harness.Claim]:
     """Whether the MPC is done within its period, in every period of every run."""
     runs = [result.calls for found in moves for result in found.get(MPC, {}).values() if len(result.calls)]
     if not runs:
         return []
-    calls, period = np.concatenate(runs), mpc_period(world)
-    solves = np.concatenate([run[:: round(period / world.control_period)] for run in runs])
+    calls, period = np.concatenate(runs), mpc_period(setup)
+    solves = np.concatenate([run[:: round(period / setup.control_period)] for run in runs])
     return [
-        common.Claim(
+        harness.Claim(
             f"The MPC is done within its period of {1e3 * period:g} ms: it takes {1e3 * calls.max():.2g} ms of processor time at most, "
             f"{1e3 * np.median(solves):.2g} ms in the median, in {len(solves):,} periods on this machine.",
             bool(calls.max() < period),
@@ -303,13 +314,13 @@ def _in_time(world: common.World, moves: Iterable[Results]) -> list[common.Claim
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = common.parser(
-        "compare", "Every way to make a move, on the same moves and limits, as planned and when things are not as planned."
+    made = harness.parser(
+        "compare", "every strategy for a move, on the same moves and limits, as planned and when things are not as planned."
     )
-    common.add_world(made, "damp_swing")
-    made.add_argument("--only", nargs="+", choices=WAYS, metavar="WAY", help=f"only these ways, of: {', '.join(WAYS)}")
+    harness.add_setup(made, "damp_swing")
+    made.add_argument("--only", nargs="+", choices=STRATEGIES, metavar="WAY", help=f"only these ways, of: {', '.join(STRATEGIES)}")
     made.add_argument("--jobs", type=int, default=None, metavar="N", help="processes, by default one for each processor")
-    return common.conduct(made, experiment, argv)
+    return harness.conduct(made, experiment, argv)
 
 
 if __name__ == "__main__":

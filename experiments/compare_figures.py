@@ -21,10 +21,10 @@ def _shades(count: int) -> list[Any]:
 def swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
     """Swing of each way over time, one strip for each on the same scale."""
     figure, axes = panels(max(len(runs), 1), height=0.75, sharex=True, sharey=True)
-    for ax, (way, run), shade in zip(axes, runs.items(), _shades(len(runs)), strict=False):
+    for ax, (strategy, run), shade in zip(axes, runs.items(), _shades(len(runs)), strict=False):
         ax.plot(run.t, np.degrees(np.linalg.norm(run.q[:, 2:4], axis=1)), color=shade)
         ax.axvline(move.duration, linestyle=":", color="#999999", linewidth=1.0)
-        ax.text(1.0, 0.95, way, transform=ax.transAxes, ha="right", va="top", fontsize=9.0)
+        ax.text(1.0, 0.95, strategy, transform=ax.transAxes, ha="right", va="top", fontsize=9.0)
     axes[-1].set_xlabel(f"time [s]; dotted: {move.duration:g} s")
     figure.supylabel("swing, radial and tangential together [°]", fontsize=11.0)
     return figure
@@ -32,14 +32,18 @@ def swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
 
 def robustness_figure(found: Mapping[str, Mapping[str, Any]]) -> Figure:
     """Swing 20 s after the arrival of each way under each case, on a logarithmic scale."""
-    ways = list(found)
-    figure, (ax,) = panels(height=1.2 + 0.38 * len(ways))
+    strategies = list(found)
+    figure, (ax,) = panels(height=1.2 + 0.38 * len(strategies))
     cases = list(dict.fromkeys(case for results in found.values() for case in results))
     for case, shade, offset in zip(cases, _shades(len(cases)), np.linspace(0.3, -0.3, len(cases)), strict=True):
-        points = [(1e3 * r.score.later, len(ways) - i + offset) for i, way in enumerate(ways) if (r := found[way].get(case)) and r.score]
+        points = [
+            (1e3 * r.score.later, len(strategies) - i + offset)
+            for i, strategy in enumerate(strategies)
+            if (r := found[strategy].get(case)) and r.score
+        ]
         if points:
             ax.plot(*zip(*points, strict=True), "o", markersize=4.5, color=shade, label=case)
-    ax.set(xscale="log", xlabel="swing 20 s after the arrival [mrad]", yticks=range(len(ways), 0, -1), yticklabels=ways)
+    ax.set(xscale="log", xlabel="swing 20 s after the arrival [mrad]", yticks=range(len(strategies), 0, -1), yticklabels=strategies)
     if ax.lines:  # some way could be made
         ax.legend(ncols=5, loc="lower left", bbox_to_anchor=(-0.3, 1.0), fontsize=9.0)
     return figure

@@ -19,14 +19,15 @@ from cranedyn import theory
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.command import interrupted
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
+from cranedyn.data.files import make_folder
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, number
 from cranedyn.interfaces import Controller
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references.itinerary import Stage, Timetable
 from cranedyn.references.limits import Limits
+from experiments import harness
 from experiments.endless import PART, Dwell, Dwells, Record, part_of
-from experiments.harness import conduct as common
 from experiments.scenarios.moves import CLOSE, DWELL, TOUR_LIMITS, of_sampling
 from experiments.scenarios.tours import CONTROLS
 
@@ -43,38 +44,38 @@ PACES = "0.001 to 1e6"
 """How many times real time the demo may go: slower, a piece would not end in minutes."""
 
 
-def pieces(world: common.World, tour: Timetable, controller: Controller, until: float) -> Iterator[Trajectory]:
+def pieces(setup: harness.Setup, tour: Timetable, controller: Controller, until: float) -> Iterator[Trajectory]:
     """Simulate the tour piece by piece up to a time [s], which may be infinite."""
-    crane, state, now = world.crane, world.crane.start, 0.0
-    while until - now > world.control_period / 2.0:
-        stage, cycle = tour.stage(now + world.control_period / 2.0)
-        length = world.control_period * max(1, math.ceil(min(PIECE, until - now, cycle + stage.end - now) / world.control_period - 1e-6))
-        piece = world.simulate(crane, controller, tour, start=state, since=now, duration=length, label="")
+    crane, state, now = setup.crane, setup.crane.start, 0.0
+    while until - now > setup.control_period / 2.0:
+        stage, cycle = tour.stage(now + setup.control_period / 2.0)
+        length = setup.control_period * max(1, math.ceil(min(PIECE, until - now, cycle + stage.end - now) / setup.control_period - 1e-6))
+        piece = setup.simulate(crane, controller, tour, start=state, since=now, duration=length, label="")
         state, now = piece.state(-1), float(piece.t[-1])
         yield piece
 
 
-def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run until the cycles are done or the user interrupts; either way everything so far is kept."""
     from cranedyn.recording import Run
 
-    world = replace(world, watcher=common.Watcher(None))
+    setup = replace(setup, reporter=harness.ProgressReporter(None))
     if options.payload_mass is not None:
-        if "payload_mass" in world.values:
+        if "payload_mass" in setup.values:
             raise CraneError("payload_mass is given twice, by --payload-mass and by --set; leave one out.")
-        world = replace(world, values={**world.values, "payload_mass": options.payload_mass})
+        setup = replace(setup, values={**setup.values, "payload_mass": options.payload_mass})
     pace = options.pace if options.pace is not None else (1.0 if options.view or options.serve else None)
     limits = Limits((options.rate_slew, options.rate_x, options.rate_hoist), TOUR_LIMITS.accelerations)
-    tour, controller = CONTROLS[options.control](world, limits, number("dwell", options.dwell, "s", "> 0"))
+    tour, controller = CONTROLS[options.control](setup, limits, number("dwell", options.dwell, "s", "> 0"))
     until = math.inf if options.cycles is None else number("cycles", options.cycles, "", "> 0") * tour.duration
-    if until < world.control_period:
-        raise OutOfRange("cycles", options.cycles, f"{world.control_period / tour.duration:.3g} or more, one control period")
-    bare = None if options.control == "none" else Bare(world, limits, options.dwell)
-    show = _Show(options, world, tour, bare, None if pace is None else number("pace", pace, "", PACES))
-    run = show.run(pieces(world, tour, controller, until))
+    if until < setup.control_period:
+        raise OutOfRange("cycles", options.cycles, f"{setup.control_period / tour.duration:.3g} or more, one control period")
+    bare = None if options.control == "none" else Bare(setup, limits, options.dwell)
+    show = _Show(options, setup, tour, bare, None if pace is None else number("pace", pace, "", PACES))
+    run = show.run(pieces(setup, tour, controller, until))
     rows, parts = show.dwells.rows, [part.name for part in show.record.parts]
     tables = [_table(rows, options.control, float(run.t[0]), parts)]
-    claims = _bare(world, tour, show.dwells) if rows and options.control == "none" else []
+    claims = _bare(setup, tour, show.dwells) if rows and options.control == "none" else []
     runs, kept = {"demo" if bare is None else f"with {options.control}": run}, {"demo": run}
     if bare is not None and (other := bare.run(float(run.t[-1]))) is not None:
         kept["demo_before"] = other
@@ -84,27 +85,27 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
         tables.append(_table(before, "none"))
         claims = [_better(rows, before, options.control)] if rows and before else []
         if options.control == "flat" and rows:
-            claims.append(_nothing(world, show.dwells))
-    return common.Outcome(
+            claims.append(_nothing(setup, show.dwells))
+    return harness.Outcome(
         tables=tables,
         claims=claims,
-        parameters=world.parameters()
+        parameters=setup.parameters()
         | {"rates": list(limits.rates), "accelerations": list(limits.accelerations), "dwell_s": options.dwell, "control": options.control}
         | ({"earlier_parts": parts} if parts else {}),
         trajectories=kept,
         figures={"swing": _figure(tour, run)},
-        recording=[Run(name, world.crane, what) for name, what in runs.items()],
+        recording=[Run(name, setup.crane, what) for name, what in runs.items()],
     )
 
 
 class Bare:
     """The same tour without swing control, simulated alongside for as long as all of it is kept."""
 
-    def __init__(self, world: common.World, limits: Limits, dwell: float) -> None:
+    def __init__(self, setup: harness.Setup, limits: Limits, dwell: float) -> None:
         """Begin at the start of the tour."""
-        tour, brake = CONTROLS["none"](world, limits, dwell)
-        self._coming, self._done, self._broken = pieces(world, tour, brake, 2.0 * PART), list[Trajectory](), False
-        self.dwells = Dwells(tour, world.control_period)
+        tour, brake = CONTROLS["none"](setup, limits, dwell)
+        self._coming, self._done, self._broken = pieces(setup, tour, brake, 2.0 * PART), list[Trajectory](), False
+        self.dwells = Dwells(tour, setup.control_period)
 
     def follow(self, t: float) -> None:
         """Simulate up to a time [s], the end of what is kept, or where it breaks off, which is said."""
@@ -128,7 +129,7 @@ class Bare:
         return join(self._done).before(t + 1e-9) if self._done and not self._broken else None
 
 
-def _table(rows: Sequence[Dwell], control: str, begin: float = 0.0, parts: Sequence[str] = ()) -> common.Table:
+def _table(rows: Sequence[Dwell], control: str, begin: float = 0.0, parts: Sequence[str] = ()) -> harness.Table:
     columns = [("leg", ""), ("arrives [s]", ".1f"), ("residual swing [mrad]", ".4g"), ("at the hook [mm]", ".4g")]
     title = "Swing that is left in the dwells, " + ("without swing control" if control == "none" else f"control {control}")
     note = "Half the way across, radial and tangential together."
@@ -136,23 +137,23 @@ def _table(rows: Sequence[Dwell], control: str, begin: float = 0.0, parts: Seque
         note += f" The last {MOST_ROWS} of {len(rows)} dwells."
     if parts:
         note += f" What happened before t = {begin:.0f} s is in {', '.join(parts if len(parts) < 3 else [parts[0], '…', parts[-1]])}."
-    return common.Table(title, columns, rows[-MOST_ROWS:], note)
+    return harness.Table(title, columns, rows[-MOST_ROWS:], note)
 
 
-def _bare(world: common.World, tour: Timetable, dwells: Dwells) -> list[common.Claim]:
+def _bare(setup: harness.Setup, tour: Timetable, dwells: Dwells) -> list[harness.Claim]:
     """Without swing control: it keeps swinging, and after the first leg as the closed form says."""
-    least, hook = min(row.swing for row in dwells.rows), min(row.way for row in dwells.rows)
+    least, hook = min(row.swing for row in dwells.rows), min(row.strategy for row in dwells.rows)
     q, v = dwells.first
-    found = float(swing_amplitude(q[None, 2:4], v[None, 2:4], q[4], world.gravity)[0])
-    closed, allowed = started_and_stopped(world, tour.stages[0], float(q[4]))
-    limited = bool((dwells.effort >= world.crane.effort_limit).any())
+    found = float(swing_amplitude(q[None, 2:4], v[None, 2:4], q[4], setup.gravity)[0])
+    closed, allowed = started_and_stopped(setup, tour.stages[0], float(q[4]))
+    limited = bool((dwells.effort >= setup.crane.effort_limit).any())
     return [
-        common.Claim(
+        harness.Claim(
             f"Without swing control the load keeps swinging in every dwell: {least:.1f} mrad and {hook:.0f} mm at the hook at least, where "
             f"{1000 * CLOSE:g} mm count as settled.",
             hook > 1000.0 * CLOSE,
         ),
-        common.Claim(
+        harness.Claim(
             f"After the first leg it swings {1000 * found:.1f} mrad; a trolley that starts and stops at once leaves "
             f"{1000 * closed:.1f} mrad by closed form, to which a finite swing adds or takes {1000 * allowed:.1f} mrad at most.",
             None if limited else abs(found - closed) < allowed,
@@ -160,36 +161,36 @@ def _bare(world: common.World, tour: Timetable, dwells: Dwells) -> list[common.C
     ]
 
 
-def started_and_stopped(world: common.World, stage: Stage, length: float) -> tuple[float, float]:
+def started_and_stopped(setup: harness.Setup, stage: Stage, length: float) -> tuple[float, float]:
     """Swing left by a leg of the trolley at a constant rate v in a time T on a cable [m], and what finite swing may change of it [rad].
 
     Start and stop leave A = 2 v/√(g l) at most, and A |sin ωT/2| together. The drive lags by k_d/k_p, which takes √(1 + (ω k_d/k_p)²)
     off a swing of the frequency ω, and gives way a little. A finite swing changes A² of the swing, and A²/16 of its phase.
     """
-    crane, duration = world.crane, stage.arrival - stage.begin
+    crane, duration = setup.crane, stage.arrival - stage.begin
     reduced = length + (crane.payload_inertia + crane.dummy_inertia[0]) / (crane.payload_mass * length)
-    give = theory.pivot_give(reduced, world.gravity, crane.payload_mass, STIFFNESS[1])[0]
-    omega = 2.0 * math.pi / (float(theory.point_period(reduced, world.gravity)) * (1.0 + give))
+    give = theory.pivot_compliance(reduced, setup.gravity, crane.payload_mass, STIFFNESS[1])[0]
+    omega = 2.0 * math.pi / (float(theory.point_period(reduced, setup.gravity)) * (1.0 + give))
     rate = abs(float(stage.target[1] - stage.origin[1])) / duration
-    most = 2.0 * rate / math.sqrt(world.gravity * reduced) / math.hypot(1.0, omega * DAMPING[1] / STIFFNESS[1])
+    most = 2.0 * rate / math.sqrt(setup.gravity * reduced) / math.hypot(1.0, omega * DAMPING[1] / STIFFNESS[1])
     return most * abs(math.sin(omega * duration / 2.0)), most**3 * (1.0 + omega * duration / 16.0)
 
 
-def _better(after: Sequence[Dwell], before: Sequence[Dwell], control: str) -> common.Claim:
+def _better(after: Sequence[Dwell], before: Sequence[Dwell], control: str) -> harness.Claim:
     """Dwell by dwell: each leaves a quarter of what the same dwell leaves without control, or less."""
     pairs = [(row.swing, other.swing) for row, other in zip(after, before, strict=False)]
     worst = max(with_control / without for with_control, without in pairs)
-    return common.Claim(
+    return harness.Claim(
         f"With {control} every dwell has at most a quarter of its swing without control (worst: 1/{1 / worst:.0f}).", worst < 0.25
     )
 
 
-def _nothing(world: common.World, dwells: Dwells) -> common.Claim:
+def _nothing(setup: harness.Setup, dwells: Dwells) -> harness.Claim:
     """Flat paths leave nothing: what is left is what the sampling of the efforts makes of the swing on the way."""
     left, peak = max(row.swing for row in dwells.rows), dwells.peak
-    allowed = 1000.0 * of_sampling(world.gravity, dwells.shortest, world.control_period, peak)
-    return common.Claim(
-        f"Flat paths leave no swing: {left:.4f} mrad at most, where efforts that are held for {1000 * world.control_period:g} ms may leave "
+    allowed = 1000.0 * of_sampling(setup.gravity, dwells.shortest, setup.control_period, peak)
+    return harness.Claim(
+        f"Flat paths leave no swing: {left:.4f} mrad at most, where efforts that are held for {1000 * setup.control_period:g} ms may leave "
         f"{allowed:.4f} of {1000 * peak:.1f} mrad on the way.",
         left < allowed,
     )
@@ -209,7 +210,7 @@ def _figure(tour: Timetable, run: Trajectory) -> Figure:
                 swing.axvspan(
                     max(cycle + stage.arrival, run.t[0]),
                     min(cycle + stage.end, run.t[-1]),
-                    color=COLOURS["wanted"],
+                    color=COLOURS["setpoint"],
                     alpha=0.25,
                     linewidth=0,
                 )
@@ -222,10 +223,10 @@ def _figure(tour: Timetable, run: Trajectory) -> Figure:
 class _Show:
     """Simulates, announces, streams; keeps what happened until the end or the interruption."""
 
-    def __init__(self, options: argparse.Namespace, world: common.World, tour: Timetable, bare: Bare | None, pace: float | None) -> None:
-        self._options, self._world, self._tour, self._bare, self._pace = options, world, tour, bare, pace
+    def __init__(self, options: argparse.Namespace, setup: harness.Setup, tour: Timetable, bare: Bare | None, pace: float | None) -> None:
+        self._options, self._world, self._tour, self._bare, self._pace = options, setup, tour, bare, pace
         self._console = Console(highlight=False)
-        self.record, self.dwells = Record(options.folder / "demo.parquet"), Dwells(tour, world.control_period)
+        self.record, self.dwells = Record(options.folder / "demo.parquet"), Dwells(tour, setup.control_period)
 
     def run(self, pieces: Iterator[Trajectory]) -> Trajectory:
         """What is kept in memory of the pieces, the last minutes."""
@@ -258,7 +259,7 @@ class _Show:
         if self._bare is not None:
             self._bare.follow(float(piece.t[-1]))
         if (left := self.dwells.add(piece)) is not None:
-            self._console.print(f"            the load still swings {left.swing:.1f} mrad, {left.way:.0f} mm at the hook")
+            self._console.print(f"            the load still swings {left.swing:.1f} mrad, {left.strategy:.0f} mm at the hook")
 
 
 class _Sinks:
@@ -267,7 +268,7 @@ class _Sinks:
     Rerun keeps some 40 kB for each second in memory until a file is closed, so a long one comes in parts. What a viewer is shown has none.
     """
 
-    def __init__(self, options: argparse.Namespace, world: common.World, stack: ExitStack) -> None:
+    def __init__(self, options: argparse.Namespace, setup: harness.Setup, stack: ExitStack) -> None:
         """Open what the options ask for, until the stack is left."""
         from cranedyn import recording
 
@@ -278,8 +279,8 @@ class _Sinks:
             server = stack.enter_context(recording.serve(port=options.port))
             viewer = server.data
             print(server.words)
-        common.make_folder(options.folder)
-        self._live = partial(recording.Live, world.crane, "demo", title="The demo under way")
+        make_folder(options.folder)
+        self._live = partial(recording.Live, setup.crane, "demo", title="The demo under way")
         self._path, self._begin = options.recording, 0.0
         self._shown = [stack.enter_context(self._live(viewer=viewer))] if viewer else []
         self._file = self._live(file=self._path)
@@ -305,8 +306,8 @@ class _Sinks:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = common.parser("demo", "The seven legs of the article's demonstration, until Ctrl-C, and the swing that is left in every dwell.")
-    common.add_world(made)
+    made = harness.parser("demo", "The seven legs of the article's demonstration, until Ctrl-C, and the swing that is left in every dwell.")
+    harness.add_setup(made)
     made.set_defaults(live=True)
     made.add_argument(
         "--control",
@@ -328,7 +329,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         help=f"times real time, {PACES}; 1 with --view or --serve if not given, else as fast as it goes",
     )
     made.add_argument("--payload-mass", type=float, default=None, metavar="M", help="payload [kg], short for --set payload_mass:=M")
-    return common.conduct(made, experiment, argv)
+    return harness.conduct(made, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -72,7 +72,7 @@ class Dwell(NamedTuple):
     leg: str
     arrival: float
     swing: float
-    way: float
+    strategy: float
 
 
 class Dwells:

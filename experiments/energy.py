@@ -19,11 +19,11 @@ from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import energy, payload_position
 from cranedyn.errors import DataError, number
-from cranedyn.interfaces import State, Watch
+from cranedyn.interfaces import State, Validity
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import spline
-from experiments.harness import conduct as common
+from experiments import harness
 
 SWING, LENGTH, AUDIT, LONG = 0.15, 15.0, 6.0, 60.0
 """Swing at the start [rad], cable length [m], time of the audit and of the long run [s]."""
@@ -39,10 +39,10 @@ PUBLISHED = (1651.8, 19.3, -30.7, -1601.8)
 """The article's ledger while a plugin overwrote its passive joints [J]: energy at 0 and 6 s, work of the drives, unexplained."""
 
 
-def run(world: common.World, crane: Crane, swing: float, length: float, duration: float) -> Trajectory:
+def run(setup: harness.Setup, crane: Crane, swing: float, length: float, duration: float) -> Trajectory:
     """Let the load swing from rest [rad] on a cable [m] with the drives held."""
     start = crane.state(l=length, phi=swing)
-    return world.simulate(crane, hold_controller(crane), None, start=start, duration=duration, label=f"dt = {1000 * world.dt:g} ms")
+    return setup.simulate(crane, hold_controller(crane), None, start=start, duration=duration, label=f"dt = {1000 * setup.dt:g} ms")
 
 
 def swing_energy(crane: Crane, trajectory: Trajectory) -> np.ndarray:
@@ -58,17 +58,19 @@ def half_step(crane: Crane, trajectory: Trajectory, dt: float) -> float:
     return dt / 2.0 * crane.payload_mass * crane.gravity * float(np.abs(np.gradient(height, trajectory.t)).max())
 
 
-def lowered(world: common.World, length: float) -> tuple[float, float]:
+def lowered(setup: harness.Setup, length: float) -> tuple[float, float]:
     """Lower a plumb load by a tenth of the cable [m]: what the ledger leaves open at most, and what rounding may leave [J].
 
     No force depends on a velocity there and no inertia changes, so that the step keeps the balance of energy exactly, if positions are
     taken back by the half step that they are ahead of the velocities, in the energy here and in the work of the drives by the log.
     """
-    crane = world.variant(damp_slew=0, damp_trolley=0, damp_swing=0, damp_hoist=0)
+    crane = setup.variant(damp_slew=0, damp_trolley=0, damp_swing=0, damp_hoist=0)
     start = crane.state(l=length)
     reference = spline(start, [(*start.q[:2], 1.1 * length)], [AUDIT])
-    made = world.simulate(crane, hold_controller(crane), reference, start=start, duration=AUDIT, label="a plumb load lowered", watch="mark")
-    level = np.array([energy(crane, State(q - world.dt / 2.0 * v, v)) for q, v in zip(made.q, made.v, strict=True)])
+    made = setup.simulate(
+        crane, hold_controller(crane), reference, start=start, duration=AUDIT, label="a plumb load lowered", validity="mark"
+    )
+    level = np.array([energy(crane, State(q - setup.dt / 2.0 * v, v)) for q, v in zip(made.q, made.v, strict=True)])
     left = level - level[0] - made.work.sum(axis=1)
     return float(np.abs(left).max()), math.sqrt(len(left)) * sys.float_info.epsilon * float(np.abs(level).max())
 
@@ -84,11 +86,11 @@ def damped_share(crane: Crane, damping: float, length: float, t: float) -> float
     return (swing**2 + rate**2 / omega2).real
 
 
-def locked_off(world: common.World, crane: Crane, swing: float, length: float) -> tuple[float, float]:
+def locked_off(setup: harness.Setup, crane: Crane, swing: float, length: float) -> tuple[float, float]:
     """How far a swing with the drives locked is from the damped pendulum, and how far the step lets it be.
 
     Args:
-        world: Its clocks.
+        setup: Its clocks.
         crane: The crane.
         swing: At the start [rad].
         length: Of the cable [m].
@@ -103,20 +105,20 @@ def locked_off(world: common.World, crane: Crane, swing: float, length: float) -
     def rates(_: float, y: np.ndarray) -> list[float]:
         return [y[1], -(crane.damping[2] * y[1] + weight * math.sin(y[0])) / inertia]
 
-    watch: Watch = "stop" if world.watch == "buffers" else world.watch  # locked drives need no buffers
-    locked = world.simulate(
+    validity: Validity = "stop" if setup.validity == "buffers" else setup.validity  # locked drives need no buffers
+    locked = setup.simulate(
         crane,
-        lambda t, state, wanted: np.zeros(3),
+        lambda t, state, setpoint: np.zeros(3),
         None,
         start=crane.state(l=length, phi=swing),
         duration=AUDIT,
         drive="motion",
-        watch=watch,
+        validity=validity,
         label="drives locked",
     )
     phi, rate = solve_ivp(rates, (0.0, AUDIT), [swing, 0.0], method="DOP853", t_eval=locked.t, rtol=1e-10, atol=1e-12 * swing).y
     pendulum, ours = inertia * rate**2 / 2.0 + 2.0 * weight * np.sin(phi / 2.0) ** 2, swing_energy(crane, locked)
-    return float(np.abs(ours - pendulum).max() / pendulum[0]), math.sqrt(weight / inertia) * world.dt / 2.0
+    return float(np.abs(ours - pendulum).max() / pendulum[0]), math.sqrt(weight / inertia) * setup.dt / 2.0
 
 
 def band(trajectory: Trajectory, period: float) -> tuple[float, float, float]:
@@ -130,15 +132,15 @@ def band(trajectory: Trajectory, period: float) -> tuple[float, float, float]:
     return float(left[t >= t[-1] - period].mean()), float(first.min()), float(first.max())
 
 
-def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Audit the swing, vary the damping, halve the step, look whether it runs away."""
     from cranedyn.recording import Run
 
     swing, length = number("swing", options.swing, "rad", f"{LEAST_SWING:g} to {math.pi / 2:.4f}"), options.length
-    cranes = {d: world.variant(damp_swing=d) for d in DAMPINGS}
+    cranes = {d: setup.variant(damp_swing=d) for d in DAMPINGS}
     crane = cranes[1.0]
-    audits = {d: run(world, c, swing, length, AUDIT) for d, c in cranes.items()}
-    steps = {dt: run(replace(world, dt=dt), crane, swing, length, LONG) for dt in STEPS}
+    audits = {d: run(setup, c, swing, length, AUDIT) for d, c in cranes.items()}
+    steps = {dt: run(replace(setup, dt=dt), crane, swing, length, LONG) for dt in STEPS}
     ripple = {dt: float(np.abs(r.unexplained).max()) for dt, r in steps.items()}
     largest = float(np.abs(steps[5e-4].energy).max())
     if min(ripple.values()) < ROUNDING * largest:
@@ -150,51 +152,51 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     mean, least, most = bands[5e-4]
     ours = audits[1.0]
     worst = float(np.abs(ours.unexplained).max())
-    lead = half_step(crane, ours, world.dt)
+    lead = half_step(crane, ours, setup.dt)
     halving = [ripple[a] / ripple[b] for a, b in itertools.pairwise(STEPS)]
     second = [8.0 * math.pi / period * dt for dt in STEPS[:-1]]  # what the next power of the step changes in a ratio is a few ω dt
-    exact, rounding = lowered(world, length)
+    exact, rounding = lowered(setup, length)
     left = {d: float(swing_energy(cranes[d], r)[-1]) for d, r in audits.items()}
     expected = {d: damped_share(c, d, length, AUDIT) for d, c in cranes.items()}
     first = float(swing_energy(crane, ours)[0])
-    off, allowed = locked_off(world, cranes[DAMPINGS[2]], swing, length)
-    return common.Outcome(
+    off, allowed = locked_off(setup, cranes[DAMPINGS[2]], swing, length)
+    return harness.Outcome(
         tables=[_ledger(crane, ours), _dampings(audits, left, expected, first), _steps(ripple, bands)],
         claims=[
-            common.Claim(
-                f"Nothing vanishes: of {first:.1f} J the ledger leaves {worst:.3f} J open at most at dt = {1000 * world.dt:g} ms, what the "
+            harness.Claim(
+                f"Nothing vanishes: of {first:.1f} J the ledger leaves {worst:.3f} J open at most at dt = {1000 * setup.dt:g} ms, what the "
                 f"weight works in the half step by which positions are ahead of velocities ({lead:.3f} J), within 1 %.",
                 worst < 1.01 * lead,
             ),
-            common.Claim(
+            harness.Claim(
                 f"What stays open halves with the step: ratios {halving[0]:.5f} and {halving[1]:.5f}, 2 within {second[0]:.5f} and "
                 f"{second[1]:.5f}, 4 ω dt.",
                 all(abs(ratio - 2.0) < allowed for ratio, allowed in zip(halving, second, strict=True)),
             ),
-            common.Claim(
+            harness.Claim(
                 f"Where the step is exact, a plumb load being lowered, the work of the drives closes the ledger to {exact:.0e} J, "
                 f"rounding being {rounding:.0e} J.",
                 exact <= rounding,
             ),
-            common.Claim(
+            harness.Claim(
                 f"It does not run away: its mean over the last swing in {LONG:g} s, {mean:+.4f} J, lies in what the first swing spans, "
                 f"{least:+.2f} to {most:+.2f} J.",
                 least <= mean <= most if 2.0 * period < LONG else None,
             ),
-            common.Claim(
+            harness.Claim(
                 f"Damping acts: with 2e5 N m s/rad and the drives locked, the energy is that of the damped pendulum at every time up to "
                 f"{AUDIT:g} s, off by {off:.1e} of the start at most, within {allowed:.1e}, which is ω dt/2.",
                 off < allowed,
             ),
         ],
-        parameters=world.parameters() | {"swing_rad": swing, "length_m": length},
+        parameters=setup.parameters() | {"swing_rad": swing, "length_m": length},
         trajectories={f"energy_damp_{d:g}": r for d, r in audits.items()} | {f"energy_dt_{1e6 * dt:.0f}us": r for dt, r in steps.items()},
         figures={"ledger": _ledger_figure(crane, ours), "remainder": _remainder_figure(steps)},
         recording=[Run(f"damping {d:g} N m s/rad", cranes[d], r, (20.0 * i, 0.0, 0.0)) for i, (d, r) in enumerate(audits.items())],
     )
 
 
-def _ledger(crane: Crane, trajectory: Trajectory) -> common.Table:
+def _ledger(crane: Crane, trajectory: Trajectory) -> harness.Table:
     kept = swing_energy(crane, trajectory)
     first, last, drives, lost = float(kept[0]), float(kept[-1]), float(trajectory.work[-1].sum()), float(trajectory.unexplained[-1])
     rows = [
@@ -206,7 +208,7 @@ def _ledger(crane: Crane, trajectory: Trajectory) -> common.Table:
         ("unexplained", lost, PUBLISHED[3]),
     ]
     note = "The article's column is its ledger of a 0.15 rad swing on 15 m of cable, while a plugin overwrote the passive joints."
-    return common.Table(
+    return harness.Table(
         f"Energy of a {trajectory.q[0, 2]:g} rad swing on {trajectory.q[0, 4]:g} m of cable",
         [("[J]", ""), ("ours", "+.2f"), ("article", "+.1f")],
         rows,
@@ -216,7 +218,7 @@ def _ledger(crane: Crane, trajectory: Trajectory) -> common.Table:
 
 def _dampings(
     audits: Mapping[float, Trajectory], left: Mapping[float, float], expected: Mapping[float, float], first: float
-) -> common.Table:
+) -> harness.Table:
     rows = [
         (d, left[d], expected[d] * first, float(r.dissipated[-1]), float(r.work[-1].sum()), float(np.abs(r.unexplained).max()))
         for d, r in audits.items()
@@ -229,7 +231,7 @@ def _dampings(
         ("drives [J]", "+.2f"),
         ("open, at most [J]", ".2f"),
     ]
-    return common.Table(
+    return harness.Table(
         f"Damping of the swing joints, after {AUDIT:g} s",
         columns,
         rows,
@@ -237,7 +239,7 @@ def _dampings(
     )
 
 
-def _steps(ripple: Mapping[float, float], bands: Mapping[float, tuple[float, float, float]]) -> common.Table:
+def _steps(ripple: Mapping[float, float], bands: Mapping[float, tuple[float, float, float]]) -> harness.Table:
     rows = [(1000 * dt, ripple[dt], *bands[dt]) for dt in ripple]
     columns = [
         ("dt [ms]", "g"),
@@ -246,7 +248,7 @@ def _steps(ripple: Mapping[float, float], bands: Mapping[float, tuple[float, flo
         ("first swing from [J]", "+.3f"),
         ("to [J]", "+.3f"),
     ]
-    return common.Table(f"What the ledger leaves open over {LONG:g} s", columns, rows)
+    return harness.Table(f"What the ledger leaves open over {LONG:g} s", columns, rows)
 
 
 def _ledger_figure(crane: Crane, trajectory: Trajectory) -> Figure:
@@ -276,11 +278,11 @@ def _remainder_figure(steps: Mapping[float, Trajectory]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = common.parser("energy", "The energy ledger of a free swing: drives, damping, and what is left open.")
-    common.add_world(made, "damp_swing", "hoist_init")
+    made = harness.parser("energy", "The energy ledger of a free swing: drives, damping, and what is left open.")
+    harness.add_setup(made, "damp_swing", "hoist_init")
     made.add_argument("--swing", type=float, default=SWING, metavar="PHI", help="radial swing at the start [rad]")
     made.add_argument("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
-    return common.conduct(made, experiment, argv)
+    return harness.conduct(made, experiment, argv)
 
 
 if __name__ == "__main__":

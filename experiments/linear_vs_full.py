@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from experiments.harness import conduct as common
+from experiments import harness
 from experiments.linear.runs import Case, cases, powers, reaches, scan
 from experiments.linear.sites import ANGLES, SHARES, SITES, short_slews, slow_slews
 from experiments.linear.tables import RPM, angles_table, dropped_table, errors_table, powers_table, rates_table
@@ -31,22 +31,22 @@ SHOWN = ("slew", "slew, trolley, fast hoist")
 """Moves of the 71 EC-B 5 to look at."""
 
 
-def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Every move of every crane, slower slews, slow hoisting."""
     from cranedyn.recording import Run
     from experiments.linear.figures import dropped_figure, slew_figure, swing_figure
 
-    world = replace(world, dt=DT, control_period=CONTROL_PERIOD)
-    cranes = {site: site.crane(world) for site in SITES}
-    found = [case for site, crane in cranes.items() for case in cases(world, site, crane)]
-    slow = {site.name: scan(world, crane, slow_slews(site, crane)) for site, crane in cranes.items()}
-    short = {site.name: scan(world, crane, short_slews(site, crane)) for site, crane in cranes.items()}
+    setup = replace(setup, dt=DT, control_period=CONTROL_PERIOD)
+    cranes = {site: site.crane(setup) for site in SITES}
+    found = [case for site, crane in cranes.items() for case in cases(setup, site, crane)]
+    slow = {site.name: scan(setup, crane, slow_slews(site, crane)) for site, crane in cranes.items()}
+    short = {site.name: scan(setup, crane, short_slews(site, crane)) for site, crane in cranes.items()}
     rates = {site.name: site.slew * reaches(SHARES, slow[site.name], GOOD) for site in SITES}
     angles = {site.name: reaches(ANGLES, short[site.name], GOOD) for site in SITES}
-    hoisted = {site.name: powers(world, site, crane) for site, crane in cranes.items()}
+    hoisted = {site.name: powers(setup, site, crane) for site, crane in cranes.items()}
     shown = [case for case in found if case.site is SITES[1] and case.job.name in SHOWN]
     of_site = {site: [case for case in found if case.site is site] for site in SITES}
-    return common.Outcome(
+    return harness.Outcome(
         tables=[
             *(errors_table(site, some) for site, some in of_site.items()),
             *(dropped_table(site, some) for site, some in of_site.items()),
@@ -55,9 +55,9 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
             powers_table(hoisted),
         ],
         claims=claims(found, rates, angles, hoisted),
-        parameters={"gravity_m_s2": world.gravity, "dt_s": world.dt, "control_period_s": world.control_period, "engine": world.engine},
+        parameters={"gravity_m_s2": setup.gravity, "dt_s": setup.dt, "control_period_s": setup.control_period, "engine": setup.engine},
         trajectories={case.job.name.replace(", ", "_").replace(" ", "_"): case.run for case in shown},
-        figures={name: swing_figure(case, world.gravity) for name, case in zip(("swing_slew", "swing_all"), shown, strict=True)}
+        figures={name: swing_figure(case, setup.gravity) for name, case in zip(("swing_slew", "swing_all"), shown, strict=True)}
         | {"slews": slew_figure(slow, short, GOOD), "dropped": dropped_figure(found, SHOWN)},
         recording=[Run(case.job.name, cranes[case.site], case.run, (120.0 * i, 0.0, 0.0)) for i, case in enumerate(shown)],
     )
@@ -65,7 +65,7 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
 
 def claims(
     found: Sequence[Case], rates: Mapping[str, float], angles: Mapping[str, float], hoisted: Mapping[str, Sequence[float]]
-) -> list[common.Claim]:
+) -> list[harness.Claim]:
     """What holds where, as far as these moves show it."""
     alone = [case.paper.rms for case in found if case.job.name in ALONE]
     slewing = [case for case in found if case.job.name.startswith("slew")]
@@ -75,22 +75,24 @@ def claims(
     shares = [rates[site.name] / site.slew for site in SITES]
     plant, eq8 = ([powers[k] for powers in hoisted.values()] for k in (0, 1))
     return [
-        common.Claim(
+        harness.Claim(
             f"Trolley alone at full speed: Eq. (8) is off by {_span(alone)} on every crane, less than the step's own {100 * OF_STEP:g} %.",
             max(alone) < OF_STEP,
         ),
-        common.Claim(
+        harness.Claim(
             f"Jib of 50 m at 0.8 rpm: the centrifugal and Coriolis terms dropped are {_span(terms)} of the kept term, all above 15 %.",
             min(terms) > 0.15,
         ),
-        common.Claim(f"At the cranes' slew rates Eqs. (8) and (10) are off by {_span(off)}, above 30 % in every move.", min(off) > 0.3),
-        common.Claim(f"With the dropped terms put back every move is within 5 % ({_span(back)}), left by finite angles.", max(back) < 0.05),
-        common.Claim(
+        harness.Claim(f"At the cranes' slew rates Eqs. (8) and (10) are off by {_span(off)}, above 30 % in every move.", min(off) > 0.3),
+        harness.Claim(
+            f"With the dropped terms put back every move is within 5 % ({_span(back)}), left by finite angles.", max(back) < 0.05
+        ),
+        harness.Claim(
             f"Hoisted slowly a swing goes with the power {plant[0]:+.3f} of the cable, by Eq. (8) with {eq8[0]:+.3f}: -3/4 and +1/4 "
             "within 0.005 on every crane, so that Eq. (8) is off by the ratio of the lengths, at any speed.",
             all(abs(p + 0.75) < 0.005 for p in plant) and all(abs(p - 0.25) < 0.005 for p in eq8),
         ),
-        common.Claim(
+        harness.Claim(
             f"Good to {100 * GOOD:g} % are the trolley alone, slews of {min(angles.values()):.1f}° or less, and slews at "
             f"{RPM * min(rates.values()):.2f} rpm or less, a tenth of the crane's rate at most; "
             f"every move at full speed that slews or hoists is off by {100 * others:.0f} % or more.",
@@ -105,8 +107,8 @@ def _span(shares: Sequence[float]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = common.parser("linear_vs_full", "The paper's linear swing, Eqs. (8) and (10), beside the plant on four cranes.")
-    return common.conduct(made, experiment, argv)
+    made = harness.parser("linear_vs_full", "The paper's linear swing, Eqs. (8) and (10), beside the plant on four cranes.")
+    return harness.conduct(made, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references import spline
-from experiments.harness import conduct as common
+from experiments import harness
 from experiments.oracles.reading import locked
 
 LINKS = (50.0, 10.0, 1.0, 0.1, 1e-2, 1e-4, 1e-6, 0.0)
@@ -31,11 +31,11 @@ SWING, LENGTH, DURATION, TOUR = 0.10, 15.0, 40.0, 20.0
 """Swing at the start [rad], cable length [m], length of a free swing and of a tour [s]."""
 
 
-def swing(world: common.World, link: float) -> Trajectory:
+def swing(setup: harness.Setup, link: float) -> Trajectory:
     """Free swing from rest with the drives locked and dummy links of a given mass [kg]."""
-    crane = world.variant(dummy_mass=link, dummy_inertia=link, damp_swing=0)
+    crane = setup.variant(dummy_mass=link, dummy_inertia=link, damp_swing=0)
     start = crane.state(l=LENGTH, phi=SWING)
-    return world.simulate(crane, locked, None, start=start, duration=DURATION, label=f"links of {link:g} kg", drive="motion")
+    return setup.simulate(crane, locked, None, start=start, duration=DURATION, label=f"links of {link:g} kg", drive="motion")
 
 
 def period(trajectory: Trajectory) -> float:
@@ -50,36 +50,36 @@ def period(trajectory: Trajectory) -> float:
     return 2.0 * float(crossings[-1] - crossings[0]) / (len(crossings) - 1)
 
 
-def of_step(world: common.World, period: float) -> float:
+def of_step(setup: harness.Setup, period: float) -> float:
     """Share by which semi-implicit Euler shortens the period [s] of a small swing, (ω dt)²/24; a finite swing A changes A² of it."""
-    return (2.0 * math.pi / period * world.dt) ** 2 / 24.0
+    return (2.0 * math.pi / period * setup.dt) ** 2 / 24.0
 
 
-def between_rows(world: common.World, period: float) -> float:
+def between_rows(setup: harness.Setup, period: float) -> float:
     """What straight lines between rows h apart may add to the period [s], relative: twice (ω h)² h/(36 √3) over the run."""
-    return 2.0 * (2.0 * math.pi / period * world.control_period) ** 2 * world.control_period / (36.0 * math.sqrt(3.0)) / (DURATION - period)
+    return 2.0 * (2.0 * math.pi / period * setup.control_period) ** 2 * setup.control_period / (36.0 * math.sqrt(3.0)) / (DURATION - period)
 
 
-def rounding(world: common.World, duration: float) -> float:
+def rounding(setup: harness.Setup, duration: float) -> float:
     """What rounding of each step adds up to over a run [s], as a random walk does."""
-    return math.sqrt(duration / world.dt) * sys.float_info.epsilon
+    return math.sqrt(duration / setup.dt) * sys.float_info.epsilon
 
 
-def tour(world: common.World, crane: Crane) -> Trajectory:
+def tour(setup: harness.Setup, crane: Crane) -> Trajectory:
     """All three drives in prescribed motion at once, with a swing at the start."""
     start = crane.state(x=8.0, l=LENGTH, phi=0.05, theta=-0.03)
     reference = spline(start, [(0.4, 14.0, LENGTH - 4.0)], [12.0], at=1.0)
-    drives = follow(reference, world.control_period)
+    drives = follow(reference, setup.control_period)
     label = f"load of {crane.payload_mass:g} kg"
-    return world.simulate(crane, drives, reference, start=start, duration=TOUR, label=label, drive="motion")
+    return setup.simulate(crane, drives, reference, start=start, duration=TOUR, label=label, drive="motion")
 
 
-def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Sweep the dummy links, then the load."""
     from cranedyn.recording import Run
 
-    crane = world.crane
-    runs = {m: swing(world, m) for m in LINKS}
+    crane = setup.crane
+    runs = {m: swing(setup, m) for m in LINKS}
     periods = {m: period(r) for m, r in runs.items()}
     theory_periods = {
         m: theory.rigid_period(LENGTH, crane.gravity, crane.payload_mass, crane.payload_inertia + 2.0 * m)
@@ -87,32 +87,32 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
         for m in LINKS
     }
     finite = all(np.isfinite(r.q).all() for r in runs.values())
-    off = max(abs(periods[m] / theory_periods[m] - 1.0 + of_step(world, theory_periods[m])) for m in LINKS)
-    allowed = SWING**2 * of_step(world, theory_periods[0.0]) + between_rows(world, theory_periods[0.0])
+    off = max(abs(periods[m] / theory_periods[m] - 1.0 + of_step(setup, theory_periods[m])) for m in LINKS)
+    allowed = SWING**2 * of_step(setup, theory_periods[0.0]) + between_rows(setup, theory_periods[0.0])
     light, inertia = (found[1e-6] / found[0.0] - 1.0 for found in (periods, theory_periods))
-    points = {m: tour(world, world.variant(payload_mass=m, payload_inertia=0, dummy_mass=0, dummy_inertia=0, damp_swing=0)) for m in LOADS}
-    rigid = {m: tour(world, world.variant(payload_mass=m, damp_swing=0)) for m in LOADS}
+    points = {m: tour(setup, setup.variant(payload_mass=m, payload_inertia=0, dummy_mass=0, dummy_inertia=0, damp_swing=0)) for m in LOADS}
+    rigid = {m: tour(setup, setup.variant(payload_mass=m, damp_swing=0)) for m in LOADS}
     spread, spread_rigid = _spread(points), _spread(rigid)
-    return common.Outcome(
+    return harness.Outcome(
         tables=[_links_table(crane, periods, theory_periods), _loads_table(points, rigid)],
         claims=[
-            common.Claim(
+            harness.Claim(
                 "Dummy links from 50 kg down to none run without trouble, and their periods are those of the compound pendulum less "
-                f"(ω dt)²/24 of the step, {of_step(world, theory_periods[0.0]):.1e}, within {allowed:.1e} (worst {off:.1e}).",
+                f"(ω dt)²/24 of the step, {of_step(setup, theory_periods[0.0]):.1e}, within {allowed:.1e} (worst {off:.1e}).",
                 finite and off < allowed,
             ),
-            common.Claim(
+            harness.Claim(
                 f"Links of 1e-6 kg beside a load of {crane.payload_mass:g} kg change the period by {light:.1e}, as their inertia must, "
-                f"within rounding, {rounding(world, DURATION):.0e}.",
-                abs(light - inertia) < rounding(world, DURATION),
+                f"within rounding, {rounding(setup, DURATION):.0e}.",
+                abs(light - inertia) < rounding(setup, DURATION),
             ),
-            common.Claim(
-                f"With exact drives a point load of 10 kg and one of 100 t swing alike within rounding, {rounding(world, TOUR):.0e} rad "
+            harness.Claim(
+                f"With exact drives a point load of 10 kg and one of 100 t swing alike within rounding, {rounding(setup, TOUR):.0e} rad "
                 f"({spread:.0e}); with inertia they do not ({spread_rigid:.1e}).",
-                spread < rounding(world, TOUR) < spread_rigid,
+                spread < rounding(setup, TOUR) < spread_rigid,
             ),
         ],
-        parameters=world.parameters() | {"swing_rad": SWING, "length_m": LENGTH},
+        parameters=setup.parameters() | {"swing_rad": SWING, "length_m": LENGTH},
         trajectories={"links_50": runs[50.0], "links_1e-6": runs[1e-6], "tour_1000": points[1.0e3]},
         figures={"links": _links_figure(crane, periods)},
         recording=[Run("all drives at once", crane, points[1.0e3])],
@@ -125,7 +125,7 @@ def _spread(runs: dict[float, Trajectory]) -> float:
     return float(np.ptp(swings, axis=0).max())
 
 
-def _links_table(crane: Crane, periods: dict[float, float], expected: dict[float, float]) -> common.Table:
+def _links_table(crane: Crane, periods: dict[float, float], expected: dict[float, float]) -> harness.Table:
     rows = [
         (m, crane.payload_mass / m if m else None, T, expected[m], T / expected[m] - 1, T / periods[0.0] - 1) for m, T in periods.items()
     ]
@@ -137,12 +137,12 @@ def _links_table(crane: Crane, periods: dict[float, float], expected: dict[float
         ("relative", "+.1e"),
         ("against no links", "+.1e"),
     ]
-    return common.Table(
+    return harness.Table(
         "Free swing with ever lighter links between the swing joints", columns, rows, "The article's engine diverged at 1 kg."
     )
 
 
-def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]) -> common.Table:
+def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]) -> harness.Table:
     rows = [(m, *(float(np.abs(r[m][name]).max()) for r in (points, rigid) for name in ("phi_rad", "theta_rad"))) for m in points]
     columns = [
         ("load [kg]", "g"),
@@ -151,7 +151,7 @@ def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]
         ("400 kg m²: max φ [rad]", ".9f"),
         ("max θ [rad]", ".9f"),
     ]
-    return common.Table("All drives in prescribed motion: swing of loads of different mass", columns, rows)
+    return harness.Table("All drives in prescribed motion: swing of loads of different mass", columns, rows)
 
 
 def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
@@ -160,7 +160,7 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
     gain = np.array([periods[m] / periods[0.0] - 1 for m in masses])
     ax.loglog(masses, gain, "o", color=COLOURS["phi"], label="simulated")
     ax.loglog(
-        masses, masses / (crane.payload_mass * LENGTH**2 + crane.payload_inertia), color=COLOURS["wanted"], label="I/(2 m l²), two links"
+        masses, masses / (crane.payload_mass * LENGTH**2 + crane.payload_inertia), color=COLOURS["setpoint"], label="I/(2 m l²), two links"
     )
     ax.axvline(1.0, linestyle=":", color=COLOURS["unexplained"])
     ax.annotate("the article's engine\ndiverged here", (1.0, gain.min()), xytext=(6, 0), textcoords="offset points")
@@ -171,9 +171,9 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = common.parser("mass_ratio", "Light links between the swing joints, and loads of any mass.")
-    common.add_world(made, "dummy_mass", "dummy_inertia", "damp_swing", "hoist_init")
-    return common.conduct(made, experiment, argv)
+    made = harness.parser("mass_ratio", "Light links between the swing joints, and loads of any mass.")
+    harness.add_setup(made, "dummy_mass", "dummy_inertia", "damp_swing", "hoist_init")
+    return harness.conduct(made, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from typing import Any
 from cranedyn.command import INTERRUPTED, Parser, command
 from cranedyn.data.files import check_writable, digest, make_folder, parse_json, read_bytes, read_text, write_text
 from cranedyn.errors import DataError, UnknownName
-from experiments.harness import conduct as common
+from experiments import harness
 from experiments.harness.arguments import add_engine
 
 EXPERIMENTS = {
@@ -125,7 +125,7 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
 
 
 def _table(table: dict[str, Any]) -> str:
-    made = common.Table.of(table)
+    made = harness.Table.of(table)
     head = "".join(f"<th>{escape(header)}</th>" for header in table["columns"])
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in made.shown())
     note = f'<p class="note">{escape(made.note)}</p>' if made.note else ""

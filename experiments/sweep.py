@@ -1,4 +1,4 @@
-"""Sweep: a hundred thousand moves by cranes that are not quite those planned for; how much swing each way to move leaves."""
+"""Sweep: a hundred thousand moves by cranes that are not quite those planned for; how much swing each strategy leaves."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from cranedyn.errors import DataError
 from cranedyn.sweep import Design, cross, grid, results, sweep
 from cranedyn.sweep.cluster import tls
 from cranedyn.sweep.limits import check_memory
-from experiments.harness import conduct as common
+from experiments import harness
 from experiments.harness.progress import shown
-from experiments.scenarios.robustness import AFTER, COMBINED, WAYS, robustness
+from experiments.scenarios.robustness import AFTER, COMBINED, STRATEGIES, robustness
 from experiments.scenarios.strategies import FLAT, PAPER, PD
 from experiments.sweep_figures import map_figure, timing_figure
 
@@ -32,20 +32,20 @@ _MOST = 10**9
 Columns = Mapping[str, np.ndarray]
 
 
-def design(world: common.World, points: int, durations: int) -> Design:
+def design(setup: harness.Setup, points: int, durations: int) -> Design:
     """Every way with every duration, each on a square of loads and cables; cases of one plan stand together.
 
     Raises:
         DataError: If the table would not fit the memory, told before any of it is made.
     """
-    cases = len(WAYS) * durations * points**2
+    cases = len(STRATEGIES) * durations * points**2
     check_memory(f"A design of {cases} cases", 8.0 * _COLUMNS * float(min(cases, 10**300)))
     plans = grid(
-        way=list(WAYS),
+        strategy=list(STRATEGIES),
         duration_s=_even(DURATIONS, durations),
-        gravity_m_s2=world.gravity,
-        dt_s=world.dt,
-        control_period_s=world.control_period,
+        gravity_m_s2=setup.gravity,
+        dt_s=setup.dt,
+        control_period_s=setup.control_period,
     )
     return cross(plans, grid(load=_even(LOADS, points), cable_error_m=_even(CABLES, points)))
 
@@ -54,16 +54,16 @@ def _even(ends: tuple[float, float], count: int) -> list[float]:
     return np.linspace(*ends, count).tolist()
 
 
-def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run the sweep, or go on with it, and look at all of it."""
     folder = options.folder / "cases"
-    bars = world.watcher.progress
+    bars = setup.reporter.progress
     tls_files = [options.tls_ca_file, options.tls_cert, options.tls_key]
     if any(tls_files) and not all(tls_files):
         raise DataError("TLS needs --tls-ca-file, --tls-cert and --tls-key, all three of them.")
     end = sweep(
         robustness,
-        design(world, options.points, options.durations),
+        design(setup, options.points, options.durations),
         folder,
         chunk=options.points**2,
         workers=options.workers,
@@ -74,11 +74,11 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     )
     table = results(folder)
     found = {name: table[name].to_numpy() for name in table.column_names}
-    return common.Outcome(
+    return harness.Outcome(
         tables=[_ways(found)],
         claims=_claims(found, end.errors),
         parameters={
-            **replace(world, watch="mark").parameters(),
+            **replace(setup, validity="mark").parameters(),
             "points": options.points,
             "durations": options.durations,
             "cases": end.cases,
@@ -87,30 +87,42 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     )
 
 
-def _ways(found: Columns) -> common.Table:
+def _ways(found: Columns) -> harness.Table:
     rows = []
-    for way in WAYS:
-        mine = found["way"] == way
+    for strategy in STRATEGIES:
+        mine = found["way"] == strategy
         left, peak, off = (found[name][mine] for name in ("residual_swing_rad", "peak_swing_rad", "off_goal_m"))
         bad = int(np.isnan(left).sum())
-        rows.append((way, len(left), bad, *(1e3 * np.nanquantile(left, [0.5, 0.95, 1.0])), 1e3 * np.nanmax(peak), 1e3 * np.nanmax(off)))
-    columns = [("way", ""), ("cases", ",d"), ("bad", "d"), ("median [mrad]", ".3g"), ("95 % below [mrad]", ".3g"), ("worst [mrad]", ".3g")]
+        rows.append(
+            (strategy, len(left), bad, *(1e3 * np.nanquantile(left, [0.5, 0.95, 1.0])), 1e3 * np.nanmax(peak), 1e3 * np.nanmax(off))
+        )
+    columns = [
+        ("strategy", ""),
+        ("cases", ",d"),
+        ("bad", "d"),
+        ("median [mrad]", ".3g"),
+        ("95 % below [mrad]", ".3g"),
+        ("worst [mrad]", ".3g"),
+    ]
     columns += [("worst on the way [mrad]", ".3g"), ("worst off goal [mm]", ".3g")]
     note = (
         f"Swing that is left {AFTER:g} s after the arrival of the {COMBINED.name} move. Loads are {LOADS[0]:g} to {LOADS[1]:g} times that "
         f"planned for, cables up to {CABLES[1]:g} m longer or shorter than measured, times for the move {DURATIONS[0]:g} to "
-        f"{DURATIONS[1]:g} s. Ways without a controller in their name have drives that follow exactly."
+        f"{DURATIONS[1]:g} s. Strategies without a controller in their name have drives that follow exactly."
     )
-    return common.Table(f"Swing left by {len(found['case']):,} moves", columns, rows, note)
+    return harness.Table(f"Swing left by {len(found['case']):,} moves", columns, rows, note)
 
 
-def _claims(found: Columns, errors: int) -> list[common.Claim]:
-    left = {way: found["residual_swing_rad"][found["way"] == way].reshape(len(np.unique(found["duration_s"])), -1) for way in WAYS}
-    others = np.array([swing for way, swing in left.items() if way != FLAT])
+def _claims(found: Columns, errors: int) -> list[harness.Claim]:
+    left = {
+        strategy: found["residual_swing_rad"][found["way"] == strategy].reshape(len(np.unique(found["duration_s"])), -1)
+        for strategy in STRATEGIES
+    }
+    others = np.array([swing for strategy, swing in left.items() if strategy != FLAT])
     return [
-        common.Claim(f"Each of the {len(found['case']):,} cases is done and none is bad.", errors == 0),
-        common.Claim(f"{FLAT} leaves less swing than any other way, case by case.", bool((left[FLAT] < others).all())),
-        common.Claim(
+        harness.Claim(f"Each of the {len(found['case']):,} cases is done and none is bad.", errors == 0),
+        harness.Claim(f"{FLAT} leaves less swing than any other way, case by case.", bool((left[FLAT] < others).all())),
+        harness.Claim(
             f"At every time for the move the worst that {PAPER} leaves is below the median of {PD}, which leaves less in "
             f"{(left[PAPER] >= left[PD]).sum():,} of {left[PD].size:,} cases.",
             bool((left[PAPER].max(axis=1) < np.median(left[PD], axis=1)).all()),
@@ -120,7 +132,7 @@ def _claims(found: Columns, errors: int) -> list[common.Claim]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = common.parser(
+    made = harness.parser(
         "sweep",
         "How much swing each way to make the combined move leaves where load, cable and time for it differ, case by case.",
         recording=False,
@@ -144,7 +156,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     made.add_argument("--tls-ca-file", metavar="FILE", help="certificates of those to trust, for a scheduler at tls://HOST:PORT")
     made.add_argument("--tls-cert", metavar="FILE", help="the certificate of this program")
     made.add_argument("--tls-key", metavar="FILE", help="its private key")
-    return common.conduct(made, experiment, argv)
+    return harness.conduct(made, experiment, argv)
 
 
 def _count(text: str) -> int:

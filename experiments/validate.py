@@ -11,7 +11,7 @@ from dataclasses import replace
 from cranedyn.errors import number
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
-from experiments.harness import conduct as common
+from experiments import harness
 from experiments.oracles import conserved, hoisting, moves, slewing, swing
 from experiments.oracles.check import STEP, Check, G, check, point_crane
 from experiments.oracles.reading import Bench, locked
@@ -34,7 +34,7 @@ def checks(bench: Bench, halvings: int) -> dict[str, list[Check]]:
     return {title: [check(oracle, halvings) for oracle in oracles(bench)] for title, oracles in PARTS.items()}
 
 
-def experiment(options: argparse.Namespace, world: common.World) -> common.Outcome:
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run the oracles, measure the order, record two telling runs."""
     from cranedyn.recording import Run
     from experiments.oracles.figures import convergence_figure, oval_figure, ripple_figure
@@ -44,20 +44,20 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     def build(**values: object) -> Crane:
         return point_crane(**{**values, **spoilt})
 
-    bench = Bench(build, world.engine)
+    bench = Bench(build, setup.engine)
     telling = {
         "oval swing": (build(), swing.oval(build(), *swing.OVALS[1]), 90.0),
         "steady slewing": (*slewing.turning(build, *slewing.STEADY[0]), 75.0),
     }
-    world = replace(world, dt=1e-3)
+    setup = replace(setup, dt=1e-3)
     runs = {
-        name: (crane, world.simulate(crane, locked, None, start=start, duration=duration, label=name, drive="motion", watch="mark"))
+        name: (crane, setup.simulate(crane, locked, None, start=start, duration=duration, label=name, drive="motion", validity="mark"))
         for name, (crane, start, duration) in telling.items()
     }
     found = checks(bench, halvings)
     every = list(itertools.chain(*found.values()))
     tables = [table(title, rows) for title, rows in found.items()]
-    return common.Outcome(
+    return harness.Outcome(
         tables=tables,
         claims=[*map(_claim, every), _order(every)],
         parameters={
@@ -66,7 +66,7 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
             "coarsest_dt_s": STEP,
             "halvings": halvings,
             "spoilt": spoilt,
-            "engine": world.engine,
+            "engine": setup.engine,
         },
         trajectories={name.replace(" ", "_"): run for name, (_, run) in runs.items()},
         figures={
@@ -78,7 +78,7 @@ def experiment(options: argparse.Namespace, world: common.World) -> common.Outco
     )
 
 
-def table(title: str, found: Sequence[Check]) -> common.Table:
+def table(title: str, found: Sequence[Check]) -> harness.Table:
     """One part of mechanics."""
     rows = [(_named(c), c.oracle.closed, c.values[-1], c.error, c.of_step, c.rest, c.allowed, c.order) for c in found]
     columns = [
@@ -91,7 +91,7 @@ def table(title: str, found: Sequence[Check]) -> common.Table:
         ("allowed", ".0e"),
         ("order", ".2f"),
     ]
-    return common.Table(title, columns, rows)
+    return harness.Table(title, columns, rows)
 
 
 def _named(found: Check) -> str:
@@ -99,21 +99,21 @@ def _named(found: Check) -> str:
     return f"{found.oracle.name} [{found.oracle.unit}]" if found.oracle.unit else found.oracle.name
 
 
-def _claim(found: Check) -> common.Claim:
+def _claim(found: Check) -> harness.Claim:
     oracle = found.oracle
     why = f", {oracle.why} among it" if oracle.why else ""
-    return common.Claim(
+    return harness.Claim(
         f"{oracle.name}: {found.limit:.10g} {oracle.unit}".rstrip()
         + f" for a vanishing step, off by {found.rest:+.0e}, allowed {found.allowed:.0e}{why}.",
         found.holds,
     )
 
 
-def _order(found: Sequence[Check]) -> common.Claim:
+def _order(found: Sequence[Check]) -> harness.Claim:
     orders = [c.order for c in found if c.order is not None]
     first, second = ([order for order in orders if round(order) == power] for power in (1, 2))
     spans = [f"{min(some):.3f} to {max(some):.3f} in {len(some)} rows" for some in (first, second) if some]
-    return common.Claim(
+    return harness.Claim(
         f"The error goes with the first power of the step, or where the step is symmetric with the second: orders {', '.join(spans)}, "
         f"within {ORDER:g} of whole numbers.",
         len(first) >= len(orders) / 2 and len(first) + len(second) == len(orders) and all(abs(o - round(o)) < ORDER for o in orders),
@@ -122,7 +122,7 @@ def _order(found: Sequence[Check]) -> common.Claim:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = common.parser("validate", "The plant against the closed forms of mechanics, its error for a vanishing step, and its order.")
+    made = harness.parser("validate", "The plant against the closed forms of mechanics, its error for a vanishing step, and its order.")
     made.add_argument("--halvings", type=int, default=4, metavar="N", help=f"how often the step of {1000 * STEP:g} ms is halved, 3 to 6")
     made.add_argument(
         "--spoil",
@@ -132,7 +132,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="name:=value",
         help="change the cranes but not the closed forms, to see which rows notice; see python -m cranedyn.model.description --list",
     )
-    return common.conduct(made, experiment, argv)
+    return harness.conduct(made, experiment, argv)
 
 
 if __name__ == "__main__":

@@ -124,8 +124,8 @@ def guard() -> None:
     target = binding.Target.from_default_triple().create_target_machine(jit=True)
     engine = binding.create_mcjit_compiler(binding.parse_assembly(_ALLOCATOR), target)
     engine.finalize_object()
-    ways = (engine.get_function_address(f"guarded_{name}") for name in ("malloc", "calloc", "realloc", "free"))
-    handler = _Handler(b"guarded", 1, None, *ways)
+    strategies = (engine.get_function_address(f"guarded_{name}") for name in ("malloc", "calloc", "realloc", "free"))
+    handler = _Handler(b"guarded", 1, None, *strategies)
     python = ctypes.pythonapi
     python.PyCapsule_New.restype, python.PyCapsule_New.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
     python.PyCapsule_GetPointer.restype, python.PyCapsule_GetPointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
@@ -147,7 +147,7 @@ def calls(rng: np.random.Generator) -> Call:
 
 def _wrong(rng: np.random.Generator, array: np.ndarray) -> Any:
     """Something that is not quite the array."""
-    ways: list[Callable[[], Any]] = [
+    strategies: list[Callable[[], Any]] = [
         lambda: array[..., :-1],
         lambda: array[:0],
         lambda: np.concatenate([array, array[-1:]]) if array.ndim else array,
@@ -168,7 +168,7 @@ def _wrong(rng: np.random.Generator, array: np.ndarray) -> Any:
         lambda: "x",
         lambda: array.astype(object),
     ]
-    return ways[int(rng.integers(len(ways)))]()
+    return strategies[int(rng.integers(len(strategies)))]()
 
 
 def _maybe(rng: np.random.Generator, array: np.ndarray, often: float) -> Any:
@@ -181,8 +181,8 @@ class _Odd:
     def __init__(self, brake: Any, rng: np.random.Generator, often: float) -> None:
         self._brake, self._rng, self._often = brake, rng, often
 
-    def __call__(self, t: float, state: Any, wanted: Any) -> Any:
-        return self._brake(t, state, wanted)
+    def __call__(self, t: float, state: Any, setpoint: Any) -> Any:
+        return self._brake(t, state, setpoint)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Any:
         from cranedyn.controllers.affine import Affine
@@ -201,9 +201,9 @@ class _Elsewhere:
         return self._still(t)
 
     def at(self, times: np.ndarray) -> Any:
-        from cranedyn.interfaces import Wanted
+        from cranedyn.interfaces import Setpoint
 
-        return Wanted(*(_maybe(self._rng, np.array(part), self._often) for part in self._still.at(times)))
+        return Setpoint(*(_maybe(self._rng, np.array(part), self._often) for part in self._still.at(times)))
 
 
 def _common(rng: np.random.Generator) -> tuple[Any, dict[str, Any], Callable[[], Any], Any]:
@@ -259,10 +259,10 @@ def _run(rng: np.random.Generator) -> Call:
 
     crane, how, controller, reference = _common(rng)
     buffers = how.pop("buffers"), how.pop("often")
-    how |= {"watch": "buffers" if buffers[0] else "mark", "start": crane.state(phi=0.1), "engine": "compiled"}
+    how |= {"validity": "buffers" if buffers[0] else "mark", "start": crane.state(phi=0.1), "engine": "compiled"}
     one = controller()
     if rng.random() < 0.3:
-        return lambda: simulate(crane, lambda t, state, wanted: one(t, state, wanted), **how)
+        return lambda: simulate(crane, lambda t, state, setpoint: one(t, state, setpoint), **how)
     return lambda: simulate(crane, one, reference, **how)
 
 

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import prescribed_acceleration
 from cranedyn.errors import CraneError
-from cranedyn.interfaces import EngineName, State, Wanted
+from cranedyn.interfaces import EngineName, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
@@ -51,14 +51,14 @@ def big_crane(**values: float) -> Crane:
     return crane(**point, trolley_max=80.0, hoist_max=60.0, pivot_height=90.0, **values)
 
 
-def locked(t: float, state: State, wanted: Wanted) -> np.ndarray:
+def locked(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
     """Drives of prescribed motion that do not accelerate."""
     return np.zeros(3)
 
 
-def constant(*command: float) -> Callable[[float, State, Wanted], np.ndarray]:
+def constant(*command: float) -> Callable[[float, State, Setpoint], np.ndarray]:
     """A controller with one answer."""
-    return lambda t, state, wanted: np.array(command, dtype=float)
+    return lambda t, state, setpoint: np.array(command, dtype=float)
 
 
 def flow(

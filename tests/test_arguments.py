@@ -35,7 +35,7 @@ from cranedyn.dynamics import linearisation as linear
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.validity import events, valid
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.planning.optimal import optimal
@@ -171,7 +171,7 @@ RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
         "dt": 1e-3,
         "control_period": 5e-3,
         "disturbance": lambda t, state: np.zeros((2, 3)),
-        "watch": "stop",
+        "validity": "stop",
         "integrator": rk4,
         "engine": "pinocchio",
         "progress": lambda t: None,
@@ -205,7 +205,7 @@ RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
     follow: {"reference": STILL, "control_period": 5e-3},
     hold_controller: {"crane": C, "stiffness": (1, 1, 1), "damping": (1, 1, 1), "gravity": 9.8},
     Hold: {"stiffness": np.ones(3), "damping": np.ones(3), "feed_forward": np.zeros(3)},
-    Tracking: {"period": 5e-3, "feed_forward": np.zeros((2, 3)), "gain": np.zeros((2, 3, 10)), "wanted": np.zeros((2, 10))},
+    Tracking: {"period": 5e-3, "feed_forward": np.zeros((2, 3)), "gain": np.zeros((2, 3, 10)), "setpoint": np.zeros((2, 10))},
     lqr: {"crane": C, "motion": MOTION, "dt": 5e-4, "state_weight": np.eye(10), "effort_weight": np.eye(3), "every": 10},
     observed: {
         "controller": BRAKE,
@@ -261,7 +261,7 @@ WRONG: list[Any] = [
     *(
         lambda: 1,
         lambda t: None,
-        lambda t: Wanted(*np.full((3, 3), np.nan)),
+        lambda t: Setpoint(*np.full((3, 3), np.nan)),
         State([1], [2]),
         C,
         REST,
@@ -367,16 +367,16 @@ def _from(t0: float, then: Callable[[], Any], usual: Callable[..., Any]) -> Call
 BAD_SETPOINTS: dict[str, tuple[Any, str]] = {
     "none": (None, "answer of the reference is None; allowed is a Wanted: position, velocity, acceleration"),
     "an array": (np.zeros(3), r"answer of the reference is an array"),
-    "two numbers": (Wanted(*np.zeros((3, 2))), r"position that the reference wants is an array of shape \(2,\)"),
+    "two numbers": (Setpoint(*np.zeros((3, 2))), r"position that the reference wants is an array of shape \(2,\)"),
     "nan": (
-        Wanted(np.array([0.0, math.nan, 15.0]), np.zeros(3), np.zeros(3)),
+        Setpoint(np.array([0.0, math.nan, 15.0]), np.zeros(3), np.zeros(3)),
         "position that the reference wants is nan; allowed is finite",
     ),
     "an endless rate": (
-        Wanted(np.zeros(3), np.full(3, math.inf), np.zeros(3)),
+        Setpoint(np.zeros(3), np.full(3, math.inf), np.zeros(3)),
         "velocity that the reference wants is inf; allowed is finite",
     ),
-    "words": (Wanted("a", "b", "c"), "position that the reference wants is no array of numbers but str"),  # type: ignore[arg-type]
+    "words": (Setpoint("a", "b", "c"), "position that the reference wants is no array of numbers but str"),  # type: ignore[arg-type]
 }
 
 
@@ -392,7 +392,7 @@ def test_a_setpoint_that_is_none_ends_a_run_that_keeps_its_rows(answer: Any, sen
 
 
 def test_a_setpoint_of_lists_is_three_numbers_as_well() -> None:
-    found = simulate(C, BRAKE, lambda t: Wanted([0, 10, 15], [0] * 3, [0] * 3), duration=0.05)  # type: ignore[arg-type]
+    found = simulate(C, BRAKE, lambda t: Setpoint([0, 10, 15], [0] * 3, [0] * 3), duration=0.05)  # type: ignore[arg-type]
     assert np.array_equal(found.q, simulate(C, BRAKE, STILL, duration=0.05).q)
 
 
@@ -411,18 +411,18 @@ def test_an_error_of_whoever_a_run_calls_is_its_cause_and_its_rows_are_kept(who:
 
 def test_a_command_of_complex_numbers_is_refused() -> None:
     with pytest.raises(OutOfRange, match=r"command of the controller is an array of shape \(3,\); allowed is three numbers"):
-        simulate(C, lambda t, state, wanted: np.array([1j, 0, 0]), duration=0.1)
+        simulate(C, lambda t, state, setpoint: np.array([1j, 0, 0]), duration=0.1)
 
 
 def test_every_row_of_a_table_of_setpoints_must_be_there_and_finite() -> None:
     class Table:
         def __init__(self, rows: int, columns: int, value: float = 0.0) -> None:
-            self.answer = Wanted(*np.full((3, rows, columns), value))
+            self.answer = Setpoint(*np.full((3, rows, columns), value))
 
-        def __call__(self, t: float) -> Wanted:
-            return Wanted(*(part[0] for part in self.answer))
+        def __call__(self, t: float) -> Setpoint:
+            return Setpoint(*(part[0] for part in self.answer))
 
-        def at(self, times: np.ndarray) -> Wanted:
+        def at(self, times: np.ndarray) -> Setpoint:
             return self.answer
 
     assert len(plumb(Table(21, 3), 0.1).q) == 21

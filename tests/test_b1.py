@@ -13,7 +13,7 @@ import pytest
 from cranedyn import theory
 from cranedyn.analysis.swing import settling_time, swing_amplitude
 from experiments import b1
-from experiments.b1 import SHOWN as WAYS
+from experiments.b1 import SHOWN as STRATEGIES
 from experiments.harness.document import read_document
 from experiments.harness.outcome import Table
 from experiments.report import page
@@ -35,7 +35,7 @@ def test_every_claim_holds(result: tuple[Path, dict[str, Any]]) -> None:
 def test_every_way_is_scored_on_every_move_and_the_spline_alone_among_them(result: tuple[Path, dict[str, Any]]) -> None:
     for table, move in zip(result[1]["tables"], MOVES, strict=True):
         assert move.name in table["title"]
-        assert [row[0] for row in table["rows"]] == list(WAYS)
+        assert [row[0] for row in table["rows"]] == list(STRATEGIES)
 
 
 def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(result: tuple[Path, dict[str, Any]]) -> None:

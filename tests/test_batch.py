@@ -24,11 +24,11 @@ from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics import validity as watch
+from cranedyn.dynamics import validity as validity
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.errors import CraneError, OutOfRange
-from cranedyn.interfaces import Controller, Reference, State, Wanted
+from cranedyn.interfaces import Controller, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, plumb, ramp
@@ -79,7 +79,7 @@ def _controllers(count: int) -> list[Any]:
 
 
 def _offset(controller: Controller, offset: np.ndarray) -> Controller:
-    return lambda t, state, wanted: controller(t, State(state.q + offset[:5], state.v + offset[5:]), wanted)
+    return lambda t, state, setpoint: controller(t, State(state.q + offset[:5], state.v + offset[5:]), setpoint)
 
 
 def _same(c: Crane, alone: Trajectory, batch: Batch, i: int, share: float = 1e-12) -> None:
@@ -108,7 +108,7 @@ def test_each_crane_of_a_batch_does_what_it_does_alone(count: int) -> None:
             return rows[min(round(t / PERIOD), 29)].reshape(2, 3)
 
         asked = _offset(controller, offsets[i])
-        alone = simulate(cranes[i], asked, references[i], start=State(starts.q[i], starts.v[i]), disturbance=push, watch="mark", **CLOCK)
+        alone = simulate(cranes[i], asked, references[i], start=State(starts.q[i], starts.v[i]), disturbance=push, validity="mark", **CLOCK)
         _same(cranes[i], alone, batch, i)
 
 
@@ -122,7 +122,7 @@ def test_drives_and_stepping_rules_are_those_of_a_run_alone(drive: Any, integrat
     for i in range(count):
         one = controllers if isinstance(controllers, Hold) else controllers[i]
         start = State(starts.q[i], starts.v[i])
-        _same(cranes[i], simulate(cranes[i], one, references[i], start=start, since=1.0, watch="mark", **how), batch, i)
+        _same(cranes[i], simulate(cranes[i], one, references[i], start=start, since=1.0, validity="mark", **how), batch, i)
 
 
 @pytest.mark.parametrize(("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"])
@@ -131,7 +131,7 @@ def test_buffers_act_on_the_cranes_that_reach_them(integrator: Integrator, dt: f
     starts = [c.state(x=9.0 + 0.24 * i, x_dot=0.5, phi=0.05, theta=0.02) for i in range(count)]
     pull = Hold(np.zeros(3), np.array([0.0, 0.0, 2e4]), np.array([1e3, 500.0, -1000.0 * G]))
     batch = simulate_batch(c, pull, start=starts, buffers=True, record=1, **how)
-    runs = [simulate(c, pull, start=start, watch="buffers", **how) for start in starts]
+    runs = [simulate(c, pull, start=start, validity="buffers", **how) for start in starts]
     for i, alone in enumerate(runs):
         _same(c, alone, batch, i)
     assert 0 < sum(alone.outside[-1, 1] != 0.0 for alone in runs) < count
@@ -168,16 +168,16 @@ def test_cranes_from_the_workshop_to_the_harbour_on_any_planet_are_one_batch(buf
         def push(t: float, state: State, rows: np.ndarray = force[i]) -> np.ndarray:
             return rows[round(t / PERIOD)].reshape(2, 3)
 
-        alone = simulate(c, brake, start=start, disturbance=push, watch="buffers" if buffers else "mark", **CLOCK)
+        alone = simulate(c, brake, start=start, disturbance=push, validity="buffers" if buffers else "mark", **CLOCK)
         _same(c, alone, batch, i, per_second(c, start.q))
 
 
 class _Scheduled:
     """A hold that is stiffer where its reference is farther out."""
 
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
-        form = self.affine(np.array([t]), wanted.position[None])
-        return form.feed_forward[0] - form.gain[0] @ (np.concatenate(state) - form.wanted[0])
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        form = self.affine(np.array([t]), setpoint.position[None])
+        return form.feed_forward[0] - form.gain[0] @ (np.concatenate(state) - form.setpoint[0])
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         gain = [feedback_gain(np.array([5e5, 1e4 * x, 3e4]), np.array([1e6, 5e4, 2e4])) for x in positions[:, 1]]
@@ -189,7 +189,7 @@ def test_a_controller_that_looks_at_its_reference_does_so_for_each_crane() -> No
     controller, references, starts = _Scheduled(), _references(9), _starts(9)
     batch = simulate_batch(crane(), controller, references, start=starts, record=1, **CLOCK)
     for i, reference in enumerate(references):
-        _same(crane(), simulate(crane(), controller, reference, start=State(starts.q[i], starts.v[i]), watch="mark", **CLOCK), batch, i)
+        _same(crane(), simulate(crane(), controller, reference, start=State(starts.q[i], starts.v[i]), validity="mark", **CLOCK), batch, i)
 
 
 def test_controllers_that_remember_begin_with_it_and_are_left_as_they_are() -> None:
@@ -267,7 +267,7 @@ def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
         amplitude = swing_amplitude(q[rows, 2:4], v[rows, 2:4], q[rows, 4], G)
         assert batch.residual_swing[i] == pytest.approx(amplitude.max(), rel=1e-14)
         assert batch.largest_effort[i].tolist() == np.abs(effort).max(axis=0).tolist()
-        event = watch.first_event(c, q, v, effort[:, 2])
+        event = validity.first_event(c, q, v, effort[:, 2])
         assert batch.valid_until[i] == (math.inf if event is None else pytest.approx(batch.t[event.row], abs=1e-12))
         ended += event is not None
         assert batch.end.q[i].tolist() == q[-1].tolist()
@@ -371,15 +371,15 @@ def test_what_does_not_fit_is_refused_in_a_sentence(wrong: dict[str, Any], sente
 
 
 class _Louder(Hold):
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
-        return 1.1 * super().__call__(t, state, wanted)
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        return 1.1 * super().__call__(t, state, setpoint)
 
 
 def test_controllers_that_have_no_common_form_are_refused_by_name() -> None:
     ran = HoistIntegral(_tracking(0), 2e3, 1.3e4)
     simulate(crane(), ran, _references(1)[0], start=State(_starts(1).q[0], _starts(1).v[0]), **CLOCK)
     louder = _Louder(np.ones(3), np.ones(3))
-    for controller, name in ((lambda t, state, wanted: np.zeros(3), "function"), (ran, "HoistIntegral"), (louder, "_Louder")):
+    for controller, name in ((lambda t, state, setpoint: np.zeros(3), "function"), (ran, "HoistIntegral"), (louder, "_Louder")):
         with pytest.raises(CraneError, match=f"{name} is not affine in the state, or has run before; a batch needs one that is"):
             simulate_batch(crane(), [hold_controller(crane()), controller], start=State(NINE.q[:2], NINE.v[:2]), **CLOCK)
 
@@ -446,11 +446,11 @@ def test_tables_that_would_not_fit_are_refused_while_they_are_made(monkeypatch: 
     asked: list[int] = []
 
     def reference(i: int) -> Reference:
-        def wanted(t: float) -> Wanted:
+        def setpoint(t: float) -> Setpoint:
             asked.append(i)
-            return Wanted(np.array([0.0, 10.0 + t, 15.0]), np.zeros(3), np.zeros(3))
+            return Setpoint(np.array([0.0, 10.0 + t, 15.0]), np.zeros(3), np.zeros(3))
 
-        return wanted
+        return setpoint
 
     with pytest.raises(OutOfRange, match=r"number of controllers and references is 1 and \d+ or more; allowed is what takes 0\.0002 GB"):
         simulate_batch(crane(), hold_controller(crane()), [reference(i) for i in range(100)], start=crane().start, **CLOCK)

@@ -27,11 +27,11 @@ TRUTH = Truth(CASE)
 RNG = np.random.default_rng(1)
 
 
-def apart(contestant: Contestant, case: Case = CASE, truth: Truth = TRUTH) -> float:
+def max_deviation(contestant: Contestant, case: Case = CASE, truth: Truth = TRUTH) -> float:
     reason = contestant.missing()
     if reason is not None:
         pytest.skip(reason)
-    return truth.apart(contestant.prepare(case), many=contestant.many)
+    return truth.max_deviation(contestant.prepare(case), many=contestant.many)
 
 
 OTHER_DAMPING = ("Drake, discrete plant", "PyBullet, substeps of a control period")
@@ -43,14 +43,14 @@ ROUNDING = 4e-13
 
 @pytest.mark.parametrize("contestant", [one for one in CONTESTANTS if one.name not in OTHER_DAMPING], ids=lambda one: one.name)
 def test_each_contestant_makes_the_trajectory_of_the_plain_loop(contestant: Contestant) -> None:
-    assert apart(contestant) < ROUNDING
+    assert max_deviation(contestant) < ROUNDING
 
 
 @pytest.mark.parametrize("contestant", [one for one in CONTESTANTS if one.name in OTHER_DAMPING], ids=lambda one: one.name)
 def test_those_that_take_damping_at_another_time_differ_by_nothing_else(contestant: Contestant) -> None:
     undamped = Case(crane(damp_swing=0.0))
-    assert apart(contestant, undamped, Truth(undamped)) < ROUNDING
-    assert apart(contestant) > 100.0 * ROUNDING
+    assert max_deviation(contestant, undamped, Truth(undamped)) < ROUNDING
+    assert max_deviation(contestant) > 100.0 * ROUNDING
 
 
 def test_a_contestant_gives_the_same_run_twice() -> None:
@@ -80,7 +80,7 @@ def shifted(by: float, *, many: bool) -> Contestant:
 @pytest.mark.parametrize("many", [False, True])
 def test_who_is_off_by_more_than_allowed_is_not_shown_and_it_is_said_by_how_much(many: bool) -> None:
     (ready,), refused = sort(CASE, [shifted(0.1 * ALLOWED, many=many)])
-    assert ready.apart <= ALLOWED
+    assert ready.max_deviation <= ALLOWED
     assert refused == []
     ready_none, ((name, reason),) = sort(CASE, [shifted(3e-6, many=many)])
     assert ready_none == []
@@ -99,9 +99,9 @@ def test_a_result_that_is_no_number_or_has_no_log_agrees_with_nothing() -> None:
 
         return run
 
-    assert TRUTH.apart(broken(0.0, True), many=False) == 0.0
-    assert TRUTH.apart(broken(np.nan, True), many=False) == np.inf
-    assert TRUTH.apart(broken(0.0, False), many=False) == np.inf
+    assert TRUTH.max_deviation(broken(0.0, True), many=False) == 0.0
+    assert TRUTH.max_deviation(broken(np.nan, True), many=False) == np.inf
+    assert TRUTH.max_deviation(broken(0.0, False), many=False) == np.inf
 
 
 def test_who_cannot_run_or_fails_is_named_with_the_reason() -> None:

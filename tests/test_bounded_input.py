@@ -166,16 +166,16 @@ def test_arrow_is_handed_no_object_of_pythons_to_read_from(tmp_path: Path, monke
     pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
     pyarrow.csv.write_csv(table, tmp_path / "a.csv")
 
-    def watched(reader: Any) -> Any:
+    def with_events(reader: Any) -> Any:
         def read(source: Any, *args: Any, **named: Any) -> Any:
             seen.append(type(source))
             return reader(source, *args, **named)
 
         return read
 
-    monkeypatch.setattr("pyarrow.parquet.ParquetFile", watched(pyarrow.parquet.ParquetFile))
+    monkeypatch.setattr("pyarrow.parquet.ParquetFile", with_events(pyarrow.parquet.ParquetFile))
     for name in ("open_csv", "read_csv"):
-        monkeypatch.setattr(f"pyarrow.csv.{name}", watched(getattr(pyarrow.csv, name)))
+        monkeypatch.setattr(f"pyarrow.csv.{name}", with_events(getattr(pyarrow.csv, name)))
     for name in ("a.parquet", "a.csv"):
         assert len(read_columns(tmp_path / name, ("t_s",))["t_s"]) == 3
     assert seen == [pa.OSFile, pa.BufferReader, pa.BufferReader]

@@ -11,8 +11,7 @@ import pytest
 from cranedyn.controllers.riccati import riccati, stationary
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.model.description import main as description_main
-from experiments import a1, b1, compare, demo, energy, mass_ratio
-from experiments.harness import conduct as common
+from experiments import a1, b1, compare, demo, energy, harness, mass_ratio
 from experiments.scenarios.moves import MOVES
 from experiments.scenarios.strategies import FLAT, LQR, MPC
 from tests.helpers import FAST
@@ -40,22 +39,22 @@ def test_clocks_are_judged_before_an_experiment_begins(
 
 
 def test_a_control_period_that_is_longer_than_a_dwell_is_the_reason_in_the_table_of_the_tour() -> None:
-    world = common.World(control_period=2.0, watch="mark", engine=FAST)
-    found = compare._toured(world, "shaped")
+    setup = harness.Setup(control_period=2.0, validity="mark", engine=FAST)
+    found = compare._toured(setup, "shaped")
     assert found == "number of control instants in a dwell is 1; allowed is 2 or more: a shorter control period, a longer dwell."
 
 
 def test_a_control_period_that_is_longer_than_a_move_gives_no_shaped_tour() -> None:
-    found = compare._toured(common.World(control_period=1000.0, watch="mark", engine=FAST), "shaped")
+    found = compare._toured(harness.Setup(control_period=1000.0, validity="mark", engine=FAST), "shaped")
     assert str(found).startswith("step of the shaped reference is 1000.0 s; allowed is 0 to ")
 
 
 @pytest.mark.parametrize("way", [LQR, FLAT, MPC])
-@pytest.mark.parametrize("world", [common.World(1e9, engine=FAST), common.World(values={"damp_slew": 1e12}, engine=FAST)])
-def test_numbers_too_far_apart_for_a_regulator_are_the_reason_in_the_table_of_the_comparison(way: str, world: common.World) -> None:
+@pytest.mark.parametrize("world", [harness.Setup(1e9, engine=FAST), harness.Setup(values={"damp_slew": 1e12}, engine=FAST)])
+def test_numbers_too_far_apart_for_a_regulator_are_the_reason_in_the_table_of_the_comparison(way: str, setup: harness.Setup) -> None:
     if way == MPC:
         pytest.importorskip("daqp")
-    found = compare._made(world, MOVES[-1], way, False)["as planned"]
+    found = compare._made(setup, MOVES[-1], way, False)["as planned"]
     assert found.score is None
     assert found.why.startswith("There is no linear-quadratic regulator for this crane: its masses, dampings, gravity or control period ")
 
@@ -93,7 +92,7 @@ def test_a_pace_is_one_that_a_clock_can_keep(pace: str, tmp_path: Path, capsys: 
 
 def test_a_world_has_clocks_that_a_run_can_have() -> None:
     with pytest.raises(OutOfRange, match="control_period is -1 s"):
-        common.World(control_period=-1)
+        harness.Setup(control_period=-1)
 
 
 @pytest.mark.parametrize(

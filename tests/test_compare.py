@@ -15,15 +15,14 @@ from cranedyn.data.trajectory import read
 from cranedyn.references import zv
 from cranedyn.references.limits import use
 from cranedyn.references.motion import plumb
-from experiments import compare
+from experiments import compare, harness
 from experiments.compare import Result
-from experiments.harness import conduct as common
 from experiments.harness.document import read_document
 from experiments.harness.outcome import Table
 from experiments.report import page
 from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, Move, Score
-from experiments.scenarios.perturbations import CASES, NOMINAL, Case, make
-from experiments.scenarios.strategies import FASTEST, FLAT, LQR, MPC, PAPER, PD, TIME, WAYS, joystick
+from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, Perturbation, make
+from experiments.scenarios.strategies import FASTEST, FLAT, LQR, MPC, PAPER, PD, STRATEGIES, TIME, joystick
 from tests.helpers import FAST, ROOT
 from tests.told import missing
 
@@ -31,8 +30,8 @@ TROLLEY, COMBINED = MOVES[0], MOVES[-1]
 
 
 @pytest.fixture(scope="module")
-def world() -> common.World:
-    return common.World(engine=FAST)
+def setup() -> harness.Setup:
+    return harness.Setup(engine=FAST)
 
 
 def quintic_residual(way: float, duration: float, length: float, gravity: float) -> float:
@@ -43,25 +42,25 @@ def quintic_residual(way: float, duration: float, length: float, gravity: float)
 
 
 def test_the_spline_alone_leaves_what_the_closed_form_says() -> None:
-    world = common.World()
-    _, found = make(world, TROLLEY, WAYS["spline alone"](world, TROLLEY))
+    setup = harness.Setup()
+    _, found = make(setup, TROLLEY, STRATEGIES["spline alone"](setup, TROLLEY))
     length = 15.0 + 500.0 / (1000.0 * 15.0)  # payload and dummy links swing as a longer pendulum
     # a hundredth: joint damping over 20 s (1e-4), large swing on the way (θ²/16 = 1e-4 of the period, 3e-3 of a phase of 16 rad)
-    assert found.arrival == pytest.approx(quintic_residual(10.0, 20.0, length, world.crane.gravity) * 15.0 / length, rel=0.01)
+    assert found.arrival == pytest.approx(quintic_residual(10.0, 20.0, length, setup.crane.gravity) * 15.0 / length, rel=0.01)
 
 
 @pytest.mark.parametrize("move", [*MOVES, SWINGING], ids=lambda move: move.name)
-def test_every_way_on_paper_keeps_the_limits_of_the_drives(world: common.World, move: Move) -> None:
+def test_every_way_on_paper_keeps_the_limits_of_the_drives(setup: harness.Setup, move: Move) -> None:
     for way in ("spline alone", FLAT, "operator", "operator, ZVD"):
-        plan = WAYS[way](world, move)
+        plan = STRATEGIES[way](setup, move)
         motion = plan.motion or plumb(plan.reference, plan.arrives + 1.0)
-        shares = use(world.crane, motion, LIMITS)
+        shares = use(setup.crane, motion, LIMITS)
         # a trapezoid's acceleration jumps between samples of the spline that shapes it
         assert max(shares.values()) < 1.0 + 1e-6, (way, shares)
 
 
-def test_the_operator_is_at_full_rate_at_once_and_stops_at_the_goal(world: common.World) -> None:
-    reference, end = joystick(world, COMBINED)
+def test_the_operator_is_at_full_rate_at_once_and_stops_at_the_goal(setup: harness.Setup) -> None:
+    reference, end = joystick(setup, COMBINED)
     assert reference(end).position == pytest.approx(COMBINED.goal, abs=1e-9)
     assert np.abs(reference(end + 1.0).velocity).max() == pytest.approx(0.0, abs=1e-12)
     speeds = np.array([np.abs(reference(t).velocity) for t in np.arange(0.0, end, 0.01)]).max(axis=0)
@@ -70,52 +69,52 @@ def test_the_operator_is_at_full_rate_at_once_and_stops_at_the_goal(world: commo
     assert speeds[0] == pytest.approx(LIMITS.rates[0])
 
 
-def test_a_shaped_operator_leaves_what_the_shaper_leaves_of_the_bare_one(world: common.World) -> None:
-    bare, shaped = (make(world, TROLLEY, WAYS[way](world, TROLLEY))[1] for way in ("operator", "operator, ZV"))
+def test_a_shaped_operator_leaves_what_the_shaper_leaves_of_the_bare_one(setup: harness.Setup) -> None:
+    bare, shaped = (make(setup, TROLLEY, STRATEGIES[way](setup, TROLLEY))[1] for way in ("operator", "operator, ZV"))
     ratio = 1.0 / math.sqrt((15.0 + 500.0 / 15000.0) / 15.0) * (1.0 - bare.peak**2 / 16.0)
     # the shaper is made for a small swing of a point: what it leaves is its sensitivity at this ratio, and the swing's second order
     assert shaped.arrival < bare.arrival * (float(zv().residual(ratio)) + 0.02)
 
 
-def test_drives_that_yield_settle_what_the_operator_leaves(world: common.World) -> None:
-    bare, yielding = (make(world, COMBINED, WAYS[way](world, COMBINED))[1] for way in ("operator", "operator, drives yield"))
+def test_drives_that_yield_settle_what_the_operator_leaves(setup: harness.Setup) -> None:
+    bare, yielding = (make(setup, COMBINED, STRATEGIES[way](setup, COMBINED))[1] for way in ("operator", "operator, drives yield"))
     assert yielding.later < 0.05 * bare.later
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case != NOMINAL], ids=lambda case: case.name)
-def test_feedback_outlives_every_case(world: common.World, case: Case) -> None:
-    _, found = make(world, COMBINED, WAYS[FLAT](world, COMBINED), case)
-    _, before = make(world, COMBINED, WAYS["spline alone"](world, COMBINED))
+@pytest.mark.parametrize("case", [case for case in PERTURBATIONS if case != NOMINAL], ids=lambda case: case.name)
+def test_feedback_outlives_every_case(setup: harness.Setup, case: Perturbation) -> None:
+    _, found = make(setup, COMBINED, STRATEGIES[FLAT](setup, COMBINED), case)
+    _, before = make(setup, COMBINED, STRATEGIES["spline alone"](setup, COMBINED))
     assert found.later < 0.05 * before.later
 
 
 @pytest.mark.parametrize("way", [FLAT, PAPER])
 @pytest.mark.parametrize("mass", [500.0, 1500.0])
-def test_a_load_of_another_mass_ends_where_it_shall(world: common.World, way: str, mass: float) -> None:
-    run, found = make(world, COMBINED, WAYS[way](world, COMBINED), Case("another load", load=mass / 1000.0))
+def test_a_load_of_another_mass_ends_where_it_shall(setup: harness.Setup, way: str, mass: float) -> None:
+    run, found = make(setup, COMBINED, STRATEGIES[way](setup, COMBINED), Perturbation("another load", load=mass / 1000.0))
     assert np.abs(run["l_m"][run.t < 1.0] - 15.0).max() > 0.05  # it sags or rises before the integrator has found the weight
     # k_p/k_i is 2.5 s for the LQR and 4 s for the PID: after 40 s a thousandth of 0.5 m and less
     assert run["l_m"][-1] == pytest.approx(10.0, abs=1e-3)
     assert found.later < 1e-3
 
 
-def test_a_longer_cable_is_longer_and_the_goal_with_it(world: common.World) -> None:
-    run, found = make(world, COMBINED, WAYS[FLAT](world, COMBINED), Case("longer", cable=0.1))
+def test_a_longer_cable_is_longer_and_the_goal_with_it(setup: harness.Setup) -> None:
+    run, found = make(setup, COMBINED, STRATEGIES[FLAT](setup, COMBINED), Perturbation("longer", cable=0.1))
     assert run["l_m"][0] == pytest.approx(16.5)
     assert run["l_m"][-1] == pytest.approx(11.0, abs=0.01)
     assert found.settled < 10.0
 
 
-def test_a_swing_at_the_start_is_taken_away_by_feedback_and_not_without(world: common.World) -> None:
-    run, alone = make(world, SWINGING, WAYS["spline alone"](world, SWINGING))
+def test_a_swing_at_the_start_is_taken_away_by_feedback_and_not_without(setup: harness.Setup) -> None:
+    run, alone = make(setup, SWINGING, STRATEGIES["spline alone"](setup, SWINGING))
     assert run.q[0, 2:4].tolist() == [0.1, 0.05]
-    _, tracked = make(world, SWINGING, WAYS[LQR](world, SWINGING))
+    _, tracked = make(setup, SWINGING, STRATEGIES[LQR](setup, SWINGING))
     assert tracked.later < 1e-2 * alone.later
 
 
-def test_an_integrator_does_not_remember_another_run(world: common.World) -> None:
-    plan = WAYS[PAPER](world, COMBINED)
-    one, two = (make(world, COMBINED, plan)[0] for _ in range(2))
+def test_an_integrator_does_not_remember_another_run(setup: harness.Setup) -> None:
+    plan = STRATEGIES[PAPER](setup, COMBINED)
+    one, two = (make(setup, COMBINED, plan)[0] for _ in range(2))
     assert np.array_equal(one.q, two.q)
 
 
@@ -172,16 +171,16 @@ def _scored(settled: float = 0.0, arrives: float = 10.0) -> Result:
     return Result(Score(arrives, 0.03, 1e-6, 1e-6, settled, 10.0, numbers, numbers, numbers, 1.0, 1.0, 0.0))
 
 
-def _judged(claims: Sequence[common.Claim], words: str) -> list[bool | None]:
+def _judged(claims: Sequence[harness.Claim], words: str) -> list[bool | None]:
     return [claim.holds for claim in claims if words in claim.sentence]
 
 
 @pytest.mark.parametrize(("least", "holds"), [(12.0, True), (15.5, False)])
 def test_the_move_of_least_time_is_held_against_the_fastest_flat_path_under_the_same_limits(least: float, holds: bool) -> None:
     found = {TIME: {NOMINAL.name: _scored(arrives=least)}, FLAT: {NOMINAL.name: _scored(arrives=20.0)}}
-    assert _judged(compare._claims(common.World(), found), "least time") == []  # nothing of its kind to hold it against
+    assert _judged(compare._claims(harness.Setup(), found), "least time") == []  # nothing of its kind to hold it against
     found[FASTEST] = {NOMINAL.name: _scored(arrives=15.0)}
-    assert _judged(compare._claims(common.World(), found), "least time") == [holds]
+    assert _judged(compare._claims(harness.Setup(), found), "least time") == [holds]
 
 
 @pytest.mark.parametrize(("longest", "holds"), [(0.049, True), (0.073, False)])
@@ -189,20 +188,20 @@ def test_the_predictive_controller_is_judged_by_its_longest_call_in_any_run(long
     quick, slow = np.full(20, 1e-3), np.full(20, 1e-3)
     slow[13] = longest
     moves = [{MPC: {case: _scored()._replace(calls=calls)}} for case, calls in (("one", quick), ("another", slow))]
-    (claim,) = compare._in_time(common.World(), moves)
+    (claim,) = compare._in_time(harness.Setup(), moves)
     assert claim.holds is holds
     assert f"{1e3 * longest:.2g} ms of processor time at most" in claim.sentence
 
 
 def test_time_that_other_work_takes_from_the_processor_is_not_the_controllers() -> None:
     calls: list[float] = []
-    controller = compare._timed(lambda: lambda t, state, wanted: time.sleep(0.05), calls)  # type: ignore[return-value, arg-type]
+    controller = compare._timed(lambda: lambda t, state, setpoint: time.sleep(0.05), calls)  # type: ignore[return-value, arg-type]
     controller(0.0, None, None)  # type: ignore[arg-type]
     assert calls[0] < 0.01
 
 
-def test_the_fastest_flat_path_uses_a_limit_fully_and_keeps_all(world: common.World) -> None:
-    motion = WAYS[FASTEST](world, COMBINED).motion
+def test_the_fastest_flat_path_uses_a_limit_fully_and_keeps_all(setup: harness.Setup) -> None:
+    motion = STRATEGIES[FASTEST](setup, COMBINED).motion
     assert motion is not None
     # the duration is found to a thousandth of a second of some fifteen, and rounded up to rows 5 ms apart; accelerations go with its square
-    assert 0.998 < max(use(world.crane, motion, LIMITS).values()) <= 1.0
+    assert 0.998 < max(use(setup.crane, motion, LIMITS).values()) <= 1.0

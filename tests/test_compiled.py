@@ -28,7 +28,7 @@ from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.errors import CraneError, ModelError, OutOfRange, RunError
-from cranedyn.interfaces import Controller, Disturbance, Reference, State, Wanted
+from cranedyn.interfaces import Controller, Disturbance, Reference, Setpoint, State
 from cranedyn.model.crane import DRIVES, Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, plumb, ramp
@@ -90,9 +90,9 @@ PERIOD, LASTS = 1e-2, 0.6
 
 
 @cache
-def _crane(watch: str) -> Crane:
+def _crane(validity: str) -> Crane:
     """One whose trolley meets the end of its path, but where that would end the run."""
-    return crane(**DAMPED, trolley_max=22.0 if watch == "stop" else 10.05)
+    return crane(**DAMPED, trolley_max=22.0 if validity == "stop" else 10.05)
 
 
 def _start() -> State:
@@ -110,7 +110,7 @@ def _lqr() -> Tracking:
 
 def _plain_function() -> Controller:
     brake = hold_controller(crane(), gravity=G)
-    return lambda t, state, wanted: brake(t, state, wanted)
+    return lambda t, state, setpoint: brake(t, state, setpoint)
 
 
 CONTROLLERS: dict[str, tuple[str, Callable[[], Controller]]] = {
@@ -119,12 +119,12 @@ CONTROLLERS: dict[str, tuple[str, Callable[[], Controller]]] = {
     "integral": ("effort", lambda: HoistIntegral(_lqr(), 2e3, 1.2e4)),
     "python": ("effort", _plain_function),
     "follow": ("motion", lambda: follow(_reference(), PERIOD)),
-    "python motion": ("motion", lambda: lambda t, state, wanted: np.array([0.05, 0.5, -0.3]) * math.cos(3.0 * t)),
+    "python motion": ("motion", lambda: lambda t, state, setpoint: np.array([0.05, 0.5, -0.3]) * math.cos(3.0 * t)),
 }
 
 FORCES: dict[str, Callable[[], Disturbance | None]] = {
     "no wind": lambda: None,
-    "push": lambda: wind.push((500.0, -300.0, 100.0), (40.0, 60.0, 0.0), at=0.2),
+    "push": lambda: wind.constant_force((500.0, -300.0, 100.0), (40.0, 60.0, 0.0), at=0.2),
     "wind": lambda: wind.wind(crane(), wind.steady(12.0), direction=2.0, payload_area=4.0, trolley_area=1.0),
 }
 
@@ -138,7 +138,7 @@ def test_a_run_of_many_blocks_is_the_same(controller: str) -> None:
         made = lambda: HoistIntegral(tracking, 2e3, 2e4)  # noqa: E731
     elif controller == "follow":
         made = lambda: follow(_reference(), 2e-3)  # noqa: E731
-    how: dict[str, Any] = {"start": _start(), "duration": 8.4, "dt": 1e-3, "control_period": 2e-3, "drive": drive, "watch": "mark"}
+    how: dict[str, Any] = {"start": _start(), "duration": 8.4, "dt": 1e-3, "control_period": 2e-3, "drive": drive, "validity": "mark"}
     plain, compiled = both(c, made, _reference(), **how, progress=told.append)
     assert len(plain) == 4201
     agree(c, plain, compiled)
@@ -149,7 +149,7 @@ def test_a_run_of_many_blocks_is_the_same(controller: str) -> None:
 def test_at_the_limits_of_the_drives_the_engines_cut_alike() -> None:
     c = crane(**DAMPED, trolley_effort=2e3, slew_effort=1e4, hoist_effort=9.9e3)
     for made in (lambda: hold_controller(c, gravity=G), _plain_function):
-        plain, compiled = both(c, made, _reference(), start=_start(), duration=2.0, watch="mark")
+        plain, compiled = both(c, made, _reference(), start=_start(), duration=2.0, validity="mark")
         agree(c, plain, compiled)
         assert (np.abs(plain.effort).max(axis=0) == c.effort_limit).all()
         assert (np.abs(compiled.effort).max(axis=0) == c.effort_limit).all()
@@ -158,7 +158,7 @@ def test_at_the_limits_of_the_drives_the_engines_cut_alike() -> None:
 @pytest.mark.parametrize("gravity", [1.62, 24.8])
 def test_in_other_gravity_the_engines_agree(gravity: float) -> None:
     c = load_crane(gravity=gravity)
-    agree(c, *both(c, lambda: hold_controller(c, gravity=gravity), _reference(), start=_start(), duration=1.0, watch="mark"))
+    agree(c, *both(c, lambda: hold_controller(c, gravity=gravity), _reference(), start=_start(), duration=1.0, validity="mark"))
 
 
 @pytest.mark.parametrize("since", [1.0, 5e4])
@@ -166,7 +166,7 @@ def test_a_run_that_begins_at_another_time_is_the_same(since: float) -> None:
     c = crane()
     reference = ramp(hold(_start()), "x", 0.3, rate=1.0, at=since + 0.1)
     for made in (lambda: hold_controller(c, gravity=G), lambda: HoistIntegral(_lqr(), 2e3, 1.2e4)):
-        agree(c, *both(c, made, reference, start=_start(), since=since, duration=0.5, dt=1e-3, control_period=PERIOD, watch="mark"))
+        agree(c, *both(c, made, reference, start=_start(), since=since, duration=0.5, dt=1e-3, control_period=PERIOD, validity="mark"))
 
 
 def test_drives_without_limits_are_compiled_too() -> None:
@@ -185,7 +185,7 @@ def test_an_engine_that_does_not_exist_is_refused() -> None:
 @pytest.mark.parametrize("name", ["explicit Euler", "RK4"])
 def test_a_stepping_rule_without_code_is_refused_before_anything_is_asked_whatever_its_name(name: str) -> None:
     rule = Integrator(name, lambda *given: _raise(AssertionError()), lead=0.0)
-    for controller in (hold_controller(crane()), lambda t, state, wanted: _raise(AssertionError())):
+    for controller in (hold_controller(crane()), lambda t, state, setpoint: _raise(AssertionError())):
         with pytest.raises(OutOfRange, match=rf"integrator of compiled code is {name}; allowed is semi-implicit Euler or RK4"):
             simulate(crane(), controller, duration=0.1, integrator=rule, engine="compiled")
 
@@ -206,7 +206,7 @@ def test_a_heavy_load_under_a_light_trolley_is_not_refused_for_rounding_in_the_w
     # pin.aba in the world's frame, as the loop calls it, is off by 1.5e-11 of the acceleration at one of the states that are compared
     c = load_crane(gravity=11.2, **VARIANTS[-2])
     start = c.state(phi=0.1)
-    assert len(simulate(c, soft_hold(c, start.q), start=start, duration=0.1, watch="mark", engine="compiled")) == 21
+    assert len(simulate(c, soft_hold(c, start.q), start=start, duration=0.1, validity="mark", engine="compiled")) == 21
 
 
 @pytest.mark.parametrize("share", [1e-9, -1e-9])
@@ -279,7 +279,7 @@ def test_at_its_limit_the_integrator_stops_alike_and_comes_back() -> None:
 def test_pieces_of_a_run_joined_are_the_whole(name: str) -> None:
     drive, made = CONTROLLERS[name]
     c, controller = crane(), made()
-    how: dict[str, Any] = {"dt": 1e-3, "control_period": PERIOD, "drive": drive, "watch": "mark", "engine": "compiled"}
+    how: dict[str, Any] = {"dt": 1e-3, "control_period": PERIOD, "drive": drive, "validity": "mark", "engine": "compiled"}
     whole = simulate(c, made(), _reference(), start=_start(), duration=0.6, **how)
     pieces = [simulate(c, controller, _reference(), start=_start(), duration=0.2, **how)]
     for since in (0.2, 0.4):
@@ -289,8 +289,8 @@ def test_pieces_of_a_run_joined_are_the_whole(name: str) -> None:
 
 def test_a_variant_that_answers_otherwise_is_asked() -> None:
     class Louder(Hold):
-        def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
-            return 1.1 * super().__call__(t, state, wanted)
+        def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+            return 1.1 * super().__call__(t, state, setpoint)
 
     c, brake = crane(), hold_controller(crane(), gravity=G)
     louder = Louder(brake.stiffness, brake.damping, brake.feed_forward)
@@ -349,7 +349,7 @@ def test_a_hoist_that_pushes_the_rope_ends_both_runs() -> None:
 def test_a_run_that_diverges_ends_alike(wrapped: bool) -> None:
     c = crane(hoist_effort=1e12)
     wild = hold_controller(c, damping=(1e6, 5e4, 1e6))
-    controller: Controller = (lambda t, state, wanted: wild(t, state, wanted)) if wrapped else wild
+    controller: Controller = (lambda t, state, setpoint: wild(t, state, setpoint)) if wrapped else wild
     plain, compiled = (_diverging(c, controller, engine) for engine in ("pinocchio", "compiled"))
     assert (plain.t, plain.joint) == (compiled.t, compiled.joint)
     assert compiled.trajectory is not None
@@ -362,13 +362,13 @@ def test_a_run_that_diverges_ends_alike(wrapped: bool) -> None:
 
 def _diverging(c: Crane, controller: Controller, engine: Any) -> RunError:
     with pytest.raises(RunError, match=r"The run diverged at t = .* s: hoist_joint moves at") as caught:
-        simulate(c, controller, start=c.state(l_dot=0.1), duration=60.0, watch="mark", engine=engine)
+        simulate(c, controller, start=c.state(l_dot=0.1), duration=60.0, validity="mark", engine=engine)
     return caught.value
 
 
 def _after(t0: float, action: Callable[[], np.ndarray]) -> Callable[[], Controller]:
     brake = hold_controller(crane(), gravity=G)
-    return lambda: lambda t, state, wanted: brake(t, state, wanted) if t < t0 else action()
+    return lambda: lambda t, state, setpoint: brake(t, state, setpoint) if t < t0 else action()
 
 
 def _raise(error: BaseException) -> Any:
@@ -408,7 +408,7 @@ def test_a_table_with_a_number_missing_ends_both_runs_where_it_is_reached(row: i
 
 
 def test_a_reference_that_cannot_answer_ends_both_runs_in_the_same_words() -> None:
-    def reference(t: float) -> Wanted:
+    def reference(t: float) -> Setpoint:
         return hold(crane().start)(t) if t < 0.3 else _raise(CraneError("There is no plan from here on."))
 
     failure = _same_failure(crane(), lambda: hold_controller(crane(), gravity=9.7), reference, duration=1.0)
@@ -418,7 +418,7 @@ def test_a_reference_that_cannot_answer_ends_both_runs_in_the_same_words() -> No
 
 
 def test_errors_that_are_not_ours_end_both_runs_alike_and_are_the_cause() -> None:
-    def reference(t: float) -> Wanted:
+    def reference(t: float) -> Setpoint:
         return hold(crane().start)(t if t < 0.3 else t / 0.0)
 
     failure = _same_failure(crane(), lambda: hold_controller(crane(), gravity=9.7), reference, duration=1.0)
@@ -432,7 +432,7 @@ def test_errors_that_are_not_ours_end_both_runs_alike_and_are_the_cause() -> Non
 
 def test_ctrl_c_in_a_loop_that_runs_ahead_keeps_the_blocks_that_are_done() -> None:
     c = crane()
-    how: dict[str, Any] = {"start": _start(), "duration": 5.0, "dt": 1e-3, "control_period": 1e-3, "watch": "mark"}
+    how: dict[str, Any] = {"start": _start(), "duration": 5.0, "dt": 1e-3, "control_period": 1e-3, "validity": "mark"}
     with pytest.raises(RunError, match=r"Interrupted at t = 1\.999 s\.") as caught:
         simulate(c, hold_controller(c), _reference(), **how, engine="compiled", progress=lambda t: _raise(KeyboardInterrupt()))
     assert caught.value.trajectory is not None
@@ -459,20 +459,24 @@ def test_disturbances_that_are_no_forces_end_both_runs_in_the_same_words() -> No
 
 @pytest.mark.parametrize(
     ("controller", "watch"),
-    [(name, watch) for name, (drive, _) in CONTROLLERS.items() for watch in ("stop", "mark", "buffers")[: 3 if drive == "effort" else 2]],
+    [
+        (name, validity)
+        for name, (drive, _) in CONTROLLERS.items()
+        for validity in ("stop", "mark", "buffers")[: 3 if drive == "effort" else 2]
+    ],
 )
 @pytest.mark.parametrize("blows", FORCES)
 @pytest.mark.parametrize(("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"])
-def test_both_engines_record_the_same(controller: str, integrator: Integrator, dt: float, blows: str, watch: Any) -> None:
+def test_both_engines_record_the_same(controller: str, integrator: Integrator, dt: float, blows: str, validity: Any) -> None:
     drive, made = CONTROLLERS[controller]
-    c = _crane(watch)
-    how: dict[str, Any] = {"start": _start(), "duration": LASTS, "dt": dt, "control_period": PERIOD, "drive": drive, "watch": watch}
+    c = _crane(validity)
+    how: dict[str, Any] = {"start": _start(), "duration": LASTS, "dt": dt, "control_period": PERIOD, "drive": drive, "validity": validity}
     plain, compiled = both(c, made, _reference(), **how, integrator=integrator, disturbance=FORCES[blows]())
     agree(c, plain, compiled)
     assert (np.ptp(plain.q, axis=0) > 1e-3).all()  # everything moves
-    if watch != "stop" and controller not in ("lqr", "integral"):
+    if validity != "stop" and controller not in ("lqr", "integral"):
         assert plain.q[:, 1].max() > 10.05
-    if watch == "buffers" and controller not in ("lqr", "integral"):
+    if validity == "buffers" and controller not in ("lqr", "integral"):
         assert plain.outside[-1, 1] != 0.0
 
 
@@ -521,7 +525,7 @@ def test_rk4_keeps_the_energy_of_a_swing(engine: Any) -> None:
 @ENGINES
 def test_where_buffers_act_rk4_gives_way_to_small_steps(engine: Any) -> None:
     c = crane(trolley_max=11.0, **DAMPED)
-    how: dict[str, Any] = {"start": c.state(x=10.8, x_dot=1.0), "duration": 1.5, "watch": "buffers", "engine": engine}
+    how: dict[str, Any] = {"start": c.state(x=10.8, x_dot=1.0), "duration": 1.5, "validity": "buffers", "engine": engine}
     push = constant(0.0, 500.0, -1000.0 * G)
     found = simulate(c, push, **how, control_period=5e-2, dt=5e-2, integrator=rk4)
     small = simulate(c, push, **how, control_period=5e-2, dt=5e-4)
@@ -559,13 +563,13 @@ def test_cranes_of_all_sizes_agree_step_by_step(case: Case, drive: str) -> None:
 
 @settings(max_examples=12)
 @given(cases(CALM), st.sampled_from(["mark", "buffers"]), st.sampled_from([semi_implicit_euler, rk4]))
-def test_cranes_of_all_sizes_agree_where_loops_run_ahead(case: Case, watch: Any, integrator: Integrator) -> None:
+def test_cranes_of_all_sizes_agree_where_loops_run_ahead(case: Case, validity: Any, integrator: Integrator) -> None:
     c = case.crane
     # a load that is too heavy for its hoist falls, and rounding grows as it flies past the trolley
     assume((np.abs(dynamics.holding_effort(c, case.start_q)) < c.effort_limit).all())
     brake = soft_hold(c, case.start_q)
     reference = hold(State(case.start_q + 0.1 * np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros(5)))
-    how: dict[str, Any] = {"start": case.start, "duration": 0.3, "dt": 1e-3, "control_period": 1e-2, "watch": watch}
+    how: dict[str, Any] = {"start": case.start, "duration": 0.3, "dt": 1e-3, "control_period": 1e-2, "validity": validity}
     try:
         plain = simulate(c, brake, reference, **how, integrator=integrator)
     except RunError as error:

@@ -39,7 +39,7 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import COLUMNS, Trajectory
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import CraneError, Misshapen, OutOfRange, RunError
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold
 from cranedyn.references.ramp import ramp
@@ -58,7 +58,7 @@ def _alone(controller: Any, reference: Any = None) -> object:
     return simulate(crane(), controller, reference, duration=0.5, engine="compiled")
 
 
-WAYS = pytest.mark.parametrize("way", [_batch, _alone], ids=["batch", "alone"])
+STRATEGIES = pytest.mark.parametrize("way", [_batch, _alone], ids=["batch", "alone"])
 ROWS = 101
 
 
@@ -80,7 +80,7 @@ def _parts(brake: Hold) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 # --- what controllers and references answer --------------------------------------------------------------------------------------------
 
 
-@WAYS
+@STRATEGIES
 @pytest.mark.parametrize(
     ("part", "value", "given", "allowed"),
     [
@@ -97,10 +97,10 @@ def _parts(brake: Hold) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         ("gain", None, "no array of numbers but NoneType", "an array of shape (1, 3, 10)"),
         ("gain", np.zeros((2, 3, 10)), "an array of shape (2, 3, 10)", "one of shape (1, 3, 10)"),
         ("gain", np.zeros((1, 10, 3)), "an array of shape (1, 10, 3)", "one of shape (1, 3, 10)"),
-        ("wanted", np.zeros((0, 10)), "an array of 0 rows", f"one of 1 to {ROWS}"),
-        ("wanted", np.zeros((ROWS, 9)), f"an array of shape ({ROWS}, 9)", "one of shape (m, 10)"),
-        ("wanted", np.zeros((ROWS + 1, 10)), f"an array of {ROWS + 1} rows", f"one of 1 to {ROWS}"),
-        ("wanted", [[0.0], [1.0, 2.0]], "no array of numbers but list", "an array of shape (m, 10)"),
+        ("setpoint", np.zeros((0, 10)), "an array of 0 rows", f"one of 1 to {ROWS}"),
+        ("setpoint", np.zeros((ROWS, 9)), f"an array of shape ({ROWS}, 9)", "one of shape (m, 10)"),
+        ("setpoint", np.zeros((ROWS + 1, 10)), f"an array of {ROWS + 1} rows", f"one of 1 to {ROWS}"),
+        ("setpoint", [[0.0], [1.0, 2.0]], "no array of numbers but list", "an array of shape (m, 10)"),
     ],
 )
 def test_a_common_form_that_is_not_as_it_should_be_is_refused_by_name(
@@ -112,23 +112,23 @@ def test_a_common_form_that_is_not_as_it_should_be_is_refused_by_name(
     assert str(caught.value) == f"{part} in the common form of _Answering is {given}; allowed is {allowed}."
 
 
-@WAYS
+@STRATEGIES
 def test_a_common_form_that_is_none_at_all_is_refused(way: Callable[..., object]) -> None:
     with pytest.raises(Misshapen, match="the common form of _Answering is int; allowed is an Affine, or None where it is not affine"):
         way(_Answering(lambda form: 3))
 
 
-@pytest.mark.parametrize("part", ["feed_forward", "gain", "wanted", "integral_gain", "integral"])
+@pytest.mark.parametrize("part", ["feed_forward", "gain", "setpoint", "integral_gain", "integral"])
 def test_a_common_form_with_a_number_missing_is_refused_in_a_batch_and_asked_at_each_instant_in_a_run(part: str) -> None:
     controller = _Answering(lambda form: replace(form, **{part: np.full_like(getattr(form, part), math.nan)}))
     with pytest.raises(OutOfRange, match=f"{part} in the common form of _Answering is nan; allowed is finite"):
         _batch(controller)
     asked = simulate(crane(), controller, duration=0.5, engine="compiled")
-    plain = simulate(crane(), lambda t, state, wanted: controller(t, state, wanted), duration=0.5, engine="compiled")
+    plain = simulate(crane(), lambda t, state, setpoint: controller(t, state, setpoint), duration=0.5, engine="compiled")
     assert asked.q.tobytes() == plain.q.tobytes()
 
 
-@WAYS
+@STRATEGIES
 def test_a_limit_that_is_no_number_is_refused_since_nothing_else_would_meet_it(way: Callable[..., object]) -> None:
     with pytest.raises(
         Misshapen, match="limit in the common form of _Answering is an array that holds nan; allowed is numbers, inf for none"
@@ -143,24 +143,24 @@ class _Table:
         self.at = answer
         self._still = hold(crane().start)
 
-    def __call__(self, t: float) -> Wanted:
+    def __call__(self, t: float) -> Setpoint:
         return self._still(t)
 
 
-def _wanted(shape: tuple[int, ...]) -> Callable[[np.ndarray], Wanted]:
-    return lambda times: Wanted(*(np.zeros(shape) for _ in range(3)))
+def _setpoint(shape: tuple[int, ...]) -> Callable[[np.ndarray], Setpoint]:
+    return lambda times: Setpoint(*(np.zeros(shape) for _ in range(3)))
 
 
-@WAYS
+@STRATEGIES
 @pytest.mark.parametrize(
     ("answer", "sentence"),
     [
-        (_wanted((ROWS, 2)), rf"position that the reference wants is an array of shape \({ROWS}, 2\); .* \({ROWS}, 3\)"),
-        (_wanted((2, 3)), r"is an array of shape \(2, 3\)"),
-        (_wanted((ROWS + 1, 3)), rf"is an array of shape \({ROWS + 1}, 3\)"),
-        (_wanted((0, 3)), r"is an array of shape \(0, 3\)"),
-        (_wanted((3,)), r"is an array of shape \(3,\)"),
-        (lambda times: Wanted(*[np.zeros((len(times), 3))] * 2, None), "acceleration that .* is no array of numbers but NoneType"),
+        (_setpoint((ROWS, 2)), rf"position that the reference wants is an array of shape \({ROWS}, 2\); .* \({ROWS}, 3\)"),
+        (_setpoint((2, 3)), r"is an array of shape \(2, 3\)"),
+        (_setpoint((ROWS + 1, 3)), rf"is an array of shape \({ROWS + 1}, 3\)"),
+        (_setpoint((0, 3)), r"is an array of shape \(0, 3\)"),
+        (_setpoint((3,)), r"is an array of shape \(3,\)"),
+        (lambda times: Setpoint(*[np.zeros((len(times), 3))] * 2, None), "acceleration that .* is no array of numbers but NoneType"),
         (lambda times: None, "answer of the reference is None; allowed is a Wanted: position, velocity, acceleration"),
         (lambda times: np.zeros((3, len(times), 3)), "answer of the reference is an array"),
     ],
@@ -186,7 +186,7 @@ def test_a_form_that_goes_wrong_later_leaves_what_was_recorded_up_to_then() -> N
     assert isinstance(caught.value.__cause__, Misshapen)
 
 
-@WAYS
+@STRATEGIES
 @pytest.mark.parametrize("what", ["times", "positions", "times of the reference"])
 def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(way: Callable[..., object], what: str) -> None:
     class Meddling(Hold):
@@ -194,9 +194,9 @@ def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(way: Callab
             (times if what == "times" else positions)[0] += 1.0
             return super().affine(times, positions)
 
-    def meddling(times: np.ndarray) -> Wanted:
+    def meddling(times: np.ndarray) -> Setpoint:
         times[0] += 1.0
-        return _wanted((len(times), 3))(times)
+        return _setpoint((len(times), 3))(times)
 
     controller = hold_controller(crane()) if what == "times of the reference" else Meddling(*_parts(hold_controller(crane())))
     try:
@@ -206,7 +206,7 @@ def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(way: Callab
     else:  # it was asked at each instant instead
         assert isinstance(found, Trajectory)
         brake = hold_controller(crane())
-        plain = simulate(crane(), lambda t, state, wanted: brake(t, state, wanted), duration=0.5, engine="compiled")
+        plain = simulate(crane(), lambda t, state, setpoint: brake(t, state, setpoint), duration=0.5, engine="compiled")
         assert found.q.tobytes() == plain.q.tobytes()
 
 
@@ -382,8 +382,8 @@ def _everything(integrator: Any, dt: float, drive: Any, buffers: bool) -> list[b
     clock: dict[str, Any] = {"duration": 0.3, "dt": dt, "control_period": 2e-2, "integrator": integrator, "drive": drive}
     reference = ramp(hold(start), "x", 0.2, rate=0.3, at=0.1)
     found: list[bytes] = []
-    for controller in (brake, lambda t, state, wanted: brake(t, state, wanted)):
-        how: dict[str, Any] = {"watch": "buffers" if buffers else "mark", "engine": "compiled"}
+    for controller in (brake, lambda t, state, setpoint: brake(t, state, setpoint)):
+        how: dict[str, Any] = {"validity": "buffers" if buffers else "mark", "engine": "compiled"}
         run = simulate(c, controller, reference, start=start, **clock, **how)
         found += [getattr(run, name).tobytes() for name in COLUMNS]
     starts = State(np.tile(start.q, (9, 1)) + 0.01 * np.arange(9)[:, None], np.zeros((9, 5)))
@@ -506,7 +506,7 @@ def test_runs_and_batches_in_many_threads_give_what_they_give_alone() -> None:
 
     def alone(mass: float) -> bytes:
         c = cranes[mass]
-        return simulate(c, hold_controller(c), start=c.state(phi=0.1), duration=0.3, watch="mark", engine="compiled").q.tobytes()
+        return simulate(c, hold_controller(c), start=c.state(phi=0.1), duration=0.3, validity="mark", engine="compiled").q.tobytes()
 
     def batch(mass: float) -> bytes:
         c = cranes[mass]

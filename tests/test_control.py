@@ -25,7 +25,7 @@ from cranedyn.references import hold, ramp
 from cranedyn.references.flat import flat, smoothstep
 from cranedyn.references.limits import Limits, check, fastest, use
 from cranedyn.references.motion import plumb
-from cranedyn.references.operator import Push, operator
+from cranedyn.references.operator import JoystickPulse, operator
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import shortest, spline
 from cranedyn.references.tabulated import tabulated
@@ -43,10 +43,10 @@ def test_a_spline_is_at_rest_at_every_waypoint_and_passes_through_it() -> None:
     start = crane().state(x=10.0, l=15.0)
     reference = spline(start, [(0.3, 12.0, 14.0), (0.6, 20.0, 10.0)], [5.0, 8.0], at=1.0)
     for t, point in ((1.0, start.q[DRIVES]), (6.0, (0.3, 12.0, 14.0)), (14.0, (0.6, 20.0, 10.0)), (99.0, (0.6, 20.0, 10.0))):
-        wanted = reference(t)
+        setpoint = reference(t)
         # 1e-12: rounding of polynomials of order one
-        np.testing.assert_allclose(wanted.position, point, atol=1e-12)
-        np.testing.assert_allclose([wanted.velocity, wanted.acceleration], 0.0, atol=1e-12)
+        np.testing.assert_allclose(setpoint.position, point, atol=1e-12)
+        np.testing.assert_allclose([setpoint.velocity, setpoint.acceleration], 0.0, atol=1e-12)
 
 
 def test_rates_of_a_spline_are_the_derivatives_of_its_position() -> None:
@@ -64,8 +64,8 @@ def test_the_shortest_spline_reaches_a_limit_and_exceeds_none() -> None:
     rates, accelerations = (0.08, 0.8, 0.8), (0.02, 0.3, 0.4)
     for goal in ((0.6, 12.0, 15.0), (0.0, 20.0, 14.0), (0.01, 10.2, 5.0)):
         (duration,) = shortest(start, [goal], rates=rates, accelerations=accelerations)
-        wanted = spline(start, [goal], [duration]).at(np.linspace(0.0, duration, 4001))
-        use = max((np.abs(wanted.velocity).max(axis=0) / rates).max(), (np.abs(wanted.acceleration).max(axis=0) / accelerations).max())
+        setpoint = spline(start, [goal], [duration]).at(np.linspace(0.0, duration, 4001))
+        use = max((np.abs(setpoint.velocity).max(axis=0) / rates).max(), (np.abs(setpoint.acceleration).max(axis=0) / accelerations).max())
         assert use == pytest.approx(1.0, abs=1e-6)  # 4001 samples meet the peak within 1e-7
 
 
@@ -288,13 +288,13 @@ def test_a_shaped_move_leaves_almost_no_swing_where_the_bare_one_does() -> None:
 def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_a_fixed_cable() -> None:
     point = big_crane()
     start = point.state(x=10.0, l=20.0)
-    base = operator(start, [Push("l", -0.5, 0.0, 20.0), Push("x", 0.5, 3.0, 12.0)], accelerations=(0.02, 0.4, 0.4))
+    base = operator(start, [JoystickPulse("l", -0.5, 0.0, 20.0), JoystickPulse("x", 0.5, 3.0, 12.0)], accelerations=(0.02, 0.4, 0.4))
     fixed = shaped(base, zv(), 2.0 * math.pi * math.sqrt(20.0 / G))
     moving = shaped_hoisting(base, zv(), G, 25.0)
     left = {}
     for name, reference in (("bare", base), ("fixed", fixed), ("moving", moving)):
         run = quickly(
-            point, follow(reference), reference, start=start, duration=45.0, drive="motion", watch="mark"
+            point, follow(reference), reference, start=start, duration=45.0, drive="motion", validity="mark"
         )  # a hoist stopped at once
         left[name] = swing_left(run["phi_rad"][run.t > 35.0])
         assert run["x_m"][-1] == pytest.approx(16.0, abs=5e-3)
@@ -308,7 +308,7 @@ def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_
 
 def test_an_operators_push_is_a_trapezoid_within_the_limit() -> None:
     start = crane().state(x=10.0)
-    reference = operator(start, [Push("x", 0.8, 1.0, 5.0), Push("x", -0.8, 8.0, 1.0)], accelerations=(0.02, 0.4, 0.4))
+    reference = operator(start, [JoystickPulse("x", 0.8, 1.0, 5.0), JoystickPulse("x", -0.8, 8.0, 1.0)], accelerations=(0.02, 0.4, 0.4))
     assert reference(4.0).velocity[1] == pytest.approx(0.8)
     assert reference(8.0).position[1] == pytest.approx(10.0 + 0.8 * 5.0)  # a trapezoid covers rate times hold
     assert reference(20.0).velocity[1] == pytest.approx(0.0)
@@ -323,13 +323,13 @@ def test_an_operators_push_is_a_trapezoid_within_the_limit() -> None:
 def test_an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits(moves: list[tuple[float, float, float]]) -> None:
     pushes, t = [], 0.0
     for rate, pause, lasts in moves:
-        pushes.append(Push("x", rate, t + pause, lasts))
+        pushes.append(JoystickPulse("x", rate, t + pause, lasts))
         t += pause + lasts
     start = crane().state(x=10.0)
     reference = operator(start, pushes[::-1], accelerations=(0.02, 0.4, 0.4))
-    wanted = tabulated(reference, np.linspace(-1.0, t + 3.0, 2000))
-    assert np.abs(wanted.acceleration[:, 1]).max() <= 0.4 * (1 + 1e-12)  # rounding, here and below
-    assert np.abs(wanted.velocity[:, 1]).max() <= max(abs(rate) for rate, *_ in moves) + 1e-12
+    setpoint = tabulated(reference, np.linspace(-1.0, t + 3.0, 2000))
+    assert np.abs(setpoint.acceleration[:, 1]).max() <= 0.4 * (1 + 1e-12)  # rounding, here and below
+    assert np.abs(setpoint.velocity[:, 1]).max() <= max(abs(rate) for rate, *_ in moves) + 1e-12
     assert np.abs(reference(t + 2.1).velocity).max() < 1e-12  # 0.8 m/s are lost in 2 s
     # asked for is the rate while the joystick is held, zero while it is not; the drive goes there at 0.4 m/s², by steps of 1 ms here
     speed, times = 0.0, np.arange(0.0, t + 2.5, 1e-3)
@@ -346,10 +346,12 @@ def test_a_joystick_is_in_one_place_at_a_time() -> None:
     start = crane().state(x=10.0)
     how = {"accelerations": (0.02, 0.4, 0.4)}
     with pytest.raises(OutOfRange, match=r"start of a push of x is 2\.0 s; allowed is 4 or later, when the one before it ends"):
-        operator(start, [Push("x", 0.8, 1.0, 3.0), Push("l", 0.5, 1.0, 3.0), Push("x", 0.8, 2.0, 3.0)], **how)
-    operator(start, [Push("x", 0.8, 0.1, 0.2), Push("x", 0.5, 0.3, 1.0), Push("l", 0.5, 0.2, 3.0)], **how)  # 0.1 + 0.2 > 0.3
+        operator(start, [JoystickPulse("x", 0.8, 1.0, 3.0), JoystickPulse("l", 0.5, 1.0, 3.0), JoystickPulse("x", 0.8, 2.0, 3.0)], **how)
+    operator(
+        start, [JoystickPulse("x", 0.8, 0.1, 0.2), JoystickPulse("x", 0.5, 0.3, 1.0), JoystickPulse("l", 0.5, 0.2, 3.0)], **how
+    )  # 0.1 + 0.2 > 0.3
     with pytest.raises(OutOfRange, match="start of a push is nan s"):
-        operator(start, [Push("x", 0.8, math.nan, 3.0)], **how)
+        operator(start, [JoystickPulse("x", 0.8, math.nan, 3.0)], **how)
 
 
 # ------------------------------------------------------------------------------------------------------------------ limits

@@ -15,9 +15,9 @@ from cranedyn.model.load import load_crane
 from cranedyn.references import plumb, spline
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import conduct as common
+from experiments import harness
 from experiments.scenarios.moves import Move
-from experiments.scenarios.strategies import FLAT, LQR, MPC, PAPER, WAYS
+from experiments.scenarios.strategies import FLAT, LQR, MPC, PAPER, STRATEGIES
 from tests.helpers import FAST
 
 MOVE = Move("short", (0.0, 10.0, 12.0), (0.1, 11.0, 11.0), 8.0)
@@ -30,10 +30,10 @@ def _run(way: str, planned: float, period: float) -> Trajectory:
     """A way planned for one control period and run at another [s]."""
     if way == MPC:
         pytest.importorskip("daqp", reason="extra mpc (daqp) is not installed")
-    world = common.World(control_period=planned, engine=FAST)
-    plan, start = WAYS[way](world, MOVE), MOVE.ends(world.crane)[0]
+    setup = harness.Setup(control_period=planned, engine=FAST)
+    plan, start = STRATEGIES[way](setup, MOVE), MOVE.ends(setup.crane)[0]
     return simulate(
-        world.crane,
+        setup.crane,
         plan.controller(),
         plan.reference,
         start=start,
@@ -55,7 +55,7 @@ def _peak(run: Trajectory) -> np.ndarray:
     return np.abs(run.effort - run.effort[-1]).max(axis=0)
 
 
-@pytest.mark.parametrize("way", [name for name in WAYS if not name.startswith("least")])  # an LQR about another motion
+@pytest.mark.parametrize("way", [name for name in STRATEGIES if not name.startswith("least")])  # an LQR about another motion
 def test_a_finer_loop_does_the_same_the_more_exactly(way: str) -> None:
     fine, middle, coarse = (_run(way, period, period) for period in (2.5e-3, 0.01, 0.02))
     # of first order: errors against the fine one in proportion to 7.5 and 17.5 ms; up to 0.6 where accelerations jump at their limits

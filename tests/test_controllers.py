@@ -11,15 +11,15 @@ from cranedyn.controllers import Hold, follow, hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.interfaces import Controller, EngineName, State, Wanted
+from cranedyn.interfaces import Controller, EngineName, Setpoint, State
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, crane, states
 
-STILL = Wanted(np.array([0.1, 11.0, 14.0]), np.zeros(3), np.zeros(3))
+STILL = Setpoint(np.array([0.1, 11.0, 14.0]), np.zeros(3), np.zeros(3))
 
 
-def test_hold_pushes_towards_what_is_wanted_against_the_velocity_and_carries_the_load() -> None:
+def test_hold_pushes_towards_what_is_setpoint_against_the_velocity_and_carries_the_load() -> None:
     brake = Hold(np.array([10.0, 20.0, 30.0]), np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.0, -500.0]))
     state = State(np.array([0.0, 10.0, 0.3, -0.2, 15.0]), np.array([0.5, -0.25, 9.0, 9.0, 2.0]))
     # slew 10·0.1 - 0.5, trolley 20·1 + 2·0.25, hoist -500 - 30·1 - 3·2
@@ -57,7 +57,7 @@ def test_one_gain_can_be_changed_alone() -> None:
 
 
 @pytest.mark.parametrize("period", [5e-3, 0.1])
-def test_follow_reaches_the_velocity_that_is_wanted_one_period_later(period: float) -> None:
+def test_follow_reaches_the_velocity_that_is_setpoint_one_period_later(period: float) -> None:
     start = crane().state(x_dot=0.2, gamma_dot=-0.1)
     reference = ramp(ramp(hold(start), "x", 5.0, rate=0.8, at=1.0), "l", -2.0, rate=0.5, at=1.0)
     drives = follow(reference, period)
@@ -90,7 +90,7 @@ def test_between_rows_tracking_goes_on_straight_lines(period: float) -> None:
     assert_allclose(commands, expected, atol=1e-13)  # rounding
     form = tracking.affine(times, np.zeros((len(times), 3)))
     rows = np.minimum(np.arange(len(times)), len(form.feed_forward) - 1)
-    for table, part in ((forward, form.feed_forward), (gain.reshape(-1, 3, 10), form.gain), (aim, form.wanted)):
+    for table, part in ((forward, form.feed_forward), (gain.reshape(-1, 3, 10), form.gain), (aim, form.setpoint)):
         assert_allclose(part[rows], table, atol=1e-13)
 
 
@@ -107,7 +107,7 @@ def _integral() -> HoistIntegral:
 
 def _asked(integral: HoistIntegral) -> Controller:
     """The same behind a function, which is not told how the run is divided."""
-    return lambda t, state, wanted: integral(t, state, wanted)
+    return lambda t, state, setpoint: integral(t, state, setpoint)
 
 
 @pytest.mark.parametrize("period", [2.5e-3, 5e-3, 0.02])

@@ -19,9 +19,8 @@ from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory, join, read
 from cranedyn.recording import Live
 from cranedyn.references import ARTICLE_TOUR, Leg, itinerary
-from experiments import demo
+from experiments import demo, harness
 from experiments.endless import Dwell, Dwells
-from experiments.harness import conduct as common
 from experiments.report import page
 from experiments.scenarios.moves import residual
 from tests.helpers import FAST, crane
@@ -78,15 +77,15 @@ def test_every_dwell_stands_still_as_long_as_asked_for() -> None:
     ],
 )
 def test_an_impossible_tour_is_refused_with_a_sentence(legs: tuple[Leg, ...], rates: tuple[float, ...], dwell: float, words: str) -> None:
-    with pytest.raises(common.CraneError, match=words):
+    with pytest.raises(harness.CraneError, match=words):
         itinerary(crane().start, legs, rates=rates, dwell=dwell)
 
 
 def test_pieces_joined_are_the_run_in_one_go_to_the_bit() -> None:
-    world = common.World()
-    tour = itinerary(world.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
-    joined = join(list(demo.pieces(world, tour, hold_controller(world.crane), 3.0)))
-    whole = world.simulate(world.crane, hold_controller(world.crane), tour, start=world.crane.start, duration=3.0, label="")
+    setup = harness.Setup()
+    tour = itinerary(setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    joined = join(list(demo.pieces(setup, tour, hold_controller(setup.crane), 3.0)))
+    whole = setup.simulate(setup.crane, hold_controller(setup.crane), tour, start=setup.crane.start, duration=3.0, label="")
     # velocities pass through the unit of the step at every seam: one rounding each, 1e-16 of values up to 1, grown over 3 s
     np.testing.assert_allclose(joined.q, whole.q, rtol=0, atol=1e-12)
     np.testing.assert_allclose(joined.work, whole.work, rtol=0, atol=1e-6)
@@ -128,24 +127,24 @@ def test_the_report_shows_the_result(done: Path) -> None:
 def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_is_not(done: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     claims = json.loads((done / "result.json").read_text())["claims"]
     assert [claim["holds"] for claim in claims] == [True, True]
-    world, run = common.World(), read(done / "demo.parquet")
-    tour = itinerary(world.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
-    dwells = Dwells(tour, world.control_period)
+    setup, run = harness.Setup(), read(done / "demo.parquet")
+    tour = itinerary(setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    dwells = Dwells(tour, setup.control_period)
     dwells.add(run.between(0.0, tour.stages[0].end))
-    assert [claim.holds for claim in demo._bare(world, tour, dwells)] == [True, True]
+    assert [claim.holds for claim in demo._bare(setup, tour, dwells)] == [True, True]
     monkeypatch.setattr(demo, "DAMPING", (0.0, 4.0 * demo.DAMPING[1], 0.0))
     dwells.rows = [Dwell("leg", 0.0, 100.0, 9.0)]  # 9 mm at the hook count as settled
-    assert [claim.holds for claim in demo._bare(world, tour, dwells)] == [False, False]
+    assert [claim.holds for claim in demo._bare(setup, tour, dwells)] == [False, False]
 
 
 def test_flat_paths_may_leave_what_sampling_makes_of_the_swing_and_no_more() -> None:
-    world = common.World()
-    dwells = Dwells(itinerary(world.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0), world.control_period)
+    setup = harness.Setup()
+    dwells = Dwells(itinerary(setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0), setup.control_period)
     dwells.peak, dwells.shortest = 0.04, 10.0
-    most = np.sqrt(world.gravity / 10.0) * 2.5e-3 * 40.0  # mrad
+    most = np.sqrt(setup.gravity / 10.0) * 2.5e-3 * 40.0  # mrad
     for left, holds in ((0.99 * most, True), (1.01 * most, False)):
         dwells.rows = [Dwell("leg", 0.0, left, 0.0)]
-        assert demo._nothing(world, dwells).holds == holds
+        assert demo._nothing(setup, dwells).holds == holds
 
 
 def test_the_recording_of_a_finished_demo_holds_every_instant(done: Path) -> None:
@@ -217,10 +216,10 @@ def test_bad_input_is_one_sentence_and_nothing_written(
 
 
 def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(tmp_path: Path) -> None:
-    world = common.World()
-    tour = itinerary(world.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
-    pieces = list(demo.pieces(world, tour, hold_controller(world.crane), 2.0))
-    with Live(world.crane, "demo", title="Live", file=tmp_path / "live.rrd") as live:
+    setup = harness.Setup()
+    tour = itinerary(setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    pieces = list(demo.pieces(setup, tour, hold_controller(setup.crane), 2.0))
+    with Live(setup.crane, "demo", title="Live", file=tmp_path / "live.rrd") as live:
         for piece in pieces:
             live.append(piece)
     rows = {}

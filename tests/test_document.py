@@ -11,7 +11,10 @@ from cranedyn.errors import DataError
 from experiments.harness.document import Document, main, read_document
 from experiments.harness.outcome import Table
 
-TABLES = [Table("Move one: far", [("way", ""), ("s", ".1f")], [("a", 1.25)]), Table("Move two", [("way", "")], [("b",)], "A note.")]
+TABLES = [
+    Table("Move one: far", [("strategy", ""), ("s", ".1f")], [("a", 1.25)]),
+    Table("Move two", [("strategy", "")], [("b",)], "A note."),
+]
 TEXT = (
     "Before.\n\n<!-- trial: Move two -->\nold\n<!-- end -->\n\nBetween.\n\n<!-- other: -->\nkept\n<!-- end -->\n"
     "<!-- trial: -->\n<!-- end -->\nAfter.\n"
@@ -33,7 +36,8 @@ def test_each_block_gets_the_tables_it_asks_for_and_all_else_stays(tmp_path: Pat
 
 
 SHOWN = (
-    "<!-- trial: -->\n\n**Move**\n\n| way | s | mrad |\n| --- | ---: | ---: |\n| a | 12.86 | 1.02e-05 |\n| b | - | 5.52 |\n\n<!-- end -->\n"
+    "<!-- trial: -->\n\n**Move**\n\n| strategy | s | mrad |\n| --- | ---: | ---: |\n"
+    "| a | 12.86 | 1.02e-05 |\n| b | - | 5.52 |\n\n<!-- end -->\n"
 )
 
 
@@ -51,7 +55,7 @@ SHOWN = (
     ],
 )
 def test_a_cell_that_is_not_what_is_made_now_is_named(rows: list[tuple[object, ...]], stale: list[str], tmp_path: Path) -> None:
-    table = Table("Move", [("way", ""), ("s", ".2f"), ("mrad", ".3g")], rows)  # type: ignore[arg-type]
+    table = Table("Move", [("strategy", ""), ("s", ".2f"), ("mrad", ".3g")], rows)  # type: ignore[arg-type]
     document = Document(tmp_path / "page.md", "trial", SHOWN)
     assert document.stale([table]) == [f"{tmp_path / 'page.md'}, Move: {sentence}." for sentence in stale]
     assert document.stale([table], part=True, rounding=100.0) == [

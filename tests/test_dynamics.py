@@ -34,9 +34,9 @@ def test_accelerations_are_those_of_the_lagrangian_by_hand(state: State, effort:
 
 
 @given(states, accelerations)
-def test_prescribed_motion_moves_the_drives_as_asked_and_asks_nothing_of_the_swing_joints(state: State, wanted: np.ndarray) -> None:
-    a, effort = dynamics.prescribed_acceleration(crane(damp_swing=0), state, wanted)
-    assert a[DRIVES].tolist() == wanted.tolist()
+def test_prescribed_motion_moves_the_drives_as_asked_and_asks_nothing_of_the_swing_joints(state: State, setpoint: np.ndarray) -> None:
+    a, effort = dynamics.prescribed_acceleration(crane(damp_swing=0), state, setpoint)
+    assert a[DRIVES].tolist() == setpoint.tolist()
     # rounding: the forces of the swing joints are differences of terms of 1e6 N m
     assert_allclose(PAPER.forces(*state, a), dynamics.full(effort), atol=1e-7)
 
@@ -50,9 +50,9 @@ def test_damping_is_a_force_against_the_own_velocity_of_each_joint(state: State,
 
 
 @given(states, accelerations)
-def test_prescribed_motion_and_the_efforts_it_costs_are_one_motion(state: State, wanted: np.ndarray) -> None:
+def test_prescribed_motion_and_the_efforts_it_costs_are_one_motion(state: State, setpoint: np.ndarray) -> None:
     damped = crane(damp_slew=3e4, damp_trolley=200, damp_swing=5e3, damp_hoist=700)
-    a, effort = dynamics.prescribed_acceleration(damped, state, wanted)
+    a, effort = dynamics.prescribed_acceleration(damped, state, setpoint)
     # rounding, magnified by the light trolley under a load of twice its mass
     assert_allclose(dynamics.acceleration(damped, state, effort), a, atol=1e-10, rtol=1e-10)
 
@@ -161,9 +161,9 @@ def test_a_jib_that_starts_to_turn_leaves_the_load_behind() -> None:
 
 
 @given(states, accelerations)
-def test_rope_tension_is_what_accelerates_the_load_along_the_rope(state: State, wanted: np.ndarray) -> None:
+def test_rope_tension_is_what_accelerates_the_load_along_the_rope(state: State, setpoint: np.ndarray) -> None:
     c = crane(damp_slew=3e4, damp_trolley=200, damp_swing=5e3, damp_hoist=700)
-    a, effort = dynamics.prescribed_acceleration(c, state, wanted)
+    a, effort = dynamics.prescribed_acceleration(c, state, setpoint)
     rope = dynamics.pivot_position(c, state.q) - dynamics.payload_position(c, state.q)
     pull = 1000.0 * (PAPER.payload_acceleration(*state, a) + UP)
     # central differences of order 1e-8 of 1e2 m/s², times 1000 kg
@@ -171,9 +171,9 @@ def test_rope_tension_is_what_accelerates_the_load_along_the_rope(state: State, 
 
 
 @given(states, accelerations)
-def test_without_inertia_and_damping_the_rope_points_along_the_pull(state: State, wanted: np.ndarray) -> None:
+def test_without_inertia_and_damping_the_rope_points_along_the_pull(state: State, setpoint: np.ndarray) -> None:
     c = big_crane()
-    a, _ = dynamics.prescribed_acceleration(c, state, wanted)
+    a, _ = dynamics.prescribed_acceleration(c, state, setpoint)
     rope = (dynamics.pivot_position(c, state.q) - dynamics.payload_position(c, state.q)) / state.q[4]
     pull = PAPER.payload_acceleration(*state, a) + UP
     # flatness of a point load: pivot - payload ∥ p̈ + g e_z; central differences of order 1e-8 of 1e2 m/s²

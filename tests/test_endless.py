@@ -15,14 +15,13 @@ import pytest
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import COLUMNS, Trajectory, join, read
 from cranedyn.references import ARTICLE_TOUR, itinerary
-from experiments import demo, endless
+from experiments import demo, endless, harness
 from experiments.endless import Dwells, Record
-from experiments.harness import conduct as common
 from experiments.scenarios.moves import residual
 from tests.helpers import FAST, ROOT, files
 from tests.test_demo import RATES, times
 
-WORLD = common.World(engine=FAST)
+WORLD = harness.Setup(engine=FAST)
 TOUR = itinerary(WORLD.crane.start, ARTICLE_TOUR, rates=RATES, dwell=3.0)
 
 

@@ -31,15 +31,14 @@ from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.data.trajectory import COLUMNS, Trajectory, read
 from cranedyn.errors import RunError
-from cranedyn.interfaces import Wanted
+from cranedyn.interfaces import Setpoint
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
 from cranedyn.simulation import simulate as simulation
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.simulate import simulate
-from experiments import a1, a1_identify, a2, a3, energy, mass_ratio, report
-from experiments.harness import conduct as common
+from experiments import a1, a1_identify, a2, a3, energy, harness, mass_ratio, report
 from experiments.harness import setup as world_room
 from tests.helpers import FAST, files, turned
 from tests.told import TOLD, missing
@@ -210,7 +209,7 @@ def test_a1_meets_the_published_table(ran: Callable[[str], Ran]) -> None:
         assert row["T [s]"] == pytest.approx(period, rel=3e-4)  # the 0.03 percentage points of the claim
         assert row["error [%]"] == pytest.approx(point, abs=0.03)
         assert row["rigid [%]"] == pytest.approx(rigid, abs=0.03)
-        assert row["ζ"] == pytest.approx(ratio, abs=1.6e-5)  # half its last digit and what the give of the hoist leaves unexplained
+        assert row["ζ"] == pytest.approx(ratio, abs=1.6e-5)  # half its last digit and what the compliance of the hoist leaves unexplained
         assert row["A [rad]"] == pytest.approx(amplitude, abs=4e-4)
         assert [row[k] for k in ("art.", "art. 2", "art. 3", "art. 4", "art. 5")] == [period, point, rigid, ratio, amplitude]
 
@@ -221,19 +220,19 @@ def test_a1_meets_the_published_table(ran: Callable[[str], Ran]) -> None:
     ids=["identified", "stiff"],
 )
 def test_a1_judges_the_damping_ratio_which_a_stiff_hoist_misses(hoist: tuple[float, float], fails: list[str]) -> None:
-    world = common.World(9.8, engine=FAST)
+    setup = harness.Setup(9.8, engine=FAST)
     stiffness, damping = (*STIFFNESS[:2], hoist[0]), (*DAMPING[:2], hoist[1])
-    cases = [a1.run(world, length, published=a1.PUBLISHED[length], stiffness=stiffness, damping=damping) for length in (5.0, 20.0)]
-    claims = dict(zip(a1.ROUNDING, a1.outcome(world, cases, cases[0]).claims, strict=False))
+    cases = [a1.run(setup, length, published=a1.PUBLISHED[length], stiffness=stiffness, damping=damping) for length in (5.0, 20.0)]
+    claims = dict(zip(a1.ROUNDING, a1.outcome(setup, cases, cases[0]).claims, strict=False))
     assert all(f"published {column} is met" in claim.sentence for column, claim in claims.items())
     assert [column for column, claim in claims.items() if not claim.holds] == fails
 
 
 def test_a1_judges_what_its_budget_leaves_unexplained() -> None:
-    world = common.World(9.8, engine=FAST)
-    case = a1.run(world, 15.0)
+    setup = harness.Setup(9.8, engine=FAST)
+    case = a1.run(setup, 15.0)
     forgotten = replace(case, budget={**case.budget, "dummy inertia": 0.0})
-    judged = [a1.outcome(world, [one], one).claims[3] for one in (case, forgotten)]
+    judged = [a1.outcome(setup, [one], one).claims[3] for one in (case, forgotten)]
     assert all("unexplained" in claim.sentence for claim in judged)
     assert [claim.holds for claim in judged] == [True, False]
 
@@ -247,7 +246,7 @@ def test_a1_accounts_for_the_error_by_its_causes(ran: Callable[[str], Ran]) -> N
         assert row["gravity"] == pytest.approx(100 * (math.sqrt(9.80665 / 9.8) - 1), abs=1e-9)
         assert row["residual"] == pytest.approx(0.0, abs=0.015)  # causes of second order: the square of 1.4 %
     for row in rows:
-        causes = ("payload inertia", "dummy inertia", "pivot spring", "pivot damper", "amplitude", "gravity", "hoist give")
+        causes = ("payload inertia", "dummy inertia", "pivot spring", "pivot damper", "amplitude", "gravity", "hoist compliance")
         assert row["sum"] == pytest.approx(sum(row[cause] for cause in causes), abs=1e-12)
         assert row["sum"] + row["residual"] == pytest.approx(row["simulated"], abs=1e-12)
 
@@ -291,9 +290,9 @@ def test_a1_finds_a_known_swing_in_a_recorded_file(tmp_path: Path) -> None:
 
 
 def test_a1_does_not_judge_a_length_that_was_not_published() -> None:
-    world = common.World(9.8)
-    case = a1.run(world, 7.0)
-    claims = a1.outcome(world, [case], case).claims
+    setup = harness.Setup(9.8)
+    case = a1.run(setup, 7.0)
+    claims = a1.outcome(setup, [case], case).claims
     assert [claim.holds is None for claim in claims] == [True, True, True, False, False]
     assert "(none was run)" in claims[0].sentence
 
@@ -302,11 +301,11 @@ def test_a1_identifies_the_gains_that_made_the_numbers(monkeypatch: pytest.Monke
     true = np.array([4.7e4, 3.3e4, 2.2e4])
     slopes = np.random.default_rng(1).normal(size=(4, 3, 3))
 
-    def misses(world: common.World, trolley: float, hoist: Sequence[float]) -> np.ndarray:
+    def misses(setup: harness.Setup, trolley: float, hoist: Sequence[float]) -> np.ndarray:
         return a1_identify.ROUNDING * (slopes @ (np.log([trolley, *hoist]) - np.log(true)))
 
     monkeypatch.setattr(a1_identify, "differences", misses)
-    outcome = a1_identify.identify(common.World(9.8))
+    outcome = a1_identify.identify(harness.Setup(9.8))
     fitted = [row[1] for row in outcome.tables[-1].rows]
     assert_allclose(fitted, true, rtol=1e-3)  # the fit's own tolerance
     assert [row[2] for row in outcome.tables[-1].rows] == [DAMPING[1], STIFFNESS[2], DAMPING[2]]
@@ -409,7 +408,7 @@ def flipped(tmp_path_factory: pytest.TempPathFactory) -> Crane:
 def test_flipping_the_axis_in_the_xacro_flips_the_sign_of_the_correlation(
     drive: str, gains: tuple[float, float], flipped: Crane, ran: Callable[[str], Ran]
 ) -> None:
-    mirrored = agreement(*a3.by_paper(a3.run(common.World(9.8, engine=FAST), gains, crane=flipped))[1:3]).correlation
+    mirrored = agreement(*a3.by_paper(a3.run(harness.Setup(9.8, engine=FAST), gains, crane=flipped))[1:3]).correlation
     usual = next(row["correlation"] for row in ran("a3").table("Tangential swing") if row["slew drive"] == drive)
     assert mirrored < -0.99 < 0.99 < usual
     assert mirrored == pytest.approx(-usual, abs=1e-3)  # the same run, measured in the mirror; the first state of the model is mirrored too
@@ -487,13 +486,13 @@ def test_what_energy_leaves_open_is_bounded_halves_and_has_no_trend(ran: Callabl
 
 
 def test_the_ledger_of_a_lowered_load_closes_and_does_not_if_the_work_forgets_that_positions_lead(monkeypatch: pytest.MonkeyPatch) -> None:
-    world = common.World(engine=FAST)
-    left, rounding = energy.lowered(world, 15.0)
+    setup = harness.Setup(engine=FAST)
+    left, rounding = energy.lowered(setup, 15.0)
     assert left <= rounding < 1e-8
     monkeypatch.setattr(simulation, "Log", lambda crane, since, period, rows, lead: Log(crane, since, period, rows, 0.0))
-    left, rounding = energy.lowered(world, 15.0)
+    left, rounding = energy.lowered(setup, 15.0)
     # half a step at the largest speed of a quintic of 1.5 m in 6 s, 15/8 of the mean, against the weight; the drive yields and is slower
-    assert left == pytest.approx(world.dt / 2.0 * 1000.0 * world.gravity * 15.0 / 8.0 * 1.5 / 6.0, rel=0.15)
+    assert left == pytest.approx(setup.dt / 2.0 * 1000.0 * setup.gravity * 15.0 / 8.0 * 1.5 / 6.0, rel=0.15)
 
 
 def test_energy_depends_on_damping_as_the_linear_oscillator_does(ran: Callable[[str], Ran]) -> None:
@@ -519,15 +518,15 @@ def test_the_share_of_energy_left_is_that_of_the_damped_oscillator(damping: floa
 
 @pytest.mark.parametrize(("gravity", "swing", "length"), [(5.0, 0.15, 15.0), (1.62, 1.5, 4.0), (25.0, 1.0, 26.0)])
 def test_a_damped_swing_with_locked_drives_is_the_pendulum_in_any_gravity_however_wide(gravity: float, swing: float, length: float) -> None:
-    world = common.World(gravity, engine=FAST)
-    off, allowed = energy.locked_off(world, world.variant(damp_swing=2e5), swing, length)
+    setup = harness.Setup(gravity, engine=FAST)
+    off, allowed = energy.locked_off(setup, setup.variant(damp_swing=2e5), swing, length)
     assert 0.1 * allowed < off < allowed  # both of the order of the step
-    finer, _ = energy.locked_off(replace(world, dt=world.dt / 2.0), world.variant(damp_swing=2e5), swing, length)
+    finer, _ = energy.locked_off(replace(setup, dt=setup.dt / 2.0), setup.variant(damp_swing=2e5), swing, length)
     assert off / finer == pytest.approx(2.0, rel=0.01)  # order 1
 
 
 def test_energy_holds_in_a_gravity_that_its_drives_do_not_know() -> None:
-    outcome = energy.experiment(argparse.Namespace(swing=0.15, length=15.0), common.World(5.0, engine=FAST))
+    outcome = energy.experiment(argparse.Namespace(swing=0.15, length=15.0), harness.Setup(5.0, engine=FAST))
     assert [claim.sentence for claim in outcome.claims if not claim.holds] == []
 
 
@@ -557,10 +556,10 @@ def test_a_point_load_swings_alike_whatever_it_weighs(ran: Callable[[str], Ran])
 
 
 def _conducted(claims: Sequence[bool | np.bool_ | None], argv: Sequence[str]) -> int:
-    def experiment(options: Any, world: common.World) -> common.Outcome:
-        return common.Outcome([], [common.Claim("One is one.", holds) for holds in claims])
+    def experiment(options: Any, setup: harness.Setup) -> harness.Outcome:
+        return harness.Outcome([], [harness.Claim("One is one.", holds) for holds in claims])
 
-    return common.conduct(common.parser("trial", "A trial."), experiment, list(argv))
+    return harness.conduct(harness.parser("trial", "A trial."), experiment, list(argv))
 
 
 @pytest.mark.parametrize(
@@ -602,31 +601,31 @@ def test_results_go_to_a_folder_of_the_experiments_name(tmp_path: Path, monkeypa
 
 
 def test_only_the_articles_world_judges_its_numbers() -> None:
-    assert common.World(9.8).judged(True) is True
-    assert common.World(9.8).judged(np.bool_(False)) is False  # type: ignore[arg-type]
-    assert common.World(9.8, engine="compiled").judged(True) is True  # the same to round-off
-    for world in (
-        common.World(),
-        common.World(9.8, {"payload_mass": 900}),
-        common.World(9.8, dt=1e-3),
-        common.World(9.8, control_period=1e-2),
+    assert harness.Setup(9.8).judged(True) is True
+    assert harness.Setup(9.8).judged(np.bool_(False)) is False  # type: ignore[arg-type]
+    assert harness.Setup(9.8, engine="compiled").judged(True) is True  # the same to round-off
+    for setup in (
+        harness.Setup(),
+        harness.Setup(9.8, {"payload_mass": 900}),
+        harness.Setup(9.8, dt=1e-3),
+        harness.Setup(9.8, control_period=1e-2),
     ):
-        assert world.judged(True) is None
+        assert setup.judged(True) is None
 
 
 def test_a_missing_value_is_shown_as_a_dash() -> None:
-    table = common.Table("t", [("name", ""), ("value", ".2f")], [("a", 1.234), ("b", None)])
+    table = harness.Table("t", [("name", ""), ("value", ".2f")], [("a", 1.234), ("b", None)])
     assert table.shown() == [["a", "1.23"], ["b", "-"]]
 
 
 def test_tables_are_printed_with_title_and_note_and_kept_with_all_digits(tmp_path: Path) -> None:
-    table = common.Table("Some title", [("name", ""), ("a", ".2f"), ("a", ".1f")], [("first", 1 / 3, np.float64(2.55))], "Some note.")
+    table = harness.Table("Some title", [("name", ""), ("a", ".2f"), ("a", ".1f")], [("first", 1 / 3, np.float64(2.55))], "Some note.")
 
-    def experiment(options: Any, world: common.World) -> common.Outcome:
-        return common.Outcome([table], [], {"n": np.int64(3)})
+    def experiment(options: Any, setup: harness.Setup) -> harness.Outcome:
+        return harness.Outcome([table], [], {"n": np.int64(3)})
 
     with redirect_stdout(io.StringIO()) as out:
-        assert common.conduct(common.parser("trial", "A trial."), experiment, ["--out", str(tmp_path)]) == 0
+        assert harness.conduct(harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path)]) == 0
     for words in ("Some title", "Some note.", "first", "0.33", "2.5"):
         assert words in out.getvalue()
     result = _strict((tmp_path / "result.json").read_text())
@@ -636,9 +635,9 @@ def test_tables_are_printed_with_title_and_note_and_kept_with_all_digits(tmp_pat
 
 
 def test_progress_is_told_twice_a_second_and_only_to_a_terminal() -> None:
-    assert common.Watcher(None).run("x", 1.0) is None
+    assert harness.ProgressReporter(None).run("x", 1.0) is None
     progress = Progress(console=Console(file=io.StringIO()))
-    told = common.Watcher(progress).run("x", 2.0)
+    told = harness.ProgressReporter(progress).run("x", 2.0)
     assert told is not None
     moments = []
     progress.update = lambda task, completed, **_: moments.append(completed)  # type: ignore[method-assign]
@@ -649,7 +648,7 @@ def test_progress_is_told_twice_a_second_and_only_to_a_terminal() -> None:
 
 def test_progress_that_is_told_once_in_a_while_is_shown_each_time() -> None:
     progress = Progress(console=Console(file=io.StringIO()))
-    told = common.Watcher(progress).run("x", 30.0)
+    told = harness.ProgressReporter(progress).run("x", 30.0)
     moments: list[float] = []
     progress.update = lambda task, completed, **_: moments.append(completed)  # type: ignore[method-assign]
     assert told is not None
@@ -774,10 +773,10 @@ def _breaking(at: float) -> Callable[..., Any]:
     def controller(*arguments: Any, **more: Any) -> Any:
         brake = hold_controller(*arguments, **more)
 
-        def command(t: float, state: Any, wanted: Wanted) -> np.ndarray:
+        def command(t: float, state: Any, setpoint: Setpoint) -> np.ndarray:
             if t >= at:
                 raise KeyboardInterrupt
-            return brake(t, state, wanted)
+            return brake(t, state, setpoint)
 
         return command
 
@@ -799,7 +798,7 @@ def test_ctrl_c_keeps_what_was_recorded_and_is_exit_code_130(
 
 def test_a_run_that_diverges_keeps_what_was_recorded_and_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wild = [
-        "--watch",
+        "--validity",
         "mark",
         "--dt",
         "0.25",
@@ -822,27 +821,27 @@ def test_a_run_that_diverges_keeps_what_was_recorded_and_is_exit_code_1(tmp_path
 
 
 def test_a_run_error_without_a_record_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def experiment(options: Any, world: common.World) -> common.Outcome:
+    def experiment(options: Any, setup: harness.Setup) -> harness.Outcome:
         raise RunError("It broke.", t=0.0)
 
-    assert common.conduct(common.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]) == 1
+    assert harness.conduct(harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]) == 1
     assert capsys.readouterr() == ("", "error: It broke.\n")
     assert files(tmp_path) == []
 
 
 def test_a_world_runs_on_its_own_clocks_and_numbers() -> None:
-    world = common.World(3.7, {"payload_mass": "700"}, 1e-3, 2e-2)
-    assert (world.crane.gravity, world.crane.payload_mass) == (3.7, 700.0)
-    assert world.variant(payload_inertia=0).payload_inertia == 0.0
-    found = world.simulate(world.crane, hold_controller(world.crane), None, start=world.crane.start, duration=0.2, label="x")
-    same = simulate(world.crane, hold_controller(world.crane), duration=0.2, dt=1e-3, control_period=2e-2)
+    setup = harness.Setup(3.7, {"payload_mass": "700"}, 1e-3, 2e-2)
+    assert (setup.crane.gravity, setup.crane.payload_mass) == (3.7, 700.0)
+    assert setup.variant(payload_inertia=0).payload_inertia == 0.0
+    found = setup.simulate(setup.crane, hold_controller(setup.crane), None, start=setup.crane.start, duration=0.2, label="x")
+    same = simulate(setup.crane, hold_controller(setup.crane), duration=0.2, dt=1e-3, control_period=2e-2)
     assert isinstance(found, Trajectory)
     assert found.q.tolist() == same.q.tolist()
-    assert world.parameters() == {
+    assert setup.parameters() == {
         "gravity_m_s2": 3.7,
         "dt_s": 1e-3,
         "control_period_s": 2e-2,
-        "watch": "stop",
+        "validity": "stop",
         "engine": "pinocchio",
         "payload_mass": "700",
     }

@@ -30,9 +30,8 @@ from cranedyn.model.load import load_crane
 from cranedyn.model.urdf import parse, skeleton
 from cranedyn.recording import snapshot as pictures
 from cranedyn.simulation.simulate import simulate
-from experiments import a1, a2, a3, energy, mass_ratio, report
+from experiments import a1, a2, a3, energy, harness, mass_ratio, report
 from experiments import snapshot as snapshots
-from experiments.harness import conduct as common
 from tests.helpers import crane, files, python, turned
 
 
@@ -388,7 +387,7 @@ BAD = [
     (a1, "--from good.csv --length 5", "--length has no effect beside --from"),
     (a1, "--from good.csv --identify", "--identify has no effect beside --from"),
     (a1, "--from good.csv --save x.rrd", "--save has no effect beside --from"),
-    (a1, "--from good.csv --watch mark", "--watch has no effect beside --from"),
+    (a1, "--from good.csv --validity mark", "--validity has no effect beside --from"),
     (a1, "--identify --swing 0.2", "--swing has no effect beside --identify"),
     (a2, "--from good.csv --set payload_mass:=2", "--set has no effect beside --from"),
     (a3, "--from good.csv --dt 1e-3", "--dt has no effect beside --from"),
@@ -427,20 +426,20 @@ def test_the_good_file_is_analysed(here: Path) -> None:
 def test_a_load_that_does_not_swing_through_has_no_period() -> None:
     light = load_crane(payload_mass=1e-12, damp_swing=0)
     start = light.state(phi=0.1)
-    run = simulate(light, lambda t, state, wanted: np.zeros(3), start=start, duration=1.0, drive="motion")
+    run = simulate(light, lambda t, state, setpoint: np.zeros(3), start=start, duration=1.0, drive="motion")
     with pytest.raises(DataError, match="The load swings through 0 times in 40 s; a period needs two"):
         mass_ratio.period(run)
 
 
 def test_a_result_that_is_not_finite_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
-    table = common.Table("Some table", [("name", ""), ("a", ".1f"), ("b", ".1f")], [("x", 1.0, None), ("y", np.float64(2.0), np.nan)])
+    table = harness.Table("Some table", [("name", ""), ("a", ".1f"), ("b", ".1f")], [("x", 1.0, None), ("y", np.float64(2.0), np.nan)])
     for outcome, words in (
-        (common.Outcome([table], []), "b in row 2 of the table 'Some table'"),
-        (common.Outcome([], [], {"a": np.inf}), "parameters"),
+        (harness.Outcome([table], []), "b in row 2 of the table 'Some table'"),
+        (harness.Outcome([], [], {"a": np.inf}), "parameters"),
     ):
         out = tmp_path / "out"
         with redirect_stderr(io.StringIO()) as err:
-            assert common.conduct(common.parser("trial", "A trial."), lambda *_, o=outcome: o, ["--out", str(out)]) == 2
+            assert harness.conduct(harness.parser("trial", "A trial."), lambda *_, o=outcome: o, ["--out", str(out)]) == 2
         assert err.getvalue().startswith("error: These arguments give a result that is not finite: ") and words in err.getvalue()
         assert files(tmp_path) == []
 

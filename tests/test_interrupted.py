@@ -22,7 +22,7 @@ from cranedyn.errors import CraneError, DataError, OutOfRange, RunError
 from cranedyn.recording import Live
 from cranedyn.recording.process import free
 from cranedyn.simulation.simulate import simulate
-from experiments.harness import conduct as common
+from experiments import harness
 from tests.helpers import ROOT, crane, files, python
 
 # --- what is written ---------------------------------------------------------------------------------------------------------------
@@ -73,13 +73,13 @@ def test_whether_a_file_can_be_written_is_found_out_without_a_trace(tmp_path: Pa
 
 
 def test_a_run_that_breaks_off_over_a_full_disk_says_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def experiment(options: object, world: common.World) -> common.Outcome:
+    def experiment(options: object, setup: harness.Setup) -> harness.Outcome:
         (tmp_path / "out").rmdir()
         (tmp_path / "out").write_text("in the way")
         raise RunError("It broke.", t=1.0, trajectory=simulate(crane(), hold_controller(crane()), duration=0.02))
 
     with redirect_stderr(io.StringIO()) as err:
-        assert common.conduct(common.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]) == 1
+        assert harness.conduct(harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]) == 1
     first, second = err.getvalue().splitlines()
     assert first == "error: It broke."
     assert second.startswith("What was recorded up to then is lost: Cannot make the folder ")
@@ -112,7 +112,7 @@ def test_a_writer_that_is_killed_leaves_the_old_file_and_no_obstacle(tmp_path: P
 
 _TRIAL = """
 import os, resource, signal, sys
-from experiments.harness import conduct as common
+from experiments import harness
 from cranedyn.controllers import hold_controller
 from cranedyn.plotting.figures import panels
 from cranedyn.recording import Run
@@ -120,14 +120,14 @@ from cranedyn.simulation.simulate import simulate
 
 def experiment(options, world):
     run = simulate(world.crane, hold_controller(world.crane), duration=0.5)
-    table = common.Table("φ and θ", [("φ [rad]", ".3f")], [(0.0,)] * 2000)
-    claim = common.Claim("ω is √(g/l).", True)
-    return common.Outcome([table], [claim], {}, {"run": run}, {"figure": panels()[0]}, [Run("r", world.crane, run)])
+    table = harness.Table("φ and θ", [("φ [rad]", ".3f")], [(0.0,)] * 2000)
+    claim = harness.Claim("ω is √(g/l).", True)
+    return harness.Outcome([table], [claim], {}, {"run": run}, {"figure": panels()[0]}, [Run("r", world.crane, run)])
 
 def trial(*words):
-    made = common.parser("trial", "A trial.")
-    common.add_world(made)
-    return common.conduct(made, experiment, words)
+    made = harness.parser("trial", "A trial.")
+    harness.add_setup(made)
+    return harness.conduct(made, experiment, words)
 """
 WHOLE = ["figure.png", "result.json", "run.csv", "run.parquet", "trial.rrd"]
 
@@ -182,10 +182,10 @@ for k in range(24):
     def experiment(options, world, inner=experiment):
         signal.setitimer(signal.ITIMER_REAL, 1.1 * whole * (k + 0.5) / 24)
         return inner(options, world)
-    made = common.parser("trial", "A trial.")
-    common.add_world(made)
+    made = harness.parser("trial", "A trial.")
+    harness.add_setup(made)
     try:
-        code = common.conduct(made, experiment, ["--out", str(folder)])
+        code = harness.conduct(made, experiment, ["--out", str(folder)])
         signal.setitimer(signal.ITIMER_REAL, 0)
     except KeyboardInterrupt:
         code = None  # it came when the experiment was over

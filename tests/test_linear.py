@@ -14,12 +14,11 @@ from cranedyn.analysis.swing import fit_swing
 from cranedyn.controllers import Hold, hold_controller
 from cranedyn.dynamics.linearisation import Sampled, feedback_gain, sampled, swing_mode
 from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, pulse
 from cranedyn.simulation.simulate import simulate
-from experiments import a1
-from experiments.harness import conduct as common
+from experiments import a1, harness
 from tests.helpers import G, big_crane, constant, crane
 
 DAMPED = {"damp_slew": 3e4, "damp_trolley": 200.0, "damp_swing": 5e3, "damp_hoist": 700.0}
@@ -48,7 +47,7 @@ def test_feedback_sets_each_drive_by_itself() -> None:
     z = np.array([10.0, 20.0, 99.0, 99.0, 30.0, 1.0, 2.0, 99.0, 99.0, 3.0])
     assert (gain @ z).tolist() == [14.0, 50.0, 108.0]
     brake = Hold(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]))
-    assert (gain @ z).tolist() == (-brake(0.0, State(z[:5], z[5:]), Wanted(np.zeros(3), np.zeros(3), np.zeros(3)))).tolist()
+    assert (gain @ z).tolist() == (-brake(0.0, State(z[:5], z[5:]), Setpoint(np.zeros(3), np.zeros(3), np.zeros(3)))).tolist()
 
 
 def test_a_closed_loop_takes_the_gain_off() -> None:
@@ -114,7 +113,7 @@ def test_a_control_one_period_late_would_be_seen() -> None:
 
 @pytest.mark.parametrize(("gravity", "length"), [(9.80665, 15.0), (20.0, 10.0), (3.7, 4.0), (9.8, 26.0)])
 def test_the_free_swing_is_predicted(gravity: float, length: float) -> None:
-    case = a1.run(common.World(gravity), length)
+    case = a1.run(harness.Setup(gravity), length)
     # 0.003 %: fourth order in the amplitude, and the fit of a swing whose period changes while it decays
     assert case.fit.period == pytest.approx(case.predicted.period, rel=3e-5)
     amplitude = float(np.sqrt(np.mean(case.fit.amplitude_at(case.trajectory.since(12.0).t) ** 2)))

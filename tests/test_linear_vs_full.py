@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from cranedyn import theory
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import DRIVES
 from experiments import linear_vs_full
 from experiments.linear.model import Drives, Miss, all_rates, dropped, integrate, miss, paper
@@ -97,8 +97,8 @@ def test_figures_trajectories_and_recording_are_written(result: tuple[Path, dict
 def test_moves_keep_the_ranges_and_rates_of_their_crane_and_end_at_rest(site: Any) -> None:
     large = crane(trolley_max=80.0, hoist_max=90.0, hoist_min=1.0)
     for job in (*jobs(site, large), *slow_slews(site, large), *short_slews(site, large)):
-        wanted = [job.reference(t) for t in np.linspace(0.0, job.arrival, 401)]
-        position, velocity, acceleration = (np.array([w[k] for w in wanted]) for k in range(3))
+        setpoint = [job.reference(t) for t in np.linspace(0.0, job.arrival, 401)]
+        position, velocity, acceleration = (np.array([w[k] for w in setpoint]) for k in range(3))
         rounding = 1.0 + 1e-9
         assert position[:, 1].max() <= site.jib * rounding
         assert position[:, 1].min() >= 2.0
@@ -119,7 +119,7 @@ def test_short_slews_are_as_short_as_they_say() -> None:
 
 
 def test_the_papers_equations_leave_what_a_coasting_trolley_leaves() -> None:
-    def pulses(t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def pulses(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         return np.array([0.0, 0.3 * ((t < 3.99) - float(t > 9.99)), 0.0])
 
     c = big_crane()
@@ -150,10 +150,10 @@ _TERMS = {
 """States in which one term alone tells the paper's equations from those with all rates."""
 
 
-def _two_rows(state: State, push: tuple[float, float, float]) -> Trajectory:
+def _two_rows(state: State, excitation: tuple[float, float, float]) -> Trajectory:
     """A state, and what drives that accelerate so make of its rates 20 ms later."""
     later, nothing, h = state.v.copy(), np.zeros((2, 3)), 0.02
-    later[DRIVES] += h * np.array(push)
+    later[DRIVES] += h * np.array(excitation)
     q, v = np.stack([state.q, state.q]), np.stack([state.v, later])
     still = np.zeros(2)
     return Trajectory(
@@ -163,15 +163,15 @@ def _two_rows(state: State, push: tuple[float, float, float]) -> Trajectory:
 
 @pytest.mark.parametrize("name", _TERMS)
 def test_what_is_dropped_is_what_the_equations_differ_by(name: str) -> None:
-    values, push = dict(_TERMS[name]), 0.4
+    values, excitation = dict(_TERMS[name]), 0.4
     slew = values.pop("slew", 0.0)
     state = big_crane(trolley_min=0.0).state(**{"x": 0.0, "l": 15.0, **values})
     (_, x, phi, theta, length), (slew_rate, x_rate, phi_rate, theta_rate, length_rate) = state
-    drives = Drives(x, x_rate, push, slew_rate, slew, length, length_rate)
+    drives = Drives(x, x_rate, excitation, slew_rate, slew, length, length_rate)
     swing, rates = np.array([phi, theta]), np.array([phi_rate, theta_rate])
     difference = length * np.abs(all_rates(swing, rates, drives, G) - paper(swing, rates, drives, G)).max()
-    kept, shares = dropped(_two_rows(state, (slew, push, 0.0)))
-    assert kept == pytest.approx(push, rel=1e-12)
+    kept, shares = dropped(_two_rows(state, (slew, excitation, 0.0)))
+    assert kept == pytest.approx(excitation, rel=1e-12)
     assert shares[name] * kept == pytest.approx(difference, rel=1e-12)
     assert difference > 1e-3
     assert [other for other, share in shares.items() if share > 1e-12 and other != name] == []

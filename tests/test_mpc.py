@@ -22,13 +22,13 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, RunError
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import DRIVES, Crane
 from cranedyn.references import Motion, flat, plumb, spline
 from tests.helpers import G, crane, quickly
 
 needs_solver = pytest.mark.skipif(importlib.util.find_spec("daqp") is None, reason="daqp is not installed: pip install 'cranedyn[mpc]'")
-STILL = Wanted(np.zeros(3), np.zeros(3), np.zeros(3))
+STILL = Setpoint(np.zeros(3), np.zeros(3), np.zeros(3))
 SIZE = np.array([0.01, 0.05, 0.02, 0.02, 0.05, 0.002, 0.02, 0.02, 0.02, 0.02])
 """Deviations that bring no drive to its limit."""
 
@@ -128,8 +128,8 @@ def test_a_swing_beyond_its_bound_is_no_contradiction_and_is_brought_within() ->
     controller = mpc(crane(), motion, effort_limit=(4e4, 2e3, 1.2e4), rate_limit=(0.03, 0.4, 0.5), swing_limit=0.1)
     excess = []
 
-    def noting(t: float, state: State, wanted: Wanted) -> np.ndarray:
-        command = controller(t, state, wanted)
+    def noting(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        command = controller(t, state, setpoint)
         assert controller.last is not None
         assert controller.last.flag == 1
         excess.append(controller.last.excess)
@@ -149,7 +149,7 @@ def test_a_swing_limit_holds_on_a_move_that_would_swing_more() -> None:
     start = crane().state(x=10.0, l=15.0)
     motion = plumb(spline(start, [(0.0, 17.0, 15.0)], [12.0]), 12.0)
     free, kept = (
-        np.abs(quickly(crane(), controller, motion, start=start, duration=20.0, watch="mark").q[:, 2]).max()
+        np.abs(quickly(crane(), controller, motion, start=start, duration=20.0, validity="mark").q[:, 2]).max()
         for controller in (lqr(crane(), motion), mpc(crane(), motion, swing_limit=0.035))
     )
     assert free > 1.3 * 0.035
@@ -225,9 +225,9 @@ def test_it_keeps_its_period_of_50_ms() -> None:
     controller = mpc(crane(), motion, effort_limit=(6e4, 3e3, 1.2e4), rate_limit=(0.078, 1.28, 0.7), swing_limit=0.12)
     taken = []
 
-    def timed(t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def timed(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         begun = time.perf_counter()
-        command = controller(t, state, wanted)
+        command = controller(t, state, setpoint)
         if controller.last is not None and controller.last.t == t:
             taken.append(time.perf_counter() - begun)
         return command

@@ -27,7 +27,7 @@ from tests.helpers import G, accelerations, big_crane, crane, quickly, states
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
-from cranedyn.dynamics import symbolic
+from cranedyn.dynamics import symbolic  # noqa: E402
 from cranedyn.planning import transcription  # noqa: E402
 from cranedyn.planning.optimal import optimal  # noqa: E402
 

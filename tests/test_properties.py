@@ -22,7 +22,7 @@ from cranedyn.data.trajectory import COLUMNS, Trajectory, read
 from cranedyn.disturbances import wind
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.errors import CraneError, RunError
-from cranedyn.interfaces import Disturbance, State, Wanted
+from cranedyn.interfaces import Disturbance, Setpoint, State
 from cranedyn.model.crane import DRIVES, PASSIVE, Crane
 from cranedyn.model.description import arguments
 from cranedyn.model.load import load_crane
@@ -108,15 +108,15 @@ class Case(NamedTuple):
         return 0.3 * self.crane.payload_mass * G * self.push
 
 
-def quarters(commands: np.ndarray, duration: float) -> Callable[[float, State, Wanted], np.ndarray]:
+def quarters(commands: np.ndarray, duration: float) -> Callable[[float, State, Setpoint], np.ndarray]:
     """A controller that holds each of four commands for a quarter of the run."""
-    return lambda t, state, wanted: commands[min(int(4.0 * t / duration + 1e-9), 3)]
+    return lambda t, state, setpoint: commands[min(int(4.0 * t / duration + 1e-9), 3)]
 
 
 def run(case: Case, drive: str, *, duration: float = 0.4, on: Crane | None = None, **changes: object) -> Trajectory:
     """A run of a case, or of another crane in its place, pushed from outside and never stopped; anything changed by name."""
     commands = case.efforts if drive == "effort" else case.accelerations
-    usual = {"start": case.start, "dt": 1e-3, "control_period": 1e-2, "watch": "mark", "disturbance": wind.push(*case.forces)}
+    usual = {"start": case.start, "dt": 1e-3, "control_period": 1e-2, "validity": "mark", "disturbance": wind.constant_force(*case.forces)}
     return simulate(on or case.crane, quarters(commands, duration), duration=duration, drive=drive, **(usual | changes))  # type: ignore[arg-type]
 
 
@@ -145,7 +145,7 @@ def _columns(trajectory: Trajectory) -> np.ndarray:
 
 WINDS: dict[str, Callable[[Case], Disturbance | None]] = {
     "none": lambda case: None,
-    "push": lambda case: wind.push(*case.forces, at=0.1),
+    "push": lambda case: wind.constant_force(*case.forces, at=0.1),
     "steady": lambda case: wind.wind(case.crane, wind.steady(12.0), direction=2.0, payload_area=4.0, trolley_area=1.0),
     "gust": lambda case: wind.wind(
         case.crane,
@@ -171,7 +171,7 @@ wild = arrays(float, (4, 3), elements=st.one_of(st.floats(-1.0, 1.0), st.floats(
     st.sampled_from([5e-4, 1e-3, 1e-2]),
 )
 def test_a_run_ends_with_finite_numbers_or_with_a_sentence(
-    case: Case, what: np.ndarray, drive: str, watch: str, blows: str, dt: float
+    case: Case, what: np.ndarray, drive: str, validity: str, blows: str, dt: float
 ) -> None:
     with np.errstate(over="ignore"):
         commands = case._replace(what=what).efforts if drive == "effort" else case._replace(what=what).accelerations
@@ -184,11 +184,11 @@ def test_a_run_ends_with_finite_numbers_or_with_a_sentence(
             dt=dt,
             control_period=1e-2,
             drive=drive,  # type: ignore[arg-type]
-            watch=watch,  # type: ignore[arg-type]
+            validity=validity,  # type: ignore[arg-type]
             disturbance=WINDS[blows](case),
         )
         assert len(found) == 21
-        assert watch == "mark" or found.valid.all()
+        assert validity == "mark" or found.valid.all()
     except CraneError as error:
         assert str(error).endswith(".")
         assert "\n" not in str(error)
@@ -207,13 +207,13 @@ def _passive(case: Case, drive: str, step: float) -> Trajectory:
     compliance = np.linalg.inv(_mass_matrix(c, start.q))[PASSIVE, PASSIVE].max()
     dt = step / np.sqrt(weight * start.q[4] * compliance)
 
-    def hoist_held(t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def hoist_held(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         free, carried = (dynamics.acceleration(c, state, np.array([0.0, 0.0, force]))[4] for force in (0.0, weight))
         return np.array([0.0, 0.0, -free / (carried - free) * weight])
 
     controller = constant(0.0, 0.0, 0.0) if drive == "motion" else hoist_held
     periods = round(0.8 / step)
-    return simulate(c, controller, start=start, dt=dt, control_period=dt, duration=periods * dt, drive=drive, watch="mark")  # type: ignore[arg-type]
+    return simulate(c, controller, start=start, dt=dt, control_period=dt, duration=periods * dt, drive=drive, validity="mark")  # type: ignore[arg-type]
 
 
 def _mass_matrix(c: Crane, q: np.ndarray) -> np.ndarray:
@@ -255,7 +255,7 @@ def test_a_crane_that_starts_turned_makes_the_same_move_turned(case: Case, drive
     turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
     offset = np.array([angle, 0.0, 0.0, 0.0, 0.0])
     straight = run(case, drive)
-    turned = run(case, drive, start=State(case.start.q + offset, case.start.v), disturbance=wind.push(*(case.forces @ turn.T)))
+    turned = run(case, drive, start=State(case.start.q + offset, case.start.v), disturbance=wind.constant_force(*(case.forces @ turn.T)))
     nudged = run(case, drive, start=State(case.start.q + 1e-9, case.start.v - 1e-9))
     # rounding: 1e-13 of what there is and what becomes of a nudge of 1e-13, times what accelerations lose where a heavy load moves a
     # light trolley: M_ii (M⁻¹)_ii
@@ -273,11 +273,11 @@ def _motion(run: Trajectory) -> np.ndarray:
 
 
 @given(cases(list(VARIANTS)), kinds, st.sampled_from(["mark", "buffers"]))
-def test_the_mirror_image_of_a_move_is_a_move_to_the_bit(case: Case, drive: str, watch: str) -> None:
-    watch = watch if drive == "effort" else "mark"
+def test_the_mirror_image_of_a_move_is_a_move_to_the_bit(case: Case, drive: str, validity: str) -> None:
+    validity = validity if drive == "effort" else "mark"
     q, drives = np.array([-1.0, 1.0, 1.0, -1.0, 1.0]), np.array([-1.0, 1.0, 1.0])
     mirrored = case._replace(where=case.where * np.tile(q, 2), what=case.what * drives, push=case.push * drives)
-    one, other = (_answer(lambda c=c: run(c, drive, watch=watch)) for c in (case, mirrored))
+    one, other = (_answer(lambda c=c: run(c, drive, validity=validity)) for c in (case, mirrored))
     if isinstance(one, str) or isinstance(other, str):
         assert isinstance(one, str) and isinstance(other, str)
         return
@@ -351,8 +351,8 @@ def test_counted_in_other_units_every_crane_moves_the_same_to_the_bit(units: Uni
             control_period=period,
             duration=duration,
             drive=drive,  # type: ignore[arg-type]
-            disturbance=wind.push(*(case.forces * force[:3])),
-            watch="mark",
+            disturbance=wind.constant_force(*(case.forces * force[:3])),
+            validity="mark",
         )
         for columns in COLUMNS.values():  # a law of physics has no units, and powers of two do not round
             for column, factor in zip(columns, _factors(columns, units), strict=True):
@@ -389,7 +389,7 @@ def again(path: str) -> None:
     c = load_crane(gravity=record.parameters["gravity_m_s2"], **{n: x for n, x in record.parameters.items() if n in arguments()})  # type: ignore[arg-type]
     efforts = record.command if record.parameters["drive"] == "effort" else np.zeros((len(record), 3))
 
-    def replay(t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def replay(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         return efforts[round(t / clocks["control_period"])]
 
     simulate(
@@ -425,7 +425,7 @@ words = st.characters(codec="utf-8")
 def test_every_column_says_its_unit() -> None:
     units = {
         **{"t": ["_s"], "q": ["_rad", "_m", "_rad", "_rad", "_m"], "v": ["_rad_s", "_m_s", "_rad_s", "_rad_s", "_m_s"]},
-        **{"wanted": ["_rad", "_m", "_m"], "command": ["_Nm", "_N", "_N"], "effort": ["_Nm", "_N", "_N"], "energy": ["_J"]},
+        **{"setpoint": ["_rad", "_m", "_m"], "command": ["_Nm", "_N", "_N"], "effort": ["_Nm", "_N", "_N"], "energy": ["_J"]},
         **{"work": ["_J"] * 3, "dissipated": ["_J"], "force": ["_N"] * 6, "outside": ["_J"] * 2, "valid": ["valid"]},
     }
     found = {name: [next(e for e in ENDINGS if column.endswith(e)) for column in columns] for name, columns in COLUMNS.items()}

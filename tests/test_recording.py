@@ -81,7 +81,7 @@ def numbers(path: Path, run: str = "") -> tuple[np.ndarray, dict[str, np.ndarray
 def test_every_number_comes_back_to_the_bit(file: Path, crane: Crane, moving: Trajectory):
     times, columns = numbers(file)
     expected = {"energy_J": moving.energy - moving.energy[0], "unexplained_J": moving.unexplained}
-    for name in (name for key in ("q", "v", "wanted", "effort", "work", "dissipated") for name in COLUMNS[key]):
+    for name in (name for key in ("q", "v", "setpoint", "effort", "work", "dissipated") for name in COLUMNS[key]):
         expected[name.replace("_rad", "_deg")] = np.degrees(moving[name]) if "_rad" in name else moving[name]
     for name, limit in zip(("T_gamma_Nm", "F_x_N", "F_l_N"), crane.effort_limit, strict=True):
         expected |= {f"{name}_upper": np.full(len(moving), limit), f"{name}_lower": np.full(len(moving), -limit)}
@@ -96,7 +96,7 @@ def test_every_curve_has_a_column_and_every_quantity_a_colour_of_its_own(file: P
     for plot in PLOTS.values():
         for curve in plot.curves:
             assert curve.column in columns and curve.quantity in COLOURS
-    quantities = ("gamma", "x", "phi", "theta", "l", "energy", "dissipated", "unexplained", "wanted")
+    quantities = ("gamma", "x", "phi", "theta", "l", "energy", "dissipated", "unexplained", "setpoint")
     assert len({COLOURS[name] for name in quantities}) == len(quantities)
 
 
@@ -115,10 +115,10 @@ def chained(path: Path, row: int) -> dict[str, np.ndarray]:
         step[:3, 3] = batch["Transform3D:translation"][k].as_py()[0]
         steps[batch["Transform3D:child_frame"][k].as_py()[0]] = (batch["Transform3D:parent_frame"][k].as_py()[0], step)
 
-    def world(frame: str) -> np.ndarray:
-        return np.eye(4) if frame == "tf#/" else world(steps[frame][0]) @ steps[frame][1]
+    def setup(frame: str) -> np.ndarray:
+        return np.eye(4) if frame == "tf#/" else setup(steps[frame][0]) @ steps[frame][1]
 
-    return {frame: world(frame) for frame in steps}
+    return {frame: setup(frame) for frame in steps}
 
 
 @pytest.mark.parametrize("row", [0, 77, 200])
@@ -136,7 +136,7 @@ def test_all_that_is_drawn_stands_in_a_frame_of_its_run(file: Path):
         if "CoordinateFrame:frame" in batch.schema.names:
             frames[name] = batch["CoordinateFrame:frame"].flatten()[0].as_py()
     assert frames.keys() == drawn and set(frames.values()) <= chained(file, 0).keys()
-    assert {frames[name] for name in ("cable", "path", "wanted/cable")} == {"all drives: world"}
+    assert {frames[name] for name in ("cable", "path", "setpoint/cable")} == {"all drives: world"}
 
 
 def test_a_position_beyond_the_joint_range_is_drawn_where_it_is(crane: Crane, moving: Trajectory, tmp_path: Path):
@@ -156,8 +156,8 @@ def test_the_cable_runs_from_pivot_to_payload_fifty_times_a_second(file: Path, c
 
 
 def test_the_outline_hangs_at_rest_where_the_drives_are_wanted(file: Path, moving: Trajectory):
-    times, position = rows(file, "/joints/wanted", "Transform3D:translation")
-    gamma, x, length = moving.wanted[np.searchsorted(moving.t, 1e-9 * times - 1e-9)].T
+    times, position = rows(file, "/joints/setpoint", "Transform3D:translation")
+    gamma, x, length = moving.setpoint[np.searchsorted(moving.t, 1e-9 * times - 1e-9)].T
     np.testing.assert_allclose(position, np.stack([x * np.sin(gamma), -x * np.cos(gamma), 28.0 - length], axis=1), atol=FLOAT32)
 
 
@@ -168,13 +168,13 @@ def test_a_crane_without_visuals_still_shows_a_payload(crane: Crane, moving: Tra
     bare = replace(crane, written=lambda: text)
     path = record(tmp_path / "bare.rrd", [Run("bare", bare, moving)], title="Bare")
     boxes = {entity: batch["Boxes3D:half_sizes"].flatten() for entity, batch in chunks(path) if "Boxes3D:half_sizes" in batch.schema.names}
-    assert boxes.keys() == {"/bare/scene/ball/box", "/bare/scene/wanted/box"}
+    assert boxes.keys() == {"/bare/scene/ball/box", "/bare/scene/setpoint/box"}
 
 
-def test_what_is_wanted_takes_no_rows_while_it_does_not_change(crane: Crane, tmp_path: Path):
+def test_what_is_setpoint_takes_no_rows_while_it_does_not_change(crane: Crane, tmp_path: Path):
     still = simulate(crane, hold_controller(crane), pulse(hold(crane.start), "x", 0.5, at=0.197, width=0.4), duration=1.0)
     path = record(tmp_path / "still.rrd", [Run("still", crane, still)], title="Still")
-    times, _ = rows(path, "/joints/wanted", "Transform3D:translation")
+    times, _ = rows(path, "/joints/setpoint", "Transform3D:translation")
     np.testing.assert_array_equal(times, [0, 200_000_000, 600_000_000])
 
 

@@ -12,7 +12,22 @@ from hypothesis import strategies as st
 
 from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.interfaces import Reference, State
-from cranedyn.references import Leg, Push, ei, flat, hold, itinerary, operator, plumb, pulse, ramp, shaped, shaped_hoisting, spline, zv
+from cranedyn.references import (
+    JoystickPulse,
+    Leg,
+    ei,
+    flat,
+    hold,
+    itinerary,
+    operator,
+    plumb,
+    pulse,
+    ramp,
+    shaped,
+    shaped_hoisting,
+    spline,
+    zv,
+)
 from cranedyn.references.tabulated import tabulated
 from cranedyn.references.tour import tour
 from tests.helpers import G, crane
@@ -23,7 +38,7 @@ PLACE = [0.5, 12.0, 9.0]
 
 
 QUINTIC = spline(START, [(0.0, 14.0, 7.0)], [3.0], at=1.0)
-PUSHES = operator(START, [Push("x", 0.5, 1.0, 3.0), Push("l", -0.8, 2.0, 0.01)], accelerations=(0.02, 0.4, 0.4))
+PUSHES = operator(START, [JoystickPulse("x", 0.5, 1.0, 3.0), JoystickPulse("l", -0.8, 2.0, 0.01)], accelerations=(0.02, 0.4, 0.4))
 LEGS = tour(crane(), [Leg("out", x=12.0), Leg("in", x=10.0)], lambda a, b: plumb(spline(a, [b.q[[0, 1, 4]]], [2.0]), 2.0), dwell=0.5)
 
 
@@ -58,16 +73,16 @@ LEGS = tour(crane(), [Leg("out", x=12.0), Leg("in", x=10.0)], lambda a, b: plumb
         "itinerary",
     ],
 )
-def test_many_times_at_once_are_wanted_as_each_by_itself(reference: Reference) -> None:
+def test_many_times_at_once_are_setpoint_as_each_by_itself(reference: Reference) -> None:
     times = np.arange(-0.5, 9.0, 0.005)
     single = [reference(t) for t in times.tolist()]
     for i, column in enumerate(tabulated(reference, times)):
         # sums of ten terms up to 14 m in another order round at 1e-15 of them
-        np.testing.assert_allclose(column, [wanted[i] for wanted in single], rtol=0.0, atol=1e-13)
+        np.testing.assert_allclose(column, [setpoint[i] for setpoint in single], rtol=0.0, atol=1e-13)
 
 
 LIMITS = (0.02, 0.4, 0.4)
-LEVEL = operator(START, [Push("x", 0.5, 0.0, 3.0), Push("gamma", 0.05, 1.0, 4.0)], accelerations=LIMITS)
+LEVEL = operator(START, [JoystickPulse("x", 0.5, 0.0, 3.0), JoystickPulse("gamma", 0.05, 1.0, 4.0)], accelerations=LIMITS)
 """Without hoisting the last part of a shaped move comes right at its end."""
 
 RESTING: dict[str, tuple[Reference, float, float, float]] = {
@@ -117,15 +132,15 @@ def test_a_reference_rests_before_it_begins_and_after_its_end(reference: Referen
     for edge, further in ((begin, -1.0), (end, 1.0)):
         there = reference(edge + 1e-3 * further).position
         for t in edge + further * np.array([1e-3, 0.5, 100.0]):
-            wanted = reference(float(t))
-            np.testing.assert_allclose(wanted.position, there, rtol=0.0, atol=1e-13)  # sums up to 14 m
-            np.testing.assert_allclose([wanted.velocity, wanted.acceleration], 0.0, atol=1e-15)
+            setpoint = reference(float(t))
+            np.testing.assert_allclose(setpoint.position, there, rtol=0.0, atol=1e-13)  # sums up to 14 m
+            np.testing.assert_allclose([setpoint.velocity, setpoint.acceleration], 0.0, atol=1e-15)
 
 
 @pytest.mark.parametrize("t", [0.0, 3.0, 1e6])
 def test_hold_stays_where_the_drives_are(t: float) -> None:
-    wanted = BASE(t)
-    assert [part.tolist() for part in wanted] == [PLACE, [0.0] * 3, [0.0] * 3]
+    setpoint = BASE(t)
+    assert [part.tolist() for part in setpoint] == [PLACE, [0.0] * 3, [0.0] * 3]
 
 
 def test_hold_does_not_follow_the_state_it_was_made_from() -> None:
@@ -137,9 +152,9 @@ def test_hold_does_not_follow_the_state_it_was_made_from() -> None:
 
 @pytest.mark.parametrize(("t", "x"), [(0.0, 12.0), (1.999, 12.0), (2.0, 13.0), (4.499, 13.0), (4.5, 12.0), (100.0, 12.0)])
 def test_a_pulse_steps_aside_at_its_start_and_back_at_its_end(t: float, x: float) -> None:
-    wanted = pulse(BASE, "x", 1.0, at=2.0, width=2.5)(t)
-    assert wanted.position.tolist() == [0.5, x, 9.0]
-    assert not wanted.velocity.any()
+    setpoint = pulse(BASE, "x", 1.0, at=2.0, width=2.5)(t)
+    assert setpoint.position.tolist() == [0.5, x, 9.0]
+    assert not setpoint.velocity.any()
 
 
 @pytest.mark.parametrize(("drive", "i"), [("gamma", 0), ("x", 1), ("l", 2)])
@@ -155,10 +170,10 @@ def test_pulse_and_ramp_move_the_drive_that_is_named_and_no_other(drive: str, i:
     [(0.0, 9.0, 0.0), (29.9, 9.0, 0.0), (30.0, 9.0, -0.5), (32.0, 8.0, -0.5), (33.9, 7.05, -0.5), (34.0, 7.0, 0.0), (99.0, 7.0, 0.0)],
 )
 def test_a_ramp_moves_at_its_rate_from_its_start_until_it_is_there(t: float, l: float, rate: float) -> None:  # noqa: E741
-    wanted = ramp(BASE, "l", -2.0, rate=0.5, at=30.0)(t)
-    assert wanted.position[2] == pytest.approx(l, abs=1e-12)
-    assert wanted.velocity.tolist() == [0.0, 0.0, rate]
-    assert not wanted.acceleration.any()
+    setpoint = ramp(BASE, "l", -2.0, rate=0.5, at=30.0)(t)
+    assert setpoint.position[2] == pytest.approx(l, abs=1e-12)
+    assert setpoint.velocity.tolist() == [0.0, 0.0, rate]
+    assert not setpoint.acceleration.any()
 
 
 @given(st.floats(-5, 5), st.floats(0.1, 2), st.floats(0, 10), st.floats(0, 30))

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics import rigid_body
-from cranedyn.dynamics.rigid_body import Bodies, Frame, Push
+from cranedyn.dynamics.rigid_body import Bodies, ExternalForce, Frame
 from cranedyn.interfaces import State
 from tests.helpers import crane, states
 
@@ -85,7 +85,10 @@ def test_height_energy_and_its_slope_are_those_of_gravity(q: np.ndarray) -> None
 def test_a_push_does_the_work_of_its_point(q: np.ndarray, body: int, strength: float) -> None:
     tree, where = _at(q)
     point, force = np.array([0.3, -0.5, 0.7]), strength * np.array([0.5, 1.0, -2.0])
-    pushed, free = (rigid_body.inverse_dynamics(tree, where, np.zeros(7), pushes=pushes) for pushes in ([Push(body, point, force)], []))
+    pushed, free = (
+        rigid_body.inverse_dynamics(tree, where, np.zeros(7), external_forces=external_forces)
+        for external_forces in ([ExternalForce(body, point, force)], [])
+    )
     data = ARM.createData()
     pin.computeJointJacobians(ARM, data, q)
     jacobian = pin.getJointJacobian(ARM, data, body + 1, pin.LOCAL_WORLD_ALIGNED)
@@ -110,8 +113,8 @@ def test_a_payload_that_turns_is_pushed_at_its_centre(state: State) -> None:
     tree = _tree(c.model)
     where = rigid_body.frames(tree, state.q)
     force = np.array([[300.0, -200.0, 100.0], [-50.0, 20.0, 70.0]])
-    pushes = [Push(4, tree.lever[4], force[0]), Push(2, np.zeros(3), force[1])]
-    pushed, free = (rigid_body.inverse_dynamics(tree, where, np.zeros(5), pushes=some) for some in (pushes, []))
+    external_forces = [ExternalForce(4, tree.lever[4], force[0]), ExternalForce(2, np.zeros(3), force[1])]
+    pushed, free = (rigid_body.inverse_dynamics(tree, where, np.zeros(5), external_forces=some) for some in (external_forces, []))
     expected = dynamics.outside_effort(c.model, c.data, state.q, force)
     assert_allclose(_plain(free - pushed), expected, atol=1e-8)  # differences of 1e5 N m
 

@@ -12,13 +12,13 @@ import pytest
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.dynamics.pinocchio import payload_position
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import results
 from experiments import sweep
-from experiments.harness.setup import World
+from experiments.harness.setup import Setup
 from experiments.report import page
-from experiments.scenarios.robustness import AFTER, COMBINED, WAYS, robustness
+from experiments.scenarios.robustness import AFTER, COMBINED, STRATEGIES, robustness
 from experiments.scenarios.strategies import FLAT, PAPER, PD
 from tests.helpers import ROOT
 from tests.told import missing
@@ -30,18 +30,18 @@ def cases(**columns: object) -> dict[str, np.ndarray]:
     return {name: np.resize(np.array(column), rows) for name, column in {**clocks, **columns}.items()}
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", STRATEGIES)
 def test_a_case_is_the_move_of_that_crane_alone_with_a_cable_misread(way: str) -> None:
     load, error, duration = 1.3, 0.7, 20.0
     found = robustness(cases(way=way, duration_s=duration, load=[1.0, load], cable_error_m=[0.0, error]))
-    world = World(dt=1e-3, control_period=1e-2)
-    crane, move = world.variant(payload_mass=load * world.crane.payload_mass), replace(COMBINED, duration=duration)
-    plan = WAYS[way](world, move)
-    controller, (start, goal) = plan.controller(), move.ends(world.crane)
+    setup = Setup(dt=1e-3, control_period=1e-2)
+    crane, move = setup.variant(payload_mass=load * setup.crane.payload_mass), replace(COMBINED, duration=duration)
+    plan = STRATEGIES[way](setup, move)
+    controller, (start, goal) = plan.controller(), move.ends(setup.crane)
     longer = np.array([0.0, 0.0, 0.0, 0.0, error])
 
-    def misled(t: float, state: State, wanted: Wanted) -> np.ndarray:
-        return controller(t, State(state.q - longer, state.v), wanted)
+    def misled(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        return controller(t, State(state.q - longer, state.v), setpoint)
 
     ends = 1e-2 * math.ceil((plan.arrives + AFTER) / 1e-2 - 1e-9)
     run = simulate(
@@ -53,9 +53,9 @@ def test_a_case_is_the_move_of_that_crane_alone_with_a_cable_misread(way: str) -
         dt=1e-3,
         control_period=1e-2,
         drive=plan.drive,
-        watch="mark",
+        validity="mark",
     )
-    left = swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], world.gravity)[0]
+    left = swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], setup.gravity)[0]
     away = np.linalg.norm(payload_position(crane, run.q[-1]) - payload_position(crane, goal.q + longer))
     # Engines agree to 1e-12 a second; amplitudes of 1e-6 rad are roots of squares of 1e-12, so 1e-9 is round-off's
     assert found["residual_swing_rad"][1] == pytest.approx(left, abs=1e-9)
@@ -80,7 +80,7 @@ def test_the_command_sweeps_shows_and_does_not_sweep_again(tmp_path: Path, capsy
     assert all((tmp_path / "out" / name).stat().st_size > 10_000 for name in result["figures"])
     assert '<section id="sweep">' in page([tmp_path / "out"])
     kept = results(tmp_path / "out" / "cases")
-    assert kept.num_rows == 4 * len(WAYS) == sum(row[1] for row in result["tables"][0]["rows"])
+    assert kept.num_rows == 4 * len(STRATEGIES) == sum(row[1] for row in result["tables"][0]["rows"])
     parts = {part: part.stat().st_mtime_ns for part in (tmp_path / "out" / "cases").glob("*.parquet")}
     assert sweep.main(arguments) == 0
     assert {part: part.stat().st_mtime_ns for part in parts} == parts

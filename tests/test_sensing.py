@@ -12,17 +12,17 @@ from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import hold_controller, lqr, observed, sensed
 from cranedyn.controllers.linearised import linearised
-from cranedyn.controllers.observer import DISTURBANCE, DOUBT, MEASURED, Observed
+from cranedyn.controllers.observer import DISTURBANCE, INITIAL_STD, MEASURED, Observed
 from cranedyn.controllers.sensed import NOISE
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.errors import CraneError
-from cranedyn.interfaces import Controller, State, Wanted
+from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import Motion, flat, plumb, spline
 from tests.helpers import G, crane, quickly
 
-STILL = Wanted(np.zeros(3), np.zeros(3), np.zeros(3))
+STILL = Setpoint(np.zeros(3), np.zeros(3), np.zeros(3))
 PERIOD = 5e-3
 
 
@@ -46,7 +46,7 @@ class Watched:
     def __init__(self) -> None:
         self.seen: list[np.ndarray] = []
 
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Drives that do nothing."""
         self.seen.append(np.concatenate(state))
         return np.zeros(3)
@@ -138,9 +138,9 @@ class Compared:
         self.observer, self.outer = observer, outer or observer
         self.errors: list[np.ndarray] = []
 
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """What `outer` commands."""
-        command = self.outer(t, state, wanted)
+        command = self.outer(t, state, setpoint)
         self.errors.append(np.subtract(self.observer.estimate, state).ravel())
         return command
 
@@ -180,7 +180,7 @@ def test_the_filter_errs_as_much_as_it_says() -> None:
     root = vectors * np.sqrt(values.clip(0.0))
     for _ in range(runs):
         observer = observed(lqr(crane(), motion), crane(), motion)
-        z = rng.normal(size=10) * DOUBT
+        z = rng.normal(size=10) * INITIAL_STD
         for k in range(100):
             reading = np.concatenate([motion.q[0], np.zeros(5)]) + z
             reading[MEASURED] += rng.normal(size=6) * NOISE[MEASURED]
@@ -285,7 +285,7 @@ def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -
         ({"noise": np.zeros(6)}, "noise of the observer is 0.0; allowed is > 0"),
         ({"noise": NOISE}, "6 standard deviations"),
         ({"disturbance": [-1.0] * 5}, "disturbance of the observer is -1.0; allowed is >= 0"),
-        ({"doubt": [math.inf] * 10}, "doubt of the observer"),
+        ({"initial_std": [math.inf] * 10}, "initial deviation of the observer"),
         ({"delay": -1}, "delay of the observer"),
         ({"every": 0}, "rows between linearisations"),
         ({"dt": 3e-4}, "control period is 0.005 s; allowed is a multiple of dt = 0.0003 s"),

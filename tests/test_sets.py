@@ -27,8 +27,7 @@ from cranedyn.errors import CraneError, DataError
 from cranedyn.plotting.figures import panels
 from cranedyn.recording import Live, Run
 from cranedyn.simulation.simulate import simulate
-from experiments import a1, demo, report
-from experiments.harness import conduct as common
+from experiments import a1, demo, harness, report
 from experiments.harness.document import read_document
 from tests.helpers import FAST, crane, files, python, quickly
 
@@ -47,16 +46,16 @@ def conducted(
 ) -> tuple[int, str]:
     """A small run in the name of A1; another mass makes other files."""
 
-    def experiment(options: Any, world: common.World) -> common.Outcome:
+    def experiment(options: Any, setup: harness.Setup) -> harness.Outcome:
         inside()
         heavy = crane(payload_mass=mass)
         run = quickly(heavy, hold_controller(heavy), duration=0.02)
         figure, (ax,) = panels(height=1.0)
         ax.plot([0, mass])
-        table = common.Table("t", [("m", ".1f")], [(mass,)])
-        return common.Outcome([table], [], {"mass": mass}, {"run": run}, {"figure": figure}, [Run("r", heavy, run)])
+        table = harness.Table("t", [("m", ".1f")], [(mass,)])
+        return harness.Outcome([table], [], {"mass": mass}, {"run": run}, {"figure": figure}, [Run("r", heavy, run)])
 
-    return said(lambda: common.conduct(common.parser("a1", "A trial."), experiment, ["--out", str(folder), *words]))
+    return said(lambda: harness.conduct(harness.parser("a1", "A trial."), experiment, ["--out", str(folder), *words]))
 
 
 def reported(folder: Path) -> tuple[int, str]:

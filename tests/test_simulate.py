@@ -18,7 +18,7 @@ from cranedyn.data.trajectory import COLUMNS, Trajectory
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics.integrators import Acceleration, Integrator
 from cranedyn.errors import OutOfRange, RunError
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import DRIVES, Crane
 from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate
@@ -65,9 +65,9 @@ def test_the_controller_is_asked_once_per_period_at_the_instant_that_is_logged()
     c = crane()
     seen: list[tuple[float, np.ndarray, np.ndarray]] = []
 
-    def controller(t: float, state: State, wanted: Wanted) -> np.ndarray:
-        seen.append((t, np.concatenate(state), wanted.position))
-        return hold_controller(c)(t, state, wanted)
+    def controller(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        seen.append((t, np.concatenate(state), setpoint.position))
+        return hold_controller(c)(t, state, setpoint)
 
     ticks: list[float] = []
     start = c.state(phi=0.1)
@@ -75,8 +75,8 @@ def test_the_controller_is_asked_once_per_period_at_the_instant_that_is_logged()
     found = simulate(c, controller, reference, start=start, duration=0.1, dt=5e-4, control_period=1e-2, progress=ticks.append)
     assert [t for t, *_ in seen] == ticks == found.t.tolist() == [k * 1e-2 for k in range(11)]
     assert np.array([z for _, z, _ in seen]).tolist() == np.hstack([found.q, found.v]).tolist()
-    assert np.array([w for *_, w in seen]).tolist() == found.wanted.tolist()
-    assert found.wanted[:, 1] == pytest.approx(10.0 + found.t)
+    assert np.array([w for *_, w in seen]).tolist() == found.setpoint.tolist()
+    assert found.setpoint[:, 1] == pytest.approx(10.0 + found.t)
 
 
 def test_the_effort_is_held_between_control_instants() -> None:
@@ -105,7 +105,7 @@ def test_a_run_says_what_it_was_made_with() -> None:
         "integrator": "semi-implicit Euler",
     } | {
         "gravity_m_s2": G,
-        "watch": "stop",
+        "validity": "stop",
     }
     assert len(found) == 51
 
@@ -113,7 +113,7 @@ def test_a_run_says_what_it_was_made_with() -> None:
 def test_a_controller_may_answer_with_a_buffer_of_its_own() -> None:
     c, buffer = crane(), np.zeros(3)
 
-    def controller(t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def controller(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         buffer[:] = 0.0, t, -1000.0 * G
         return buffer
 
@@ -160,7 +160,7 @@ def test_in_a_world_of_other_gravity_the_load_gives_less_than_a_millimetre() -> 
 def test_without_reference_the_drives_hold_where_they_are_first_seen() -> None:
     start = crane().state(gamma=1.0, x=20.0, l=8.0)
     found = _held(crane(), start=start, duration=2.0)
-    assert found.wanted.tolist() == [[1.0, 20.0, 8.0]] * len(found)
+    assert found.setpoint.tolist() == [[1.0, 20.0, 8.0]] * len(found)
     assert_allclose(found.q, start.q * np.ones((len(found), 1)), atol=1e-12)  # rounding; captured elsewhere it would be metres
 
 
@@ -208,7 +208,7 @@ def test_joint_damping_of_the_urdf_damps_the_swing_as_the_closed_form_says(drive
     fit = fit_swing(found.t, found.q[:, coordinate])
     total = 1000.0 * 10.0**2 + inertia
     expected = 2e3 / (2.0 * total * math.sqrt(1000.0 * G * 10.0 / total))
-    # the load's mass over the trolley's, 1e-4, and over the slew's; finite amplitude and the give of the hoist 1e-4
+    # the load's mass over the trolley's, 1e-4, and over the slew's; finite amplitude and the compliance of the hoist 1e-4
     assert fit.damping_ratio == pytest.approx(expected, rel=1e-3)
     assert expected == pytest.approx(0.01, rel=0.02)
 
@@ -216,8 +216,8 @@ def test_joint_damping_of_the_urdf_damps_the_swing_as_the_closed_form_says(drive
 def test_efforts_returned_by_prescribed_motion_reproduce_the_motion_through_effort_drives() -> None:
     c, period = crane(**DAMPED), 1e-3
     run = {"start": c.state(phi=0.05, theta=-0.03), "duration": 4.0, "dt": period, "control_period": period}
-    given = simulate(c, lambda t, state, wanted: np.array([0.05, 0.5, -0.3]) * math.cos(2.0 * t), drive="motion", **run)
-    played = simulate(c, lambda t, state, wanted: given.effort[round(t / period)], **run)
+    given = simulate(c, lambda t, state, setpoint: np.array([0.05, 0.5, -0.3]) * math.cos(2.0 * t), drive="motion", **run)
+    played = simulate(c, lambda t, state, setpoint: given.effort[round(t / period)], **run)
     assert (np.ptp(given.q, axis=0)[DRIVES] > [0.02, 0.2, 0.1]).all()
     # rounding of 1e-16 · 1e6 N m in the efforts, integrated twice by drives that nothing holds, over 4000 steps
     assert_allclose(played.q, given.q, atol=1e-9)
@@ -229,8 +229,8 @@ def test_motion_drives_reach_the_velocity_that_is_asked() -> None:
     start = c.state()
     reference = ramp(hold(start), "x", 2.0, rate=0.5, at=1.0)
     found = simulate(c, follow(reference), reference, start=start, duration=6.0, drive="motion")
-    wanted = [reference(t).velocity[1] for t in found.t]
-    assert_allclose(found.v[:, 1], wanted, atol=1e-12)  # rounding
+    setpoint = [reference(t).velocity[1] for t in found.t]
+    assert_allclose(found.v[:, 1], setpoint, atol=1e-12)  # rounding
     assert found.q[-1, 1] == pytest.approx(12.0, abs=1e-10)  # as far as asked
 
 
@@ -265,7 +265,7 @@ def test_a_saturated_hoist_moves_by_the_limit() -> None:
 def test_under_a_constant_force_the_ledger_closes_to_rounding() -> None:
     # a trolley with next to no load: a constant acceleration, for which effort times displacement is exact once the lead is taken off
     c = crane(payload_mass=1e-9, payload_inertia=0)
-    found = simulate(c, constant(0.0, 600.0, 0.0), start=c.state(x=2.0), duration=2.0, dt=1e-3, control_period=1e-2, watch="mark")
+    found = simulate(c, constant(0.0, 600.0, 0.0), start=c.state(x=2.0), duration=2.0, dt=1e-3, control_period=1e-2, validity="mark")
     assert found.energy[-1] - found.energy[0] == pytest.approx(0.5 * 600.0 * 2.0**2, rel=1e-6)  # 600 kg at 2 m/s, the load 1e-9
     assert_allclose(found.unexplained, 0.0, atol=1e-6)  # the load; with the lead left in it would be 600 N · 2 m/s · dt/2 = 0.6 J
 
@@ -329,7 +329,7 @@ def test_only_the_three_drives_can_be_addressed(command: Any, drive: Any) -> Non
     with pytest.raises(
         OutOfRange, match=r"command of the controller is an array of shape .*; allowed is three numbers: slew, trolley, hoist"
     ):
-        simulate(crane(), lambda t, state, wanted: command, duration=0.1, drive=drive)
+        simulate(crane(), lambda t, state, setpoint: command, duration=0.1, drive=drive)
 
 
 @pytest.mark.parametrize(
@@ -362,9 +362,9 @@ def test_times_that_fit_but_for_rounding_are_taken(dt: float, control_period: fl
 # --- what goes wrong half way ------------------------------------------------------------------------------------------------------
 
 
-def _after(t0: float, action: Callable[[], np.ndarray]) -> Callable[[float, State, Wanted], np.ndarray]:
+def _after(t0: float, action: Callable[[], np.ndarray]) -> Callable[[float, State, Setpoint], np.ndarray]:
     brake = hold_controller(crane(), gravity=G)
-    return lambda t, state, wanted: brake(t, state, wanted) if t < t0 else action()
+    return lambda t, state, setpoint: brake(t, state, setpoint) if t < t0 else action()
 
 
 @pytest.mark.parametrize(("i", "joint"), [(0, "yaw_joint"), (1, "trolley_joint"), (2, "hoist_joint")])
@@ -385,7 +385,7 @@ def test_a_run_that_diverges_says_when_and_where_and_keeps_what_it_has() -> None
     c = crane(hoist_effort=1e12)
     wild = hold_controller(c, damping=(1e6, 5e4, 1e6))  # k_d times the control period over the mass is 5, where 2 is too much
     with pytest.raises(RunError, match=r"The run diverged at t = .* s: hoist_joint moves at .* per second; a smaller dt") as caught:
-        simulate(c, wild, start=c.state(l_dot=0.1), duration=60.0, watch="mark")
+        simulate(c, wild, start=c.state(l_dot=0.1), duration=60.0, validity="mark")
     error = caught.value
     assert error.joint == "hoist_joint"
     assert not abs(error.value) < 1e6

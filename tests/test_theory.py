@@ -62,7 +62,7 @@ def test_the_give_of_the_pivot_is_the_eigenvalue_of_trolley_and_load(length: flo
     values = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ spring, -inverse @ damper]]))
     value = min(values[values.imag > 1e-3], key=lambda v: abs(v - 1j * math.sqrt(G / length)))
     gain = 2.0 * math.pi / abs(value) / float(theory.point_period(length, G)) - 1.0
-    found = theory.pivot_give(length, G, m, stiffness, damping, trolley)
+    found = theory.pivot_compliance(length, G, m, stiffness, damping, trolley)
     first = m * G / (2.0 * stiffness * length)
     # first order in the give: the next is three times its square
     assert found[0] == pytest.approx(gain, abs=4.0 * first**2)
@@ -71,7 +71,7 @@ def test_the_give_of_the_pivot_is_the_eigenvalue_of_trolley_and_load(length: flo
 
 @pytest.mark.parametrize(("length", "percent"), [(5.0, 0.33), (10.0, 0.16), (15.0, 0.11), (20.0, 0.08)])
 def test_the_give_of_a_spring_is_the_published(length: float, percent: float) -> None:
-    gain, ratio = theory.pivot_give(length, 9.80665, 1000.0, 3e5)
+    gain, ratio = theory.pivot_compliance(length, 9.80665, 1000.0, 3e5)
     assert 100.0 * gain == pytest.approx(percent, abs=5e-3)  # two decimals
     assert ratio == 0.0
 
@@ -98,7 +98,7 @@ def test_the_give_of_the_hoist_is_that_of_an_elastic_pendulum(stiffness: float, 
     size = float(np.sqrt(np.mean(np.square(half))))
     period = 2.0 * (crossings[-1] - crossings[0]) / (len(crossings) - 1)
     decay = math.log(half[0] / half[-1]) / (math.pi * (len(half) - 1))
-    gain, ratio = theory.hoist_give(size, length, G, m, stiffness, damping)
+    gain, ratio = theory.hoist_compliance(size, length, G, m, stiffness, damping)
     measured = period / (pendulum_period(length, G, size)) - 1.0
     # to order A² = 0.01 of itself, and the second order of the give, 1e-3 of itself
     assert measured == pytest.approx(gain, rel=0.02)
@@ -135,7 +135,7 @@ def test_the_bessel_envelope_of_slow_hoisting_is_the_adiabatic_law() -> None:
 
 
 @given(states, accelerations)
-def test_small_swing_is_the_limit_of_the_full_equations(state: State, push: np.ndarray) -> None:
+def test_small_swing_is_the_limit_of_the_full_equations(state: State, excitation: np.ndarray) -> None:
     c, size = big_crane(), 1e-4
     q, v = state.q.copy(), state.v.copy()
     q[2:4] *= size
@@ -148,11 +148,11 @@ def test_small_swing_is_the_limit_of_the_full_equations(state: State, push: np.n
         gravity=G,
         x=q[1],
         x_rate=v[1],
-        x_acceleration=push[1],
+        x_acceleration=excitation[1],
         slew_rate=v[0],
-        slew_acceleration=push[0],
+        slew_acceleration=excitation[0],
     )
-    full = dynamics.prescribed_acceleration(c, State(q, v), push)[0][2:4]
+    full = dynamics.prescribed_acceleration(c, State(q, v), excitation)[0][2:4]
     # what is dropped is of second order in the swing, and φ tan θ times pushes of up to 5 m/s² over 3.4 m
     assert_allclose(found, full, atol=20.0 * size**2)
 
@@ -160,15 +160,15 @@ def test_small_swing_is_the_limit_of_the_full_equations(state: State, push: np.n
 def test_the_papers_equation_is_small_swing_without_rates() -> None:
     still = dict(length_rate=0.0, x_rate=0.0, x_acceleration=0.0, slew_rate=0.0)
     found = theory.small_swing(np.array([0.0, 0.03]), np.zeros(2), length=15.0, gravity=G, x=20.0, slew_acceleration=0.01, **still)
-    assert theory.tangential_paper(0.03, length=15.0, gravity=G, push=20.0 * 0.01) == pytest.approx(found[1], rel=1e-14)
+    assert theory.tangential_paper(0.03, length=15.0, gravity=G, excitation=20.0 * 0.01) == pytest.approx(found[1], rel=1e-14)
     # positive when the load lags: at rest on θ = x γ̈/g
-    assert theory.tangential_paper(20.0 * 0.01 / G, length=15.0, gravity=G, push=0.2) == pytest.approx(0.0, abs=1e-16)
+    assert theory.tangential_paper(20.0 * 0.01 / G, length=15.0, gravity=G, excitation=0.2) == pytest.approx(0.0, abs=1e-16)
 
 
 def test_the_papers_radial_equation_is_small_swing_on_a_jib_that_stands_and_a_cable_that_rests() -> None:
     still = dict(length_rate=0.0, x_rate=0.3, slew_rate=0.0, slew_acceleration=0.0)
     found = theory.small_swing(np.array([0.02, 0.0]), np.array([0.1, 0.0]), length=15.0, gravity=G, x=20.0, x_acceleration=0.4, **still)
-    assert theory.radial_paper(0.02, length=15.0, gravity=G, push=0.4) == pytest.approx(found[0], rel=1e-14)
+    assert theory.radial_paper(0.02, length=15.0, gravity=G, excitation=0.4) == pytest.approx(found[0], rel=1e-14)
 
 
 # --- slow hoisting -----------------------------------------------------------------------------------------------------------------

@@ -26,8 +26,7 @@ from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
 from cranedyn.references.tour import tour
 from cranedyn.simulation.simulate import simulate
-from experiments import demo
-from experiments.harness import conduct as common
+from experiments import demo, harness
 from experiments.scenarios.moves import TOUR_LIMITS as LIMITS
 from experiments.scenarios.tours import CONTROLS, repeated
 from tests.helpers import FAST, G, big_crane, crane, quickly
@@ -150,8 +149,8 @@ def test_damping_that_cannot_be_is_refused(arguments: dict) -> None:
 
 @pytest.mark.parametrize("control", ["paper", "lqr", "flat"])
 def test_planned_tours_keep_the_limits(control: str) -> None:
-    made, _ = CONTROLS[control](common.World(), LIMITS, 6.0)
-    shares = use(common.World().crane, made.motion, LIMITS)  # type: ignore[attr-defined]
+    made, _ = CONTROLS[control](harness.Setup(), LIMITS, 6.0)
+    shares = use(harness.Setup().crane, made.motion, LIMITS)  # type: ignore[attr-defined]
     assert max(shares.values()) < 1.0 + 1e-5  # a quintic's peak, rounded up to control periods
 
 
@@ -179,7 +178,7 @@ def test_a_dwell_too_short_for_shaped_commands_is_refused(tmp_path: Path, capsys
     assert demo.main(["--control", "shaped", "--dwell", "2", "--cycles", "1", "--out", str(tmp_path / "out")]) == 2
     assert "so it must be that at least" in capsys.readouterr().err
     with pytest.raises(CraneError, match="dwell"):
-        CONTROLS["shaped"](common.World(), LIMITS, 2.0)
+        CONTROLS["shaped"](harness.Setup(), LIMITS, 2.0)
 
 
 def test_a_load_heavier_than_planned_is_held_in_the_second_cycle_as_in_the_first() -> None:

@@ -12,17 +12,17 @@ from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import COLUMNS, Trajectory
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, OutOfRange, RunError
-from cranedyn.interfaces import EngineName, State, Wanted
+from cranedyn.interfaces import EngineName, Setpoint, State
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, G, big_crane, constant, crane, locked
 
 
-def outward(watch: str) -> Trajectory:
+def outward(validity: str) -> Trajectory:
     """The trolley is asked to go 2 m beyond the tip of the jib."""
     start = crane().state(x=10.0, l=15.0)
     reference = ramp(hold(start), "x", 14.0, rate=1.5, at=1.0)
-    return simulate(crane(), hold_controller(crane(), gravity=G), reference, start=start, duration=20.0, watch=watch)  # type: ignore[arg-type]
+    return simulate(crane(), hold_controller(crane(), gravity=G), reference, start=start, duration=20.0, validity=validity)  # type: ignore[arg-type]
 
 
 def test_a_run_stops_where_a_drive_leaves_its_range_and_keeps_what_it_has() -> None:
@@ -59,7 +59,7 @@ def test_a_buffer_pushes_but_never_pulls() -> None:
     # a trolley without drive rolls against the end and comes back slower, the damper has taken some
     light = crane(payload_mass=1e-6, payload_inertia=0.0)
     start = light.state(x=21.5, x_dot=1.0)
-    run = simulate(light, constant(0.0, 0.0, -1e-6 * G), start=start, duration=2.0, watch="buffers")
+    run = simulate(light, constant(0.0, 0.0, -1e-6 * G), start=start, duration=2.0, validity="buffers")
     assert 22.0 < run["x_m"].max() < 22.1
     # a mass on a spring with a damper of ζ that lets go when it would pull keeps exp(-2ζ acos ζ/√(1-ζ²)) of its speed; within a step's 1 %
     assert run["x_dot_m_s"][-1] == pytest.approx(-math.exp(-math.acos(0.5) / math.sqrt(0.75)), rel=0.01)
@@ -69,7 +69,7 @@ def test_a_buffer_pushes_but_never_pulls() -> None:
 def test_a_buffer_at_the_end_of_the_cable_holds_the_load_whose_rope_stays_taut() -> None:
     start = crane().state(l=23.0)
     reference = ramp(hold(start), "l", 4.0, rate=1.0, at=0.5)
-    run = simulate(crane(), hold_controller(crane(), gravity=G), reference, start=start, duration=15.0, watch="buffers")
+    run = simulate(crane(), hold_controller(crane(), gravity=G), reference, start=start, duration=15.0, validity="buffers")
     # the drive lets down with 30 kN/m beyond 26.4 m, against (20 rad/s)² times the load of 1 t: 0.6 m off its aim less 0.04 m
     assert 26.4 < run["l_m"][-1] < 26.5
     assert run["valid"].all()
@@ -81,7 +81,7 @@ def test_a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the
     start = crane().state(l=3.6)
     brake = hold_controller(crane(), gravity=G)
     gentle = ramp(hold(start), "l", -0.6, rate=0.2, at=0.5)
-    run = simulate(crane(), brake, gentle, start=start, duration=20.0, watch="buffers", engine=engine)
+    run = simulate(crane(), brake, gentle, start=start, duration=20.0, validity="buffers", engine=engine)
     # the drive pulls with 30 kN/m above its aim of 3 m, the buffer pushes with (20 rad/s)² times the load of 1 t below 3.4 m
     assert run["l_m"][-1] == pytest.approx((3.0 * 3e4 + 3.4 * 4e5) / (3e4 + 4e5), abs=1e-6)
     assert run["valid"].all()
@@ -89,7 +89,7 @@ def test_a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the
     fast = ramp(hold(crane().state(l=6.0)), "l", -3.0, rate=1.0, at=0.5)
     how = {"start": crane().state(l=6.0), "duration": 5.0}
     with pytest.raises(RunError, match="the rope would have to push") as caught:
-        simulate(crane(), brake, fast, watch="buffers", engine=engine, **how)
+        simulate(crane(), brake, fast, validity="buffers", engine=engine, **how)
     error = caught.value
     assert error.trajectory is not None
     assert error.trajectory["l_m"][-1] < 3.4
@@ -105,7 +105,7 @@ def test_a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the
 
 def test_buffers_are_for_drives_that_take_efforts() -> None:
     with pytest.raises(OutOfRange, match="watch is buffers"):
-        simulate(crane(), locked, duration=1.0, drive="motion", watch="buffers")
+        simulate(crane(), locked, duration=1.0, drive="motion", validity="buffers")
 
 
 def test_a_rope_that_would_have_to_push_stops_the_run() -> None:
@@ -157,7 +157,7 @@ def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> Non
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"watch": "ignore"}, "watch is ignore"),
+        ({"validity": "ignore"}, "watch is ignore"),
         ({"start": (np.zeros(5), np.full(5, np.nan))}, "gamma among the rates at the start is nan"),
         ({"start": (np.zeros(4), np.zeros(5))}, r"coordinates at the start is an array of shape \(4,\)"),
         ({"start": "rest"}, "start is 'rest'"),
@@ -168,7 +168,7 @@ def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> Non
         ({"since": 1e17}, "time at the start is 1e[+]17 s; allowed is -1e9 to 1e9"),
         ({"disturbance": lambda t, state: np.zeros(3)}, r"force of the disturbance is an array of shape \(3,\)"),
         ({"disturbance": lambda t, state: np.full((2, 3), np.nan)}, "force of the disturbance is"),
-        ({"controller": lambda t, state, wanted: "up"}, "command of the controller is 'up'"),
+        ({"controller": lambda t, state, setpoint: "up"}, "command of the controller is 'up'"),
     ],
 )
 def test_what_cannot_be_run_is_refused_at_once(arguments: dict, words: str) -> None:
@@ -184,17 +184,17 @@ def test_a_load_on_no_cable_is_refused_where_motion_is_prescribed() -> None:
 
 @pytest.mark.parametrize("force", [1.5e308, 1e200])
 def test_a_motion_that_costs_no_finite_effort_keeps_a_finite_record(force: float) -> None:
-    def blow(t: float, state: State) -> np.ndarray:
+    def disturbance(t: float, state: State) -> np.ndarray:
         return np.full((2, 3), force if t > 0.05 else 0.0)
 
     with pytest.raises(RunError) as caught:
-        simulate(crane(), locked, duration=1.0, drive="motion", watch="mark", disturbance=blow)
+        simulate(crane(), locked, duration=1.0, drive="motion", validity="mark", disturbance=disturbance)
     assert caught.value.trajectory is not None
     assert all(np.isfinite(getattr(caught.value.trajectory, name)).all() for name in COLUMNS)
 
 
 def test_a_huge_command_is_cut_to_the_limit_and_a_missing_one_is_named() -> None:
-    run = simulate(crane(), constant(0.0, 1e160, -1000.0 * G), duration=0.01, watch="mark")
+    run = simulate(crane(), constant(0.0, 1e160, -1000.0 * G), duration=0.01, validity="mark")
     assert run["F_x_N"][0] == 1e6
     with pytest.raises(RunError, match="trolley_joint needs a finite number"):
         simulate(crane(), constant(0.0, math.nan, 0.0), duration=0.01)
@@ -203,7 +203,7 @@ def test_a_huge_command_is_cut_to_the_limit_and_a_missing_one_is_named() -> None
 @pytest.mark.parametrize("part", ["q", "v"])
 @pytest.mark.parametrize("first", [0.0, 0.5])
 def test_a_controller_cannot_change_the_state_it_is_given(part: str, first: float) -> None:
-    def meddling(t: float, state: State, wanted: object) -> np.ndarray:
+    def meddling(t: float, state: State, setpoint: object) -> np.ndarray:
         if t >= first:
             getattr(state, part)[0] += 1.0
         return np.array([0.0, 0.0, -1000.0 * G])
@@ -215,8 +215,8 @@ def test_a_controller_cannot_change_the_state_it_is_given(part: str, first: floa
 
 
 def test_a_controller_cannot_change_what_it_is_told_is_wanted() -> None:
-    def meddling(t: float, state: State, wanted: Wanted) -> np.ndarray:
-        wanted.position[1] += 1.0
+    def meddling(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        setpoint.position[1] += 1.0
         return np.zeros(3)
 
     with pytest.raises(RunError, match="read-only"):

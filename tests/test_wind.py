@@ -26,10 +26,10 @@ def test_a_force_does_the_work_of_its_way(state: State) -> None:
     force, h = np.array([[1.0, -2.0, 3.0], [-4.0, 5.0, 6.0]]), 1e-5
     found = outside_effort(crane().model, crane().data, state.q, force)
     for i, e in enumerate(np.eye(5)):
-        ways = [
+        strategies = [
             (place(crane(), state.q + h * e) - place(crane(), state.q - h * e)) / (2 * h) for place in (payload_position, pivot_position)
         ]
-        assert_allclose(found[i], sum(f @ way for f, way in zip(force, ways, strict=True)), atol=1e-6 * 30.0)
+        assert_allclose(found[i], sum(f @ way for f, way in zip(force, strategies, strict=True)), atol=1e-6 * 30.0)
     velocities = payload_velocity(crane(), state), pivot_velocity(crane(), state)
     assert_allclose(found @ state.v, sum(f @ v for f, v in zip(force, velocities, strict=True)), rtol=1e-9, atol=1e-9)
 
@@ -41,23 +41,25 @@ def test_a_steady_push_is_rest_at_the_closed_form_angle(force: tuple[float, ...]
     angle = sign * math.atan(1000.0 / (1000.0 * G))
     q = c.state(x=10.0, l=15.0).q.copy()
     q[coordinate] = angle
-    run = simulate(c, locked, start=State(q, np.zeros(5)), duration=10.0, drive="motion", disturbance=wind.push(force))
+    run = simulate(c, locked, start=State(q, np.zeros(5)), duration=10.0, drive="motion", disturbance=wind.constant_force(force))
     assert_allclose(run.q, np.tile(q, (len(run), 1)), atol=1e-9)  # rest, to rounding
 
 
 def test_a_push_that_comes_at_once_swings_the_load_to_twice_its_rest() -> None:
     c = crane(**POINT)
-    run = quickly(c, locked, start=c.state(x=10.0, l=15.0), duration=20.0, drive="motion", disturbance=wind.push((0.0, 1000.0, 0.0)))
+    run = quickly(
+        c, locked, start=c.state(x=10.0, l=15.0), duration=20.0, drive="motion", disturbance=wind.constant_force((0.0, 1000.0, 0.0))
+    )
     # in the tilted field g_eff the load is a pendulum released at rest atan(F/mg) off its middle, whatever the amplitude
     assert run["phi_rad"].max() == pytest.approx(2.0 * math.atan(1.0 / G), abs=2e-5)  # half a step of lead: ω dt/2 of the amplitude
 
 
 def test_the_work_of_a_push_is_in_the_ledger_and_what_it_leaves_open_halves_with_the_step() -> None:
     c = crane(**POINT)
-    push = wind.push((300.0, 800.0, -200.0), (100.0, 500.0, 0.0))
+    constant_force = wind.constant_force((300.0, 800.0, -200.0), (100.0, 500.0, 0.0))
     start = c.state(x=10.0, l=15.0, phi=0.1, theta=-0.05)
     coarse, fine = (
-        simulate(c, hold_controller(c, gravity=G), start=start, duration=10.0, dt=dt, control_period=5e-3, disturbance=push)
+        simulate(c, hold_controller(c, gravity=G), start=start, duration=10.0, dt=dt, control_period=5e-3, disturbance=constant_force)
         for dt in (1e-3, 5e-4)
     )
     assert np.ptp(fine["W_force_J"]) > 300.0
@@ -66,14 +68,14 @@ def test_the_work_of_a_push_is_in_the_ledger_and_what_it_leaves_open_halves_with
 
 
 def test_a_force_on_the_trolley_is_what_the_drive_must_give_less() -> None:
-    run = simulate(crane(), locked, duration=0.1, drive="motion", disturbance=wind.push(trolley=(0.0, -700.0, 0.0)))
+    run = simulate(crane(), locked, duration=0.1, drive="motion", disturbance=wind.constant_force(trolley=(0.0, -700.0, 0.0)))
     assert_allclose(run["F_x_N"], -700.0, atol=1e-9)  # outward along -Y; rounding
 
 
 def test_a_steady_wind_pushes_with_the_square_of_its_speed() -> None:
     c = crane()
-    blow = wind.wind(c, wind.steady(20.0), direction=math.pi / 2, payload_area=5.0, trolley_area=1.0)
-    rest = blow(0.0, c.start)
+    disturbance = wind.wind(c, wind.steady(20.0), direction=math.pi / 2, payload_area=5.0, trolley_area=1.0)
+    rest = disturbance(0.0, c.start)
     assert_allclose(rest, [[0.0, 0.5 * 1.225 * 5.0 * 400.0, 0.0], [0.0, 0.5 * 1.225 * 400.0, 0.0]], atol=1e-12)
 
 
@@ -144,8 +146,8 @@ def test_turbulence_has_its_intensity_at_every_time_however_long_the_step(ratio:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: wind.push((1.0, 2.0), (0.0, 0.0)), "three numbers each"),
-        (lambda: wind.push((math.nan, 0.0, 0.0)), "force is nan"),
+        (lambda: wind.constant_force((1.0, 2.0), (0.0, 0.0)), "three numbers each"),
+        (lambda: wind.constant_force((math.nan, 0.0, 0.0)), "force is nan"),
         (lambda: wind.steady(math.inf), "wind speed is inf"),
         (lambda: wind.cosine_gust(wind.steady(1.0), 1.0, at=0.0, lasts=0.0), "duration of the gust is 0"),
         (lambda: wind.turbulence(wind.steady(1.0), -0.1, np.random.default_rng(0), duration=1.0), "turbulence intensity is -0.1"),

@@ -34,7 +34,17 @@ def _of_a1(result: Result) -> Told:
         f"{_row((row['ζ'] for row in article), '.6f', ', ')}|",
         f"| within {stiff} |",
     ]
-    causes = ["payload inertia", "dummy inertia", "pivot spring", "pivot damper", "amplitude", "gravity", "hoist give", "sum", "simulated"]
+    causes = [
+        "payload inertia",
+        "dummy inertia",
+        "pivot spring",
+        "pivot damper",
+        "amplitude",
+        "gravity",
+        "hoist compliance",
+        "sum",
+        "simulated",
+    ]
     left = [f"{row['simulated less article']:+.6f}" for row in result.table("Where the damping ratio")]
     errors, amplitudes = (
         max(abs(row[one] - row[other]) for row in article) for one, other in (("error [%]", "art. 2"), ("A [rad]", "art. 5"))

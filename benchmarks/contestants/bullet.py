@@ -35,38 +35,38 @@ def _stepped(case: Case, at_once: int) -> Run:
     """
     import pybullet as bullet
 
-    world = bullet.connect(bullet.DIRECT)
+    setup = bullet.connect(bullet.DIRECT)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "crane.urdf"
         path.write_text(_weighed(case.crane.urdf), encoding="utf-8")
-        robot = bullet.loadURDF(str(path), useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=world)
-    bullet.setGravity(0.0, 0.0, -case.crane.gravity, physicsClientId=world)
+        robot = bullet.loadURDF(str(path), useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=setup)
+    bullet.setGravity(0.0, 0.0, -case.crane.gravity, physicsClientId=setup)
     substeps = at_once if at_once > 1 else 0
-    bullet.setPhysicsEngineParameter(fixedTimeStep=at_once * case.dt, numSubSteps=substeps, physicsClientId=world)
-    places = {bullet.getJointInfo(robot, i, physicsClientId=world)[1].decode(): i for i in range(bullet.getNumJoints(robot, world))}
+    bullet.setPhysicsEngineParameter(fixedTimeStep=at_once * case.dt, numSubSteps=substeps, physicsClientId=setup)
+    places = {bullet.getJointInfo(robot, i, physicsClientId=setup)[1].decode(): i for i in range(bullet.getNumJoints(robot, setup))}
     joints = [places[joint.name] for joint in JOINTS]
     drives = [joints[i] for i in DRIVES]
     for i in range(-1, len(places)):
-        bullet.changeDynamics(robot, i, linearDamping=0.0, angularDamping=0.0, maxJointVelocity=1e9, physicsClientId=world)
+        bullet.changeDynamics(robot, i, linearDamping=0.0, angularDamping=0.0, maxJointVelocity=1e9, physicsClientId=setup)
     for joint, damping in zip(joints, case.crane.damping, strict=True):
-        bullet.changeDynamics(robot, joint, jointDamping=damping, physicsClientId=world)
+        bullet.changeDynamics(robot, joint, jointDamping=damping, physicsClientId=setup)
     # A velocity motor without force: otherwise Bullet brakes each joint.
-    bullet.setJointMotorControlArray(robot, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * len(joints), physicsClientId=world)
+    bullet.setJointMotorControlArray(robot, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * len(joints), physicsClientId=setup)
     states, control, torque, step = bullet.getJointStates, bullet.setJointMotorControlArray, bullet.TORQUE_CONTROL, bullet.stepSimulation
     calls = range(case.steps // at_once)
 
     def run(starts: np.ndarray, duration: float) -> Result:
         for joint, q, v in zip(joints, starts[0, :5], starts[0, 5:], strict=True):
-            bullet.resetJointState(robot, joint, q, v, physicsClientId=world)
+            bullet.resetJointState(robot, joint, q, v, physicsClientId=setup)
         effort, log = brake(case, starts[0]), np.empty((case.periods(duration) + 1, 13))
         for k, row in enumerate(log):
-            q, v, _, _ = zip(*states(robot, joints, world), strict=True)
+            q, v, _, _ = zip(*states(robot, joints, setup), strict=True)
             row[:5], row[5:10] = q, v
             row[10:] = tau = effort(q, v)
             if k < len(log) - 1:
                 for _ in calls:
-                    control(robot, drives, torque, forces=tau, physicsClientId=world)
-                    step(world)
+                    control(robot, drives, torque, forces=tau, physicsClientId=setup)
+                    step(setup)
         return logged(log)
 
     return run

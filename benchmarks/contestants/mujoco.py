@@ -75,14 +75,14 @@ def _rolled_out(case: Case) -> Run:
     rollout, hold, limit = Rollout(nthread=threads), case.controller, case.crane.effort_limit
 
     def run(starts: np.ndarray, duration: float) -> Result:
-        count, wanted = len(starts), starts[:, DRIVES]
+        count, setpoint = len(starts), starts[:, DRIVES]
         state = np.zeros((count, mujoco.mj_stateSize(model, full)))
         state[:, 1:11] = starts
         states, sensors = np.empty((count, case.steps, state.shape[1])), np.empty((count, case.steps, 0))
         tau, peaks = np.zeros((count, 1, 5)), swing(starts)
         for _ in range(case.periods(duration)):
             rows = state[:, 1:11]
-            effort = hold.feed_forward + hold.stiffness * (wanted - rows[:, DRIVES]) - hold.damping * rows[:, 5 + DRIVES]
+            effort = hold.feed_forward + hold.stiffness * (setpoint - rows[:, DRIVES]) - hold.damping * rows[:, 5 + DRIVES]
             tau[:, 0, DRIVES] = np.clip(effort, -limit, limit)
             rollout.rollout(model, datas, state, tau, control_spec=int(force), nstep=case.steps, state=states, sensordata=sensors)
             state = states[:, -1].copy()

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.workload import Case, Contestant, Result, Run, plain
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 
 
 def _no_need() -> None:
@@ -41,7 +41,7 @@ def _closed(case: Case) -> Run:
     return _compiled(case, case.controller)
 
 
-def _compiled(case: Case, controller: Callable[[float, State, Wanted], np.ndarray]) -> Run:
+def _compiled(case: Case, controller: Callable[[float, State, Setpoint], np.ndarray]) -> Run:
     def run(starts: np.ndarray, duration: float) -> Result:
         return plain(case, starts[0], duration, controller=controller, engine="compiled")
 

@@ -13,9 +13,9 @@ from cranedyn.dynamics.linearisation import feedback_gain, sampled, swing_mode
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import DRIVES, Crane
-from cranedyn.references.tabulated import setpoint
+from cranedyn.references.tabulated import checked_setpoint
 from cranedyn.simulation.clocks import intervals, multiple
-from cranedyn.theory import amplitude_factor, hoist_give
+from cranedyn.theory import amplitude_factor, hoist_compliance
 
 _GONE = 300.0
 """After so many times of decay nothing is left of a swing: its square is no longer a number of full precision."""
@@ -52,7 +52,8 @@ def free_swing(
 
     Period and damping of small swings are an eigenvalue of the linear crane under the sampled hold, stepped as `simulate` steps it; the
     amplitude is the share of that mode after the reference has acted on the linear loop. Two effects of finite amplitude are then
-    added: the pendulum's own, (2/π) K(sin²(A/2)), and the give of the hoist at twice the swing's frequency (`theory.hoist_give`).
+    added: the pendulum's own, (2/π) K(sin²(A/2)), and the compliance of the hoist at twice the swing's frequency
+    (`theory.hoist_compliance`).
 
     Args:
         crane: The crane.
@@ -77,23 +78,24 @@ def free_swing(
     plant = sampled(crane, State(rest, np.zeros(5)), dt=dt, control_period=control_period)
     loop = plant.closed(feedback_gain(hold.stiffness, hold.damping))
     mode = swing_mode(loop, control_period, coordinate=2)
-    pushes = [
-        hold.stiffness * (setpoint(reference(k * control_period)).position - start.q[DRIVES]) for k in range(round(since / control_period))
+    excitations = [
+        hold.stiffness * (checked_setpoint(reference(k * control_period)).position - start.q[DRIVES])
+        for k in range(round(since / control_period))
     ]
-    last = max((k for k, push in enumerate(pushes) if push.any()), default=0)
+    last = max((k for k, excitation in enumerate(excitations) if excitation.any()), default=0)
     z = np.zeros(10)
-    for push in pushes[: last + 1]:
-        z = loop @ z + plant.b @ push
+    for excitation in excitations[: last + 1]:
+        z = loop @ z + plant.b @ excitation
 
-    def give(amplitude: float) -> tuple[float, float]:
-        return hoist_give(amplitude, rest[4], crane.gravity, crane.payload_mass, float(hold.stiffness[2]), float(hold.damping[2]))
+    def compliance(amplitude: float) -> tuple[float, float]:
+        return hoist_compliance(amplitude, rest[4], crane.gravity, crane.payload_mass, float(hold.stiffness[2]), float(hold.damping[2]))
 
     times = np.linspace(since, until, 200) - (last + 1) * control_period
     if -mode.rate.real * until > _GONE:
         raise OutOfRange("until", until, f"{-_GONE / mode.rate.real:.3g} or less: the swing has died away by then", "s")
-    decayed = _decay(times, 2.0 * float(abs(mode.weights @ z)), -mode.rate.real, mode.rate.imag * give(1.0)[1])
+    decayed = _decay(times, 2.0 * float(abs(mode.weights @ z)), -mode.rate.real, mode.rate.imag * compliance(1.0)[1])
     amplitude = math.sqrt(float(np.mean(decayed**2)))
-    stretch, damping = give(amplitude)
+    stretch, damping = compliance(amplitude)
     return FreeSwing(mode.period * float(amplitude_factor(amplitude)) * (1.0 + stretch), mode.damping_ratio + damping, amplitude)
 
 

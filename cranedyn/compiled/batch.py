@@ -32,7 +32,7 @@ class Batch:
     Attributes:
         end: Coordinates and rates at the end, shape (n, 5) each.
         peak_swing: Largest swing, radial and tangential together [rad], shape (n,).
-        residual_swing: Largest amplitude of the swing from `residual_from` on [rad], see `cranedyn.analysis.swing.swing_amplitude`, shape (n,).
+        residual_swing: Largest amplitude of the swing from `residual_from` on [rad], see `analysis.swing.swing_amplitude`, shape (n,).
         largest_effort: Of slew, trolley, hoist [N m, N, N], shape (n, 3).
         valid_until: Time at which the model ceased to hold, see `cranedyn.dynamics.validity` [s]; inf where it held throughout; shape (n,).
         t: Times of the recorded rows [s], shape (m,).
@@ -78,7 +78,7 @@ def simulate_batch(
     record: int = 0,
     threads: int | None = None,
 ) -> Batch:
-    """Run many cranes under controllers that are affine in the state, by compiled code; each does what `simulate` does with watch = mark.
+    """Run many cranes under controllers that are affine in the state, by compiled code; each as `simulate` with validity = mark.
 
     What is given once is for all cranes. A controller or reference that several cranes share should be the same object: its table is then
     kept once.

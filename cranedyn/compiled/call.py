@@ -6,19 +6,19 @@ import numpy as np
 
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
 
-STATE = {"q": 5, "v": 5, "integral": 3, "held": 3, "buffers": 1}
+STATE = {"q": 5, "v": 5, "integral": 3, "last_command": 3, "buffers": 1}
 """What a crane is at a control instant: coordinates, rates, integrals of the controller, the last command, work of the buffers."""
 
 LAW = {"feed_forward": 3, "gain": 30, "integral_gain": 3, "limit": 3}
 """One row of a controller that is affine in the state."""
 
-AIM = {"wanted": 10, "position": 3}
-"""One row of what it is about: coordinates and rates, and where the reference wants the drives."""
+AIM = {"setpoint": 10, "position": 3}
+"""One row of what it is about: coordinates and rates, and the setpoint of the drives."""
 
 FORCE = {"force": 6}
 """One row of outside forces, on payload and trolley."""
 
-ROW = {"q": 5, "v": 5, "command": 3, "effort": 3, "before": 3, "energy": 1, "buffers": 1, "held": 1}
+ROW = {"q": 5, "v": 5, "command": 3, "effort": 3, "before": 3, "energy": 1, "buffers": 1, "stop_force": 1}
 """One row of the log."""
 
 SUMMARY = {"peak": 1, "residual": 1, "invalid": 1, "effort": 3}

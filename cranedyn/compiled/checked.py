@@ -74,12 +74,12 @@ def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
         q[PASSIVE] = rng.uniform(-1.4, 1.4, 2)
         v, force = rng.normal(size=5), rng.normal(size=6) * crane.payload_mass
         command, mass = rng.uniform(-1.0, 1.0, 3), pin.crba(model, data, q)
-        pushed = outside_effort(model, data, q, force.reshape(2, 3)) if recipe.forces else np.zeros(5)
+        external = outside_effort(model, data, q, force.reshape(2, 3)) if recipe.forces else np.zeros(5)
         if recipe.drive == "effort":
             command = np.clip(command * mass.diagonal()[DRIVES], -crane.effort_limit, crane.effort_limit)
-            expected = pin.aba(model, data, q, v, full(command) - damping * v + pushed)
+            expected = pin.aba(model, data, q, v, full(command) - damping * v + external)
         else:
-            expected = follow_drives(model, data, q, v, full(command), damping, pushed)
+            expected = follow_drives(model, data, q, v, full(command), damping, external)
         given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
         if off := rigid_body.disagreement(accelerations(code, given, own).T, expected, mass):
             raise ModelError(f"The compiled crane moves otherwise than Pinocchio's: accelerations differ by {off:.1e} of the largest.")

@@ -23,8 +23,8 @@ _FAST = ("contract", "reassoc", "nsz", "arcp")
 class Value:
     """A number that the code computes, in every lane."""
 
-    def __init__(self, code: Code, held: ir.Value) -> None:
-        self.code, self.held = code, held
+    def __init__(self, code: Code, register: ir.Value) -> None:
+        self.code, self.register = code, register
 
     def __add__(self, other: Any) -> Any:
         return self if _is(other, 0.0) else self._with("fadd", other)
@@ -53,7 +53,7 @@ class Value:
         return 0.0 if _is(other, 0.0) else self.code.value(other)._with("fdiv", self)
 
     def __neg__(self) -> Value:
-        return Value(self.code, self.code.builder.fneg(self.held))
+        return Value(self.code, self.code.builder.fneg(self.register))
 
     def sin(self) -> Value:
         """Sine of an angle [rad]."""
@@ -76,10 +76,10 @@ class Value:
         return self._compared(">=", other)
 
     def _compared(self, how: str, other: Any) -> ir.Value:
-        return self.code.builder.fcmp_ordered(how, self.held, self.code.value(other).held)
+        return self.code.builder.fcmp_ordered(how, self.register, self.code.value(other).register)
 
     def _with(self, operation: str, other: Any) -> Value:
-        return Value(self.code, getattr(self.code.builder, operation)(self.held, self.code.value(other).held, flags=_FAST))
+        return Value(self.code, getattr(self.code.builder, operation)(self.register, self.code.value(other).register, flags=_FAST))
 
 
 class Code:
@@ -112,23 +112,23 @@ class Code:
     def call(self, intrinsic: str, *values: Any) -> Value:
         """One of LLVM's functions of numbers, such as llvm.maxnum, llvm.sqrt, llvm.fabs."""
         name = f"{intrinsic}.{f'v{self.lanes}' if self.lanes > 1 else ''}f64"
-        return Value(self, self._intrinsic(name, self.type, [self.value(value).held for value in values]))
+        return Value(self, self._intrinsic(name, self.type, [self.value(value).register for value in values]))
 
     def chosen(self, condition: ir.Value, yes: Any, no: Any) -> Value:
         """One value where a condition holds, another where not."""
-        return Value(self, self.builder.select(condition, self.value(yes).held, self.value(no).held))
+        return Value(self, self.builder.select(condition, self.value(yes).register, self.value(no).register))
 
     def sine_and_cosine(self, angle: Value) -> tuple[Value, Value]:
         """Sine and cosine together [rad], see `cranedyn.compiled.angles`; asked for the same value again they are those there are."""
-        if angle.held not in self._angles:
-            self._angles[angle.held] = sine_and_cosine(self, angle)
-        return self._angles[angle.held]
+        if angle.register not in self._angles:
+            self._angles[angle.register] = sine_and_cosine(self, angle)
+        return self._angles[angle.register]
 
     def joined(self, a: Value, from_a: ir.Block, b: Value, from_b: ir.Block) -> Value:
         """The value of one block or the other, whichever this point was reached from."""
         phi = self.builder.phi(self.type)
-        phi.add_incoming(a.held, from_a)
-        phi.add_incoming(b.held, from_b)
+        phi.add_incoming(a.register, from_a)
+        phi.add_incoming(b.register, from_b)
         return Value(self, phi)
 
     def clipped(self, value: Value, low: Any, high: Any) -> Value:
@@ -187,9 +187,9 @@ class Code:
         if self.lanes == 1:
             return Value(self, part)
         index, undefined = ir.IntType(32), ir.Constant(self.type, ir.Undefined)
-        held = self.builder.insert_element(undefined, part, ir.Constant(index, 0))
+        register = self.builder.insert_element(undefined, part, ir.Constant(index, 0))
         everywhere = ir.Constant(ir.VectorType(index, self.lanes), [0] * self.lanes)
-        return Value(self, self.builder.shuffle_vector(held, undefined, everywhere))
+        return Value(self, self.builder.shuffle_vector(register, undefined, everywhere))
 
     def load(self, pointer: ir.Value, first: Any = 0) -> Value:
         """The lanes that stand one after another in memory, from an index of doubles on."""
@@ -197,7 +197,7 @@ class Code:
 
     def store(self, value: Any, pointer: ir.Value, first: Any = 0) -> None:
         """Put the lanes into memory one after another."""
-        self.builder.store(self.value(value).held, self._at(pointer, first), align=8)
+        self.builder.store(self.value(value).register, self._at(pointer, first), align=8)
 
     def spread(self, pointer: ir.Value, place: Any) -> Value:
         """One double of memory in every lane."""
@@ -207,11 +207,11 @@ class Code:
         """A double of memory for each lane, each from a place of its own."""
         if self.lanes == 1:
             return self.spread(pointer, places[0])
-        held = ir.Constant(self.type, ir.Undefined)
+        register = ir.Constant(self.type, ir.Undefined)
         for lane, place in enumerate(places):
             part = self.builder.load(self._at(pointer, place), align=8, typ=DOUBLE)
-            held = self.builder.insert_element(held, part, ir.Constant(ir.IntType(32), lane))
-        return Value(self, held)
+            register = self.builder.insert_element(register, part, ir.Constant(ir.IntType(32), lane))
+        return Value(self, register)
 
     def load_one(self, pointer: ir.Value, place: int, kind: ir.Type) -> ir.Value:
         """One whole number, double or address of memory."""
@@ -272,7 +272,7 @@ class Variable:
 
     def set(self, value: Any) -> None:
         """Put a value into it."""
-        self._code.builder.store(self._code.value(value).held, self._place)
+        self._code.builder.store(self._code.value(value).register, self._place)
 
 
 def _is(other: Any, number: float) -> bool:

@@ -13,7 +13,7 @@ from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop, Rows
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.step import in_code
-from cranedyn.compiled.tables import Table, aim, alone, held, law
+from cranedyn.compiled.tables import Table, aim, alone, law, one_command
 from cranedyn.controllers.affine import Affine, Remembering, form
 from cranedyn.dynamics.drives import Limits
 from cranedyn.errors import Misshapen
@@ -57,7 +57,7 @@ class CompiledEngine(Engine):
         self._memory, self._force = np.zeros(size(STATE)), np.zeros((1, size(FORCE)))
         self._here = self._memory[:10]
         self._here[:] = np.concatenate(start)
-        self._law, self._aim = held(np.zeros(3))
+        self._law, self._aim = one_command(np.zeros(3))
         self._held, self._effort = self._law[0, _FEED_FORWARD], np.zeros(3)
         self._codes: dict[tuple[bool, bool], Kernel] = {}
         self._step: Callable[[], None] | None = None
@@ -107,7 +107,7 @@ class CompiledEngine(Engine):
         """As `Engine.effort`."""
         return self._drives.effort(self.state) if self._limits is None else self._effort
 
-    def push(self, force: np.ndarray) -> np.ndarray:
+    def take_force(self, force: np.ndarray) -> np.ndarray:
         """As `Engine.push`."""
         assert self._outside is not None
         self._outside.force = force
@@ -117,7 +117,7 @@ class CompiledEngine(Engine):
     def buffers(self) -> tuple[float, float]:
         """As `Engine.buffers`."""
         assert self._outside is not None
-        return float(self._memory[_AT["buffers"]][0]), self._outside.held(self.state)
+        return float(self._memory[_AT["buffers"]][0]), self._outside.stop_force(self.state)
 
     def advance(self) -> State:
         """As `Engine.advance`."""
@@ -147,29 +147,29 @@ class CompiledEngine(Engine):
         while first <= clocks.periods:
             times = fixed(since + clocks.period * np.arange(first, min(first + ahead, clocks.periods + 1)))
             try:
-                wanted = tabulated(reference, times).position
-                common = form(controller, times, wanted)
+                setpoint = tabulated(reference, times).position
+                common = form(controller, times, setpoint)
             except Misshapen:
                 raise
             except Exception:  # it comes again at the instant at which it belongs
                 common = None
-            block = None if common is None else self._run(common, wanted, clocks.periods - first)
+            block = None if common is None else self._run(common, setpoint, clocks.periods - first)
             if block is None:
                 break
             if isinstance(controller, Remembering):
                 controller.resume(float(times[-1]), self._memory[_AT["integral"]].copy())
-            log.block(wanted, block)
+            log.block(setpoint, block)
             first += len(times)
             self._arrived()
             yield first
-        self.take(self._memory[_AT["held"]].copy())
+        self.take(self._memory[_AT["last_command"]].copy())
 
-    def _run(self, common: Affine, wanted: np.ndarray, end: int) -> dict[str, np.ndarray] | None:
+    def _run(self, common: Affine, setpoint: np.ndarray, end: int) -> dict[str, np.ndarray] | None:
         """A block of rows by name; None, and all as before, if a number for it or in it is not finite or a joint moves too fast."""
-        before, n = self._memory.copy(), len(wanted)
+        before, n = self._memory.copy(), len(setpoint)
         block = self._block(bool(common.integral_gain.any()), len(common.feed_forward), n, min(end, n))
         law(common, block.laws)
-        aim(common, wanted, block.aims)
+        aim(common, setpoint, block.aims)
         self._memory[_AT["integral"]] = common.integral
         block.run()
         found = {name: block.rows[:, where] for name, where in places(ROW).items()}

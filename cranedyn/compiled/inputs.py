@@ -108,11 +108,11 @@ def control(controller: Any, reference: Any, start: State, times: np.ndarray, ta
     last: dict[int, int] = {}
     longest_law = longest_aim = 0
     for which, about in (divmod(pair, len(references)) for pair in pairs.tolist()):
-        wanted = tabulated(references[about], times).position
-        common = _form(controllers[which], times, wanted)
+        setpoint = tabulated(references[about], times).position
+        common = _form(controllers[which], times, setpoint)
         integrals.append(common.integral)
         integrates = integrates or bool(common.integral_gain.any())
-        aims.append(shortened(aim(common, wanted)))
+        aims.append(shortened(aim(common, setpoint)))
         rows_of_law = law(common)
         if which not in last or not np.array_equal(rows_of_law, laws[last[which]]):
             last[which] = len(laws)
@@ -150,8 +150,8 @@ def distinct(value: Any, cranes: int) -> tuple[np.ndarray, list[Any]]:
     return np.array([number[id(one)] for one in value]), list(found.values())
 
 
-def _form(controller: Any, times: np.ndarray, wanted: np.ndarray) -> Affine:
-    common = form(controller, times, wanted)
+def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray) -> Affine:
+    common = form(controller, times, setpoint)
     if common is None:
         raise CraneError(f"{type(controller).__name__} is not affine in the state, or has run before; a batch needs one that is.")
     if lacking := common.lacking():

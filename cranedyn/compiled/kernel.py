@@ -158,8 +158,8 @@ class _Loop:
             with code.when(code.builder.icmp_signed("<", instant, self.given["end"])):
                 with code.loop(0, self.given["steps"]):
                     step, work = in_code(self.recipe.integrator), self.state["buffers"][0].get()
-                    q, v, held = (self._get(part) for part in ("q", "v", "held"))
-                    q, v, work = step(self.plant, q, v, held, forces, self.dt, work, self.given["small"])
+                    q, v, last_command = (self._get(part) for part in ("q", "v", "last_command"))
+                    q, v, work = step(self.plant, q, v, last_command, forces, self.dt, work, self.given["small"])
                     self._set("q", q)
                     self._set("v", v)
                     self._set("buffers", [work])
@@ -173,15 +173,15 @@ class _Loop:
 
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
         code = self.code
-        q, v, before = self._get("q"), self._get("v"), self._get("held")
+        q, v, before = self._get("q"), self._get("v"), self._get("last_command")
         command = self._commanded(instant, q, v)
-        held = self.plant.within(command)
-        self._set("held", held)
-        effort = held
+        last_command = self.plant.within(command)
+        self._set("last_command", last_command)
+        effort = last_command
         if self.recipe.drive == "motion" and (self.recipe.log or self.recipe.summary):
             before = self.plant.answer(q, v, before, self._forces(code.builder.sub(instant, code.integer(1))))[1]
             command = effort = self.plant.answer(q, v, command, forces)[1]
-        buffer = self.plant.held(q, v)
+        buffer = self.plant.stop_force(q, v)
         if self.recipe.log:
             row = [*q, *v, *command, *effort, *before, self.plant.energy(q, v), self.state["buffers"][0].get(), buffer]
             self._log(instant, row)
@@ -195,15 +195,15 @@ class _Loop:
         z = np.concatenate([q, v])
         if self.recipe.offset:
             z = z + array([code.load(self.given["offset"], i * code.lanes) for i in range(10)])
-        command = law["feed_forward"] - law["gain"].reshape(3, 10) @ (z - aim["wanted"])
+        command = law["feed_forward"] - law["gain"].reshape(3, 10) @ (z - aim["setpoint"])
         if not self.recipe.integral:
             return command
         integrals = self._get("integral")
         for i, drive in enumerate(DRIVES):
             error = aim["position"][i] - z[drive]
             on = integrals[i] + error * self.period
-            pushed = command[i] + law["integral_gain"][i] * on
-            free = code.either(code.call("llvm.fabs", pushed) <= law["limit"][i], error * pushed < 0.0)
+            total = command[i] + law["integral_gain"][i] * on
+            free = code.either(code.call("llvm.fabs", total) <= law["limit"][i], error * total < 0.0)
             integrals[i] = code.chosen(free, on, integrals[i])
             command[i] = command[i] + law["integral_gain"][i] * integrals[i]
         self._set("integral", integrals)

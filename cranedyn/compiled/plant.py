@@ -12,7 +12,7 @@ from cranedyn.compiled.code import Code, Value
 from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.drives import buffer_numbers
 from cranedyn.dynamics.pinocchio import pivot_position
-from cranedyn.dynamics.rigid_body import Bodies, Frame, Push, array
+from cranedyn.dynamics.rigid_body import Bodies, ExternalForce, Frame, array
 from cranedyn.model.crane import DRIVES, PASSIVE, Crane
 
 _PIVOT, _LOAD = 2, 4
@@ -58,10 +58,14 @@ class Plant:
             Accelerations, shape (5,), and efforts of the drives, shape (3,).
         """
         where = rigid_body.frames(self.tree, q)
-        pushes = [] if forces is None else [Push(_LOAD, self.tree.lever[_LOAD], forces[:3]), Push(_PIVOT, array([0.0] * 3), forces[3:])]
-        resisting = rigid_body.inverse_dynamics(self.tree, where, v, pushes=pushes) + self.damping * v
+        external_forces = (
+            []
+            if forces is None
+            else [ExternalForce(_LOAD, self.tree.lever[_LOAD], forces[:3]), ExternalForce(_PIVOT, array([0.0] * 3), forces[3:])]
+        )
+        resisting = rigid_body.inverse_dynamics(self.tree, where, v, external_forces=external_forces) + self.damping * v
         if self.buffers:
-            resisting[DRIVES] = resisting[DRIVES] - self.pushed_back(q, v)
+            resisting[DRIVES] = resisting[DRIVES] - self.stop_effort(q, v)
         mass = rigid_body.mass_matrix(self.tree, where)
         a = array([0.0] * 5)
         if self.drive == "effort":
@@ -72,19 +76,19 @@ class Plant:
         a[PASSIVE] = rigid_body.solve(mass[swing], -(resisting + mass @ a)[PASSIVE])
         return a, (mass @ a + resisting)[DRIVES]
 
-    def pushed_back(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def stop_effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Efforts of the buffers on the drives [N m, N, N], shape (3,)."""
         code: Code = q[0].code
-        pushes = []
+        external_forces = []
         for i, spring, damper in zip(DRIVES, self.spring, self.damper, strict=True):
             beyond = q[i] - code.clipped(q[i], self.lower[i], self.upper[i])
             push = -(spring * beyond) - damper * v[i]
-            pushes.append(code.chosen(push * beyond < 0.0, push, 0.0))
-        return array(pushes)
+            external_forces.append(code.chosen(push * beyond < 0.0, push, 0.0))
+        return array(external_forces)
 
-    def held(self, q: np.ndarray, v: np.ndarray) -> Any:
+    def stop_force(self, q: np.ndarray, v: np.ndarray) -> Any:
         """What the buffers at the ends of the cable push [N], see `cranedyn.dynamics.drives.Outside.held`."""
-        return self.pushed_back(q, v)[2] if self.buffers else 0.0
+        return self.stop_effort(q, v)[2] if self.buffers else 0.0
 
     def beyond(self, q: np.ndarray) -> Any:
         """Whether a drive is beyond its range."""
@@ -93,7 +97,7 @@ class Plant:
         return code.either(*sides)
 
     def holds(self, q: np.ndarray, v: np.ndarray, hoist: Any) -> Any:
-        """Whether the model holds at a state under a force of the hoist and of the buffers of the cable, see `cranedyn.dynamics.validity`."""
+        """Whether the model holds at a state under a force of the hoist and of the buffers of the cable, see `dynamics.validity`."""
         code: Code = q[0].code
         conditions = [self.damping[4] * v[4] - hoist > 0.0, self.height[0] - q[4] * (np.cos(q[2]) * np.cos(q[3])) >= 0.0]
         for i, (low, high) in enumerate(zip(self.lower, self.upper, strict=True)):

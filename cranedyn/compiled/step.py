@@ -25,7 +25,7 @@ def _semi_implicit_euler(
 ) -> tuple[np.ndarray, np.ndarray, Any]:
     faster = v + plant.answer(q, v, command, forces)[0] * dt
     if plant.buffers:
-        work = work + 0.5 * dt * (plant.pushed_back(q, v) @ (v + faster)[DRIVES])
+        work = work + 0.5 * dt * (plant.stop_effort(q, v) @ (v + faster)[DRIVES])
     return q + faster * dt, faster, work
 
 

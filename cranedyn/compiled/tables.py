@@ -56,10 +56,10 @@ def law(form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
 
 
 def aim(form: Affine, positions: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
-    """Rows of what a controller is about and of where its reference wants the drives, shape (n, columns); in an array as for `law`."""
+    """Rows of what a controller is about and of the setpoint of the drives, shape (n, columns); in an array as for `law`."""
     n, at = len(positions), _AIM
     rows = np.empty((n, size(AIM))) if rows is None else rows
-    rows[: len(form.wanted), at["wanted"]], rows[len(form.wanted) :, at["wanted"]] = form.wanted[:n], form.wanted[-1]
+    rows[: len(form.setpoint), at["setpoint"]], rows[len(form.setpoint) :, at["setpoint"]] = form.setpoint[:n], form.setpoint[-1]
     rows[:, at["position"]] = positions
     return rows
 
@@ -70,7 +70,7 @@ def shortened(rows: np.ndarray) -> np.ndarray:
     return rows[: int(changes[-1]) + 2 if len(changes) else 1].copy()
 
 
-def held(command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def one_command(command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tables of one row with which the drives just hold a command, shape (3,)."""
     rows = np.zeros((1, size(LAW)))
     rows[0, _LAW["feed_forward"]] = command

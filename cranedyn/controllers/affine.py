@@ -14,7 +14,7 @@ from cranedyn.model.crane import DRIVES
 
 @dataclass(frozen=True, eq=False)
 class Affine:
-    """command = feed_forward[k] - gain[k] (z - wanted[k]) + integral_gain ∫ (position wanted - position), with z = (coordinates, rates).
+    """command = feed_forward[k] - gain[k] (z - setpoint[k]) + integral_gain ∫ (target - position), with z = (coordinates, rates).
 
     Row k is for control instant k; beyond the end of an array its last row holds. The error at a control instant counts for one control
     period of the run. At the limit a drive integrates back only.
@@ -22,7 +22,7 @@ class Affine:
     Attributes:
         feed_forward: Shape (n, 3), of as many rows as the controller was asked for at most.
         gain: Shape (n, 3, 10).
-        wanted: The motion that it is about, shape (m, 10), m like n but for itself.
+        setpoint: The motion that it is about, shape (m, 10), m like n but for itself.
         integral_gain: Of slew, trolley, hoist, per second, shape (3,).
         limit: Largest command with which the integrals grow, shape (3,).
         integral: What has been integrated before, shape (3,).
@@ -30,14 +30,14 @@ class Affine:
 
     feed_forward: np.ndarray
     gain: np.ndarray
-    wanted: np.ndarray
+    setpoint: np.ndarray
     integral_gain: np.ndarray
     limit: np.ndarray
     integral: np.ndarray
 
     def lacking(self) -> str:
         """The first part with a number that is not finite, empty if there is none; a limit may be infinite."""
-        names = ("feed_forward", "gain", "wanted", "integral_gain", "integral")
+        names = ("feed_forward", "gain", "setpoint", "integral_gain", "integral")
         return next((name for name in names if not np.isfinite(getattr(self, name)).all()), "")
 
     def fitting(self, whose: str, instants: int) -> Affine:
@@ -53,12 +53,12 @@ class Affine:
                 raise Misshapen(f"{name} in the common form of {whose}", f"an array of {len(found)} rows", f"one of 1 to {instants}")
             return found
 
-        feed_forward, wanted = part("feed_forward", "n", 3), part("wanted", "m", 10)
+        feed_forward, setpoint = part("feed_forward", "n", 3), part("setpoint", "m", 10)
         gain = part("gain", len(feed_forward), 3, 10)
         limit = part("limit", 3)
         if np.isnan(limit).any():
             raise Misshapen(f"limit in the common form of {whose}", "an array that holds nan", "numbers, inf for none")
-        return Affine(feed_forward, gain, wanted, part("integral_gain", 3), limit, part("integral", 3))
+        return Affine(feed_forward, gain, setpoint, part("integral_gain", 3), limit, part("integral", 3))
 
 
 @runtime_checkable
@@ -66,7 +66,7 @@ class AffineController(Protocol):
     """A controller that can say itself in the common form."""
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-        """What it does at control instants [s], shape (n,), where a reference wants the drives at positions, shape (n, 3).
+        """What it does at control instants [s], shape (n,), the setpoint of the drives at positions, shape (n, 3).
 
         None where it is not affine there.
         """
@@ -95,13 +95,13 @@ def form(controller: object, times: np.ndarray, positions: np.ndarray) -> Affine
     return None if answer is None else answer.fitting(whose, len(times))
 
 
-def without_integral(feed_forward: np.ndarray, gain: np.ndarray, wanted: np.ndarray) -> Affine:
+def without_integral(feed_forward: np.ndarray, gain: np.ndarray, setpoint: np.ndarray) -> Affine:
     """The common form of a controller that does not integrate."""
-    return Affine(feed_forward, gain, wanted, np.zeros(3), np.full(3, np.inf), np.zeros(3))
+    return Affine(feed_forward, gain, setpoint, np.zeros(3), np.full(3, np.inf), np.zeros(3))
 
 
 def at_drives(positions: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """Coordinates and rates, shape (n, 10), from those of the drives, shape (n, 3) each; zero for the swing."""
-    wanted = np.zeros((len(positions), 10))
-    wanted[:, DRIVES], wanted[:, 5 + DRIVES] = positions, rates
-    return wanted
+    setpoint = np.zeros((len(positions), 10))
+    setpoint[:, DRIVES], setpoint[:, 5 + DRIVES] = positions, rates
+    return setpoint

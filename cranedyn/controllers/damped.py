@@ -8,7 +8,7 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.errors import number
-from cranedyn.interfaces import Reference, State, Wanted
+from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import DRIVES, Crane
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.clocks import soon_enough
@@ -40,12 +40,12 @@ class Damped:
         """See `cranedyn.simulation.clocks.Timed`."""
         soon_enough(self.control_period, control_period)
 
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Accelerations of slew [rad/s²], trolley and hoist [m/s²], shape (3,)."""
         _, x, phi, theta, length = state.q
         turned = theta / x if x != 0.0 else 0.0  # on the slew axis no slewing moves the pivot
         yielding = 2.0 * self.ratio * np.sqrt(self.gravity * length) * np.array([turned, phi, 0.0])
-        back = self.recovery * (wanted.position - state.q[DRIVES])
+        back = self.recovery * (setpoint.position - state.q[DRIVES])
         velocity = np.clip(self.reference(t + self.control_period).velocity + back - yielding, -self.rates, self.rates)
         return np.clip((velocity - state.v[DRIVES]) / self.control_period, -self.accelerations, self.accelerations)
 

@@ -10,7 +10,7 @@ from cranedyn.arguments import checked
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.errors import number
-from cranedyn.interfaces import Reference, State, Wanted
+from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import DRIVES
 from cranedyn.references.tabulated import tabulated
 from cranedyn.simulation.clocks import soon_enough
@@ -37,7 +37,7 @@ class Follow:
         """See `cranedyn.simulation.clocks.Timed`."""
         soon_enough(self.control_period, control_period)
 
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Accelerations of slew [rad/s²], trolley and hoist [m/s²], shape (3,)."""
         return (self.reference(t + self.control_period).velocity - state.v[DRIVES]) / self.control_period
 

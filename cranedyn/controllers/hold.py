@@ -12,7 +12,7 @@ from cranedyn.arrays import finite, shaped
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.errors import number
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 
 STIFFNESS = (5.0e5, 3.0e5, 3.0e4)
@@ -29,7 +29,7 @@ the slew are one of several pairs that meet the published amplitude of experimen
 @checked
 @dataclass(frozen=True, eq=False)
 class Hold:
-    """Effort = feed-forward + k_p (wanted - position) - k_d velocity, for each drive by itself.
+    """Effort = feed-forward + k_p (setpoint - position) - k_d velocity, for each drive by itself.
 
     The velocity of the reference does not enter: on a ramp the drive lags by k_d / k_p times the rate.
 
@@ -49,10 +49,10 @@ class Hold:
             shaped(name, getattr(self, name), (3,))
         object.__setattr__(self, "_plain", tuple(part.tolist() for part in (self.feed_forward, self.stiffness, self.damping)))
 
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Efforts [N m, N, N], shape (3,)."""
         (a, b, c), (k_a, k_b, k_c), (d_a, d_b, d_c) = self._plain  # type: ignore[attr-defined]
-        (slew, trolley, hoist), (gamma, x, _, _, length) = wanted.position.tolist(), state.q.tolist()
+        (slew, trolley, hoist), (gamma, x, _, _, length) = setpoint.position.tolist(), state.q.tolist()
         slewing, trolleying, _, _, hoisting = state.v.tolist()
         return np.array(
             [

@@ -11,7 +11,7 @@ from cranedyn.arguments import checked
 from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.errors import number
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.simulation.clocks import SAME_PERIOD
 
 
@@ -49,17 +49,17 @@ class HoistIntegral:
         if t > self._t:
             self._t = t - control_period
 
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Efforts [N m, N, N], shape (3,)."""
-        effort = self.tracking(t, state, wanted)
-        error = float(wanted.position[2] - state.q[4])
+        effort = self.tracking(t, state, setpoint)
+        error = float(setpoint.position[2] - state.q[4])
         if t != self._t:
             since = t - self._t
             if 0.0 < since < math.inf and not math.isclose(since, self._elapsed, rel_tol=SAME_PERIOD):
                 self._elapsed = since
             integral = self.integral + error * self._elapsed
-            pushed = float(effort[2]) + self.integral_gain * integral
-            if abs(pushed) <= self.limit or error * pushed < 0.0:
+            total = float(effort[2]) + self.integral_gain * integral
+            if abs(total) <= self.limit or error * total < 0.0:
                 self.integral = integral
             self._t = t
         effort[2] += self.integral_gain * self.integral

@@ -22,7 +22,7 @@ class Linearised(NamedTuple):
     Attributes:
         period: Time between rows of the motion [s].
         efforts: Of inverse dynamics: slew [N m], trolley [N], hoist [N], shape (n, 3).
-        wanted: Coordinates and rates, shape (n, 10).
+        setpoint: Coordinates and rates, shape (n, 10).
         stretch: Which model is meant for each row, shape (n,); the last row has one of its own, which stands for all that follows.
         a: Deviations after one control period by those before, shape (m, 10, 10).
         b: The same by the efforts held beyond the feed-forward, shape (m, 10, 3).
@@ -30,7 +30,7 @@ class Linearised(NamedTuple):
 
     period: float
     efforts: np.ndarray
-    wanted: np.ndarray
+    setpoint: np.ndarray
     stretch: np.ndarray
     a: np.ndarray
     b: np.ndarray
@@ -65,5 +65,5 @@ def linearised(crane: Crane, motion: Motion, *, dt: float, every: int, control_p
     models = [sampled(crane, State(motion.q[k], motion.v[k]), efforts[k], dt=dt, control_period=held) for k in rows]
     stretch = np.arange(last + 1) // every
     stretch[-1] = len(rows) - 1
-    wanted = np.hstack([motion.q, motion.v])
-    return Linearised(motion.period, efforts, wanted, stretch, np.array([m.a for m in models]), np.array([m.b for m in models]))
+    setpoint = np.hstack([motion.q, motion.v])
+    return Linearised(motion.period, efforts, setpoint, stretch, np.array([m.a for m in models]), np.array([m.b for m in models]))

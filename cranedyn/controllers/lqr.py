@@ -1,4 +1,4 @@
-"""Time-varying LQR on the full model: all five joints, linearised by Pinocchio along the motion that is wanted."""
+"""Time-varying LQR on the full model: all five joints, linearised by Pinocchio along the motion to follow."""
 
 from __future__ import annotations
 
@@ -43,4 +43,4 @@ def lqr(
     """
     model = linearised(crane, motion, dt=dt, every=every)
     sweep = riccati(model.a[model.stretch], model.b[model.stretch], state_weight, effort_weight)
-    return Tracking(motion.period, model.efforts, sweep.gain, model.wanted)
+    return Tracking(motion.period, model.efforts, sweep.gain, model.setpoint)

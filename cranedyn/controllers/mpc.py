@@ -21,7 +21,7 @@ from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT
 from cranedyn.controllers.riccati import Sweep, riccati
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole, within
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import DRIVES, PASSIVE, Crane
 from cranedyn.references.motion import Motion
 from cranedyn.references.rows import SAME, at_place, place
@@ -82,7 +82,7 @@ class Predictive:
     _instant: int = -1
     _correction: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Efforts [N m, N, N], shape (3,).
 
         Raises:
@@ -93,7 +93,7 @@ class Predictive:
         instant = math.floor(t / self.model.period + SAME) // self.ratio
         if instant != self._instant or self.last is None or t <= self.last.t:
             check_finite(state)
-            self._correction = self._optimised(t, instant, np.concatenate(state) - at_place(self.model.wanted, row, share))
+            self._correction = self._optimised(t, instant, np.concatenate(state) - at_place(self.model.setpoint, row, share))
             self._instant = instant
         return at_place(self.model.efforts, row, share) + self._correction
 
@@ -102,8 +102,8 @@ class Predictive:
         stretches = np.minimum(np.arange(instant, instant + self.horizon), len(self.root) - 1)
         efforts, ahead = self._predicted(stretches, deviation)
         least, most = (side[stretches].ravel() - efforts[:, -1] for side in self.room)
-        after = np.minimum(self.ratio * np.arange(instant + 1, instant + self.horizon + 1), len(self.model.wanted) - 1)
-        away = (self.model.wanted[np.ix_(after, BOUNDED)] / self.bound).ravel() + ahead[:, -1]
+        after = np.minimum(self.ratio * np.arange(instant + 1, instant + self.horizon + 1), len(self.model.setpoint) - 1)
+        away = (self.model.setpoint[np.ix_(after, BOUNDED)] / self.bound).ravel() + ahead[:, -1]
         slack, none = np.tile(np.eye(5), (self.horizon, 1)), np.full(len(away), np.inf)
         rows = np.block([[np.zeros((len(efforts), 5)), efforts[:, :-1]], [-slack, ahead[:, :-1]], [slack, ahead[:, :-1]]])
         size = rows.shape[1]

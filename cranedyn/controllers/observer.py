@@ -15,7 +15,7 @@ from cranedyn.arguments import checked
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.sensed import NOISE
 from cranedyn.errors import CraneError, OutOfRange, number, whole
-from cranedyn.interfaces import Controller, State, Wanted
+from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import DRIVES, Crane
 from cranedyn.references.motion import Motion
 from cranedyn.simulation.clocks import SAME_PERIOD
@@ -27,7 +27,7 @@ DISTURBANCE = (2e-3, 0.2, 0.1, 0.1, 0.2)
 """Standard deviations of γ̈ [rad/s²], ẍ [m/s²], φ̈, θ̈ [rad/s²], l̈ [m/s²] that the model does not know, white from one control instant to
 the next; ours. For the drives they are about 2 kN m, 100 N and 200 N."""
 
-DOUBT = (1e-3, 0.01, 0.1, 0.1, 0.01, 1e-3, 0.01, 0.1, 0.1, 0.01)
+INITIAL_STD = (1e-3, 0.01, 0.1, 0.1, 0.01, 1e-3, 0.01, 0.1, 0.1, 0.01)
 """Standard deviations of coordinates and rates at the start, ours: the load may swing by 0.1 rad."""
 
 
@@ -66,7 +66,7 @@ class Observed:
     _deviation: np.ndarray = field(default_factory=lambda: np.zeros(10))
     _since: deque[tuple[int, np.ndarray]] = field(default_factory=deque)
 
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """What the controller commands, shape (3,); of the state it looks at the drives only.
 
         Raises:
@@ -75,7 +75,7 @@ class Observed:
         row = self.model.row(t)
         if self.estimate is None:
             self._at_row(t)
-            self._deviation = np.zeros(10) if self.start is None else self.start - self.model.wanted[row]
+            self._deviation = np.zeros(10) if self.start is None else self.start - self.model.setpoint[row]
             self._correct(row, state)
         else:
             self._expect(t)
@@ -83,17 +83,17 @@ class Observed:
                 self._predict()
                 self._correct(self._since[0][0] if self._since else row, state)
         deviation = self._deviation
-        for then, push in self._since:
-            deviation = self._stepped(deviation, then, push)
-        self.estimate = State(*(self.model.wanted[row] + deviation).reshape(2, 5))
-        command = np.asarray(self.controller(t, self.estimate, wanted), dtype=float)
+        for then, correction in self._since:
+            deviation = self._stepped(deviation, then, correction)
+        self.estimate = State(*(self.model.setpoint[row] + deviation).reshape(2, 5))
+        command = np.asarray(self.controller(t, self.estimate, setpoint), dtype=float)
         self._since.append((row, command.clip(-self.effort_limit, self.effort_limit) - self.model.efforts[row]))
         self._t = t
         return command
 
     def _at_row(self, t: float) -> None:
         rows = t / self.model.period
-        if rows < len(self.model.wanted) - 1 and abs(rows - round(rows)) > SAME_PERIOD:
+        if rows < len(self.model.setpoint) - 1 and abs(rows - round(rows)) > SAME_PERIOD:
             raise CraneError(f"This observer is first asked for t = {t:g} s; its motion has rows every {self.model.period:g} s only.")
 
     def _expect(self, t: float) -> None:
@@ -104,17 +104,17 @@ class Observed:
             )
 
     def _predict(self) -> None:
-        row, push = self._since.popleft()
+        row, correction = self._since.popleft()
         a = self.model.a[self.model.stretch[row]]
-        self._deviation = self._stepped(self._deviation, row, push)
+        self._deviation = self._stepped(self._deviation, row, correction)
         self.covariance = a @ self.covariance @ a.T + self.disturbance
 
-    def _stepped(self, deviation: np.ndarray, row: int, push: np.ndarray) -> np.ndarray:
+    def _stepped(self, deviation: np.ndarray, row: int, correction: np.ndarray) -> np.ndarray:
         k = self.model.stretch[row]
-        return self.model.a[k] @ deviation + self.model.b[k] @ push
+        return self.model.a[k] @ deviation + self.model.b[k] @ correction
 
     def _correct(self, row: int, state: State) -> None:
-        measured = np.concatenate(state)[MEASURED] - self.model.wanted[row, MEASURED]
+        measured = np.concatenate(state)[MEASURED] - self.model.setpoint[row, MEASURED]
         seen = self.covariance[MEASURED]
         self.gain = np.linalg.solve(seen[:, MEASURED] + self.noise, seen).T
         self._deviation = self._deviation + self.gain @ (measured - self._deviation[MEASURED])
@@ -134,7 +134,7 @@ def observed(
     noise: Sequence[float] | np.ndarray = NOISE[MEASURED],
     delay: int = 0,
     start: State | None = None,
-    doubt: Sequence[float] | np.ndarray = DOUBT,
+    initial_std: Sequence[float] | np.ndarray = INITIAL_STD,
     every: int = 10,
 ) -> Observed:
     """Let a controller that wants the whole state work with sensors on the drives alone; one for each run.
@@ -149,7 +149,7 @@ def observed(
         noise: Standard deviations of the measured γ, x, l [rad, m, m] and their rates [per second], shape (6,).
         delay: How many control periods the measurements are late, as in `sensed`; the estimate is predicted on over this time.
         start: Where it is believed to start; by default where the motion is, the load plumb.
-        doubt: Standard deviations of that belief in coordinates and rates, shape (10,).
+        initial_std: Standard deviations of that belief in coordinates and rates, shape (10,).
         every: Control instants between linearisations.
 
     Raises:
@@ -165,7 +165,7 @@ def observed(
         crane.effort_limit,
         reach @ _covariance("disturbance of the observer", disturbance, 5) @ reach.T,
         _covariance("noise of the observer", noise, 6, "> 0"),
-        _covariance("doubt of the observer", doubt, 10),
+        _covariance("initial deviation of the observer", initial_std, 10),
         late,
         None if start is None else np.concatenate(start),
     )

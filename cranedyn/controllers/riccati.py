@@ -64,8 +64,8 @@ def riccati(
     cost[-1] = final_weight
     with _solvable():
         for k in range(len(a) - 1, -1, -1):
-            push = b[k].T @ cost[k + 1]
-            gain[k] = np.linalg.solve(effort_weight + push @ b[k], push @ a[k])
+            input_cost = b[k].T @ cost[k + 1]
+            gain[k] = np.linalg.solve(effort_weight + input_cost @ b[k], input_cost @ a[k])
             here = state_weight + a[k].T @ cost[k + 1] @ (a[k] - b[k] @ gain[k])
             cost[k] = (here + here.T) / 2.0
         if not (np.isfinite(gain).all() and np.isfinite(cost).all()):

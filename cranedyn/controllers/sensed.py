@@ -11,7 +11,7 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.errors import CraneError, OutOfRange, number, whole
-from cranedyn.interfaces import COORDINATES, Controller, State, Wanted
+from cranedyn.interfaces import COORDINATES, Controller, Setpoint, State
 
 NOISE = np.array([1e-4, 1e-3, 1e-3, 1e-3, 1e-3, 1e-4, 2e-3, 3e-3, 3e-3, 2e-3])
 """Standard deviations of sensors as cranes have them, ours: of γ 0.1 mrad, of x and l 1 mm, of the swing 1 mrad; of their rates
@@ -35,7 +35,7 @@ class Sensed:
     readings: deque[State]
     _t: float = field(default=-math.inf)
 
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """What the controller commands, shape (3,).
 
         Raises:
@@ -45,7 +45,7 @@ class Sensed:
             raise CraneError(f"These sensors have seen t = {self._t:g} s and are asked for t = {t:g} s; make new ones for each run.")
         self._t = t
         self.readings.append(State(*(np.concatenate(state) + self.noise * self.rng.standard_normal(10)).reshape(2, 5)))
-        return self.controller(t, self.readings[0], wanted)
+        return self.controller(t, self.readings[0], setpoint)
 
 
 @checked

@@ -1,4 +1,4 @@
-"""The common form of controllers that are affine in the state: a table of feed-forward, wanted state and gain."""
+"""The common form of controllers that are affine in the state: a table of feed-forward, setpoint and gain."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from cranedyn.arguments import checked
 from cranedyn.arrays import shaped
 from cranedyn.controllers.affine import Affine, without_integral
 from cranedyn.errors import OutOfRange, number
-from cranedyn.interfaces import COORDINATES, UNITS, State, Wanted
+from cranedyn.interfaces import COORDINATES, UNITS, Setpoint, State
 from cranedyn.references.rows import at_place, at_places, place, places
 
 
 @checked
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """effort = feed_forward[k] - gain[k] (z - wanted[k]) with z = (coordinates, rates); before time 0 k is 0, beyond the end the last.
+    """effort = feed_forward[k] - gain[k] (z - setpoint[k]) with z = (coordinates, rates); before time 0 k is 0, beyond the end the last.
 
     Between rows, where a loop is finer than they are, all three lie on straight lines.
 
@@ -26,24 +26,24 @@ class Tracking:
         period: Time between rows [s], the control period for which the gains are best.
         feed_forward: Efforts of slew [N m], trolley [N], hoist [N], shape (n, 3).
         gain: Shape (n, 3, 10).
-        wanted: The motion to track, shape (n, 10).
+        setpoint: The motion to track, shape (n, 10).
     """
 
     period: float
     feed_forward: np.ndarray
     gain: np.ndarray
-    wanted: np.ndarray
+    setpoint: np.ndarray
 
     def __post_init__(self) -> None:
         """Check the period and the shapes of the table."""
         number("period", self.period, "s", "> 0")
         n = len(shaped("feed-forward", self.feed_forward, ("n", 3)))
         shaped("gain", self.gain, (n, 3, 10))
-        shaped("wanted", self.wanted, (n, 10))
+        shaped("setpoint", self.setpoint, (n, 10))
         if not n:
             raise OutOfRange("table", "one of no row", "one row or more")
 
-    def __call__(self, t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Efforts [N m, N, N], shape (3,); what the reference wants is in the table already.
 
         Raises:
@@ -51,7 +51,7 @@ class Tracking:
         """
         k, share = place(t, self.period, len(self.feed_forward))
         gain = at_place(self.gain, k, share)
-        efforts = at_place(self.feed_forward, k, share) - gain @ (np.concatenate(state) - at_place(self.wanted, k, share))
+        efforts = at_place(self.feed_forward, k, share) - gain @ (np.concatenate(state) - at_place(self.setpoint, k, share))
         if not math.isfinite(sum(efforts.tolist())):
             check_finite(state)
         return efforts
@@ -61,7 +61,9 @@ class Tracking:
         last = len(self.feed_forward) - 1
         rows, shares = places(times, self.period, last + 1)
         count = int(np.argmax(rows == last)) + 1 if last in rows else len(rows)
-        return without_integral(*(at_places(table, rows[:count], shares[:count]) for table in (self.feed_forward, self.gain, self.wanted)))
+        return without_integral(
+            *(at_places(table, rows[:count], shares[:count]) for table in (self.feed_forward, self.gain, self.setpoint))
+        )
 
 
 def check_finite(state: State) -> None:

@@ -24,7 +24,7 @@ COLUMNS = {
     "t": ("t_s",),
     "q": ("gamma_rad", "x_m", "phi_rad", "theta_rad", "l_m"),
     "v": ("gamma_dot_rad_s", "x_dot_m_s", "phi_dot_rad_s", "theta_dot_rad_s", "l_dot_m_s"),
-    "wanted": ("gamma_wanted_rad", "x_wanted_m", "l_wanted_m"),
+    "setpoint": ("gamma_setpoint_rad", "x_setpoint_m", "l_setpoint_m"),
     "command": ("T_gamma_command_Nm", "F_x_command_N", "F_l_command_N"),
     "effort": ("T_gamma_Nm", "F_x_N", "F_l_N"),
     "energy": ("energy_J",),
@@ -52,7 +52,7 @@ class Trajectory:
         t: Time [s], shape (n,).
         q: Coordinates gamma, x, phi, theta, l [rad or m], shape (n, 5).
         v: Their rates, shape (n, 5).
-        wanted: Where the reference wants slew, trolley and hoist [rad, m, m], shape (n, 3).
+        setpoint: Setpoint of slew, trolley and hoist [rad, m, m], shape (n, 3).
         command: Efforts that the controller asked for, from this instant to the next [N m, N, N], shape (n, 3).
             Where the drives follow prescribed motion they are the efforts that this motion costs.
         effort: Efforts that acted: the command within the limits of the drives, shape (n, 3).
@@ -68,7 +68,7 @@ class Trajectory:
     t: np.ndarray
     q: np.ndarray
     v: np.ndarray
-    wanted: np.ndarray
+    setpoint: np.ndarray
     command: np.ndarray
     effort: np.ndarray
     energy: np.ndarray
@@ -168,8 +168,8 @@ def read(path: str | Path) -> Trajectory:
     """Read a whole trajectory back from what `Trajectory.write` wrote.
 
     Raises:
-        DataError: As `cranedyn.data.tables.read_table`; if there is no row, time does not increase, or the parameters are not a JSON object of
-            numbers and words.
+        DataError: As `cranedyn.data.tables.read_table`; if there is no row, time does not increase, or the parameters are not a JSON
+            object of numbers and words.
     """
     from cranedyn.data.tables import read_table
 

@@ -26,7 +26,9 @@ Speed = Callable[[float], float]
 
 
 @checked
-def push(payload: Sequence[float] = (0.0, 0.0, 0.0), trolley: Sequence[float] = (0.0, 0.0, 0.0), *, at: float = 0.0) -> Disturbance:
+def constant_force(
+    payload: Sequence[float] = (0.0, 0.0, 0.0), trolley: Sequence[float] = (0.0, 0.0, 0.0), *, at: float = 0.0
+) -> Disturbance:
     """Constant forces in the world [N] from a time on [s].
 
     A horizontal force F on a payload of weight m g moves its rest to atan(F/(m g)); coming at once it swings the payload to nearly twice

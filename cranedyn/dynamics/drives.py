@@ -23,17 +23,17 @@ def buffer_numbers(crane: Crane) -> tuple[np.ndarray, np.ndarray]:
     return _STOP_FREQUENCY**2 * inertia, 2.0 * _STOP_DAMPING * _STOP_FREQUENCY * inertia
 
 
-def pushed_back(beyond: np.ndarray, rate: np.ndarray, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
+def stop_effort(beyond: np.ndarray, rate: np.ndarray, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
     """What springs with dampers that can push but not pull exert, by how far drives are beyond their ranges and by their rates."""
-    push = -stiffness * beyond - damping * rate
-    return np.where(push * beyond < 0.0, push, 0.0)
+    effort_of_stop = -stiffness * beyond - damping * rate
+    return np.where(effort_of_stop * beyond < 0.0, effort_of_stop, 0.0)
 
 
 def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """What the buffers at the ends of the cable push [N] at coordinates and rates in rows, shape (n, 5) each; see `Outside.held`."""
     stiffness, damping = buffer_numbers(crane)
     beyond = q[:, 4] - np.clip(q[:, 4], crane.lower[4], crane.upper[4])
-    return pushed_back(beyond, v[:, 4], stiffness[2], damping[2])
+    return stop_effort(beyond, v[:, 4], stiffness[2], damping[2])
 
 
 class Outside:
@@ -53,7 +53,7 @@ class Outside:
         stiffness, damping = buffer_numbers(crane) if buffers else (np.zeros(3), np.zeros(3))
         self._stiffness, self._damping = dt * dt * stiffness, dt * damping
         self._lower, self._upper = crane.lower[DRIVES], crane.upper[DRIVES]
-        self._push, self._u = np.zeros(3), np.zeros(3)
+        self._stop_effort, self._u = np.zeros(3), np.zeros(3)
 
     def __call__(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Generalized forces, shape (5,)."""
@@ -61,11 +61,11 @@ class Outside:
         effort = outside_effort(self._model, self._data, q, self._dt**2 * self.force)
         beyond = q[DRIVES] - np.clip(q[DRIVES], self._lower, self._upper)
         if beyond.any():
-            self._push = pushed_back(beyond, u[DRIVES], self._stiffness, self._damping)
-            effort[DRIVES] += self._push
+            self._stop_effort = stop_effort(beyond, u[DRIVES], self._stiffness, self._damping)
+            effort[DRIVES] += self._stop_effort
         return effort
 
-    def held(self, state: State) -> float:
+    def stop_force(self, state: State) -> float:
         """What the buffers at the ends of the cable push [N], with the sign of the hoist's force.
 
         At the longest cable that is negative, what the buffer takes of the load. At the shortest the hook block meets the trolley, which
@@ -75,7 +75,7 @@ class Outside:
         beyond = length - min(max(length, self._lower[2]), self._upper[2])
         if not beyond:
             return 0.0
-        return float(pushed_back(beyond, self._dt * state.v[4], self._stiffness[2], self._damping[2])) / self._dt**2
+        return float(stop_effort(beyond, self._dt * state.v[4], self._stiffness[2], self._damping[2])) / self._dt**2
 
     def buffer_work(self, state: State) -> float:
         """Work done on the crane by the buffers up to this state [J]."""
@@ -84,9 +84,9 @@ class Outside:
 
     def _book(self, u: np.ndarray) -> None:
         """Add the last step's work: its force times the mean of the velocities before and after it."""
-        if self._push.any():
-            self._work += float(self._push @ (self._u + u[DRIVES])) / 2.0
-            self._push = np.zeros(3)
+        if self._stop_effort.any():
+            self._work += float(self._stop_effort @ (self._u + u[DRIVES])) / 2.0
+            self._stop_effort = np.zeros(3)
         self._u = u[DRIVES]
 
 
@@ -161,11 +161,11 @@ class MotionDrives:
         """What acts at a state under the last command, shape (3,)."""
         u = self._dt * state.v
         a = self.acceleration(state.q, u)
-        return inverse_dynamics(self.model, self._data, state.q, u, a, self._damping, self._pushed(state.q, u)) / self._dt**2
+        return inverse_dynamics(self.model, self._data, state.q, u, a, self._damping, self._external(state.q, u)) / self._dt**2
 
     def acceleration(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Of all five joints, shape (5,)."""
-        return follow_drives(self.model, self._data, q, u, self._command, self._damping, self._pushed(q, u))
+        return follow_drives(self.model, self._data, q, u, self._command, self._damping, self._external(q, u))
 
-    def _pushed(self, q: np.ndarray, u: np.ndarray) -> np.ndarray | None:
+    def _external(self, q: np.ndarray, u: np.ndarray) -> np.ndarray | None:
         return None if self._outside is None else self._outside(q, u)

@@ -61,9 +61,9 @@ def sampled(crane: Crane, state: State, effort: np.ndarray | None = None, *, dt:
     by_state, by_effort = linearise(crane, state, exerted)
     step_v = np.hstack([np.zeros((5, 5)), np.eye(5)]) + dt * by_state
     step = np.vstack([np.eye(5, 10) + dt * step_v, step_v])
-    push = np.vstack([dt * dt * by_effort, dt * by_effort])
-    held = np.linalg.matrix_power(np.block([[step, push], [np.zeros((3, 10)), np.eye(3)]]), steps)
-    a, b = held[:10, :10], held[:10, 10:]
+    input_matrix = np.vstack([dt * dt * by_effort, dt * by_effort])
+    over_period = np.linalg.matrix_power(np.block([[step, input_matrix], [np.zeros((3, 10)), np.eye(3)]]), steps)
+    a, b = over_period[:10, :10], over_period[:10, 10:]
     return Sampled(a, b, control_period)
 
 

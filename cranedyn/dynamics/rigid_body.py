@@ -73,7 +73,7 @@ class Frame(NamedTuple):
     origin: np.ndarray
 
 
-class Push(NamedTuple):
+class ExternalForce(NamedTuple):
     """A force on a body.
 
     Attributes:
@@ -144,7 +144,7 @@ def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
 
 
 def inverse_dynamics(
-    tree: Bodies, where: Sequence[Frame], v: np.ndarray, a: np.ndarray | None = None, pushes: Sequence[Push] = ()
+    tree: Bodies, where: Sequence[Frame], v: np.ndarray, a: np.ndarray | None = None, external_forces: Sequence[ExternalForce] = ()
 ) -> np.ndarray:
     """Generalized forces that cause accelerations against gravity and pushes, as `pin.rnea`; damping is not counted.
 
@@ -153,7 +153,7 @@ def inverse_dynamics(
         where: Their frames.
         v: Rates of the coordinates, shape (n,).
         a: Their accelerations, shape (n,); None for zero.
-        pushes: What pushes from outside.
+        external_forces: What pushes from outside.
     """
     n, zero = len(tree), array([0.0] * 3)
     motions: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
@@ -174,8 +174,8 @@ def inverse_dynamics(
         unequal = inertia - np.diag(inertia[[2], [2]].repeat(3))
         forces.append(force)
         torques.append(inertia @ turn + cross(spin, unequal @ spin) + cross(lever, force))
-    for body_row, point, push in pushes:
-        local = into(tree, where, body_row, push)
+    for body_row, point, external in external_forces:
+        local = into(tree, where, body_row, external)
         forces[body_row], torques[body_row] = forces[body_row] - local, torques[body_row] - cross(point, local)
     effort = array([0.0] * n) if a is None else tree.armature * a
     for i in range(n - 1, -1, -1):

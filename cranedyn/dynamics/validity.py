@@ -66,7 +66,7 @@ def first_event(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *
 @checked
 def events(crane: Crane, run: Trajectory) -> list[Event]:
     """Every beginning of a stretch in which the model does not hold, in the order of time."""
-    buffers = run.parameters.get("watch") == "buffers"
+    buffers = run.parameters.get("validity") == "buffers"
     hoist = run.effort[:, 2] + (cable_buffers(crane, run.q, run.v) if buffers else 0.0)
     conditions = _conditions(crane, run.q, run.v, hoist, buffers)
     known = [condition._replace(holds=condition.holds | (run.valid == 1.0)) for condition in conditions]

@@ -24,8 +24,8 @@ from cranedyn.data.files import read_text, written
 from cranedyn.errors import DataError, ModelError, UnknownName, number, quoted
 from cranedyn.model.urdf import parse
 
-_HERE = Path(__file__).resolve().parent
-XACRO = next(folder / "urdf" / "tower_crane.urdf.xacro" for folder in (_HERE, _HERE.parent) if (folder / "urdf").is_dir())
+_PACKAGE = Path(__file__).resolve().parents[1]
+XACRO = next(folder / "urdf" / "tower_crane.urdf.xacro" for folder in (_PACKAGE, _PACKAGE.parent) if (folder / "urdf").is_dir())
 """The crane of this project: inside the package once installed, beside it in a checkout."""
 
 

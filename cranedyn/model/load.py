@@ -87,15 +87,17 @@ def _model(skeleton: str, path: Path) -> pin.Model:
 
 def _check_joints(model: pin.Model, path: Path, check_axes: bool) -> None:
     names = list(model.names)[1:]
-    wanted = [joint.name for joint in JOINTS]
-    for name in wanted:
+    expected = [joint.name for joint in JOINTS]
+    for name in expected:
         if name not in names:
-            raise ModelError(f"{path} has no moving joint {name}; a crane has {', '.join(wanted)}.")
+            raise ModelError(f"{path} has no moving joint {name}; a crane has {', '.join(expected)}.")
     for name in names:
-        if name not in wanted:
-            raise ModelError(f"{path} has a further moving joint {quoted(name)}; a crane moves only in {', '.join(wanted)}: make it fixed.")
-    if names != wanted or list(model.parents) != [0, 0, 1, 2, 3, 4]:
-        raise ModelError(f"{path} chains its joints as {', '.join(map(quoted, names))}; a crane is one chain {', '.join(wanted)}.")
+        if name not in expected:
+            raise ModelError(
+                f"{path} has a further moving joint {quoted(name)}; a crane moves only in {', '.join(expected)}: make it fixed."
+            )
+    if names != expected or list(model.parents) != [0, 0, 1, 2, 3, 4]:
+        raise ModelError(f"{path} chains its joints as {', '.join(map(quoted, names))}; a crane is one chain {', '.join(expected)}.")
     for i, joint in enumerate(JOINTS, start=1):
         if model.joints[i].nq != 1:
             raise ModelError(f"{path} has a {joint.name} without limits or with several axes; it must be {joint.kind} with limits.")

@@ -205,8 +205,8 @@ def _guess(move: _Move, duration: float, interval: float) -> transcription.Plan:
     """A spline of the drives, with the load plumb."""
     n = math.ceil(duration / interval)
     durations = np.full(n, duration / n)
-    wanted = [spline(move.start, [move.goal.q[DRIVES]], [duration])(t) for t in transcription.times(durations)]
-    states = np.array([np.concatenate([np.zeros(4), *(part[move.drives] for part in w)]) for w in wanted])
+    setpoint = [spline(move.start, [move.goal.q[DRIVES]], [duration])(t) for t in transcription.times(durations)]
+    states = np.array([np.concatenate([np.zeros(4), *(part[move.drives] for part in w)]) for w in setpoint])
     return transcription.Plan(durations, np.zeros((n, len(move.drives))), states)
 
 

@@ -11,7 +11,7 @@ COLOURS = {
     "energy": "#CC79A7",
     "dissipated": "#F0E442",
     "unexplained": "#000000",
-    "wanted": "#999999",
+    "setpoint": "#999999",
     "limit": "#999999",
 }
 """Hex colour by quantity: a coordinate shares it with its rate and with the effort and the work of its drive. Black is for white paper."""

@@ -74,7 +74,7 @@ def describe(runs: Sequence[Run], title: str, text: str) -> str:
     lines = [["parameter", *(_shown(run.name) for run in runs)], ["---"] * (len(runs) + 1), *rows]
     scene = (
         f"In the scene, dots show where the payload was in the last {PATH_SECONDS:g} s and the outline where "
-        "it is wanted. The arrows under the trolley "
+        "its setpoint is. The arrows under the trolley "
         f"point where it hangs off the plumb line, orange along the jib and blue across it, {looks(runs)[0].arrow:g} m for a degree."
     )
     if any("<mesh" in run.crane.urdf for run in runs):

@@ -1,4 +1,4 @@
-"""The crane in three dimensions: structure, cable, payload and its path, where the payload is wanted, and the swing as arrows."""
+"""The crane in three dimensions: structure, cable, payload and its path, the setpoint of the payload, and the swing as arrows."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class _Times(NamedTuple):
 
     t: np.ndarray
     q: np.ndarray
-    wanted: np.ndarray
+    setpoint: np.ndarray
     ground: str
 
 
@@ -91,11 +91,11 @@ class Scene:
         t = run.trajectory.t
         rows = _every(t, 1 / _PICTURES_PER_SECOND)
         fresh = rows[t[rows] >= since]
-        times = _Times(t[fresh], run.trajectory.q[fresh], run.trajectory.wanted[fresh], self._ground)
+        times = _Times(t[fresh], run.trajectory.q[fresh], run.trajectory.setpoint[fresh], self._ground)
         _move_joints(self._recording, run, self._tree, times)
         _move_load(self._recording, run, times)
         _move_path(self._recording, run, since)
-        _move_wanted(self._recording, run, times)
+        _move_setpoint(self._recording, run, times)
         _move_swing(self._recording, run, times, self._look)
 
 
@@ -150,7 +150,7 @@ def _log_links(recording: rr.RecordingStream, run: Run, tree: UrdfTree, look: Lo
 
 
 def _log_styles(recording: rr.RecordingStream, run: Run, look: Look, ground: str, trolley: str, body: Shape) -> None:
-    """Frames, colours and sizes of what moves: cable, path, the outline of where the payload is wanted, swing arrows."""
+    """Frames, colours and sizes of what moves: cable, path, the outline of the setpoint of the payload, swing arrows."""
     age = np.linspace(0.0, 1.0, _PATH_POINTS, endpoint=False)
     faded = [rgb(mixed(look.colour, BACKGROUND, a)) for a in age]
     arrows = rr.Arrows3D.from_fields(
@@ -159,13 +159,13 @@ def _log_styles(recording: rr.RecordingStream, run: Run, look: Look, ground: str
     styles = {
         "cable": (ground, rr.LineStrips3D.from_fields(colors=rgb(_CABLE), radii=_CABLE_RADIUS)),
         "path": (ground, rr.Points3D.from_fields(colors=faded, radii=_PATH_RADIUS * (1 - age))),
-        "wanted/cable": (ground, rr.LineStrips3D.from_fields(colors=rgb(_GREY), radii=_CABLE_RADIUS / 2)),
+        "setpoint/cable": (ground, rr.LineStrips3D.from_fields(colors=rgb(_GREY), radii=_CABLE_RADIUS / 2)),
         "swing": (run.frame(trolley), arrows),
     }
     for name, (frame, style) in styles.items():
         recording.log(f"{run.entity('scene')}/{name}", rr.CoordinateFrame(frame), style, static=True)
     outline = replace(body, colour=(0.3, 0.3, 0.3, 0.5))
-    log_shapes(recording, run.entity("scene", "wanted"), run.frame("wanted"), [outline], "transparentfillmajorwireframe")
+    log_shapes(recording, run.entity("scene", "setpoint"), run.frame("setpoint"), [outline], "transparentfillmajorwireframe")
 
 
 def _ends(run: Run, q: np.ndarray) -> np.ndarray:
@@ -189,18 +189,18 @@ def _move_path(recording: rr.RecordingStream, run: Run, since: float) -> None:
     recording.send_columns(run.entity("scene", "path"), clock(t[some][fresh]), columns)
 
 
-def _move_wanted(recording: rr.RecordingStream, run: Run, times: _Times) -> None:
-    """An outline of the payload hanging at rest below the trolley where the drives are wanted; rows only where that changes."""
-    rows = np.append(True, np.any(np.diff(times.wanted, axis=0) != 0, axis=1))
+def _move_setpoint(recording: rr.RecordingStream, run: Run, times: _Times) -> None:
+    """An outline of the payload hanging at rest below the trolley at the setpoint of the drives; rows only where that changes."""
+    rows = np.append(True, np.any(np.diff(times.setpoint, axis=0) != 0, axis=1))
     q = np.zeros((np.count_nonzero(rows), 5))
-    q[:, DRIVES] = times.wanted[rows]
+    q[:, DRIVES] = times.setpoint[rows]
     ends, n = _ends(run, q), len(q)
     turned = np.stack([0 * q[:, 0], 0 * q[:, 0], np.sin(q[:, 0] / 2), np.cos(q[:, 0] / 2)], axis=1)
     moved = rr.Transform3D.columns(
-        translation=ends[:, 1], quaternion=turned, parent_frame=[times.ground] * n, child_frame=[run.frame("wanted")] * n
+        translation=ends[:, 1], quaternion=turned, parent_frame=[times.ground] * n, child_frame=[run.frame("setpoint")] * n
     )
-    recording.send_columns(run.entity("joints", "wanted"), clock(times.t[rows]), moved)
-    recording.send_columns(run.entity("scene", "wanted", "cable"), clock(times.t[rows]), rr.LineStrips3D.columns(strips=list(ends)))
+    recording.send_columns(run.entity("joints", "setpoint"), clock(times.t[rows]), moved)
+    recording.send_columns(run.entity("scene", "setpoint", "cable"), clock(times.t[rows]), rr.LineStrips3D.columns(strips=list(ends)))
 
 
 def _move_swing(recording: rr.RecordingStream, run: Run, times: _Times, look: Look) -> None:

@@ -44,9 +44,9 @@ def _effort(title: str, label: str, quantity: str, column: str) -> Plot:
 
 
 PLOTS = {
-    "gamma": Plot("Slew [°]", 0.2, (Curve("wanted", "wanted", "gamma_wanted_deg"), Curve("γ", "gamma", "gamma_deg"))),
-    "x": Plot("Trolley [m]", 0.02, (Curve("wanted", "wanted", "x_wanted_m"), Curve("x", "x", "x_m"))),
-    "l": Plot("Cable [m]", 0.02, (Curve("wanted", "wanted", "l_wanted_m"), Curve("l", "l", "l_m"))),
+    "gamma": Plot("Slew [°]", 0.2, (Curve("setpoint", "setpoint", "gamma_setpoint_deg"), Curve("γ", "gamma", "gamma_deg"))),
+    "x": Plot("Trolley [m]", 0.02, (Curve("setpoint", "setpoint", "x_setpoint_m"), Curve("x", "x", "x_m"))),
+    "l": Plot("Cable [m]", 0.02, (Curve("setpoint", "setpoint", "l_setpoint_m"), Curve("l", "l", "l_m"))),
     "swing": Plot("Swing [°]", 0.2, (Curve("θ tangential", "theta", "theta_deg"), Curve("φ radial", "phi", "phi_deg"))),
     "speeds": Plot("Speed [m/s]", 0.02, (Curve("dl/dt", "l", "l_dot_m_s"), Curve("dx/dt", "x", "x_dot_m_s"))),
     "angular speeds": Plot(
@@ -80,7 +80,7 @@ def table(run: Run, start_energy: float | None = None) -> Table:
     """
     trajectory, columns = run.trajectory, {}
     start = trajectory.energy[0] if start_energy is None else start_energy
-    for name in (name for key in ("q", "v", "wanted", "effort", "work", "dissipated", *_outside(trajectory)) for name in COLUMNS[key]):
+    for name in (name for key in ("q", "v", "setpoint", "effort", "work", "dissipated", *_outside(trajectory)) for name in COLUMNS[key]):
         columns[name.replace("_rad", "_deg")] = np.degrees(trajectory[name]) if "_rad" in name else trajectory[name]
     columns |= {"energy_J": trajectory.energy - start, "unexplained_J": trajectory.ledger - start}
     for name, limit in zip(COLUMNS["effort"], run.crane.effort_limit, strict=True):

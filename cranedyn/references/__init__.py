@@ -1,11 +1,11 @@
-"""Where the drives should be at a time. A reference is a plain callable from time [s] to `Wanted`."""
+"""Where the drives should be at a time. A reference is a plain callable from time [s] to `Setpoint`."""
 
-from cranedyn.interfaces import Reference, Wanted
+from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.references.flat import flat
 from cranedyn.references.hold import hold
 from cranedyn.references.itinerary import ARTICLE_TOUR, Itinerary, Leg, itinerary
 from cranedyn.references.motion import Motion, plumb
-from cranedyn.references.operator import Push, operator
+from cranedyn.references.operator import JoystickPulse, operator
 from cranedyn.references.pulse import pulse
 from cranedyn.references.ramp import ramp
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
@@ -14,11 +14,11 @@ from cranedyn.references.spline import shortest, spline
 __all__ = [
     "ARTICLE_TOUR",
     "Itinerary",
+    "JoystickPulse",
     "Leg",
     "Motion",
-    "Push",
     "Reference",
-    "Wanted",
+    "Setpoint",
     "ei",
     "flat",
     "hold",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.interfaces import Reference, State, Wanted
+from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import DRIVES
 
 
@@ -16,24 +16,24 @@ class Still:
     """A reference that does not move.
 
     Attributes:
-        wanted: What it always says.
+        setpoint: What it always says.
     """
 
-    wanted: Wanted
+    setpoint: Setpoint
 
-    def __call__(self, t: float) -> Wanted:
-        """What is wanted at a time [s]."""
-        return self.wanted
+    def __call__(self, t: float) -> Setpoint:
+        """The setpoint at a time [s]."""
+        return self.setpoint
 
-    def at(self, times: np.ndarray) -> Wanted:
-        """What is wanted at many times [s], shape (n, 3) each."""
-        return Wanted(*(np.broadcast_to(part, (len(times), 3)) for part in self.wanted))
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Setpoints at many times [s], shape (n, 3) each."""
+        return Setpoint(*(np.broadcast_to(part, (len(times), 3)) for part in self.setpoint))
 
 
 @checked
 def hold(state: State) -> Reference:
     """Keep the drives where this state has them."""
-    wanted = Wanted(state.q[DRIVES], np.zeros(3), np.zeros(3))
-    for part in wanted:
+    setpoint = Setpoint(state.q[DRIVES], np.zeros(3), np.zeros(3))
+    for part in setpoint:
         part.flags.writeable = False  # one for the whole run, and handed to whoever asks
-    return Still(wanted)
+    return Still(setpoint)

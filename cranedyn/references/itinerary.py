@@ -11,7 +11,7 @@ import numpy as np
 
 from cranedyn.arguments import checked, of_drives
 from cranedyn.errors import OutOfRange, number
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import DRIVES
 
 
@@ -84,8 +84,8 @@ class Timetable(ABC):
         return next((stage for stage in self.stages if t - cycle < stage.end), self.stages[-1]), cycle
 
     @abstractmethod
-    def __call__(self, t: float) -> Wanted:
-        """What is wanted of the drives at a time [s]."""
+    def __call__(self, t: float) -> Setpoint:
+        """The setpoint of the drives at a time [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,15 +98,15 @@ class Itinerary(Timetable):
 
     rates: np.ndarray
 
-    def __call__(self, t: float) -> Wanted:
-        """What is wanted at a time [s]."""
+    def __call__(self, t: float) -> Setpoint:
+        """The setpoint at a time [s]."""
         stage, cycle = self.stage(t)
         path, gone = stage.target - stage.origin, self.rates * (t - cycle - stage.begin)
         moving = gone < np.abs(path)
-        return Wanted(stage.origin + np.sign(path) * np.minimum(gone, np.abs(path)), np.sign(path) * self.rates * moving, np.zeros(3))
+        return Setpoint(stage.origin + np.sign(path) * np.minimum(gone, np.abs(path)), np.sign(path) * self.rates * moving, np.zeros(3))
 
-    def at(self, times: np.ndarray) -> Wanted:
-        """What is wanted at many times [s], shape (n, 3) each."""
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Setpoints at many times [s], shape (n, 3) each."""
         origins, targets = np.array([stage.origin for stage in self.stages]), np.array([stage.target for stage in self.stages])
         begins, ends = np.array([stage.begin for stage in self.stages]), np.array([stage.end for stage in self.stages])
         here = times - times // self.duration * self.duration
@@ -114,7 +114,7 @@ class Itinerary(Timetable):
         path, gone = (targets - origins)[under_way], np.outer(here - begins[under_way], self.rates)
         moving = gone < np.abs(path)
         position = origins[under_way] + np.sign(path) * np.minimum(gone, np.abs(path))
-        return Wanted(position, np.sign(path) * self.rates * moving, np.zeros_like(path))
+        return Setpoint(position, np.sign(path) * self.rates * moving, np.zeros_like(path))
 
 
 @checked

@@ -10,7 +10,7 @@ import numpy as np
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
 from cranedyn.errors import OutOfRange, number
-from cranedyn.interfaces import Reference, Wanted
+from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import DRIVES
 from cranedyn.references.rows import SAME, at_place, at_places, place, places
 from cranedyn.references.tabulated import tabulated
@@ -20,7 +20,7 @@ from cranedyn.simulation.clocks import intervals
 @checked
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A wanted motion in rows, with straight lines between them; before and after it stands still. Itself a reference for the drives.
+    """A motion in rows, with straight lines between them; before and after it stands still. Itself a reference for the drives.
 
     Attributes:
         period: Time between rows [s].
@@ -47,18 +47,18 @@ class Motion:
         """When it ends [s]."""
         return self.period * (len(self.q) - 1)
 
-    def __call__(self, t: float) -> Wanted:
-        """What is wanted of the drives at a time [s]."""
+    def __call__(self, t: float) -> Setpoint:
+        """The setpoint of the drives at a time [s]."""
         row, share = place(t, self.period, len(self.q))
         position, velocity, acceleration = (at_place(part, row, share)[DRIVES] for part in (self.q, self.v, self.a))
-        return Wanted(position, velocity, acceleration) if self._moves(t) else Wanted(position, np.zeros(3), np.zeros(3))
+        return Setpoint(position, velocity, acceleration) if self._moves(t) else Setpoint(position, np.zeros(3), np.zeros(3))
 
-    def at(self, times: np.ndarray) -> Wanted:
-        """What is wanted at many times [s], shape (n, 3) each."""
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Setpoints at many times [s], shape (n, 3) each."""
         row, share = places(times, self.period, len(self.q))
         position, *derivatives = (at_places(part, row, share)[:, DRIVES] for part in (self.q, self.v, self.a))
         moving = self._moves(times)[:, None]
-        return Wanted(position, *(np.where(moving, part, 0.0) for part in derivatives))
+        return Setpoint(position, *(np.where(moving, part, 0.0) for part in derivatives))
 
     def _moves(self, t: Any) -> Any:
         """Whether a time, or each of many [s], is neither before the first row nor after the last."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from cranedyn.arguments import checked, of_drives
 from cranedyn.errors import OutOfRange, number
-from cranedyn.interfaces import Reference, State, Wanted
+from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import DRIVES
 from cranedyn.references.tabulated import Tabulating, along
 
@@ -19,7 +19,7 @@ _TOUCH = 1e-9
 """By how much one push may begin before the last one ends and still follow it: what sums of times round off [s]."""
 
 
-class Push(NamedTuple):
+class JoystickPulse(NamedTuple):
     """The joystick held for a while.
 
     Attributes:
@@ -51,17 +51,17 @@ class Operator(Tabulating):
     lasts: np.ndarray
     accelerations: np.ndarray
 
-    def at(self, times: np.ndarray) -> Wanted:
-        """What is wanted at many times [s], shape (n, 3) each."""
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Setpoints at many times [s], shape (n, 3) each."""
         since = np.maximum(times[:, None] - self.begins, 0.0)
         rising, on = np.minimum(since, self.lasts), (since > 0.0) & (since < self.lasts)
         parts = np.array([rising * (since - rising / 2.0), rising, on])
         gone, velocity, acceleration = (parts[..., None] * self.accelerations).sum(axis=2)
-        return Wanted(self.start + gone, velocity, acceleration)
+        return Setpoint(self.start + gone, velocity, acceleration)
 
 
 @checked
-def operator(start: State, pushes: Sequence[Push], *, accelerations: Sequence[float]) -> Reference:
+def operator(start: State, pulses: Sequence[JoystickPulse], *, accelerations: Sequence[float]) -> Reference:
     """Where the drives get to: a joystick asks for a velocity, and its drive goes there as fast as its acceleration allows.
 
     A push by itself is a trapezoid in velocity, one that comes while the drive still slows down takes it on from there. No velocity is
@@ -69,7 +69,7 @@ def operator(start: State, pushes: Sequence[Push], *, accelerations: Sequence[fl
 
     Args:
         start: Where the drives are.
-        pushes: What the operator does; in any order, but a joystick has one position at a time: those of one drive must not overlap.
+        pulses: What the operator does; in any order, but a joystick has one position at a time: those of one drive must not overlap.
         accelerations: Limits of slew [rad/s²], trolley [m/s²], hoist [m/s²].
 
     Raises:
@@ -78,29 +78,29 @@ def operator(start: State, pushes: Sequence[Push], *, accelerations: Sequence[fl
     """
     limits = of_drives("acceleration limit", accelerations, "/s²", "> 0")
     ramps: list[tuple[float, float, np.ndarray]] = []
-    for drive in dict.fromkeys(push.drive for push in pushes):
+    for drive in dict.fromkeys(pulse.drive for pulse in pulses):
         axis = along(drive)
         limit = float(axis @ limits)
-        ramps += [(begin, lasts, math.copysign(limit, lasts) * axis) for begin, lasts in _ramps(drive, pushes, limit)]
+        ramps += [(begin, lasts, math.copysign(limit, lasts) * axis) for begin, lasts in _ramps(drive, pulses, limit)]
     columns = [np.array([ramp[i] for ramp in ramps], dtype=float) for i in range(3)]
     return Operator(start.q[DRIVES], columns[0], np.abs(columns[1]), columns[2].reshape(-1, 3))
 
 
-def _ramps(drive: str, pushes: Sequence[Push], limit: float) -> list[tuple[float, float]]:
+def _ramps(drive: str, pulses: Sequence[JoystickPulse], limit: float) -> list[tuple[float, float]]:
     """When a drive accelerates at its limit and for how long [s], negative where it accelerates the other way."""
-    mine = sorted((_checked(push) for push in pushes if push.drive == drive), key=lambda push: push.at)
+    mine = sorted((_checked(pulse) for pulse in pulses if pulse.drive == drive), key=lambda pulse: pulse.at)
     ramps, speed = [], 0.0  # the speed counted in seconds of acceleration
-    for push, following in zip(mine, [*(push.at for push in mine[1:]), math.inf], strict=True):
-        end = push.at + push.hold
+    for pulse, following in zip(mine, [*(pulse.at for pulse in mine[1:]), math.inf], strict=True):
+        end = pulse.at + pulse.hold
         if following < end - _TOUCH:
             raise OutOfRange(f"start of a push of {drive}", following, f"{end:g} or later, when the one before it ends", "s")
-        for begin, until, asked in ((push.at, push.hold, push.rate / limit), (end, following - end, 0.0)):
+        for begin, until, asked in ((pulse.at, pulse.hold, pulse.rate / limit), (end, following - end, 0.0)):
             lasts = math.copysign(min(abs(asked - speed), max(until, 0.0)), asked - speed)
             ramps.append((begin, lasts))
             speed += lasts
     return ramps
 
 
-def _checked(push: Push) -> Push:
-    rate, at = number("rate of a push", push.rate), number("start of a push", push.at, "s")
-    return Push(push.drive, rate, at, number("hold of a push", push.hold, "s", "> 0"))
+def _checked(pulse: JoystickPulse) -> JoystickPulse:
+    rate, at = number("rate of a push", pulse.rate), number("start of a push", pulse.at, "s")
+    return JoystickPulse(pulse.drive, rate, at, number("hold of a push", pulse.hold, "s", "> 0"))

@@ -8,7 +8,7 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.errors import number
-from cranedyn.interfaces import Reference, Wanted
+from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.references.tabulated import along, tabulated
 
 
@@ -17,7 +17,7 @@ class Pulse:
     """A reference and a rectangular pulse.
 
     Attributes:
-        base: What is wanted otherwise.
+        base: The reference otherwise.
         step: How far slew, trolley and hoist are aside [rad, m, m], shape (3,).
         first, last: When the pulse starts and ends [s].
     """
@@ -27,16 +27,16 @@ class Pulse:
     first: float
     last: float
 
-    def __call__(self, t: float) -> Wanted:
-        """What is wanted at a time [s]."""
-        wanted = self.base(t)
-        return wanted._replace(position=wanted.position + self.step) if self.first <= t < self.last else wanted
+    def __call__(self, t: float) -> Setpoint:
+        """The setpoint at a time [s]."""
+        setpoint = self.base(t)
+        return setpoint._replace(position=setpoint.position + self.step) if self.first <= t < self.last else setpoint
 
-    def at(self, times: np.ndarray) -> Wanted:
-        """What is wanted at many times [s], shape (n, 3) each."""
-        wanted = tabulated(self.base, times)
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Setpoints at many times [s], shape (n, 3) each."""
+        setpoint = tabulated(self.base, times)
         aside = (self.first <= times) & (times < self.last)
-        return wanted._replace(position=wanted.position + np.outer(aside, self.step))
+        return setpoint._replace(position=setpoint.position + np.outer(aside, self.step))
 
 
 @checked
@@ -46,7 +46,7 @@ def pulse(base: Reference, drive: str, amplitude: float, *, at: float, width: fl
     A pivot that follows it and comes back after half a swing period leaves a swing of 2 amplitude / cable length (small angles).
 
     Args:
-        base: What is wanted otherwise.
+        base: The reference otherwise.
         drive: "gamma", "x" or "l".
         amplitude: How far aside [rad or m].
         at: When it starts [s].

@@ -9,7 +9,7 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.errors import number
-from cranedyn.interfaces import Reference, Wanted
+from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.references.tabulated import along, tabulated
 
 
@@ -18,7 +18,7 @@ class Ramp:
     """A reference and a move at constant speed.
 
     Attributes:
-        base: What is wanted otherwise.
+        base: The reference otherwise.
         rates: Of slew, trolley and hoist during the move [rad/s, m/s, m/s], shape (3,).
         first, last: When the move starts and ends [s].
     """
@@ -28,20 +28,20 @@ class Ramp:
     first: float
     last: float
 
-    def __call__(self, t: float) -> Wanted:
-        """What is wanted at a time [s]."""
-        wanted = self.base(t)
+    def __call__(self, t: float) -> Setpoint:
+        """The setpoint at a time [s]."""
+        setpoint = self.base(t)
         if t < self.first:
-            return wanted
-        moved = wanted._replace(position=wanted.position + (min(t, self.last) - self.first) * self.rates)
-        return moved._replace(velocity=wanted.velocity + self.rates) if t < self.last else moved
+            return setpoint
+        moved = setpoint._replace(position=setpoint.position + (min(t, self.last) - self.first) * self.rates)
+        return moved._replace(velocity=setpoint.velocity + self.rates) if t < self.last else moved
 
-    def at(self, times: np.ndarray) -> Wanted:
-        """What is wanted at many times [s], shape (n, 3) each."""
-        wanted = tabulated(self.base, times)
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Setpoints at many times [s], shape (n, 3) each."""
+        setpoint = tabulated(self.base, times)
         gone, moving = np.clip(times, self.first, self.last) - self.first, (self.first <= times) & (times < self.last)
-        position, velocity = wanted.position + np.outer(gone, self.rates), wanted.velocity + np.outer(moving, self.rates)
-        return Wanted(position, velocity, wanted.acceleration)
+        position, velocity = setpoint.position + np.outer(gone, self.rates), setpoint.velocity + np.outer(moving, self.rates)
+        return Setpoint(position, velocity, setpoint.acceleration)
 
 
 @checked
@@ -49,7 +49,7 @@ def ramp(base: Reference, drive: str, by: float, *, rate: float, at: float) -> R
     """Add a move at constant speed to one drive of a reference.
 
     Args:
-        base: What is wanted otherwise.
+        base: The reference otherwise.
         drive: "gamma", "x" or "l".
         by: How far to move, with sign [rad or m].
         rate: Speed [rad/s or m/s].

@@ -14,7 +14,7 @@ import scipy
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
 from cranedyn.errors import number, within
-from cranedyn.interfaces import Reference, Wanted
+from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.references.tabulated import Tabulating, tabulated
 from cranedyn.simulation.clocks import intervals
 
@@ -73,7 +73,7 @@ class Shaped(Tabulating):
     """A reference in parts.
 
     Attributes:
-        base: What is wanted without shaping.
+        base: The reference without shaping.
         delays: When each part comes [s].
         amplitudes: Share of the command that each carries.
     """
@@ -82,10 +82,10 @@ class Shaped(Tabulating):
     delays: np.ndarray
     amplitudes: np.ndarray
 
-    def at(self, times: np.ndarray) -> Wanted:
-        """What is wanted at many times [s], shape (n, 3) each."""
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Setpoints at many times [s], shape (n, 3) each."""
         parts = tabulated(self.base, np.subtract.outer(times, self.delays).ravel())
-        return Wanted(*(np.tensordot(self.amplitudes, part.reshape(len(times), -1, 3), (0, 1)) for part in parts))
+        return Setpoint(*(np.tensordot(self.amplitudes, part.reshape(len(times), -1, 3), (0, 1)) for part in parts))
 
 
 @checked
@@ -107,7 +107,7 @@ class ShapedHoisting(Tabulating):
     """A reference with slew and trolley of their own, which stand still before time 0 and after the end.
 
     Attributes:
-        base: What is wanted of the hoist.
+        base: The reference of the hoist.
         end: When slew and trolley are there [s].
         curves: Position of slew and trolley over time, its first and its second derivative.
     """
@@ -116,13 +116,13 @@ class ShapedHoisting(Tabulating):
     end: float
     curves: tuple[scipy.interpolate.BSpline, ...]
 
-    def at(self, times: np.ndarray) -> Wanted:
-        """What is wanted at many times [s], shape (n, 3) each."""
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Setpoints at many times [s], shape (n, 3) each."""
         inside, own = np.clip(times, 0.0, self.end), tabulated(self.base, times)
         position, *derivatives = (curve(inside) for curve in self.curves)
         moving = ((times >= 0.0) & (times < self.end))[:, None]
         parts = [position, *(np.where(moving, derivative, 0.0) for derivative in derivatives)]
-        return Wanted(*(np.column_stack([part, hoist[:, 2]]) for part, hoist in zip(parts, own, strict=True)))
+        return Setpoint(*(np.column_stack([part, hoist[:, 2]]) for part, hoist in zip(parts, own, strict=True)))
 
 
 @checked
@@ -135,7 +135,7 @@ def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: f
     swing are assumed. Where the cable shortens, parts are passed on faster than they were asked for, by up to (l₁/l₂)^(1/2).
 
     Args:
-        base: What is wanted.
+        base: The reference.
         shaper: The shaper.
         gravity: Gravity [m/s²].
         duration: Time over which the base moves [s].
@@ -153,16 +153,16 @@ def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: f
     slowest = 2.0 * math.pi * math.sqrt(longest / gravity)
     intervals("duration and swing period", duration + slowest * float(shaper.fractions[-1]), step)
     t = step * np.arange(count + math.ceil(slowest * shaper.fractions[-1] / step) + 2 + _REST)
-    wanted = tabulated(base, t)
-    length = wanted.position[:, 2]
+    setpoint = tabulated(base, t)
+    length = setpoint.position[:, 2]
     number("shortest cable that the reference wants", length.min(), "m", "> 0")
     phase = scipy.integrate.cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
     parts = shaper.amplitudes[:, None] * np.interp(phase + 2.0 * math.pi * shaper.fractions[:, None], phase, length) ** 0.25
-    velocities = (parts / parts.sum(axis=0))[:, :, None] * wanted.velocity[:, :2]
+    velocities = (parts / parts.sum(axis=0))[:, :, None] * setpoint.velocity[:, :2]
     ways = scipy.integrate.cumulative_trapezoid(velocities, t, axis=1, initial=0.0)
     moved = np.zeros((len(t), 2))
     for fraction, way in zip(shaper.fractions, ways, strict=True):
         asked = np.interp(phase - 2.0 * math.pi * fraction, phase, t)
         moved += np.stack([np.interp(asked, t, column) for column in way.T], axis=1)
-    curve = scipy.interpolate.make_interp_spline(t, wanted.position[0, :2] + moved, k=3)
+    curve = scipy.interpolate.make_interp_spline(t, setpoint.position[0, :2] + moved, k=3)
     return ShapedHoisting(base, float(t[-1]), (curve, curve.derivative(), curve.derivative(2)))

@@ -11,7 +11,7 @@ import scipy
 from cranedyn.arguments import checked, described, of_drives
 from cranedyn.arrays import finite
 from cranedyn.errors import OutOfRange, number
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import DRIVES
 
 PEAK_RATE, PEAK_ACCELERATION = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
@@ -45,15 +45,15 @@ class Spline:
         """When the last waypoint is reached [s]."""
         return float(self.times[-1])
 
-    def __call__(self, t: float) -> Wanted:
-        """What is wanted at a time [s]."""
+    def __call__(self, t: float) -> Setpoint:
+        """The setpoint at a time [s]."""
         inside = min(max(t, self.times[0]), self.times[-1])
-        return Wanted(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
+        return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
-    def at(self, times: np.ndarray) -> Wanted:
-        """What is wanted at many times [s], shape (n, 3) each."""
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Setpoints at many times [s], shape (n, 3) each."""
         inside = np.clip(times, self.times[0], self.times[-1])
-        return Wanted(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
+        return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
 
 @checked

@@ -9,7 +9,7 @@ import numpy as np
 
 from cranedyn.arguments import checked, taken
 from cranedyn.errors import OutOfRange, number
-from cranedyn.interfaces import COORDINATES, State, Wanted
+from cranedyn.interfaces import COORDINATES, Setpoint, State
 from cranedyn.model.crane import DRIVES, Crane
 from cranedyn.references.itinerary import Leg, Stage, Timetable
 from cranedyn.references.motion import Motion
@@ -26,12 +26,12 @@ class Tour(Timetable):
 
     motion: Motion
 
-    def __call__(self, t: float) -> Wanted:
-        """What is wanted of the drives at a time [s]."""
+    def __call__(self, t: float) -> Setpoint:
+        """The setpoint of the drives at a time [s]."""
         return self.motion(t % self.duration)
 
-    def at(self, times: np.ndarray) -> Wanted:
-        """What is wanted at many times [s], shape (n, 3) each."""
+    def at(self, times: np.ndarray) -> Setpoint:
+        """Setpoints at many times [s], shape (n, 3) each."""
         return self.motion.at(times % self.duration)
 
 

@@ -93,7 +93,7 @@ class Engine:
         """What acts here under the last command, shape (3,)."""
         return self._drives.effort(self.state)
 
-    def push(self, force: np.ndarray) -> np.ndarray:
+    def take_force(self, force: np.ndarray) -> np.ndarray:
         """Take forces from outside until the next, in the world [N], on payload and trolley, shape (2, 3); returns them."""
         for outside in (self._outside, None if self._rough is None else self._rough.outside):
             if outside is not None:
@@ -103,7 +103,7 @@ class Engine:
     def buffers(self) -> tuple[float, float]:
         """Work done on the crane by the buffers so far [J], and what those at the ends of the cable push [N]."""
         outside = self._outside if self._rough is None else self._rough.outside
-        return (0.0, 0.0) if outside is None else (outside.buffer_work(self.state), outside.held(self.state))
+        return (0.0, 0.0) if outside is None else (outside.buffer_work(self.state), outside.stop_force(self.state))
 
     def advance(self) -> State:
         """Go on to the next control instant."""

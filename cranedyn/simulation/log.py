@@ -45,46 +45,48 @@ class Log:
         self._crane, self._since, self._period, self._lead = crane, since, period, lead
         self._rows, self._looked = 0, 0
         self._q, self._v = np.empty((rows, 5)), np.empty((rows, 5))
-        self._wanted, self._command, self._effort, self._before = (np.empty((rows, 3)) for _ in range(4))
-        self._force, self._buffer_work, self._held = np.zeros((rows, 6)), np.zeros(rows), np.zeros(rows)
+        self._setpoint, self._command, self._effort, self._before = (np.empty((rows, 3)) for _ in range(4))
+        self._force, self._buffer_work, self._stop_force = np.zeros((rows, 6)), np.zeros(rows), np.zeros(rows)
         self._energy = np.full(rows, np.nan)
 
     def __len__(self) -> int:
         """Number of rows so far."""
         return self._rows
 
-    def row(self, state: State, wanted: np.ndarray, command: np.ndarray, effort: np.ndarray, before: np.ndarray) -> None:
+    def row(self, state: State, setpoint: np.ndarray, command: np.ndarray, effort: np.ndarray, before: np.ndarray) -> None:
         """Add a row: effort is what acts from here on, before what acted until here."""
         k = self._rows
         self._q[k], self._v[k] = state
-        self._wanted[k], self._command[k], self._effort[k], self._before[k] = wanted, command, effort, before
+        self._setpoint[k], self._command[k], self._effort[k], self._before[k] = setpoint, command, effort, before
         self._rows = k + 1
 
     def force(self, force: np.ndarray) -> None:
         """Add the forces from outside to the row that comes next, shape (2, 3)."""
         self._force[self._rows] = force.ravel()
 
-    def buffers(self, work: float, held: float) -> None:
+    def buffers(self, work: float, stop_force: float) -> None:
         """Add to the row that comes next what the buffers did [J], and what those at the ends of the cable push [N]."""
-        self._buffer_work[self._rows], self._held[self._rows] = work, held
+        self._buffer_work[self._rows], self._stop_force[self._rows] = work, stop_force
 
-    def block(self, wanted: np.ndarray, block: Mapping[str, np.ndarray]) -> None:
+    def block(self, setpoint: np.ndarray, block: Mapping[str, np.ndarray]) -> None:
         """Add many rows at once.
 
         Args:
-            wanted: Where the reference wants the drives, shape (n, 3).
+            setpoint: Setpoint of the drives, shape (n, 3).
             block: q, v, command, effort, before as for `row`; energy, buffers, held in columns, shape (n, 1).
         """
-        rows = slice(self._rows, self._rows + len(wanted))
-        self._q[rows], self._v[rows], self._wanted[rows] = block["q"], block["v"], wanted
+        rows = slice(self._rows, self._rows + len(setpoint))
+        self._q[rows], self._v[rows], self._setpoint[rows] = block["q"], block["v"], setpoint
         self._command[rows], self._effort[rows], self._before[rows] = block["command"], block["effort"], block["before"]
-        self._energy[rows], self._buffer_work[rows], self._held[rows] = (block[name][:, 0] for name in ("energy", "buffers", "held"))
+        self._energy[rows], self._buffer_work[rows], self._stop_force[rows] = (
+            block[name][:, 0] for name in ("energy", "buffers", "stop_force")
+        )
         self._rows = rows.stop
 
     def fresh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates, rates and what holds the load of the rows not looked at before."""
         rows = slice(self._looked, self._rows)
-        return self._q[rows], self._v[rows], self._effort[rows, 2] + self._held[rows]
+        return self._q[rows], self._v[rows], self._effort[rows, 2] + self._stop_force[rows]
 
     def looked_at(self) -> None:
         """Have all rows looked at."""
@@ -113,7 +115,7 @@ class Log:
             t=self._since + period * np.arange(n),
             q=q,
             v=v,
-            wanted=self._wanted[:n],
+            setpoint=self._setpoint[:n],
             command=self._command[:n],
             effort=effort,
             energy=self._filled(energies),
@@ -121,7 +123,7 @@ class Log:
             dissipated=dissipated,
             force=force,
             outside=np.stack([self._work_of_forces(middle, force), self._buffer_work[:n]], axis=1),
-            valid=valid(crane, q, v, effort[:, 2] + self._held[:n], buffers=buffers).astype(float),
+            valid=valid(crane, q, v, effort[:, 2] + self._stop_force[:n], buffers=buffers).astype(float),
             parameters=parameters,
         )
 

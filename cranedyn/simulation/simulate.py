@@ -14,10 +14,10 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.validity import first_event
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, written_out
-from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Watch
+from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Validity
 from cranedyn.model.crane import DRIVES, JOINTS, Crane
 from cranedyn.references import hold
-from cranedyn.references.tabulated import setpoint
+from cranedyn.references.tabulated import checked_setpoint
 from cranedyn.simulation.clocks import Timed, clocks
 from cranedyn.simulation.engine import DIVERGED, Engine, Setting
 from cranedyn.simulation.log import Log
@@ -38,7 +38,7 @@ def simulate(
     control_period: float = 5e-3,
     drive: Drive = "effort",
     disturbance: Disturbance | None = None,
-    watch: Watch = "stop",
+    validity: Validity = "stop",
     integrator: Integrator = semi_implicit_euler,
     engine: EngineName = "pinocchio",
     progress: Callable[[float], object] | None = None,
@@ -60,7 +60,7 @@ def simulate(
         drive: "effort": the controller commands efforts, as a force-controlled drive. "motion": it commands accelerations, which the
             drives follow exactly at the efforts this costs, as a stiff velocity-controlled drive.
         disturbance: Forces from outside on payload and trolley, such as wind; see `cranedyn.disturbances.wind`.
-        watch: What to do where a joint leaves its range, the rope would have to push, the load swings to 90° or touches the ground.
+        validity: What to do where a joint leaves its range, the rope would have to push, the load swings to 90° or touches the ground.
             "stop" ends the run with an error that carries what was recorded. "buffers" catches slew, trolley and hoist at the ends of
             their ranges, for drives that take efforts. "mark" goes on; the rows concerned are marked in the column `valid`.
         integrator: The stepping rule.
@@ -83,9 +83,9 @@ def simulate(
     clock = clocks(duration, dt, control_period)
     if drive not in ("effort", "motion"):
         raise OutOfRange("drive", drive, "effort or motion")
-    if watch not in ("stop", "mark") and (watch, drive) != ("buffers", "effort"):
-        raise OutOfRange("watch", watch, "stop or mark, or buffers where the drives take efforts")
-    buffers = watch == "buffers"
+    if validity not in ("stop", "mark") and (validity, drive) != ("buffers", "effort"):
+        raise OutOfRange("watch", validity, "stop or mark, or buffers where the drives take efforts")
+    buffers = validity == "buffers"
     state = State.checked("start", crane.start) if start is None else start
     number("time at the start", since, "s", "-1e9 to 1e9")
     log = Log(crane, since, control_period, clock.periods + 1, integrator.lead * dt)
@@ -96,16 +96,16 @@ def simulate(
 
     def recorded() -> Trajectory:
         made: dict[str, float | str] = {"dt_s": dt, "control_period_s": control_period, "gravity_m_s2": crane.gravity}
-        made |= {"drive": drive, "engine": engine, "integrator": integrator.name, "watch": watch}
+        made |= {"drive": drive, "engine": engine, "integrator": integrator.name, "validity": validity}
         return log.trajectory(made, moving.energies, buffers=buffers)
 
     def look_back() -> None:
-        if watch == "mark":
+        if validity == "mark":
             return
         event = first_event(crane, *log.fresh(), buffers=buffers)
         if event is not None:
             at = log.keep(event.row)
-            hint = "" if buffers else "; watch = mark goes on all the same"
+            hint = "" if buffers else "; validity = mark goes on all the same"
             raise RunError(f"At t = {at:.4g} s {event.words}{hint}.", t=at, joint=event.joint, value=event.value, trajectory=recorded())
         log.looked_at()
 
@@ -123,14 +123,14 @@ def simulate(
                 t = since + k * control_period
                 if not math.hypot(*state.v.tolist()) < DIVERGED:
                     raise _diverged(t, state)
-                wanted = setpoint(reference(t))
+                setpoint = checked_setpoint(reference(t))
                 before = moving.effort()
                 if disturbance is not None:
-                    log.force(moving.push(_forces(disturbance(t, state))))
+                    log.force(moving.take_force(_forces(disturbance(t, state))))
                 if buffers:
                     log.buffers(*moving.buffers())
-                command, effort = moving.take(_command(controller(t, state, wanted), t))
-                log.row(state, wanted.position, command, effort, before)
+                command, effort = moving.take(_command(controller(t, state, setpoint), t))
+                log.row(state, setpoint.position, command, effort, before)
                 if k % moving.look_back == 0:
                     look_back()
                 if progress is not None:

@@ -12,35 +12,16 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from cranedyn.command import FAILED, INTERRUPTED, REFUSED, command
+from cranedyn.command import FAILED, INTERRUPTED, command
 from cranedyn.data.files import check_writable, digest, make_folder, reserved, together, write_text
 from cranedyn.errors import CraneError, DataError, RunError
-from experiments.harness.arguments import add_mode, parsed, parser
+from experiments.harness.arguments import parsed
 from experiments.harness.document import read_document
-from experiments.harness.events import watched
-from experiments.harness.outcome import MARKS, Claim, Outcome, Table, show
-from experiments.harness.setup import Watcher, World, add_files, add_world, analysing, recorded, watching, world_of
+from experiments.harness.events import with_events
+from experiments.harness.outcome import MARKS, Outcome, show
+from experiments.harness.setup import Setup, reporting, setup_of
 
-__all__ = [
-    "FAILED",
-    "INTERRUPTED",
-    "REFUSED",
-    "Claim",
-    "CraneError",
-    "Outcome",
-    "Table",
-    "Watcher",
-    "World",
-    "add_files",
-    "add_mode",
-    "add_world",
-    "analysing",
-    "conduct",
-    "parser",
-    "recorded",
-]
-
-Experiment = Callable[[argparse.Namespace, World], Outcome]
+Experiment = Callable[[argparse.Namespace, Setup], Outcome]
 
 
 def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None = None) -> int:
@@ -75,8 +56,8 @@ def _conducted(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequ
 def _ran(experiment: Experiment, options: argparse.Namespace) -> Outcome:
     """The outcome of an experiment, its files written."""
     document = read_document(options.document, options.experiment) if hasattr(options, "document") else None
-    with watching() as watcher:
-        outcome = watched(experiment(options, world_of(options, watcher)))
+    with reporting() as reporter:
+        outcome = with_events(experiment(options, setup_of(options, reporter)))
     _write(outcome, options)
     if document is not None:
         document.write(outcome.tables)

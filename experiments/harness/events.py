@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from cranedyn.recording import Run
 
 
-def watched(outcome: Outcome) -> Outcome:
+def with_events(outcome: Outcome) -> Outcome:
     """The outcome, with a table and a figure more if a recorded run goes beyond what the model holds for."""
     beyond = [run for run in outcome.recording if not run.trajectory.valid.all()]
     if not beyond:
         return outcome
     rows = [(run.name, float(run.trajectory.t[event.row]), event.words) for run in beyond for event in events(run.crane, run.trajectory)]
     table = Table("Where the model does not hold", [("run", ""), ("from [s]", ".3f"), ("because", "")], rows)
-    return replace(outcome, tables=[*outcome.tables, table], figures={**outcome.figures, "watch": _figure(beyond)})
+    return replace(outcome, tables=[*outcome.tables, table], figures={**outcome.figures, "validity": _figure(beyond)})
 
 
 def _figure(runs: Sequence[Run]) -> Figure:

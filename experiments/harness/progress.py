@@ -10,14 +10,14 @@ from datetime import timedelta
 from rich.progress import Progress as Bars
 
 from cranedyn.sweep import Progress
-from experiments.harness.setup import watching
+from experiments.harness.setup import reporting
 
 
 @contextmanager
 def sweeping(name: str) -> Iterator[Callable[[Progress], None] | None]:
     """What to give to `cranedyn.sweep.sweep` as its progress, for as long as the context lasts; None where nobody watches."""
-    with watching() as watcher:
-        yield None if watcher.progress is None else shown(watcher.progress, name, time.monotonic)
+    with reporting() as reporter:
+        yield None if reporter.progress is None else shown(reporter.progress, name, time.monotonic)
 
 
 def shown(bars: Bars, name: str, clock: Callable[[], float]) -> Callable[[Progress], None]:

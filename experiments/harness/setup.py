@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from cranedyn.data.trajectory import Trajectory, read_columns
 from cranedyn.errors import DataError
-from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Watch
+from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Validity
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import parse_values
 from cranedyn.model.load import load_crane
@@ -30,7 +30,7 @@ _BEAT = 0.5
 """How much time passes in a run before its progress is shown again [s]."""
 
 
-def add_world(made: argparse.ArgumentParser, *fixed: str) -> None:
+def add_setup(made: argparse.ArgumentParser, *fixed: str) -> None:
     """Add the arguments of the world: gravity, the two clocks, and the numbers of the crane but those fixed by the experiment itself."""
     made.set_defaults(fixed=fixed)
     made.add_argument(
@@ -39,8 +39,8 @@ def add_world(made: argparse.ArgumentParser, *fixed: str) -> None:
     made.add_argument("--dt", type=float, default=5e-4, help="physics step [s]")
     made.add_argument("--control-period", type=float, default=5e-3, metavar="T", help="time between control instants [s], a multiple of dt")
     made.add_argument(
-        "--watch",
-        choices=get_args(Watch),
+        "--validity",
+        choices=get_args(Validity),
         default="stop",
         help="where a joint leaves its range, the rope would have to push, the load swings to 90 degrees or touches the ground: stop, "
         "let buffers end the ranges of the drives, or mark it and go on",
@@ -64,7 +64,7 @@ def add_files(made: argparse.ArgumentParser, columns: Sequence[str], *uses: str)
 
 
 @dataclass(frozen=True)
-class Watcher:
+class ProgressReporter:
     """Shows how far a run is, on a terminal only."""
 
     progress: Progress | None
@@ -94,11 +94,11 @@ class Watcher:
 
 
 @contextmanager
-def watching() -> Iterator[Watcher]:
+def reporting() -> Iterator[ProgressReporter]:
     """A watcher for as long as the context lasts."""
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield Watcher(None)
+        yield ProgressReporter(None)
         return
     with Progress(
         TextColumn("{task.description}"),
@@ -108,11 +108,11 @@ def watching() -> Iterator[Watcher]:
         console=console,
         transient=True,
     ) as progress:
-        yield Watcher(progress)
+        yield ProgressReporter(progress)
 
 
 @dataclass(frozen=True)
-class World:
+class Setup:
     """Where an experiment takes place.
 
     Attributes:
@@ -120,9 +120,9 @@ class World:
         values: Numbers of the crane that differ from its defaults, by name.
         dt: Physics step [s].
         control_period: Time between control instants [s].
-        watch: What to do where the model ceases to hold, see `cranedyn.simulation.simulate.simulate`.
+        validity: What to do where the model ceases to hold, see `cranedyn.simulation.simulate.simulate`.
         engine: What computes a step.
-        watcher: Shows progress.
+        reporter: Shows progress.
 
     Raises:
         OutOfRange: If the physics step or the control period is none that a run can have.
@@ -132,9 +132,9 @@ class World:
     values: Mapping[str, object] = field(default_factory=dict)
     dt: float = 5e-4
     control_period: float = 5e-3
-    watch: Watch = "stop"
+    validity: Validity = "stop"
     engine: EngineName = "pinocchio"
-    watcher: Watcher = field(default_factory=lambda: Watcher(None))
+    reporter: ProgressReporter = field(default_factory=lambda: ProgressReporter(None))
 
     def __post_init__(self) -> None:
         """Judge the clocks before anything is planned by them."""
@@ -161,7 +161,7 @@ class World:
         since: float = 0.0,
         drive: Drive = "effort",
         disturbance: Disturbance | None = None,
-        watch: Watch | None = None,
+        validity: Validity | None = None,
     ) -> Trajectory:
         """Run a crane on the clocks of this world, with progress under a label, and with its watch if none is given."""
         return simulate(
@@ -173,36 +173,36 @@ class World:
             duration=duration,
             drive=drive,
             disturbance=disturbance,
-            watch=self.watch if watch is None else watch,
+            validity=self.validity if validity is None else validity,
             dt=self.dt,
             control_period=self.control_period,
             engine=self.engine,
-            progress=self.watcher.run(label, duration),
+            progress=self.reporter.run(label, duration),
         )
 
     def judged(self, holds: bool) -> bool | None:
         """Whether a claim about published numbers holds; None unless gravity is the article's 9.8 m/s² and all but engine the default."""
-        return bool(holds) if self == replace(World(9.8), engine=self.engine, watcher=self.watcher) else None
+        return bool(holds) if self == replace(Setup(9.8), engine=self.engine, reporter=self.reporter) else None
 
     def parameters(self) -> dict[str, object]:
         """What this world is made of, with units in the names."""
         clocks = {"dt_s": self.dt, "control_period_s": self.control_period}
-        return {"gravity_m_s2": self.gravity, **clocks, "watch": self.watch, "engine": self.engine, **self.values}
+        return {"gravity_m_s2": self.gravity, **clocks, "validity": self.validity, "engine": self.engine, **self.values}
 
 
-def world_of(options: argparse.Namespace, watcher: Watcher) -> World:
+def setup_of(options: argparse.Namespace, reporter: ProgressReporter) -> Setup:
     """The world that the command line describes.
 
     Raises:
         DataError: If a number of the crane is given twice, or would be overridden by the experiment.
     """
     if not hasattr(options, "gravity"):
-        return World(engine=options.engine, watcher=watcher)
+        return Setup(engine=options.engine, reporter=reporter)
     values = parse_values(options.values)
     for name in options.fixed:
         if name in values:
             raise DataError(f"{name} is set by the experiment {options.experiment} itself; leave it out of --set.")
-    return World(options.gravity, values, options.dt, options.control_period, options.watch, options.engine, watcher)
+    return Setup(options.gravity, values, options.dt, options.control_period, options.validity, options.engine, reporter)
 
 
 def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:

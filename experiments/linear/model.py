@@ -37,8 +37,8 @@ Model = Callable[[np.ndarray, np.ndarray, Drives, float], np.ndarray]
 
 def paper(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
     """Eqs. (8) and (10) of Muddassir et al."""
-    phi = theory.radial_paper(swing[0], length=drives.length, gravity=gravity, push=drives.x_acceleration)
-    theta = theory.tangential_paper(swing[1], length=drives.length, gravity=gravity, push=drives.x * drives.slew_acceleration)
+    phi = theory.radial_paper(swing[0], length=drives.length, gravity=gravity, excitation=drives.x_acceleration)
+    theta = theory.tangential_paper(swing[1], length=drives.length, gravity=gravity, excitation=drives.x * drives.slew_acceleration)
     return np.array([phi, theta])
 
 

@@ -16,7 +16,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
 from cranedyn.references import spline
-from experiments.harness import conduct as common
+from experiments import harness
 from experiments.linear.model import Miss, Model, all_rates, dropped, integrate, miss, paper
 from experiments.linear.sites import SITES, Job, Site, jobs
 
@@ -51,33 +51,33 @@ class Case:
     dropped: Mapping[str, float]
 
 
-def move(world: common.World, crane: Crane, job: Job, label: str) -> Trajectory:
+def move(setup: harness.Setup, crane: Crane, job: Job, label: str) -> Trajectory:
     """A move and one swing after it, the drives in prescribed motion."""
-    period = float(theory.point_period(job.reference(job.arrival).position[2], world.gravity))
-    duration = math.ceil((job.arrival + period) / world.control_period) * world.control_period
-    drives = follow(job.reference, world.control_period)
-    return world.simulate(crane, drives, job.reference, start=job.start, duration=duration, label=label, drive="motion")
+    period = float(theory.point_period(job.reference(job.arrival).position[2], setup.gravity))
+    duration = math.ceil((job.arrival + period) / setup.control_period) * setup.control_period
+    drives = follow(job.reference, setup.control_period)
+    return setup.simulate(crane, drives, job.reference, start=job.start, duration=duration, label=label, drive="motion")
 
 
-def cases(world: common.World, site: Site, crane: Crane) -> list[Case]:
+def cases(setup: harness.Setup, site: Site, crane: Crane) -> list[Case]:
     """Every move of one crane with a point load; with inertia besides where it is known, on the article's crane."""
-    rigid = site.crane(world, **INERTIA) if site is SITES[0] else None
+    rigid = site.crane(setup, **INERTIA) if site is SITES[0] else None
 
     def missed(run: Trajectory, model: Model) -> Miss:
-        return miss(run, integrate(run, model, world.gravity))
+        return miss(run, integrate(run, model, setup.gravity))
 
     made = []
     for job in jobs(site, crane):
-        run = move(world, crane, job, f"{site.name}: {job.name}")
-        inertia = missed(move(world, rigid, job, f"{site.name}: {job.name}, inertia"), paper) if rigid else None
+        run = move(setup, crane, job, f"{site.name}: {job.name}")
+        inertia = missed(move(setup, rigid, job, f"{site.name}: {job.name}, inertia"), paper) if rigid else None
         made.append(Case(site, job, run, missed(run, paper), missed(run, all_rates), inertia, *dropped(run)))
     return made
 
 
-def scan(world: common.World, crane: Crane, some: Sequence[Job]) -> list[float]:
+def scan(setup: harness.Setup, crane: Crane, some: Sequence[Job]) -> list[float]:
     """Error of the paper's equations in each of some moves, root mean square over the largest swing."""
-    trajectories = [move(world, crane, job, job.name) for job in some]
-    return [miss(run, integrate(run, paper, world.gravity)).rms for run in trajectories]
+    trajectories = [move(setup, crane, job, job.name) for job in some]
+    return [miss(run, integrate(run, paper, setup.gravity)).rms for run in trajectories]
 
 
 def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> float:
@@ -93,12 +93,12 @@ def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> fl
     raise DataError(f"The errors run from {by_size[0][0]:g} to {by_size[-1][0]:g}; {good:g} is not among them.")
 
 
-def powers(world: common.World, site: Site, crane: Crane) -> list[float]:
+def powers(setup: harness.Setup, site: Site, crane: Crane) -> list[float]:
     """With which power of the cable a free swing changes when it is hoisted slowly: in the plant, and by Eq. (8)."""
     first, last = DEEP * site.height, HIGH * site.height
     start = crane.state(l=first, phi=SWING)
     duration = 15.0 / 8.0 * (first - last) / site.hoist[0]
-    run = move(world, crane, Job("", start, spline(start, [(0.0, start.q[1], last)], [duration]), duration), f"{site.name}: slow hoisting")
-    ends = (np.concatenate([run.q[-1, 2:4], run.v[-1, 2:4]]), integrate(run, paper, world.gravity)[-1])
-    amplitudes = [swing_amplitude(end[None, :2], end[None, 2:], last, world.gravity)[0] for end in ends]
+    run = move(setup, crane, Job("", start, spline(start, [(0.0, start.q[1], last)], [duration]), duration), f"{site.name}: slow hoisting")
+    ends = (np.concatenate([run.q[-1, 2:4], run.v[-1, 2:4]]), integrate(run, paper, setup.gravity)[-1])
+    amplitudes = [swing_amplitude(end[None, :2], end[None, 2:], last, setup.gravity)[0] for end in ends]
     return [math.log(amplitude / SWING) / math.log(last / first) for amplitude in amplitudes]

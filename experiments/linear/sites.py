@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
-from cranedyn.references import Push, operator, shortest, spline
-from experiments.harness import conduct as common
+from cranedyn.references import JoystickPulse, operator, shortest, spline
+from experiments import harness
 
 POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
 """A point load on a massless rope without friction."""
@@ -44,11 +44,11 @@ class Site:
     slew: float
     hoist: tuple[float, float]
 
-    def crane(self, world: common.World, **values: float) -> Crane:
+    def crane(self, setup: harness.Setup, **values: float) -> Crane:
         """The crane, with a point load unless said otherwise; its mast is high enough for the drawing."""
         mast = {"mast_height": self.height + 2.0, "pivot_height": self.height + 4.0, "total_height": self.height + 10.0}
-        ways = {"trolley_max": self.jib, "hoist_max": self.height, "hoist_min": 1.0}
-        return world.variant(**{**POINT, **mast, **ways, **values})
+        strategies = {"trolley_max": self.jib, "hoist_max": self.height, "hoist_min": 1.0}
+        return setup.variant(**{**POINT, **mast, **strategies, **values})
 
     @property
     def accelerations(self) -> tuple[float, float, float]:
@@ -95,18 +95,21 @@ class Job:
 def jobs(site: Site, crane: Crane) -> list[Job]:
     """Single drives, in splines and at constant speed between ramps, then pairs, then all."""
     middle, tip, high, deep = 0.5 * site.jib, 0.9 * site.jib, 2.0 / 3.0 * site.height, 0.9 * site.height
-    out, slew = Push("x", site.trolley, 0.0, 0.4 * site.jib / site.trolley), Push("gamma", site.slew, 0.0, QUARTER / site.slew)
-    slow, fast = (Push("l", -speed, 0.0, way * site.height / speed) for speed, way in zip(site.hoist, (0.3, 0.6), strict=True))
+    out, slew = (
+        JoystickPulse("x", site.trolley, 0.0, 0.4 * site.jib / site.trolley),
+        JoystickPulse("gamma", site.slew, 0.0, QUARTER / site.slew),
+    )
+    slow, fast = (JoystickPulse("l", -speed, 0.0, way * site.height / speed) for speed, way in zip(site.hoist, (0.3, 0.6), strict=True))
     inside, outside, below = (crane.state(x=x, l=cable) for x, cable in ((middle, high), (tip, high), (middle, deep)))
     return [
         _splined("trolley, spline", site, inside, (0.0, tip, high)),
-        _pushed("trolley", site, inside, out),
+        _joystick_job("trolley", site, inside, out),
         _splined("slew, spline", site, outside, (QUARTER, tip, high)),
-        _pushed("slew", site, outside, slew),
-        _pushed("slew, trolley", site, inside, slew, out),
-        _pushed("trolley, slow hoist", site, below, out, slow),
-        _pushed("trolley, fast hoist", site, below, out, fast),
-        _pushed("slew, trolley, fast hoist", site, below, slew, out, fast),
+        _joystick_job("slew", site, outside, slew),
+        _joystick_job("slew, trolley", site, inside, slew, out),
+        _joystick_job("trolley, slow hoist", site, below, out, slow),
+        _joystick_job("trolley, fast hoist", site, below, out, fast),
+        _joystick_job("slew, trolley, fast hoist", site, below, slew, out, fast),
     ]
 
 
@@ -122,7 +125,10 @@ def slow_slews(site: Site, crane: Crane) -> list[Job]:
     slew, *others = site.accelerations
     return [
         _moved(
-            f"slew at {share:g} of the rate", _outside(site, crane), (share * slew, *others), Push("gamma", share * site.slew, 0.0, HOLD)
+            f"slew at {share:g} of the rate",
+            _outside(site, crane),
+            (share * slew, *others),
+            JoystickPulse("gamma", share * site.slew, 0.0, HOLD),
         )
         for share in SHARES
     ]
@@ -132,7 +138,7 @@ def short_slews(site: Site, crane: Crane) -> list[Job]:
     """Slews by small angles at the usual acceleration, most of which never reach the rate."""
     holds = [max(math.sqrt(a / site.accelerations[0]), a / site.slew) for a in map(math.radians, ANGLES)]
     return [
-        _pushed(f"slew of {angle:g}°", site, _outside(site, crane), Push("gamma", site.slew, 0.0, hold))
+        _joystick_job(f"slew of {angle:g}°", site, _outside(site, crane), JoystickPulse("gamma", site.slew, 0.0, hold))
         for angle, hold in zip(ANGLES, holds, strict=True)
     ]
 
@@ -146,11 +152,11 @@ def _splined(name: str, site: Site, start: State, goal: Sequence[float]) -> Job:
     return Job(name, start, spline(start, [goal], [duration]), duration)
 
 
-def _pushed(name: str, site: Site, start: State, *pushes: Push) -> Job:
-    return _moved(name, start, site.accelerations, *pushes)
+def _joystick_job(name: str, site: Site, start: State, *pulses: JoystickPulse) -> Job:
+    return _moved(name, start, site.accelerations, *pulses)
 
 
-def _moved(name: str, start: State, accelerations: Sequence[float], *pushes: Push) -> Job:
+def _moved(name: str, start: State, accelerations: Sequence[float], *pulses: JoystickPulse) -> Job:
     limits = dict(zip(("gamma", "x", "l"), accelerations, strict=True))
-    arrival = max(push.at + push.hold + abs(push.rate) / limits[push.drive] for push in pushes)
-    return Job(name, start, operator(start, pushes, accelerations=accelerations), arrival)
+    arrival = max(pulse.at + pulse.hold + abs(pulse.rate) / limits[pulse.drive] for pulse in pulses)
+    return Job(name, start, operator(start, pulses, accelerations=accelerations), arrival)

@@ -38,7 +38,7 @@ LARGE = {
     "pivot_height": 52,
     "total_height": 58,
 }
-"""Ways as long as those of a real crane, on a structure that is light enough for the load to turn it."""
+"""Strategies as long as those of a real crane, on a structure that is light enough for the load to turn it."""
 
 
 @cache

@@ -10,7 +10,7 @@ import numpy as np
 from cranedyn import theory
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import prescribed_acceleration
-from cranedyn.interfaces import Controller, Drive, State, Wanted
+from cranedyn.interfaces import Controller, Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from experiments.oracles.check import MASS, G, Oracle
 from experiments.oracles.reading import Bench, crossing, curve, payload, speed
@@ -31,7 +31,7 @@ def oracles(bench: Bench) -> list[Oracle]:
 def free(crane: Crane, drive: int) -> Controller:
     """Prescribed motion in which one drive (0 slew, 1 trolley) exerts nothing and the others keep their speed."""
 
-    def accelerations(t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def accelerations(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         none, one = np.zeros(3), np.eye(3)[drive]
         needed, more = (prescribed_acceleration(crane, state, a)[1][drive] for a in (none, one))
         return -needed / (more - needed) * one
@@ -115,10 +115,10 @@ def _ledgers(bench: Bench) -> list[Oracle]:
     start = crane.state(x=15.0, l=LENGTH, phi=0.2, theta=-0.1, gamma_dot=0.03)
     hold = MASS * G
 
-    def pushes(t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def random_efforts(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         return np.array([2e4 * math.sin(0.5 * t), 300.0 * math.cos(0.4 * t), -hold + 50.0 * math.sin(0.3 * t)])
 
-    def moves(t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def moves(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         return np.array([0.02 * math.sin(0.5 * t), 0.2 * math.cos(0.4 * t), 0.1 * math.sin(0.3 * t)])
 
     def open_(controller: Controller, drive: Drive, dt: float) -> float:
@@ -126,6 +126,6 @@ def _ledgers(bench: Bench) -> list[Oracle]:
         return float(found.unexplained[-1] / np.abs(found.work[-1]).sum())
 
     return [
-        Oracle("energy unexplained, drives by effort, of their work", "", 0.0, lambda dt: open_(pushes, "effort", dt)),
+        Oracle("energy unexplained, drives by effort, of their work", "", 0.0, lambda dt: open_(random_efforts, "effort", dt)),
         Oracle("energy unexplained, drives by motion, of their work", "", 0.0, lambda dt: open_(moves, "motion", dt)),
     ]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from cranedyn import theory
-from cranedyn.interfaces import State, Wanted
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import spline
 from experiments.oracles.check import G, Oracle
@@ -44,11 +44,11 @@ def _finite(swing: float) -> float:
 
 
 def _pulsed(bench: Bench, crane: Crane, duration: float, dt: float) -> float:
-    def push(t: float, state: State, wanted: Wanted) -> np.ndarray:
+    def trolley_pulse(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         braking = t > PULSE + COAST - dt / 2.0
         return np.array([0.0, SMALL * PUSH * ((t < PULSE - dt / 2.0) - braking), 0.0])
 
-    return _left(bench.run(crane, crane.state(l=LENGTH), duration, dt, push).state(-1))
+    return _left(bench.run(crane, crane.state(l=LENGTH), duration, dt, trolley_pulse).state(-1))
 
 
 def _pulse(bench: Bench, crane: Crane) -> Oracle:

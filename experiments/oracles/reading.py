@@ -57,7 +57,7 @@ class Bench:
             dt=dt,
             control_period=every * dt,
             drive=drive,
-            watch="mark",
+            validity="mark",
             engine=self.engine,
         )
 

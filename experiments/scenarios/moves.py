@@ -141,7 +141,7 @@ def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
         later=float(amplitude[-1]),
         settled=settling_time(after.t - arrives, distance, CLOSE),
         length=float(run.q[-1, 4]),
-        tracking=1000.0 * np.abs(run.q[:, DRIVES] - run.wanted).max(axis=0),
+        tracking=1000.0 * np.abs(run.q[:, DRIVES] - run.setpoint).max(axis=0),
         effort=np.abs(beyond).max(axis=0),
         rms=np.sqrt(np.mean(beyond**2, axis=0)),
         rate=float((np.abs(run.v[:, DRIVES]) / LIMITS.rates).max()),

@@ -16,8 +16,8 @@ from cranedyn.model.crane import Crane
 from cranedyn.references.shaped import Shaper, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import spline
 from cranedyn.theory import point_period
-from experiments.harness.setup import World
-from experiments.scenarios import strategies as ways
+from experiments.harness.setup import Setup
+from experiments.scenarios import strategies as strategies
 from experiments.scenarios.moves import MOVES, Move
 
 COMBINED = MOVES[-1]
@@ -29,35 +29,35 @@ CLOCKS = ("gravity_m_s2", "dt_s", "control_period_s")
 """Columns of a design that say in which world it takes place, the same in every case."""
 
 
-def _shaped_spline(shaper: Shaper) -> Callable[[World, Move], ways.Plan]:
+def _shaped_spline(shaper: Shaper) -> Callable[[Setup, Move], strategies.Plan]:
     """The spline in less time, shaped for the mean cable length, so that it ends when the move should."""
 
-    def plan(world: World, move: Move) -> ways.Plan:
-        period = ways.mean_period(world, move)
-        base = spline(move.ends(world.crane)[0], [move.goal], [move.duration - period * float(shaper.fractions[-1])])
+    def plan(setup: Setup, move: Move) -> strategies.Plan:
+        period = strategies.mean_period(setup, move)
+        base = spline(move.ends(setup.crane)[0], [move.goal], [move.duration - period * float(shaper.fractions[-1])])
         reference = shaped(base, shaper, period)
-        return ways.Plan(lambda: follow(reference, world.control_period), reference, "motion", move.duration, looks=False)
+        return strategies.Plan(lambda: follow(reference, setup.control_period), reference, "motion", move.duration, uses_swing_sensor=False)
 
     return plan
 
 
-def _shaped_for_moving_cable(world: World, move: Move) -> ways.Plan:
+def _shaped_for_moving_cable(setup: Setup, move: Move) -> strategies.Plan:
     """The same by the shaper that knows how the cable moves."""
-    shorter = move.duration - float(point_period(move.goal[2], world.crane.gravity)) / 2.0
-    base = spline(move.ends(world.crane)[0], [move.goal], [shorter])
-    reference = shaped_hoisting(base, zv(), world.crane.gravity, shorter, step=world.control_period)
-    return ways.Plan(lambda: follow(reference, world.control_period), reference, "motion", move.duration, looks=False)
+    shorter = move.duration - float(point_period(move.goal[2], setup.crane.gravity)) / 2.0
+    base = spline(move.ends(setup.crane)[0], [move.goal], [shorter])
+    reference = shaped_hoisting(base, zv(), setup.crane.gravity, shorter, step=setup.control_period)
+    return strategies.Plan(lambda: follow(reference, setup.control_period), reference, "motion", move.duration, uses_swing_sensor=False)
 
 
-WAYS: dict[str, Callable[[World, Move], ways.Plan]] = {
-    ways.PD: ways.WAYS[ways.PD],
-    "spline alone": ways.WAYS["spline alone"],
+STRATEGIES: dict[str, Callable[[Setup, Move], strategies.Plan]] = {
+    strategies.PD: strategies.STRATEGIES[strategies.PD],
+    "spline alone": strategies.STRATEGIES["spline alone"],
     "spline, ZV": _shaped_spline(zv()),
     "spline, ZVD": _shaped_spline(zvd()),
     "spline, ZV for a moving cable": _shaped_for_moving_cable,
-    ways.PAPER: ways.WAYS[ways.PAPER],
-    ways.LQR: ways.WAYS[ways.LQR],
-    ways.FLAT: ways.WAYS[ways.FLAT],
+    strategies.PAPER: strategies.STRATEGIES[strategies.PAPER],
+    strategies.LQR: strategies.STRATEGIES[strategies.LQR],
+    strategies.FLAT: strategies.STRATEGIES[strategies.FLAT],
 }
 """Plans by name. Those without a controller in their name have drives that follow exactly, as stiff velocity-controlled drives do."""
 
@@ -74,33 +74,33 @@ def robustness(cases: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         largest efforts over those of the drives; time at which the model ceased to hold [s], masked where it held.
     """
     gravity, dt, control_period = (float(cases[name][0]) for name in CLOCKS)
-    world = World(gravity, dt=dt, control_period=control_period)
+    setup = Setup(gravity, dt=dt, control_period=control_period)
     found: dict[str, np.ndarray] = {}
     plans = np.stack([cases["way"].astype(object), cases["duration_s"].astype(object)], axis=1)
-    for way, duration in dict.fromkeys(map(tuple, plans.tolist())):
-        rows = np.flatnonzero((cases["way"] == way) & (cases["duration_s"] == duration))
-        made = _made(world, way, duration, cases["load"][rows], cases["cable_error_m"][rows])
+    for strategy, duration in dict.fromkeys(map(tuple, plans.tolist())):
+        rows = np.flatnonzero((cases["way"] == strategy) & (cases["duration_s"] == duration))
+        made = _made(setup, strategy, duration, cases["load"][rows], cases["cable_error_m"][rows])
         for name, values in made.items():
             found.setdefault(name, np.ma.masked_all(len(plans)))[rows] = values
     return found
 
 
-def _made(world: World, way: str, duration: float, loads: np.ndarray, errors: np.ndarray) -> dict[str, np.ndarray]:
+def _made(setup: Setup, strategy: str, duration: float, loads: np.ndarray, errors: np.ndarray) -> dict[str, np.ndarray]:
     move = replace(COMBINED, duration=duration)
-    plan = WAYS[way](world, move)
-    cranes = [_crane(world.gravity, float(load) * world.crane.payload_mass) for load in loads]
-    start, goal = (_longer(end, errors) for end in move.ends(world.crane))
+    plan = STRATEGIES[strategy](setup, move)
+    cranes = [_crane(setup.gravity, float(load) * setup.crane.payload_mass) for load in loads]
+    start, goal = (_longer(end, errors) for end in move.ends(setup.crane))
     offset = np.zeros((len(errors), 10))
     offset[:, 4] = -errors
-    ends = ways.instant(world, plan.arrives + AFTER)
+    ends = strategies.instant(setup, plan.arrives + AFTER)
     batch = simulate_batch(
         cranes,
         plan.controller(),
         plan.reference,
         start=start,
         duration=ends,
-        dt=world.dt,
-        control_period=world.control_period,
+        dt=setup.dt,
+        control_period=setup.control_period,
         drive=plan.drive,
         sensor_offset=offset,
         residual_from=ends,
@@ -108,7 +108,7 @@ def _made(world: World, way: str, duration: float, loads: np.ndarray, errors: np
     )
     places = zip(cranes, batch.end.q, goal.q, strict=True)
     away = [np.linalg.norm(payload_position(crane, q) - payload_position(crane, aim)) for crane, q, aim in places]
-    shares = batch.largest_effort / world.crane.effort_limit
+    shares = batch.largest_effort / setup.crane.effort_limit
     return {
         "peak_swing_rad": batch.peak_swing,
         "residual_swing_rad": batch.residual_swing,
@@ -128,4 +128,4 @@ def _longer(state: State, by: np.ndarray) -> State:
 @lru_cache(maxsize=4096)
 def _crane(gravity: float, payload_mass: float) -> Crane:
     """The crane with another load, the same object for the same load."""
-    return World(gravity).variant(payload_mass=payload_mass)
+    return Setup(gravity).variant(payload_mass=payload_mass)

@@ -123,7 +123,7 @@ RIGHT: dict[str, str] = {
     "rows.first": "0",
     "rows.last": "1",
     **{f"Crane.{name}": f"crane.{name}" for name in ("written", "model", "data", "damping", "lower", "upper", "effort_limit")},
-    **{f"Tracking.{name}": f"tracking.{name}" for name in ("period", "feed_forward", "gain", "wanted")},
+    **{f"Tracking.{name}": f"tracking.{name}" for name in ("period", "feed_forward", "gain", "setpoint")},
     **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a")},
     "HoistIntegral.tracking": "tracking",
     "Shaper.fractions": "(0.0, 0.5)",
@@ -232,7 +232,7 @@ def raises(error: BaseException | None = None, answer: object = None, after: int
 def writes(part: str) -> Callable[..., Any]:
     """A controller that writes into the state that it is shown."""
 
-    def controller(t: float, state: Any, setpoint: object) -> np.ndarray:
+    def controller(t: float, state: Any, checked_setpoint: object) -> np.ndarray:
         getattr(state, part)[...] = 1.0
         return np.zeros(3)
 
@@ -245,9 +245,9 @@ class Malformed:
     def __init__(self, **replaced: Any) -> None:
         self._replaced = replaced
 
-    def __call__(self, t: float, state: Any, setpoint: Any) -> np.ndarray:
+    def __call__(self, t: float, state: Any, checked_setpoint: Any) -> np.ndarray:
         """As a hold."""
-        return namespace()["law"](t, state, setpoint)
+        return namespace()["law"](t, state, checked_setpoint)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """The form of a hold, less what is replaced."""
@@ -403,7 +403,11 @@ _FORMS += [
 ]
 
 CALLABLES = [
-    *(f"Malformed({name}={form})" for name in ("feed_forward", "gain", "wanted", "integral_gain", "limit", "integral") for form in _FORMS),
+    *(
+        f"Malformed({name}={form})"
+        for name in ("feed_forward", "gain", "setpoint", "integral_gain", "limit", "integral")
+        for form in _FORMS
+    ),
     *(
         "raises()",
         "raises(answer=np.zeros(3), after=2)",
@@ -674,7 +678,7 @@ def called(function: Callable[..., Any], texts: dict[str, str]) -> Any:
 @cache
 def _tracking_parts() -> tuple[np.ndarray, ...]:
     tracking = namespace()["tracking"]
-    return tracking.feed_forward, tracking.gain, tracking.wanted
+    return tracking.feed_forward, tracking.gain, tracking.setpoint
 
 
 @dataclass(frozen=True)
@@ -746,22 +750,22 @@ def _check(answer: Any, annotation: str) -> None:
     if annotation in ("Reference", "Motion") and callable(answer):
         for t in (0.0, 0.7, 3.0, 1e4):
             try:
-                setpoint = answer(t)
+                checked_setpoint = answer(t)
             except Misshapen:  # of the reference beneath, which is refused when it is asked
                 return
-            if not all(np.isfinite(part).all() and np.shape(part) == (3,) for part in setpoint):
+            if not all(np.isfinite(part).all() and np.shape(part) == (3,) for part in checked_setpoint):
                 raise Broken(
                     f"a reference was accepted that says what is not finite, or not three numbers ({type(answer).__name__})",
-                    f"t = {t}: {setpoint}",
+                    f"t = {t}: {checked_setpoint}",
                 )
     if annotation == "Trajectory" and isinstance(answer, Trajectory) and len(answer) > 1 and not np.isfinite(answer.q).all():
         raise Broken("a trajectory that is not finite was returned as good")
     if annotation == "Crane":
         with suppress(CraneError):  # that it diverges is an answer
-            simulate(answer, namespace()["law"], duration=0.005, watch="mark")
+            simulate(answer, namespace()["law"], duration=0.005, validity="mark")
 
 
-_SHAPES = {"feed_forward": (3,), "gain": (3, 10), "wanted": (10,), "integral_gain": None, "limit": None, "integral": None}
+_SHAPES = {"feed_forward": (3,), "gain": (3, 10), "setpoint": (10,), "integral_gain": None, "limit": None, "integral": None}
 """Of a row of each part of the common form; None for those of three numbers that have no rows."""
 
 

@@ -32,8 +32,7 @@ from cranedyn.recording import Run, record
 from cranedyn.recording.viewer import check
 from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import grid, results, sweep
-from experiments import a1, a2, a3, report
-from experiments.harness import conduct as common
+from experiments import a1, a2, a3, harness, report
 from experiments.harness.document import read_document
 from tests.studies import squares
 from tests.system.fuzz.core import Broken, Case, Generator
@@ -168,7 +167,7 @@ def load(content: bytes, folder: Path, *, whole: bool = False) -> None:
         _finite("acceleration", acceleration(crane, crane.start, np.array([0.0, 0.0, -crane.payload_mass * crane.gravity])))
         _finite("energy", np.array(energy(crane, crane.start)))
         if whole:
-            run = simulate(crane, hold_controller(crane), duration=0.02, watch="mark")
+            run = simulate(crane, hold_controller(crane), duration=0.02, validity="mark")
             for name in COLUMNS:
                 _finite(name, getattr(run, name))
             record(folder / "a.rrd", [Run("r", crane, run)], title="t")
@@ -247,8 +246,10 @@ def tables(ending: str) -> list[bytes]:
     table = simulate(crane, hold_controller(crane), duration=0.2).table()
     if ending == ".csv":
         return [_written(pyarrow.csv.write_csv, table)]
-    ways: list[dict[str, Any]] = [{"compression": kind} for kind in ("snappy", "none", "gzip", "zstd")]
-    return [_written(pyarrow.parquet.write_table, table, **way) for way in (*ways, {"data_page_version": "2.0", "use_dictionary": False})]
+    strategies: list[dict[str, Any]] = [{"compression": kind} for kind in ("snappy", "none", "gzip", "zstd")]
+    return [
+        _written(pyarrow.parquet.write_table, table, **way) for way in (*strategies, {"data_page_version": "2.0", "use_dictionary": False})
+    ]
 
 
 def _written(write: Callable[..., object], table: pa.Table, **more: Any) -> bytes:
@@ -441,7 +442,7 @@ _DOCUMENT = "# Ours\n\ntext\n<!-- a1: Some -->\nold\n<!-- end -->\nmore\n<!-- a2
 def _document(content: bytes, which: int, folder: Path) -> str:
     path = folder / "doc.md"
     path.write_bytes(content)
-    table = common.Table("Some table", [("a", ".1f")], [(1.0,)])
+    table = harness.Table("Some table", [("a", ".1f")], [(1.0,)])
 
     def both() -> None:
         read_document(path, "a1").write([table])

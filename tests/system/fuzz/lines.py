@@ -37,7 +37,7 @@ from cranedyn.data.trajectory import read
 from cranedyn.model.description import Argument, arguments
 from cranedyn.sweep.chunk import evaluate
 from cranedyn.sweep.pool import Cores
-from experiments.harness import conduct as common
+from experiments import harness
 from tests.system.fuzz.core import OURS, Broken, Case, Generator, interrupt_after
 from tests.system.fuzz.odd import LETTERS, NUMBERS, SMALL_COUNTS
 
@@ -509,7 +509,7 @@ def _no(word: str) -> None:
 
 
 @dataclass(frozen=True)
-class World:
+class Setup:
     """Any numbers for the world of an experiment that is a run of 0.05 s."""
 
     name: str = "line world"
@@ -530,10 +530,10 @@ class World:
 
     def attempt(self, case: Case, folder: Path) -> str:
         """A result with whole files, or a sentence."""
-        made, out = common.parser("trial", "A trial."), folder / "out"
-        common.add_world(made)
+        made, out = harness.parser("trial", "A trial."), folder / "out"
+        harness.add_setup(made)
         with _streams() as err:
-            code = common.conduct(made, _trial, ["--out", str(out), *(word for part in case.parts for word in part)])
+            code = harness.conduct(made, _trial, ["--out", str(out), *(word for part in case.parts for word in part)])
         if code == 130 and err().startswith("error: Interrupted at "):  # a budget had an end
             return "interrupted"
         if code not in (0, 1, 2) or (err() == "") is not (code == 0) or not (code == 0 or err().startswith("error: ")):
@@ -552,10 +552,10 @@ class World:
 _WORLD = (0.0, 1e-300, 1e-9, 1e9, 1e29, 1e300, -1.0, 5e-324, float("nan"), float("inf"), -0.0, 1.7976931348623157e308)
 
 
-def _trial(options: object, world: common.World) -> common.Outcome:
-    run = world.simulate(world.crane, hold_controller(world.crane), None, start=world.crane.start, duration=0.05, label="")
-    return common.Outcome([common.Table("End", [("q", "g"), ("v", "g")], list(zip(*run.state(-1), strict=True)))], [], {}, {"run": run})
+def _trial(options: object, setup: harness.Setup) -> harness.Outcome:
+    run = setup.simulate(setup.crane, hold_controller(setup.crane), None, start=setup.crane.start, duration=0.05, label="")
+    return harness.Outcome([harness.Table("End", [("q", "g"), ("v", "g")], list(zip(*run.state(-1), strict=True)))], [], {}, {"run": run})
 
 
 GENERATORS: list[Generator] = [Line(name, 0.1 if name.endswith((".sweep", ".report", ".compare")) else 0.3) for name in commands()]
-GENERATORS.append(World())
+GENERATORS.append(Setup())
