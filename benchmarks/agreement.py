@@ -48,16 +48,16 @@ class Truth:
         Of many cranes at the end and in their peaks, of single ones in the whole logs from the first and the last start.
         """
         if many:
-            got, setpoint = run(self._starts, STRETCH), self._results
-            ends, peaks = np.concatenate([one.ends for one in setpoint]), np.concatenate([one.peaks for one in setpoint])
+            got, expected = run(self._starts, STRETCH), self._results
+            ends, peaks = np.concatenate([one.ends for one in expected]), np.concatenate([one.peaks for one in expected])
             return max(_largest(got.ends, ends), _largest(got.peaks, peaks))
         return max(self._of_log(run(self._starts[i][None], STRETCH), self._results[i]) for i in (0, -1))
 
-    def _of_log(self, got: Result, setpoint: Result) -> float:
+    def _of_log(self, got: Result, expected: Result) -> float:
         scale = np.concatenate([np.ones(10), self._case.crane.effort_limit])
-        if got.log is None or setpoint.log is None:
+        if got.log is None or expected.log is None:
             return np.inf
-        return max(_largest(got.log / scale, setpoint.log / scale), _largest(got.ends, setpoint.ends), _largest(got.peaks, setpoint.peaks))
+        return max(_largest(got.log / scale, expected.log / scale), _largest(got.ends, expected.ends), _largest(got.peaks, expected.peaks))
 
 
 def _largest(one: np.ndarray, other: np.ndarray) -> float:
