@@ -144,7 +144,7 @@ def test_a_case_that_takes_too_long_is_bad_alone(tmp_path: Path) -> None:
 def test_workers_that_cannot_be_started_are_said_in_a_sentence(tmp_path: Path) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     refused = []
-    for more in range(12):
+    for more in range(30):
         with socket.socket() as probe:  # it has the lowest number that is free
             resource.setrlimit(resource.RLIMIT_NOFILE, (probe.fileno() + more, hard))
         try:
