@@ -278,7 +278,6 @@ class _Sinks:
             server = stack.enter_context(recording.serve(port=options.port))
             viewer = server.data
             print(server.words)
-        common.make_folder(options.folder)
         self._live = partial(recording.Live, world.crane, "demo", title="The demo under way")
         self._path, self._begin = options.recording, 0.0
         self._shown = [stack.enter_context(self._live(viewer=viewer))] if viewer else []

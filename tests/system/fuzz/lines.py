@@ -38,6 +38,7 @@ from cranedyn.sweep.chunk import evaluate
 from cranedyn.sweep.pool import Cores
 from cranedyn.trajectory import read
 from experiments import common
+from tests.helpers import RESULT
 from tests.system.fuzz.core import OURS, Broken, Case, Generator, interrupt_after
 from tests.system.fuzz.odd import LETTERS, NUMBERS, SMALL_COUNTS
 
@@ -278,19 +279,8 @@ def _contents() -> dict[str, bytes]:
     pyarrow.parquet.write_table(table, parquet)
     head = b"RRF2" + bytes(map(int, cranedyn.recording.viewer.rr.__version__.split(".")[:3])) + bytes(100)
     document = "".join(f"# {name}\n\n<!-- {name}: -->\n<!-- end -->\n" for name in names())
-    result = {
-        "experiment": "a1",
-        "about": "",
-        "command": "",
-        "claims": [],
-        "parameters": {},
-        "figures": [],
-        "tables": [],
-        "versions": {},
-        "machine": "",
-    }
     old = {f"{name}.rrd": head for name in names()} | {
-        "result.json": json.dumps(result).encode(),
+        "result.json": json.dumps(RESULT).encode(),
         "a.parquet": parquet.getvalue(),
     }
     return {
