@@ -16,6 +16,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 import numpy as np
 
+from cranedyn.arrays import DOUBLE
 from cranedyn.errors import OutOfRange, number
 
 _Any = TypeVar("_Any", bound=Callable[..., Any])
@@ -50,18 +51,36 @@ def checked(taker: _Any) -> _Any:
         return taker
     signature = inspect.signature(taker)
     kinds = cache(lambda: get_type_hints(taker))
+    right = set[tuple[Any, ...]]()
 
     @wraps(taker)
     def taking(*args: Any, **named: Any) -> Any:
+        # Integrators ask equations many times with numbers and arrays of doubles, of which the first ones tell.
+        axes = [*map(_axes, args), *map(_axes, named.values())]
+        asked = (*named, *axes)
+        if asked in right:
+            return taker(*args, **named)
         try:
             given = signature.bind(*args, **named)
         except TypeError:  # one is missing or unknown, which Python says best
             return taker(*args, **named)
+        as_given = None not in axes
         for name in given.arguments.keys() & kinds().keys():
-            given.arguments[name] = taken(name, given.arguments[name], kinds()[name])
+            value = given.arguments[name]
+            given.arguments[name] = taken(name, value, kinds()[name])
+            as_given &= given.arguments[name] is value
+        if as_given:
+            right.add(asked)
         return taker(*given.args, **given.kwargs)
 
     return taking  # type: ignore[return-value]
+
+
+def _axes(value: Any) -> int | None:
+    """How many axes a number or an array of doubles has; None for anything else."""
+    if type(value) is float:
+        return 0
+    return value.ndim or None if type(value) is np.ndarray and value.dtype is DOUBLE else None
 
 
 def taken(name: str, value: Any, kind: Any) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 
 from cranedyn.errors import Misshapen, OutOfRange
 
-_DOUBLE = np.dtype(float)
+DOUBLE = np.dtype(float)
 
 Shape = tuple[int | str, ...]
 """How many along each axis; a letter stands for any number."""
@@ -25,7 +25,7 @@ def shaped(name: str, value: Any, *shapes: Shape) -> np.ndarray:
     Raises:
         Misshapen: If it is no array of real numbers, or has another shape.
     """
-    if type(value) is np.ndarray and value.dtype is _DOUBLE:
+    if type(value) is np.ndarray and value.dtype is DOUBLE:
         if value.shape in shapes:
             return value
     else:

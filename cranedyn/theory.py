@@ -19,32 +19,18 @@ from scipy.special import ellipe, ellipk, jv, yv
 from cranedyn.arguments import checked, described
 from cranedyn.errors import OutOfRange
 
-_DOUBLE = np.dtype(float)
-
 _Any = TypeVar("_Any", bound=Callable[..., Any])
-
-
-def _plain(value: Any) -> int | None:
-    """How many axes a number or an array of doubles has; None for anything else."""
-    if type(value) in (float, np.float64):
-        return 0
-    return value.ndim if type(value) is np.ndarray and value.dtype is _DOUBLE and value.ndim else None
 
 
 def _answered(form: _Any) -> _Any:
     """Have arguments held against their annotations, and an answer that is not finite refused."""
-    held, right = checked(form), set[tuple[Any, ...]]()
+    held = checked(form)
 
     @wraps(form)
     def answering(*args: Any, **named: Any) -> Any:
         try:
-            # Integrators call this many times with arguments of the same kinds, of which the first ones tell.
-            axes = [*map(_plain, args), *map(_plain, named.values())]
-            kinds = (*named, *axes)
             with np.errstate(all="ignore"):
-                answer = (form if kinds in right else held)(*args, **named)
-            if None not in axes:
-                right.add(kinds)
+                answer = held(*args, **named)
             if np.isfinite(answer).all():
                 return answer
         except (ArithmeticError, ValueError):  # np.linalg.LinAlgError among them

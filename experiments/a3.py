@@ -64,7 +64,7 @@ def paper_model(
     drive = make_interp_spline(t, excitation, k=1)
 
     def rates(s: float, y: np.ndarray) -> tuple[float, float]:
-        return y[1], theory.tangential_paper(y[0], length=length, gravity=gravity, excitation=float(drive(s)))
+        return y[1], theory.tangential_paper(float(y[0]), length=length, gravity=gravity, excitation=float(drive(s)))
 
     return _integrate(rates, t, [theta[0], theta_rate[0]])[0]
 
@@ -86,7 +86,7 @@ def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0
     drive = make_interp_spline(t, table, k=1)
 
     def derivative(s: float, y: np.ndarray) -> np.ndarray:
-        length, length_rate, x, x_rate, x_acceleration, slew_rate, slew_acceleration = drive(s)
+        length, length_rate, x, x_rate, x_acceleration, slew_rate, slew_acceleration = drive(s).tolist()
         excitation = theory.small_swing(
             y[:2],
             y[2:],

@@ -24,7 +24,7 @@ SHOWN = ("spline alone", PD, PAPER, LQR, FLAT)
 
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
-    """Every way on every move."""
+    """Every strategy on every move."""
     from cranedyn.recording import Run
 
     made = {
@@ -135,7 +135,7 @@ def _tracking_figure(run: Trajectory) -> Figure:
 
 
 def _swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
-    """Radial and tangential swing of each way, in the manner of the paper's Fig. 6."""
+    """Radial and tangential swing of each strategy, in the manner of the paper's Fig. 6."""
     figure, axes = panels(2, height=2.6, sharex=True)
     colours = {PD: COLOURS["setpoint"], PAPER: COLOURS["gamma"], LQR: COLOURS["l"], FLAT: COLOURS["x"]}
     for ax, column, name in zip(axes, ("phi_rad", "theta_rad"), ("φ", "θ"), strict=True):

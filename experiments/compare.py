@@ -37,7 +37,7 @@ RECORDED = (PD, PAPER, FLAT, TIME)
 
 
 class Result(NamedTuple):
-    """What came of a way under a case: its score, or why there is none."""
+    """What came of a strategy under a case: its score, or why there is none."""
 
     score: Score | None
     why: str = ""
@@ -46,11 +46,11 @@ class Result(NamedTuple):
 
 
 Results = dict[str, dict[str, Result]]
-"""By way, then by case."""
+"""By strategy, then by case."""
 
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
-    """Make every move in every way, the combined one under every case, and the tour."""
+    """Make every move by every strategy, the combined one under every case, and the tour."""
     from cranedyn.recording import Run
 
     strategies = options.only or list(STRATEGIES)
@@ -110,7 +110,7 @@ def _workers(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
 
 
 def _made(setup: harness.Setup, move: Move, strategy: str, all_cases: bool) -> dict[str, Result]:
-    """A move in one way, as planned and perhaps under every case; what breaks off or cannot be is told, not raised."""
+    """A move by one strategy, as planned and perhaps under every case; what breaks off or cannot be is told, not raised."""
     try:
         plan = STRATEGIES[strategy](setup, move)
     except CraneError as error:
@@ -318,7 +318,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         "compare", "every strategy for a move, on the same moves and limits, as planned and when things are not as planned."
     )
     harness.add_setup(made, "damp_swing")
-    made.add_argument("--only", nargs="+", choices=STRATEGIES, metavar="WAY", help=f"only these ways, of: {', '.join(STRATEGIES)}")
+    made.add_argument(
+        "--only", nargs="+", choices=STRATEGIES, metavar="STRATEGY", help=f"only these strategies, of: {', '.join(STRATEGIES)}"
+    )
     made.add_argument("--jobs", type=int, default=None, metavar="N", help="processes, by default one for each processor")
     return harness.conduct(made, experiment, argv)
 

@@ -19,7 +19,7 @@ def _shades(count: int) -> list[Any]:
 
 
 def swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
-    """Swing of each way over time, one strip for each on the same scale."""
+    """Swing of each strategy over time, one strip for each on the same scale."""
     figure, axes = panels(max(len(runs), 1), height=0.75, sharex=True, sharey=True)
     for ax, (strategy, run), shade in zip(axes, runs.items(), _shades(len(runs)), strict=False):
         ax.plot(run.t, np.degrees(np.linalg.norm(run.q[:, 2:4], axis=1)), color=shade)
@@ -31,7 +31,7 @@ def swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
 
 
 def robustness_figure(found: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """Swing 20 s after the arrival of each way under each case, on a logarithmic scale."""
+    """Swing 20 s after the arrival of each strategy under each case, on a logarithmic scale."""
     strategies = list(found)
     figure, (ax,) = panels(height=1.2 + 0.38 * len(strategies))
     cases = list(dict.fromkeys(case for results in found.values() for case in results))
@@ -44,6 +44,6 @@ def robustness_figure(found: Mapping[str, Mapping[str, Any]]) -> Figure:
         if points:
             ax.plot(*zip(*points, strict=True), "o", markersize=4.5, color=shade, label=case)
     ax.set(xscale="log", xlabel="swing 20 s after the arrival [mrad]", yticks=range(len(strategies), 0, -1), yticklabels=strategies)
-    if ax.lines:  # some way could be made
+    if ax.lines:  # some strategy could be made
         ax.legend(ncols=5, loc="lower left", bbox_to_anchor=(-0.3, 1.0), fontsize=9.0)
     return figure

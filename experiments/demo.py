@@ -19,7 +19,6 @@ from cranedyn import theory
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.command import interrupted
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from cranedyn.data.files import make_folder
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, number
 from cranedyn.interfaces import Controller
@@ -142,7 +141,7 @@ def _table(rows: Sequence[Dwell], control: str, begin: float = 0.0, parts: Seque
 
 def _bare(setup: harness.Setup, tour: Timetable, dwells: Dwells) -> list[harness.Claim]:
     """Without swing control: it keeps swinging, and after the first leg as the closed form says."""
-    least, hook = min(row.swing for row in dwells.rows), min(row.strategy for row in dwells.rows)
+    least, hook = min(row.swing for row in dwells.rows), min(row.deviation for row in dwells.rows)
     q, v = dwells.first
     found = float(swing_amplitude(q[None, 2:4], v[None, 2:4], q[4], setup.gravity)[0])
     closed, allowed = started_and_stopped(setup, tour.stages[0], float(q[4]))
@@ -259,7 +258,7 @@ class _Show:
         if self._bare is not None:
             self._bare.follow(float(piece.t[-1]))
         if (left := self.dwells.add(piece)) is not None:
-            self._console.print(f"            the load still swings {left.swing:.1f} mrad, {left.strategy:.0f} mm at the hook")
+            self._console.print(f"            the load still swings {left.swing:.1f} mrad, {left.deviation:.0f} mm at the hook")
 
 
 class _Sinks:
@@ -279,7 +278,6 @@ class _Sinks:
             server = stack.enter_context(recording.serve(port=options.port))
             viewer = server.data
             print(server.words)
-        make_folder(options.folder)
         self._live = partial(recording.Live, setup.crane, "demo", title="The demo under way")
         self._path, self._begin = options.recording, 0.0
         self._shown = [stack.enter_context(self._live(viewer=viewer))] if viewer else []

@@ -67,12 +67,12 @@ def _anew(run: Trajectory) -> Trajectory:
 
 
 class Dwell(NamedTuple):
-    """What is left after a leg: its name, when it ended [s], swing [mrad] and way at the hook [mm]."""
+    """What is left after a leg: its name, when it ended [s], swing [mrad] and deviation at the hook [mm]."""
 
     leg: str
     arrival: float
     swing: float
-    strategy: float
+    deviation: float
 
 
 class Dwells:

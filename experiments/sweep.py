@@ -33,7 +33,7 @@ Columns = Mapping[str, np.ndarray]
 
 
 def design(setup: harness.Setup, points: int, durations: int) -> Design:
-    """Every way with every duration, each on a square of loads and cables; cases of one plan stand together.
+    """Every strategy with every duration, each on a square of loads and cables; cases of one plan stand together.
 
     Raises:
         DataError: If the table would not fit the memory, told before any of it is made.
@@ -75,7 +75,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     table = results(folder)
     found = {name: table[name].to_numpy() for name in table.column_names}
     return harness.Outcome(
-        tables=[_ways(found)],
+        tables=[_strategies(found)],
         claims=_claims(found, end.errors),
         parameters={
             **replace(setup, validity="mark").parameters(),
@@ -87,10 +87,10 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-def _ways(found: Columns) -> harness.Table:
+def _strategies(found: Columns) -> harness.Table:
     rows = []
     for strategy in STRATEGIES:
-        mine = found["way"] == strategy
+        mine = found["strategy"] == strategy
         left, peak, off = (found[name][mine] for name in ("residual_swing_rad", "peak_swing_rad", "off_goal_m"))
         bad = int(np.isnan(left).sum())
         rows.append(
@@ -115,13 +115,13 @@ def _ways(found: Columns) -> harness.Table:
 
 def _claims(found: Columns, errors: int) -> list[harness.Claim]:
     left = {
-        strategy: found["residual_swing_rad"][found["way"] == strategy].reshape(len(np.unique(found["duration_s"])), -1)
+        strategy: found["residual_swing_rad"][found["strategy"] == strategy].reshape(len(np.unique(found["duration_s"])), -1)
         for strategy in STRATEGIES
     }
     others = np.array([swing for strategy, swing in left.items() if strategy != FLAT])
     return [
         harness.Claim(f"Each of the {len(found['case']):,} cases is done and none is bad.", errors == 0),
-        harness.Claim(f"{FLAT} leaves less swing than any other way, case by case.", bool((left[FLAT] < others).all())),
+        harness.Claim(f"{FLAT} leaves less swing than any other strategy, case by case.", bool((left[FLAT] < others).all())),
         harness.Claim(
             f"At every time for the move the worst that {PAPER} leaves is below the median of {PD}, which leaves less in "
             f"{(left[PAPER] >= left[PD]).sum():,} of {left[PD].size:,} cases.",
@@ -134,7 +134,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = harness.parser(
         "sweep",
-        "How much swing each way to make the combined move leaves where load, cable and time for it differ, case by case.",
+        "How much swing each strategy for the combined move leaves where load, cable and time for it differ, case by case.",
         recording=False,
         engines=("compiled",),
     )

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
@@ -133,3 +134,18 @@ efforts = _vector((-1e5, 1e5), (-1e4, 1e4), (-2e4, 0))
 
 accelerations = _vector((-0.2, 0.2), (-1, 1), (-1, 1))
 """Of slew, trolley and hoist."""
+
+
+RESULT: dict[str, Any] = {
+    "experiment": "a1",
+    "about": "",
+    "command": "",
+    "claims": [],
+    "parameters": {},
+    "figures": [],
+    "files": {},
+    "tables": [{"title": "t", "columns": ["c"], "formats": [".1f"], "rows": [[1.0]], "note": ""}],
+    "versions": {},
+    "machine": "",
+}
+"""What an experiment writes as `result.json` where nothing was run."""

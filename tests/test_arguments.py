@@ -41,7 +41,22 @@ from cranedyn.model.load import load_crane
 from cranedyn.planning.optimal import optimal
 from cranedyn.recording import record
 from cranedyn.recording.snapshot import snapshot
-from cranedyn.references import Leg, Motion, Push, flat, hold, itinerary, operator, plumb, pulse, ramp, shaped, shortest, spline, zv
+from cranedyn.references import (
+    JoystickPulse,
+    Leg,
+    Motion,
+    flat,
+    hold,
+    itinerary,
+    operator,
+    plumb,
+    pulse,
+    ramp,
+    shaped,
+    shortest,
+    spline,
+    zv,
+)
 from cranedyn.references.limits import Limits, fastest, use
 from cranedyn.references.shaped import Shaper, shaped_hoisting
 from cranedyn.references.spline import Spline
@@ -176,7 +191,7 @@ RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
         "engine": "pinocchio",
         "progress": lambda t: None,
     },
-    wind.push: {"payload": (0, 0, 0), "trolley": (0, 0, 0), "at": 0.0},
+    wind.constant_force: {"payload": (0, 0, 0), "trolley": (0, 0, 0), "at": 0.0},
     wind.steady: {"speed": 1.0},
     wind.step_gust: {"base": wind.steady(1.0), "rise": 1.0, "at": 0.0},
     wind.cosine_gust: {"base": wind.steady(1.0), "rise": 1.0, "at": 0.0, "lasts": 1.0},
@@ -190,7 +205,7 @@ RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
     fastest: {"crane": C, "plan": lambda duration: MOTION, "limits": LIMITS},
     Motion: {"period": 5e-3, "q": MOTION.q, "v": MOTION.v, "a": MOTION.a},
     plumb: {"reference": STILL, "duration": 0.1, "period": 0.005},
-    operator: {"start": REST, "pushes": [Push("x", 0.5, 0.0, 1.0)], "accelerations": (1, 1, 1)},
+    operator: {"start": REST, "pulses": [JoystickPulse("x", 0.5, 0.0, 1.0)], "accelerations": (1, 1, 1)},
     pulse: {"base": STILL, "drive": "x", "amplitude": 0.1, "at": 0.0, "width": 1.0},
     ramp: {"base": STILL, "drive": "x", "by": 0.1, "rate": 1.0, "at": 1.0},
     zv: {"damping_ratio": 0.0},
@@ -256,7 +271,7 @@ WRONG: list[Any] = [
         "\udcff",
         [None],
         [REST],
-        [Push("x", None, 0, 0)],
+        [JoystickPulse("x", None, 0, 0)],
     ),  # type: ignore[arg-type]
     *(
         lambda: 1,

@@ -335,8 +335,8 @@ NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
         ({"reference": _references(10)}, "number of (cranes|starts) is 9; allowed is 10, as many as there are of others"),
         ({"start": []}, "number of starts is 0; allowed is"),
         ({"start": [crane().start] * 4}, "number of starts is 4; allowed is 9"),
-        ({"start": 3.0}, "start is 3.0; allowed is a cranedyn.model.crane.State or a sequence, each a cranedyn.model.crane.State"),
-        ({"start": [3.0] * 9}, r"start is \[3.0, .*\]; allowed is a cranedyn.model.crane.State"),
+        ({"start": 3.0}, "start is 3.0; allowed is a cranedyn.interfaces.State or a sequence, each a cranedyn.interfaces.State"),
+        ({"start": [3.0] * 9}, r"start is \[3.0, .*\]; allowed is a cranedyn.interfaces.State"),
         (
             {"start": State(np.zeros((9, 4)), np.zeros((9, 5)))},
             r"coordinates at the start is an array of shape \(9, 4\); allowed is one of",

@@ -49,12 +49,12 @@ def test_a_control_period_that_is_longer_than_a_move_gives_no_shaped_tour() -> N
     assert str(found).startswith("step of the shaped reference is 1000.0 s; allowed is 0 to ")
 
 
-@pytest.mark.parametrize("way", [LQR, FLAT, MPC])
+@pytest.mark.parametrize("strategy", [LQR, FLAT, MPC])
 @pytest.mark.parametrize("world", [harness.Setup(1e9, engine=FAST), harness.Setup(values={"damp_slew": 1e12}, engine=FAST)])
-def test_numbers_too_far_apart_for_a_regulator_are_the_reason_in_the_table_of_the_comparison(way: str, setup: harness.Setup) -> None:
-    if way == MPC:
+def test_numbers_too_far_apart_for_a_regulator_are_the_reason_in_the_table_of_the_comparison(strategy: str, setup: harness.Setup) -> None:
+    if strategy == MPC:
         pytest.importorskip("daqp")
-    found = compare._made(setup, MOVES[-1], way, False)["as planned"]
+    found = compare._made(setup, MOVES[-1], strategy, False)["as planned"]
     assert found.score is None
     assert found.why.startswith("There is no linear-quadratic regulator for this crane: its masses, dampings, gravity or control period ")
 

@@ -34,11 +34,13 @@ def setup() -> harness.Setup:
     return harness.Setup(engine=FAST)
 
 
-def quintic_residual(way: float, duration: float, length: float, gravity: float) -> float:
+def quintic_residual(distance: float, duration: float, length: float, gravity: float) -> float:
     """Swing that a quintic of the pivot leaves on a linear pendulum, from the Fourier integral of its acceleration."""
     omega = math.sqrt(gravity / length)
     w = omega * duration
-    return abs(way / (duration * length * omega) * 120.0 * (w**2 * math.sin(w / 2) + 6 * w * math.cos(w / 2) - 12 * math.sin(w / 2)) / w**4)
+    return abs(
+        distance / (duration * length * omega) * 120.0 * (w**2 * math.sin(w / 2) + 6 * w * math.cos(w / 2) - 12 * math.sin(w / 2)) / w**4
+    )
 
 
 def test_the_spline_alone_leaves_what_the_closed_form_says() -> None:
@@ -51,12 +53,12 @@ def test_the_spline_alone_leaves_what_the_closed_form_says() -> None:
 
 @pytest.mark.parametrize("move", [*MOVES, SWINGING], ids=lambda move: move.name)
 def test_every_way_on_paper_keeps_the_limits_of_the_drives(setup: harness.Setup, move: Move) -> None:
-    for way in ("spline alone", FLAT, "operator", "operator, ZVD"):
-        plan = STRATEGIES[way](setup, move)
+    for strategy in ("spline alone", FLAT, "operator", "operator, ZVD"):
+        plan = STRATEGIES[strategy](setup, move)
         motion = plan.motion or plumb(plan.reference, plan.arrives + 1.0)
         shares = use(setup.crane, motion, LIMITS)
         # a trapezoid's acceleration jumps between samples of the spline that shapes it
-        assert max(shares.values()) < 1.0 + 1e-6, (way, shares)
+        assert max(shares.values()) < 1.0 + 1e-6, (strategy, shares)
 
 
 def test_the_operator_is_at_full_rate_at_once_and_stops_at_the_goal(setup: harness.Setup) -> None:
@@ -70,14 +72,16 @@ def test_the_operator_is_at_full_rate_at_once_and_stops_at_the_goal(setup: harne
 
 
 def test_a_shaped_operator_leaves_what_the_shaper_leaves_of_the_bare_one(setup: harness.Setup) -> None:
-    bare, shaped = (make(setup, TROLLEY, STRATEGIES[way](setup, TROLLEY))[1] for way in ("operator", "operator, ZV"))
+    bare, shaped = (make(setup, TROLLEY, STRATEGIES[strategy](setup, TROLLEY))[1] for strategy in ("operator", "operator, ZV"))
     ratio = 1.0 / math.sqrt((15.0 + 500.0 / 15000.0) / 15.0) * (1.0 - bare.peak**2 / 16.0)
     # the shaper is made for a small swing of a point: what it leaves is its sensitivity at this ratio, and the swing's second order
     assert shaped.arrival < bare.arrival * (float(zv().residual(ratio)) + 0.02)
 
 
 def test_drives_that_yield_settle_what_the_operator_leaves(setup: harness.Setup) -> None:
-    bare, yielding = (make(setup, COMBINED, STRATEGIES[way](setup, COMBINED))[1] for way in ("operator", "operator, drives yield"))
+    bare, yielding = (
+        make(setup, COMBINED, STRATEGIES[strategy](setup, COMBINED))[1] for strategy in ("operator", "operator, drives yield")
+    )
     assert yielding.later < 0.05 * bare.later
 
 
@@ -88,10 +92,10 @@ def test_feedback_outlives_every_case(setup: harness.Setup, case: Perturbation) 
     assert found.later < 0.05 * before.later
 
 
-@pytest.mark.parametrize("way", [FLAT, PAPER])
+@pytest.mark.parametrize("strategy", [FLAT, PAPER])
 @pytest.mark.parametrize("mass", [500.0, 1500.0])
-def test_a_load_of_another_mass_ends_where_it_shall(setup: harness.Setup, way: str, mass: float) -> None:
-    run, found = make(setup, COMBINED, STRATEGIES[way](setup, COMBINED), Perturbation("another load", load=mass / 1000.0))
+def test_a_load_of_another_mass_ends_where_it_shall(setup: harness.Setup, strategy: str, mass: float) -> None:
+    run, found = make(setup, COMBINED, STRATEGIES[strategy](setup, COMBINED), Perturbation("another load", load=mass / 1000.0))
     assert np.abs(run["l_m"][run.t < 1.0] - 15.0).max() > 0.05  # it sags or rises before the integrator has found the weight
     # k_p/k_i is 2.5 s for the LQR and 4 s for the PID: after 40 s a thousandth of 0.5 m and less
     assert run["l_m"][-1] == pytest.approx(10.0, abs=1e-3)
@@ -152,7 +156,7 @@ def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(
     assert {"compare.rrd", "robustness.png", "swing.png", "compare_flat_lqr.parquet"} <= {path.name for path in done.iterdir()}
     assert len(read(done / "compare_flat_lqr.parquet")) == 8001
     recording = (done / "compare.rrd").read_bytes()
-    assert all(way.encode() in recording for way in (PD, FLAT))
+    assert all(strategy.encode() in recording for strategy in (PD, FLAT))
 
 
 def test_the_report_shows_the_result(done: Path) -> None:

@@ -458,7 +458,7 @@ def test_disturbances_that_are_no_forces_end_both_runs_in_the_same_words() -> No
 
 
 @pytest.mark.parametrize(
-    ("controller", "watch"),
+    ("controller", "validity"),
     [
         (name, validity)
         for name, (drive, _) in CONTROLLERS.items()

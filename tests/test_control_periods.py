@@ -26,12 +26,12 @@ EACH = 0.02
 
 
 @cache
-def _run(way: str, planned: float, period: float) -> Trajectory:
-    """A way planned for one control period and run at another [s]."""
-    if way == MPC:
+def _run(strategy: str, planned: float, period: float) -> Trajectory:
+    """A strategy planned for one control period and run at another [s]."""
+    if strategy == MPC:
         pytest.importorskip("daqp", reason="extra mpc (daqp) is not installed")
     setup = harness.Setup(control_period=planned, engine=FAST)
-    plan, start = STRATEGIES[way](setup, MOVE), MOVE.ends(setup.crane)[0]
+    plan, start = STRATEGIES[strategy](setup, MOVE), MOVE.ends(setup.crane)[0]
     return simulate(
         setup.crane,
         plan.controller(),
@@ -55,19 +55,19 @@ def _peak(run: Trajectory) -> np.ndarray:
     return np.abs(run.effort - run.effort[-1]).max(axis=0)
 
 
-@pytest.mark.parametrize("way", [name for name in STRATEGIES if not name.startswith("least")])  # an LQR about another motion
-def test_a_finer_loop_does_the_same_the_more_exactly(way: str) -> None:
-    fine, middle, coarse = (_run(way, period, period) for period in (2.5e-3, 0.01, 0.02))
+@pytest.mark.parametrize("strategy", [name for name in STRATEGIES if not name.startswith("least")])  # an LQR about another motion
+def test_a_finer_loop_does_the_same_the_more_exactly(strategy: str) -> None:
+    fine, middle, coarse = (_run(strategy, period, period) for period in (2.5e-3, 0.01, 0.02))
     # of first order: errors against the fine one in proportion to 7.5 and 17.5 ms; up to 0.6 where accelerations jump at their limits
     assert _apart(middle, fine) < 0.6 * _apart(coarse, fine) < 0.6 * 3e-3
     for run in (middle, coarse):
         np.testing.assert_allclose(_peak(run), _peak(fine), rtol=0.12)  # feed-forward held for 20 ms lags by 10 ms, which feedback makes up
 
 
-@pytest.mark.parametrize("way", [PAPER, LQR, FLAT, MPC])
+@pytest.mark.parametrize("strategy", [PAPER, LQR, FLAT, MPC])
 @pytest.mark.parametrize(("planned", "period"), [(0.02, 2.5e-3), (5e-3, 4e-3), (5e-3, 0.02)])
-def test_a_loop_at_another_period_than_the_rows_of_its_plan_does_not_spike(way: str, planned: float, period: float) -> None:
-    meant, run = _run(way, planned, planned), _run(way, planned, period)
+def test_a_loop_at_another_period_than_the_rows_of_its_plan_does_not_spike(strategy: str, planned: float, period: float) -> None:
+    meant, run = _run(strategy, planned, planned), _run(strategy, planned, period)
     assert _apart(run, meant) < 1e-3
     np.testing.assert_allclose(_peak(run), _peak(meant), rtol=0.12)
     # efforts change from one control instant to the next as fast as they are meant to, but not faster

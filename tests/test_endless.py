@@ -61,7 +61,7 @@ def test_what_is_left_in_the_dwells_is_the_same_from_pieces_as_from_the_whole_ru
         rest = whole.between(cycle + stage.arrival, cycle + stage.end)
         assert row.arrival == cycle + stage.arrival
         assert row.swing == pytest.approx(1000.0 * residual(rest), rel=1e-12)
-        assert row.way == pytest.approx(row.swing * rest.q[-1, 4], rel=1e-12)
+        assert row.deviation == pytest.approx(row.swing * rest.q[-1, 4], rel=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")

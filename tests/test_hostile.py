@@ -32,7 +32,7 @@ from cranedyn.recording import snapshot as pictures
 from cranedyn.simulation.simulate import simulate
 from experiments import a1, a2, a3, energy, harness, mass_ratio, report
 from experiments import snapshot as snapshots
-from tests.helpers import crane, files, python, turned
+from tests.helpers import RESULT, crane, files, python, turned
 
 
 @pytest.fixture(scope="module")
@@ -521,20 +521,6 @@ def test_a_folder_for_pictures_is_made_only_when_there_are_some(tmp_path: Path) 
     assert files(tmp_path) == ["bad.rrd"]
 
 
-RESULT = {
-    "experiment": "a1",
-    "about": "",
-    "command": "",
-    "claims": [],
-    "parameters": {},
-    "figures": [],
-    "files": {},
-    "tables": [{"title": "t", "columns": ["c"], "formats": [".1f"], "rows": [[1.0]], "note": ""}],
-    "versions": {},
-    "machine": "",
-}
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -551,8 +537,8 @@ RESULT = {
         json.dumps(RESULT | {"files": {"../a1/result.json": "0"}}),
         json.dumps(RESULT | {"files": {"result.json": "0"}}),
         json.dumps(RESULT | {"tables": [{}]}),
-        json.dumps(RESULT | {"tables": [RESULT["tables"][0] | {"formats": ["999999999d"]}]}),  # type: ignore[operator, index]
-        json.dumps(RESULT | {"tables": [RESULT["tables"][0] | {"rows": [["up"]]}]}),  # type: ignore[operator, index]
+        json.dumps(RESULT | {"tables": [RESULT["tables"][0] | {"formats": ["999999999d"]}]}),
+        json.dumps(RESULT | {"tables": [RESULT["tables"][0] | {"rows": [["up"]]}]}),
         "\x00",
     ],
     ids=lambda text: text[:12],

@@ -398,7 +398,7 @@ def again(path: str) -> None:
         start=record.state(0),
         duration=record.t[-1],
         disturbance=lambda t, state: record.force[0].reshape(2, 3),
-        **{name: record.parameters[name] for name in ("drive", "watch")},  # type: ignore[arg-type]
+        **{name: record.parameters[name] for name in ("drive", "validity")},  # type: ignore[arg-type]
         **clocks,  # type: ignore[arg-type]
     ).write(Path(path).with_suffix(".again.parquet"))
 

@@ -26,6 +26,7 @@ from cranedyn.recording import Run, open_viewer, record, serve
 from cranedyn.recording.series import PLOTS
 from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate
+from tests.helpers import files, python
 
 pytestmark = pytest.mark.filterwarnings("error:::rerun")
 
@@ -369,3 +370,27 @@ def test_a_missing_viewer_is_said_in_a_sentence(file: Path, monkeypatch: pytest.
     for look in (serve, open_viewer):
         with pytest.raises(CraneError, match="not installed"):
             look(file)
+
+
+def test_a_recording_that_is_interrupted_says_nothing_of_its_own(tmp_path: Path) -> None:
+    done = python(
+        """
+import importlib, sys
+record = importlib.import_module("cranedyn.recording.record")
+def interrupted(*_):
+    raise KeyboardInterrupt
+record.log_series = interrupted
+from cranedyn.controllers import hold_controller
+from cranedyn.model.load import load_crane
+from cranedyn.recording import Run
+from cranedyn.simulation.simulate import simulate
+crane = load_crane()
+try:
+    record.record(sys.argv[1], [Run("a", crane, simulate(crane, hold_controller(crane), duration=0.02))], title="t")
+except KeyboardInterrupt:
+    print("interrupted")
+""",
+        tmp_path / "a.rrd",
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "interrupted\n", "")
+    assert files(tmp_path) == []

@@ -30,13 +30,13 @@ def cases(**columns: object) -> dict[str, np.ndarray]:
     return {name: np.resize(np.array(column), rows) for name, column in {**clocks, **columns}.items()}
 
 
-@pytest.mark.parametrize("way", STRATEGIES)
-def test_a_case_is_the_move_of_that_crane_alone_with_a_cable_misread(way: str) -> None:
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_a_case_is_the_move_of_that_crane_alone_with_a_cable_misread(strategy: str) -> None:
     load, error, duration = 1.3, 0.7, 20.0
-    found = robustness(cases(way=way, duration_s=duration, load=[1.0, load], cable_error_m=[0.0, error]))
+    found = robustness(cases(strategy=strategy, duration_s=duration, load=[1.0, load], cable_error_m=[0.0, error]))
     setup = Setup(dt=1e-3, control_period=1e-2)
     crane, move = setup.variant(payload_mass=load * setup.crane.payload_mass), replace(COMBINED, duration=duration)
-    plan = STRATEGIES[way](setup, move)
+    plan = STRATEGIES[strategy](setup, move)
     controller, (start, goal) = plan.controller(), move.ends(setup.crane)
     longer = np.array([0.0, 0.0, 0.0, 0.0, error])
 
@@ -65,7 +65,9 @@ def test_a_case_is_the_move_of_that_crane_alone_with_a_cable_misread(way: str) -
 
 
 def test_rows_come_back_in_the_order_of_the_cases_whatever_their_plans() -> None:
-    mixed = cases(way=["spline, ZV", "spline alone", "spline, ZV"], duration_s=[20.0, 20.0, 30.0], load=1.0, cable_error_m=[0.0, 0.5, 0.5])
+    mixed = cases(
+        strategy=["spline, ZV", "spline alone", "spline, ZV"], duration_s=[20.0, 20.0, 30.0], load=1.0, cable_error_m=[0.0, 0.5, 0.5]
+    )
     together = robustness(mixed)
     for row in range(3):
         alone = robustness({name: column[row : row + 1] for name, column in mixed.items()})
@@ -91,7 +93,7 @@ def test_the_command_sweeps_shows_and_does_not_sweep_again(tmp_path: Path, capsy
 def test_the_readme_tells_the_worst_of_the_whole_sweep_as_its_document_shows_it() -> None:
     shown = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
     rows = {row[0]: row for line in shown.splitlines() if len(row := [cell.strip() for cell in line.strip("|").split("|")]) == 8}
-    worst = [format(float(rows[way][5]), ".2g") for way in (PD, PAPER, FLAT)]
+    worst = [format(float(rows[strategy][5]), ".2g") for strategy in (PD, PAPER, FLAT)]
     assert missing([f"PD; paper; flat + LQR | | {'; '.join(worst)} mrad"], "README.md") == []
 
 

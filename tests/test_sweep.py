@@ -97,13 +97,13 @@ def test_a_study_needs_a_name_by_which_workers_import_it(monkeypatch: pytest.Mon
 
 
 def test_a_sweep_keeps_every_case_in_order_with_its_parameters(tmp_path: Path) -> None:
-    design = cross(grid(way=["flat", "spline"]), grid(x=np.arange(5.0)))
+    design = cross(grid(strategy=["flat", "spline"]), grid(x=np.arange(5.0)))
     said: list[Progress] = []
     end = sweep(studies.squares, design, tmp_path / "a" / "b", chunk=3, workers=2, progress=said.append)
     assert (said[0], said[-1]) == (Progress(0, 10, 0, 0), Progress(10, 10, 0, 0)) and end == said[-1]
     assert [progress.done for progress in said[1:]] == sorted(progress.done for progress in said[1:]) and len(said) == 5
     table = results(tmp_path / "a" / "b")
-    assert table.column_names == ["case", "way", "x", "y", "error"]
+    assert table.column_names == ["case", "strategy", "x", "y", "error"]
     assert table["case"].to_pylist() == list(range(10))
     for name, values in design.columns.items():
         assert table[name].to_pylist() == values.tolist()
@@ -144,7 +144,7 @@ def test_a_case_that_takes_too_long_is_bad_alone(tmp_path: Path) -> None:
 def test_workers_that_cannot_be_started_are_said_in_a_sentence(tmp_path: Path) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     refused = []
-    for more in range(12):
+    for more in range(30):
         with socket.socket() as probe:  # it has the lowest number that is free
             resource.setrlimit(resource.RLIMIT_NOFILE, (probe.fileno() + more, hard))
         try:

@@ -172,7 +172,7 @@ def _documented(folder: Path, kind: int, listeners: int = 0) -> Iterator[tuple[s
         _kill(shell)
 
 
-_COLUMNS = "['case', 'way', 'l_m', 'A_rad', 'T_s', 'error']"
+_COLUMNS = "['case', 'strategy', 'l_m', 'A_rad', 'T_s', 'error']"
 _ALL = f"2048 cases, 0 bad, 2048 of them computed just now\n{_COLUMNS}\n"
 
 

@@ -14,7 +14,7 @@ from numpy.testing import assert_array_equal
 from cranedyn.errors import CraneError
 from cranedyn.sweep import Design, cross, grid, limits, sampled
 
-_names = st.sampled_from(["mass", "length", "way", "wind", "größe"])
+_names = st.sampled_from(["mass", "length", "strategy", "wind", "größe"])
 _numbers = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=4)
 _words = st.lists(st.text("abc δ", min_size=1, max_size=5), min_size=1, max_size=3)
 _grids = st.dictionaries(_names, _numbers | _words, min_size=1, max_size=3)
@@ -37,10 +37,10 @@ def test_a_product_of_grids_is_the_grid_of_both(a: dict[str, list], b: dict[str,
 
 
 def test_one_value_is_shared_by_all_cases_and_whole_numbers_are_numbers() -> None:
-    design = grid(way="flat", mass=range(3), seed=np.arange(2), on=True)
+    design = grid(strategy="flat", mass=range(3), seed=np.arange(2), on=True)
     assert len(design) == 6
-    assert set(design.columns["way"]) == {"flat"}
-    assert {name: values.dtype.kind for name, values in design.columns.items()} == {"way": "U", "mass": "f", "seed": "f", "on": "f"}
+    assert set(design.columns["strategy"]) == {"flat"}
+    assert {name: values.dtype.kind for name, values in design.columns.items()} == {"strategy": "U", "mass": "f", "seed": "f", "on": "f"}
 
 
 _boxes = st.dictionaries(_names, st.tuples(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3)), min_size=1, max_size=4)

@@ -55,15 +55,18 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
     tables = [_finite_table(run) for run in runs]
     recording = rr.RecordingStream(_application(title, runs), send_properties=False)
     memory = recording.memory_recording()
-    recording.send_blueprint(dashboard(runs, tables), make_active=True, make_default=True)
-    recording.send_recording_name(title)
-    recording.log("text", rr.TextDocument(describe(runs, title, text), media_type="text/markdown"), static=True)
-    recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    for run, look, columns in zip(runs, looks(runs), tables, strict=True):
-        Scene(recording, run, look).move(run)
-        log_series(recording, run, columns)
+    try:
+        recording.send_blueprint(dashboard(runs, tables), make_active=True, make_default=True)
+        recording.send_recording_name(title)
+        recording.log("text", rr.TextDocument(describe(runs, title, text), media_type="text/markdown"), static=True)
+        recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for run, look, columns in zip(runs, looks(runs), tables, strict=True):
+            Scene(recording, run, look).move(run)
+            log_series(recording, run, columns)
+    finally:  # also after Ctrl-C, or Rerun says on standard error that it drops data
+        data = memory.drain_as_bytes()
     with written(path) as draft:
-        draft.write_bytes(memory.drain_as_bytes())
+        draft.write_bytes(data)
     return path
 
 

@@ -84,7 +84,7 @@ def simulate(
     if drive not in ("effort", "motion"):
         raise OutOfRange("drive", drive, "effort or motion")
     if validity not in ("stop", "mark") and (validity, drive) != ("buffers", "effort"):
-        raise OutOfRange("watch", validity, "stop or mark, or buffers where the drives take efforts")
+        raise OutOfRange("validity", validity, "stop or mark, or buffers where the drives take efforts")
     buffers = validity == "buffers"
     state = State.checked("start", crane.start) if start is None else start
     number("time at the start", since, "s", "-1e9 to 1e9")

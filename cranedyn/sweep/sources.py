@@ -7,6 +7,7 @@ import importlib.util
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from cranedyn.data.files import digest as digest_of
 from cranedyn.errors import DataError
 
 _OURS = Path(__file__).resolve().parents[2]
@@ -31,7 +32,7 @@ def sources(study: str) -> dict[str, str]:
     found = {}
     try:
         for name, path in (*_files(study.partition(":")[0].partition(".")[0]), *_files("cranedyn")):
-            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+            found[name] = digest_of(path)
     except OSError as error:
         raise DataError(f"Cannot read {error.filename}, which the study may be made of: {error.strerror}.") from error
     return dict(sorted(found.items()))

@@ -1,4 +1,4 @@
-"""What a chunk of the sweep is: one way to make the combined move, planned once, by many cranes that are not quite those planned for."""
+"""What a chunk of the sweep is: one strategy for the combined move, planned once, by many cranes that are not quite those planned for."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def robustness(cases: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Make moves and see what is left of them; a study for `cranedyn.sweep`.
 
     Args:
-        cases: Columns ``way``; ``duration_s`` planned for the move; ``load``, mass of the payload over that planned for;
+        cases: Columns ``strategy``; ``duration_s`` planned for the move; ``load``, mass of the payload over that planned for;
             ``cable_error_m``, by how much the cable is longer than measured; and those of `CLOCKS`.
 
     Returns:
@@ -76,9 +76,9 @@ def robustness(cases: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     gravity, dt, control_period = (float(cases[name][0]) for name in CLOCKS)
     setup = Setup(gravity, dt=dt, control_period=control_period)
     found: dict[str, np.ndarray] = {}
-    plans = np.stack([cases["way"].astype(object), cases["duration_s"].astype(object)], axis=1)
+    plans = np.stack([cases["strategy"].astype(object), cases["duration_s"].astype(object)], axis=1)
     for strategy, duration in dict.fromkeys(map(tuple, plans.tolist())):
-        rows = np.flatnonzero((cases["way"] == strategy) & (cases["duration_s"] == duration))
+        rows = np.flatnonzero((cases["strategy"] == strategy) & (cases["duration_s"] == duration))
         made = _made(setup, strategy, duration, cases["load"][rows], cases["cable_error_m"][rows])
         for name, values in made.items():
             found.setdefault(name, np.ma.masked_all(len(plans)))[rows] = values

@@ -178,7 +178,7 @@ RIGHT: dict[str, str] = {
     "lengths": "np.linspace(5.0, 20.0, 5)",
     "measured": "np.cos(t)",
     "modelled": "0.9 * np.cos(t)",
-    "pushes": "[Push('x', 0.5, 1.0, 2.0)]",
+    "pulses": "[JoystickPulse('x', 0.5, 1.0, 2.0)]",
     "legs": "[Leg('out', x=12.0)]",
     "pieces": "[trajectory]",
     "runs": "[run]",

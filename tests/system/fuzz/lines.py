@@ -22,8 +22,6 @@ from random import Random
 from typing import Any
 from unittest.mock import patch
 
-import cranedyn.simulate
-import cranedyn.snapshot
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
@@ -31,6 +29,8 @@ import pyarrow.parquet
 from PIL import Image
 
 import cranedyn.recording
+import cranedyn.recording.snapshot
+import cranedyn.simulation.simulate
 import experiments
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import read
@@ -38,6 +38,7 @@ from cranedyn.model.description import Argument, arguments
 from cranedyn.sweep.chunk import evaluate
 from cranedyn.sweep.pool import Cores
 from experiments import harness
+from tests.helpers import RESULT
 from tests.system.fuzz.core import OURS, Broken, Case, Generator, interrupt_after
 from tests.system.fuzz.odd import LETTERS, NUMBERS, SMALL_COUNTS
 
@@ -278,19 +279,8 @@ def _contents() -> dict[str, bytes]:
     pyarrow.parquet.write_table(table, parquet)
     head = b"RRF2" + bytes(map(int, cranedyn.recording.viewer.rr.__version__.split(".")[:3])) + bytes(100)
     document = "".join(f"# {name}\n\n<!-- {name}: -->\n<!-- end -->\n" for name in names())
-    result = {
-        "experiment": "a1",
-        "about": "",
-        "command": "",
-        "claims": [],
-        "parameters": {},
-        "figures": [],
-        "tables": [],
-        "versions": {},
-        "machine": "",
-    }
     old = {f"{name}.rrd": head for name in names()} | {
-        "result.json": json.dumps(result).encode(),
+        "result.json": json.dumps(RESULT).encode(),
         "a.parquet": parquet.getvalue(),
     }
     return {
