@@ -97,8 +97,28 @@ class UnknownName(CraneError):
         super().__init__(f"There is no {kind} {given!r}; there are {', '.join(self.known)}.")
 
 
+class MissingRole(CraneError):
+    """Something made for a tower crane is asked of a crane in which no joint plays a part that it needs.
+
+    Attributes:
+        role: The part.
+        joints: Names of the joints there are.
+    """
+
+    def __init__(self, user: str, role: str, joints: Iterable[str]) -> None:
+        """Keep the values and phrase the sentence.
+
+        Args:
+            user: What needs the part, to begin the sentence with.
+            role: The part.
+            joints: Names of the joints there are.
+        """
+        self.role, self.joints = role, tuple(joints)
+        super().__init__(f"{user} needs a joint in the role {role}; the joints of this crane are {', '.join(self.joints)}.")
+
+
 class ModelError(CraneError):
-    """A description that is not a crane: it does not parse, or a joint is missing, of another type, out of order or turned."""
+    """A description that is not a crane: it does not parse, has no payload, or a joint is turned or of a type that it must not be."""
 
 
 class DataError(CraneError):

@@ -12,7 +12,7 @@ from cranedyn.controllers import Hold
 from cranedyn.dynamics.linearisation import feedback_gain, sampled, swing_mode
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Reference, State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import checked_setpoint
 from cranedyn.simulation.clocks import intervals, multiple
 from cranedyn.theory import amplitude_factor, hoist_compliance
@@ -66,6 +66,7 @@ def free_swing(
         control_period: Time between control instants [s].
 
     Raises:
+        MissingRole: If it is not a tower crane.
         OutOfRange: If the stretch does not begin at 0 or later and end after that while there is a swing, or the control period is not a
             multiple of `dt`.
     """
@@ -73,30 +74,34 @@ def free_swing(
         raise OutOfRange("since", since, f"less than until, {until:g} s", "s")
     multiple("control_period", control_period, "dt", dt)
     intervals("until", until, control_period)
+    layout = crane.layout
+    _, _, radial, _, cable = layout.tower("The prediction of a free swing")
+    hoist = layout.drive("l")
+    stiffness, damping = float(hold.stiffness[hoist]), float(hold.damping[hoist])
     rest = start.q.copy()
-    rest[4] += (hold.feed_forward[2] + crane.payload_mass * crane.gravity) / hold.stiffness[2]
-    plant = sampled(crane, State(rest, np.zeros(5)), dt=dt, control_period=control_period)
-    loop = plant.closed(feedback_gain(hold.stiffness, hold.damping))
-    mode = swing_mode(loop, control_period, coordinate=2)
+    rest[cable] += (hold.feed_forward[hoist] + crane.payload_mass * crane.gravity) / stiffness
+    plant = sampled(crane, State(rest, np.zeros(layout.n)), dt=dt, control_period=control_period)
+    loop = plant.closed(feedback_gain(crane, hold.stiffness, hold.damping))
+    mode = swing_mode(loop, control_period, coordinate=radial)
     excitations = [
-        hold.stiffness * (checked_setpoint(reference(k * control_period)).position - start.q[DRIVES])
+        hold.stiffness * (checked_setpoint(reference(k * control_period), (layout.m,)).position - start.q[layout.drives])
         for k in range(round(since / control_period))
     ]
     last = max((k for k, excitation in enumerate(excitations) if excitation.any()), default=0)
-    z = np.zeros(10)
+    z = np.zeros(2 * layout.n)
     for excitation in excitations[: last + 1]:
         z = loop @ z + plant.b @ excitation
 
     def compliance(amplitude: float) -> tuple[float, float]:
-        return hoist_compliance(amplitude, rest[4], crane.gravity, crane.payload_mass, float(hold.stiffness[2]), float(hold.damping[2]))
+        return hoist_compliance(amplitude, rest[cable], crane.gravity, crane.payload_mass, stiffness, damping)
 
     times = np.linspace(since, until, 200) - (last + 1) * control_period
     if -mode.rate.real * until > _GONE:
         raise OutOfRange("until", until, f"{-_GONE / mode.rate.real:.3g} or less: the swing has died away by then", "s")
     decayed = _decay(times, 2.0 * float(abs(mode.weights @ z)), -mode.rate.real, mode.rate.imag * compliance(1.0)[1])
     amplitude = math.sqrt(float(np.mean(decayed**2)))
-    stretch, damping = compliance(amplitude)
-    return FreeSwing(mode.period * float(amplitude_factor(amplitude)) * (1.0 + stretch), mode.damping_ratio + damping, amplitude)
+    stretch, damped = compliance(amplitude)
+    return FreeSwing(mode.period * float(amplitude_factor(amplitude)) * (1.0 + stretch), mode.damping_ratio + damped, amplitude)
 
 
 def _decay(t: np.ndarray, first: float, linear: float, cubic: float) -> np.ndarray:

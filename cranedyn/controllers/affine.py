@@ -9,7 +9,7 @@ import numpy as np
 
 from cranedyn.arrays import fixed, shaped
 from cranedyn.errors import Misshapen
-from cranedyn.model.crane import DRIVES
+from cranedyn.model.crane import Crane
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,12 +20,12 @@ class Affine:
     period of the run. At the limit a drive integrates back only.
 
     Attributes:
-        feed_forward: Shape (n, 3), of as many rows as the controller was asked for at most.
-        gain: Shape (n, 3, 10).
-        setpoint: The motion that it is about, shape (m, 10), m like n but for itself.
-        integral_gain: Of slew, trolley, hoist, per second, shape (3,).
-        limit: Largest command with which the integrals grow, shape (3,).
-        integral: What has been integrated before, shape (3,).
+        feed_forward: Shape (rows, m), of as many rows as the controller was asked for at most.
+        gain: Shape (rows, m, 2 n).
+        setpoint: The motion that it is about, shape (rows, 2 n), of as many rows as it likes.
+        integral_gain: Of the drives, per second, shape (m,).
+        limit: Largest command with which the integrals grow, shape (m,).
+        integral: What has been integrated before, shape (m,).
     """
 
     feed_forward: np.ndarray
@@ -66,7 +66,7 @@ class AffineController(Protocol):
     """A controller that can say itself in the common form."""
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-        """What it does at control instants [s], shape (n,), the setpoint of the drives at positions, shape (n, 3).
+        """What it does at control instants [s], shape (n,), the setpoint of the drives at positions, shape (rows, m).
 
         None where it is not affine there.
         """
@@ -77,7 +77,7 @@ class Remembering(Protocol):
     """An affine controller that integrates and goes on where it stopped."""
 
     def resume(self, t: float, integral: np.ndarray) -> None:
-        """Take over what was integrated, shape (3,), up to and with a control instant [s]."""
+        """Take over what was integrated, shape (m,), up to and with a control instant [s]."""
 
 
 def form(controller: object, times: np.ndarray, positions: np.ndarray) -> Affine | None:
@@ -97,11 +97,13 @@ def form(controller: object, times: np.ndarray, positions: np.ndarray) -> Affine
 
 def without_integral(feed_forward: np.ndarray, gain: np.ndarray, setpoint: np.ndarray) -> Affine:
     """The common form of a controller that does not integrate."""
-    return Affine(feed_forward, gain, setpoint, np.zeros(3), np.full(3, np.inf), np.zeros(3))
+    m = feed_forward.shape[1]
+    return Affine(feed_forward, gain, setpoint, np.zeros(m), np.full(m, np.inf), np.zeros(m))
 
 
-def at_drives(positions: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Coordinates and rates, shape (n, 10), from those of the drives, shape (n, 3) each; zero for the swing."""
-    setpoint = np.zeros((len(positions), 10))
-    setpoint[:, DRIVES], setpoint[:, 5 + DRIVES] = positions, rates
+def at_drives(crane: Crane, positions: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Coordinates and rates, shape (rows, 2 n), from those of the drives, shape (rows, m) each; zero for the passive joints."""
+    layout = crane.layout
+    setpoint = np.zeros((len(positions), 2 * layout.n))
+    setpoint[:, layout.drives], setpoint[:, layout.n + layout.drives] = positions, rates
     return setpoint

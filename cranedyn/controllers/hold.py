@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from cranedyn.arguments import checked
-from cranedyn.arrays import finite, shaped
+from cranedyn.arrays import shaped
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.dynamics.linearisation import feedback_gain
-from cranedyn.errors import number
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 
-STIFFNESS = (5.0e5, 3.0e5, 3.0e4)
+STIFFNESS = {"slew": 5.0e5, "trolley": 3.0e5, "hoist": 3.0e4}
 """k_p of slew [N m/rad], trolley [N/m], hoist [N/m]. Only the trolley's is published."""
 
-DAMPING = (1.0e6, 5.0e4, 2.0e4)
+DAMPING = {"slew": 1.0e6, "trolley": 5.0e4, "hoist": 2.0e4}
 """k_d of slew [N m s/rad], trolley [N s/m], hoist [N s/m]; none is published.
 
 Those of trolley and hoist are identified from the published columns of experiment A1 (``python -m experiments.a1 --identify``), those of
 the slew are one of several pairs that meet the published amplitude of experiment A3.
 """
+
+FREQUENCY = 5.0
+"""Of a drive in none of these roles with what it moves, held with critical damping, ours [rad/s]."""
 
 
 @checked
@@ -34,48 +37,70 @@ class Hold:
     The velocity of the reference does not enter: on a ramp the drive lags by k_d / k_p times the rate.
 
     Attributes:
-        stiffness: k_p of slew [N m/rad], trolley [N/m], hoist [N/m], shape (3,).
-        damping: k_d of slew [N m s/rad], trolley [N s/m], hoist [N s/m], shape (3,).
-        feed_forward: Effort added always [N m, N, N], shape (3,).
+        crane: The crane that it is for.
+        stiffness: k_p of the drives [N m/rad or N/m], shape (m,).
+        damping: k_d of the drives [N m s/rad or N s/m], shape (m,).
+        feed_forward: Effort added always [N m or N], shape (m,).
     """
 
+    crane: Crane
     stiffness: np.ndarray
     damping: np.ndarray
-    feed_forward: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    feed_forward: np.ndarray
 
     def __post_init__(self) -> None:
-        """Check the gains and have them as plain numbers, which are quicker than NumPy's for three drives by themselves."""
+        """Check the gains and have them as plain numbers, which are quicker than NumPy's for a few drives by themselves."""
         for name in ("stiffness", "damping", "feed_forward"):
-            shaped(name, getattr(self, name), (3,))
-        object.__setattr__(self, "_plain", tuple(part.tolist() for part in (self.feed_forward, self.stiffness, self.damping)))
+            shaped(name, getattr(self, name), (self.crane.layout.m,))
+        gains = (part.tolist() for part in (self.crane.layout.drives, self.feed_forward, self.stiffness, self.damping))
+        object.__setattr__(self, "_plain", tuple(zip(*gains, strict=True)))
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m, N, N], shape (3,)."""
-        (a, b, c), (k_a, k_b, k_c), (d_a, d_b, d_c) = self._plain  # type: ignore[attr-defined]
-        (slew, trolley, hoist), (gamma, x, _, _, length) = setpoint.position.tolist(), state.q.tolist()
-        slewing, trolleying, _, _, hoisting = state.v.tolist()
-        return np.array(
-            [
-                a + k_a * (slew - gamma) - d_a * slewing,
-                b + k_b * (trolley - x) - d_b * trolleying,
-                c + k_c * (hoist - length) - d_c * hoisting,
-            ]
-        )
+        """Efforts [N m or N], shape (m,)."""
+        q, v = state.q.tolist(), state.v.tolist()
+        each = zip(setpoint.position.tolist(), self._plain, strict=True)  # type: ignore[attr-defined]
+        return np.array([always + k_p * (aim - q[i]) - k_d * v[i] for aim, (i, always, k_p, k_d) in each])
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """The common form, see `cranedyn.controllers.affine`."""
-        gain = feedback_gain(self.stiffness, self.damping)
-        return without_integral(self.feed_forward[None], gain[None], at_drives(positions, np.zeros_like(positions)))
+        gain = feedback_gain(self.crane, self.stiffness, self.damping)
+        return without_integral(self.feed_forward[None], gain[None], at_drives(self.crane, positions, np.zeros_like(positions)))
 
 
 @checked
 def hold_controller(
-    crane: Crane, *, stiffness: Sequence[float] = STIFFNESS, damping: Sequence[float] = DAMPING, gravity: float = STANDARD_GRAVITY
+    crane: Crane,
+    *,
+    stiffness: Sequence[float] | None = None,
+    damping: Sequence[float] | None = None,
+    gravity: float = STANDARD_GRAVITY,
 ) -> Hold:
-    """The hold controller for a crane, which knows the payload's mass and believes in a gravity [m/s²] of its own.
+    """The hold controller for a crane, which knows its masses and believes in a gravity [m/s²] of its own.
+
+    Args:
+        crane: The crane.
+        stiffness: k_p of the drives, shape (m,); None for `STIFFNESS` by their roles, and for others what makes them as fast as `FREQUENCY`.
+        damping: k_d of the drives, shape (m,); None for `DAMPING`, and for others critical damping.
+        gravity: What it believes in [m/s²].
 
     Raises:
-        OutOfRange: If a gain or gravity is not finite, or there are not three of a gain.
+        OutOfRange: If there is not one finite gain for each drive.
     """
-    number("gravity", gravity, "m/s²")
-    return Hold(finite("stiffness", stiffness, (3,)), finite("damping", damping, (3,)), np.array([0.0, 0.0, -crane.payload_mass * gravity]))
+    moved = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[crane.layout.drives].tolist()
+    roles = [joint.role for joint in crane.layout.driven]
+    if stiffness is None:
+        stiffness = [STIFFNESS.get(role, FREQUENCY**2 * inertia) for role, inertia in zip(roles, moved, strict=True)]
+    if damping is None:
+        damping = [DAMPING.get(role, 2.0 * FREQUENCY * inertia) for role, inertia in zip(roles, moved, strict=True)]
+    k_p, k_d = (crane.layout.for_drives(name, part) for name, part in (("stiffness", stiffness), ("damping", damping)))
+    return Hold(crane, k_p, k_d, np.array([_weight(crane, joint, gravity) for joint in crane.layout.drives]))
+
+
+def _weight(crane: Crane, joint: int, gravity: float) -> float:
+    """What a drive needs to hold what hangs on it [N m or N]."""
+    kind, (_, _, up) = crane.layout.joints[joint].kind, crane.layout.joints[joint].axis
+    if kind == "prismatic":
+        return up * gravity * sum(crane.model.inertias[i].mass for i in crane.model.subtrees[joint + 1])
+    if abs(up) == 1.0:
+        return 0.0
+    return float(pin.computeGeneralizedGravity(crane.model, crane.data, crane.start.q)[joint]) * gravity / crane.gravity

@@ -8,11 +8,10 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.dynamics.linearisation import sampled
-from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.errors import whole
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.references.motion import Motion
+from cranedyn.references.motion import Motion, motion_efforts
 from cranedyn.simulation.clocks import multiple
 
 
@@ -21,11 +20,11 @@ class Linearised(NamedTuple):
 
     Attributes:
         period: Time between rows of the motion [s].
-        efforts: Of inverse dynamics: slew [N m], trolley [N], hoist [N], shape (n, 3).
-        setpoint: Coordinates and rates, shape (n, 10).
-        stretch: Which model is meant for each row, shape (n,); the last row has one of its own, which stands for all that follows.
-        a: Deviations after one control period by those before, shape (m, 10, 10).
-        b: The same by the efforts held beyond the feed-forward, shape (m, 10, 3).
+        efforts: Of the drives by inverse dynamics [N m or N], shape (rows, m).
+        setpoint: Coordinates and rates, shape (rows, 2 n).
+        stretch: Which model is meant for each row, shape (rows,); the last row has one of its own, which stands for all that follows.
+        a: Deviations after one control period by those before, shape (stretches, 2 n, 2 n).
+        b: The same by the efforts held beyond the feed-forward, shape (stretches, 2 n, m).
     """
 
     period: float
@@ -57,9 +56,7 @@ def linearised(crane: Crane, motion: Motion, *, dt: float, every: int, control_p
     held = motion.period if control_period is None else control_period
     multiple("control period", held, "dt", dt)
     every = min(whole("rows between linearisations", every, 1), len(motion.q))
-    efforts = np.array(
-        [inverse_dynamics(crane.model, crane.data, *row, crane.damping) for row in zip(motion.q, motion.v, motion.a, strict=True)]
-    )
+    efforts = motion_efforts(crane, motion)
     last = len(motion.q) - 1
     rows = [*range(0, last, every), last]
     models = [sampled(crane, State(motion.q[k], motion.v[k]), efforts[k], dt=dt, control_period=held) for k in rows]

@@ -1,4 +1,4 @@
-"""Time-varying LQR on the full model: all five joints, linearised by Pinocchio along the motion to follow."""
+"""Time-varying LQR on the full model: all joints, linearised by Pinocchio along the motion to follow."""
 
 from __future__ import annotations
 
@@ -11,11 +11,27 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 
-STATE_WEIGHT = np.diag([100.0, 10.0, 100.0, 100.0, 10.0, 20.0, 2.0, 100.0, 100.0, 2.0]) ** 2
-"""Q by Bryson's rule, ours: errors that weigh alike are 0.01 rad, 0.1 m, 0.01 rad of swing, and 0.05 rad/s, 0.5 m/s, 0.01 rad/s."""
+ERROR = {
+    ("revolute", True): (0.01, 0.05),
+    ("prismatic", True): (0.1, 0.5),
+    ("revolute", False): (0.01, 0.01),
+    ("prismatic", False): (0.1, 0.1),
+}
+"""Errors that weigh alike, ours, by kind of joint and whether it is driven: of the coordinate [rad or m] and of its rate [per second]."""
 
-EFFORT_WEIGHT = np.diag([1.0 / 2.0e4, 1.0 / 1.0e3, 1.0 / 1.0e3]) ** 2
-"""R by the same rule, ours: as 20 kN m of slew torque, 1 kN of trolley force and 1 kN of hoist force beyond the feed-forward."""
+EFFORT = {"revolute": 2.0e4, "prismatic": 1.0e3}
+"""Efforts beyond the feed-forward that weigh alike, ours [N m or N]."""
+
+
+def state_weight_of(crane: Crane) -> np.ndarray:
+    """Q for coordinates and rates by Bryson's rule, shape (2 n, 2 n)."""
+    errors = np.array([ERROR[joint.kind, joint.driven] for joint in crane.layout.joints])
+    return np.diag(1.0 / errors.T.ravel()) ** 2
+
+
+def effort_weight_of(crane: Crane) -> np.ndarray:
+    """R for the drives by the same rule, shape (m, m)."""
+    return np.diag([1.0 / EFFORT[joint.kind] for joint in crane.layout.driven]) ** 2
 
 
 @checked
@@ -24,8 +40,8 @@ def lqr(
     motion: Motion,
     *,
     dt: float = 5e-4,
-    state_weight: np.ndarray = STATE_WEIGHT,
-    effort_weight: np.ndarray = EFFORT_WEIGHT,
+    state_weight: np.ndarray | None = None,
+    effort_weight: np.ndarray | None = None,
     every: int = 10,
 ) -> Tracking:
     """LQR about a motion, with the efforts of inverse dynamics fed forward; after it, the stationary LQR about its end.
@@ -34,13 +50,15 @@ def lqr(
         crane: The crane.
         motion: What to track; its period is the control period.
         dt: Physics step of the simulation [s].
-        state_weight: Q for coordinates and rates, shape (10, 10).
-        effort_weight: R for slew, trolley, hoist, shape (3, 3).
+        state_weight: Q for coordinates and rates, shape (2 n, 2 n); None for `state_weight_of`.
+        effort_weight: R for the drives, shape (m, m); None for `effort_weight_of`.
         every: Control instants between linearisations.
 
     Raises:
         OutOfRange: If R is not positive definite or Q not positive semidefinite, or the motion's period is not a multiple of `dt`.
     """
     model = linearised(crane, motion, dt=dt, every=every)
+    state_weight = state_weight_of(crane) if state_weight is None else state_weight
+    effort_weight = effort_weight_of(crane) if effort_weight is None else effort_weight
     sweep = riccati(model.a[model.stretch], model.b[model.stretch], state_weight, effort_weight)
     return Tracking(motion.period, model.efforts, sweep.gain, model.setpoint)

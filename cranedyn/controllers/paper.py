@@ -29,8 +29,6 @@ SLEW_WEIGHTS = (np.diag([100.0, 20.0, 100.0, 100.0]) ** 2, np.diag([1.0 / 2.0e4]
 HOIST = (4.0e4, 1.0e4, 1.2e4)
 """k_p [N/m], k_i [N/(m s)] and k_d [N s/m] of the hoist, ours."""
 
-_TROLLEY, _SLEW = [1, 6, 2, 7], [0, 5, 3, 8]
-
 
 def trolley_plane(mass: float, trolley: float, length: float, gravity: float) -> tuple[np.ndarray, np.ndarray]:
     """Eqs. (7), (8): M ẍ = F_x - m g φ and l φ̈ = ẍ - g φ, for [x, ẋ, φ, φ̇]."""
@@ -60,25 +58,34 @@ def paper_controller(
         every: Control instants between linearisations.
 
     Raises:
+        MissingRole: If it is not a tower crane.
         OutOfRange: If a gain of the hoist is negative or there are not three, gravity is not positive, or `every` is not at least 1.
     """
+    slew, trolley_joint, radial, tangential, cable = crane.layout.tower("The paper's control")
     every = min(whole("rows between linearisations", every, 1), len(motion.q))
     number("gravity", gravity, "m/s²", "> 0")
     if finite("gains of the hoist", hoist, (3,)).min() < 0.0:
         raise OutOfRange("gains of the hoist", hoist, ">= 0")
     mass, trolley, n = crane.payload_mass, crane.trolley_mass, len(motion.q)
-    radius, length = motion.q[:, 1], motion.q[:, 4]
+    radius, length = motion.q[:, trolley_joint], motion.q[:, cable]
     inertia = crane.slewing_inertia + trolley * radius**2
-    gain = np.zeros((n, 3, 10))
-    gain[:, 1, _TROLLEY] = _plane_gains(
+    joints = crane.layout.n
+    gain = np.zeros((n, crane.layout.m, 2 * joints))
+    drive = {role: crane.layout.drive_of(role) for role in ("slew", "trolley", "hoist")}
+    gain[:, drive["trolley"], [trolley_joint, joints + trolley_joint, radial, joints + radial]] = _plane_gains(
         [trolley_plane(mass, trolley, length[k], gravity) for k in range(0, n, every)], TROLLEY_WEIGHTS, motion.period, n, every
     )
-    gain[:, 0, _SLEW] = _plane_gains(
+    gain[:, drive["slew"], [slew, joints + slew, tangential, joints + tangential]] = _plane_gains(
         [slew_plane(mass, inertia[k], radius[k], length[k], gravity) for k in range(0, n, every)], SLEW_WEIGHTS, motion.period, n, every
     )
-    gain[:, 2, [4, 9]] = hoist[0], hoist[2]
+    gain[:, drive["hoist"], [cable, joints + cable]] = hoist[0], hoist[2]
     feed_forward = np.stack(
-        [(inertia + mass * radius**2) * motion.a[:, 0], (trolley + mass) * motion.a[:, 1], mass * (motion.a[:, 4] - gravity)], axis=1
+        [
+            (inertia + mass * radius**2) * motion.a[:, slew],
+            (trolley + mass) * motion.a[:, trolley_joint],
+            mass * (motion.a[:, cable] - gravity),
+        ],
+        axis=1,
     )
     return HoistIntegral(
         Tracking(motion.period, feed_forward, gain, np.hstack([motion.q, motion.v])), hoist[1], float(crane.effort_limit[2])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import operator
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,48 +21,71 @@ from cranedyn.interfaces import State
 if TYPE_CHECKING:
     import pyarrow
 
-COLUMNS = {
+QUANTITIES = ("t", "q", "v", "setpoint", "command", "effort", "energy", "work", "dissipated", "force", "outside", "valid")
+"""The arrays of a trajectory, in the order of their columns."""
+
+_OF_RUN = {
     "t": ("t_s",),
-    "q": ("gamma_rad", "x_m", "phi_rad", "theta_rad", "l_m"),
-    "v": ("gamma_dot_rad_s", "x_dot_m_s", "phi_dot_rad_s", "theta_dot_rad_s", "l_dot_m_s"),
-    "setpoint": ("gamma_setpoint_rad", "x_setpoint_m", "l_setpoint_m"),
-    "command": ("T_gamma_command_Nm", "F_x_command_N", "F_l_command_N"),
-    "effort": ("T_gamma_Nm", "F_x_N", "F_l_N"),
     "energy": ("energy_J",),
-    "work": ("W_gamma_J", "W_x_J", "W_l_J"),
     "dissipated": ("dissipated_J",),
-    "force": (
-        "payload_force_x_N",
-        "payload_force_y_N",
-        "payload_force_z_N",
-        "trolley_force_x_N",
-        "trolley_force_y_N",
-        "trolley_force_z_N",
-    ),
     "outside": ("W_force_J", "W_buffers_J"),
     "valid": ("valid",),
 }
-"""Column names behind each array of a trajectory."""
+"""Columns that every record has, whatever crane it is of."""
+
+
+def columns_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Which quantity each column of a record is of, by the forms that `cranedyn.model.layout.Layout.columns` gives their names.
+
+    Raises:
+        DataError: If they are not the columns of one record.
+    """
+    rates = re.compile(r"(.+)_dot_(rad|m)_s")
+    forms = {
+        "setpoint": re.compile(r".+_setpoint_(rad|m)"),
+        "command": re.compile(r"[TF]_.+_command_Nm?"),
+        "force": re.compile(r".+_force_[xyz]_N"),
+        "effort": re.compile(r"[TF]_.+_Nm?"),
+        "work": re.compile(r"W_.+_J"),
+    }
+    known = {name: quantity for quantity, own in _OF_RUN.items() for name in own}
+    for name in names:
+        if name not in known and (match := rates.fullmatch(name)):
+            known |= {name: "v", f"{match[1]}_{match[2]}": "q"}
+    found: dict[str, list[str]] = {quantity: [] for quantity in QUANTITIES}
+    for name in names:
+        quantity = known.get(name) or next((quantity for quantity, form in forms.items() if form.fullmatch(name)), None)
+        if quantity is not None:
+            found[quantity].append(name)
+    counts = {quantity: len(columns) for quantity, columns in found.items()}
+    m = counts["effort"]
+    if not (
+        counts["q"] == counts["v"] > 0 and m == counts["command"] == counts["setpoint"] == counts["work"] > 0 and counts["force"] % 3 == 0
+    ):
+        shown = ", ".join(f"{count} of {quantity}" for quantity, count in counts.items())
+        raise DataError(f"These are not the columns of a whole record: {shown}.")
+    return {quantity: tuple(columns) for quantity, columns in found.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """One row per control instant, n rows.
+    """One row per control instant, of a crane with n joints and m drives.
 
     Attributes:
-        t: Time [s], shape (n,).
-        q: Coordinates gamma, x, phi, theta, l [rad or m], shape (n, 5).
-        v: Their rates, shape (n, 5).
-        setpoint: Setpoint of slew, trolley and hoist [rad, m, m], shape (n, 3).
-        command: Efforts that the controller asked for, from this instant to the next [N m, N, N], shape (n, 3).
+        t: Time [s], shape (rows,).
+        q: Coordinates [rad or m], shape (rows, n).
+        v: Their rates, shape (rows, n).
+        setpoint: Where the drives should be [rad or m], shape (rows, m).
+        command: Efforts that the controller asked for, from this instant to the next [N m or N], shape (rows, m).
             Where the drives follow prescribed motion they are the efforts that this motion costs.
-        effort: Efforts that acted: the command within the limits of the drives, shape (n, 3).
-        energy: Mechanical energy of the whole crane [J], zero of height at the ground, shape (n,).
-        work: Work done by each drive since the start [J], shape (n, 3).
-        dissipated: Energy taken by joint damping since the start [J], shape (n,).
-        force: Outside forces in the world from this instant to the next, on the payload and on the trolley [N], shape (n, 6).
-        outside: Work done on the crane since the start by these forces, and by buffers at the ends of the ranges [J], shape (n, 2).
-        valid: 1 where the model holds, 0 where not, see `cranedyn.dynamics.validity`; shape (n,).
+        effort: Efforts that acted: the command within the limits of the drives, shape (rows, m).
+        energy: Mechanical energy of the whole crane [J], zero of height at the ground, shape (rows,).
+        work: Work done by each drive since the start [J], shape (rows, m).
+        dissipated: Energy taken by joint damping since the start [J], shape (rows,).
+        force: Outside forces in the world from this instant to the next, on the points of the crane [N], shape (rows, 3 points).
+        outside: Work done on the crane since the start by these forces, and by buffers at the ends of the ranges [J], shape (rows, 2).
+        valid: 1 where the model holds, 0 where not, see `cranedyn.dynamics.validity`; shape (rows,).
+        columns: Names of the columns of each of these.
         parameters: What the run was made with, by name.
     """
 
@@ -77,6 +101,7 @@ class Trajectory:
     force: np.ndarray
     outside: np.ndarray
     valid: np.ndarray
+    columns: Mapping[str, tuple[str, ...]]
     parameters: Mapping[str, float | str] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -89,10 +114,10 @@ class Trajectory:
         Raises:
             KeyError: If there is no such column.
         """
-        for name, columns in COLUMNS.items():
+        for name, columns in self.columns.items():
             if column in columns:
                 values = getattr(self, name)
-                return values if len(columns) == 1 else values[:, columns.index(column)]
+                return values if values.ndim == 1 else values[:, columns.index(column)]
         raise KeyError(column)
 
     def state(self, row: int) -> State:
@@ -123,7 +148,7 @@ class Trajectory:
         return self._rows((self.t >= first - 1e-9) & (self.t <= last + 1e-9))
 
     def _rows(self, chosen: np.ndarray) -> Trajectory:
-        return replace(self, **{name: getattr(self, name)[chosen] for name in COLUMNS})
+        return replace(self, **{name: getattr(self, name)[chosen] for name in QUANTITIES})
 
     @property
     def ledger(self) -> np.ndarray:
@@ -139,7 +164,7 @@ class Trajectory:
         """All columns as an Arrow table, the parameters in its metadata."""
         import pyarrow
 
-        names = [column for columns in COLUMNS.values() for column in columns]
+        names = [column for columns in self.columns.values() for column in columns]
         return pyarrow.table(
             {name: np.ascontiguousarray(self[name]) for name in names}, metadata={"cranedyn": json.dumps(dict(self.parameters))}
         )
@@ -173,13 +198,15 @@ def read(path: str | Path) -> Trajectory:
     """
     from cranedyn.data.tables import read_table
 
-    found, metadata = read_table(path, [column for columns in COLUMNS.values() for column in columns])
+    found, metadata = read_table(path)
+    columns = columns_of(list(found))
     t = found["t_s"]
     if not (len(t) > 0 and (t[1:] > t[:-1]).all()):
         raise DataError(f"{path}: t_s must increase from row to row, over one row at least.")
-    arrays = {name: [found[column] for column in columns] for name, columns in COLUMNS.items()}
+    flat = ("t", "energy", "dissipated", "valid")
     return Trajectory(
-        **{name: np.stack(values, axis=1) if len(values) > 1 else values[0] for name, values in arrays.items()},
+        **{name: found[own[0]] if name in flat else np.stack([found[column] for column in own], axis=1) for name, own in columns.items()},
+        columns=columns,
         parameters=_parameters(metadata, path),
     )
 
@@ -227,9 +254,9 @@ def join(pieces: Sequence[Trajectory]) -> Trajectory:
         if one.t[-1] != next_one.t[0] or not np.array_equal(one.q[-1], next_one.q[0]):
             raise DataError(f"A piece that begins at t = {next_one.t[0]:g} s does not go on from one that ends at t = {one.t[-1]:g} s.")
     ends = [-1] * (len(pieces) - 1) + [None]
-    whole = {name: np.concatenate([getattr(piece, name)[:end] for piece, end in zip(pieces, ends, strict=True)]) for name in COLUMNS}
+    whole = {name: np.concatenate([getattr(piece, name)[:end] for piece, end in zip(pieces, ends, strict=True)]) for name in QUANTITIES}
     for name in ("work", "dissipated", "outside"):
         before = np.cumsum([getattr(piece, name)[-1] for piece in pieces[:-1]], axis=0)
         on = [getattr(piece, name) + (before[k - 1] if k else 0.0) for k, piece in enumerate(pieces)]
         whole[name] = np.concatenate([values[:end] for values, end in zip(on, ends, strict=True)])
-    return Trajectory(**whole, parameters=pieces[0].parameters)
+    return Trajectory(**whole, columns=pieces[0].columns, parameters=pieces[0].parameters)

@@ -1,6 +1,6 @@
 """The linear crane about a rest or a motion: what a small motion does, step by step, under a held command and in a closed loop.
 
-Deviations are stacked as z = (coordinates, rates), shape (10,).
+Deviations are stacked as z = (coordinates, rates), shape (2 n,).
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.arrays import finite
+from cranedyn.arrays import finite, shaped
 from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.errors import OutOfRange, whole, within
 from cranedyn.interfaces import State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.simulation.clocks import clocks
 
 
@@ -23,8 +23,8 @@ class Sampled:
     """z after one control period = a z + b u, with the drive efforts u held.
 
     Attributes:
-        a: Shape (10, 10).
-        b: Shape (10, 3).
+        a: Shape (2 n, 2 n).
+        b: Shape (2 n, m).
         period: The control period [s].
     """
 
@@ -34,12 +34,12 @@ class Sampled:
 
     @checked
     def closed(self, gain: np.ndarray) -> np.ndarray:
-        """The loop closed with u = -gain z; gain has shape (3, 10), the answer (10, 10).
+        """The loop closed with u = -gain z; gain has shape (m, 2 n), the answer (2 n, 2 n).
 
         Raises:
-            OutOfRange: If the gain is not 3 by 10 finite numbers.
+            OutOfRange: If the gain is not m by 2 n finite numbers.
         """
-        return self.a - self.b @ finite("gain", gain, (3, 10))
+        return self.a - self.b @ finite("gain", gain, self.b.T.shape)
 
 
 @checked
@@ -49,30 +49,32 @@ def sampled(crane: Crane, state: State, effort: np.ndarray | None = None, *, dt:
     Args:
         crane: The crane.
         state: Where it hangs at rest, or passes by in a motion.
-        effort: What the drives exert there, shape (3,); None for what balances gravity.
+        effort: What the drives exert there, shape (m,); None for what balances gravity.
         dt: Physics step [s].
         control_period: Time over which efforts are held [s], a multiple of `dt`.
 
     Raises:
-        OutOfRange: If a time is out of range or the period not a multiple of `dt`, or the effort not three finite numbers.
+        OutOfRange: If a time is out of range or the period not a multiple of `dt`, or the effort not one finite number for each drive.
     """
+    n, m = crane.layout.n, crane.layout.m
     steps = clocks(control_period, dt, control_period).steps
-    exerted = holding_effort(crane, state.q) if effort is None else finite("effort", effort, (3,), unit="N m, N, N")
+    exerted = holding_effort(crane, state.q) if effort is None else finite("effort", effort, (m,))
     by_state, by_effort = linearise(crane, state, exerted)
-    step_v = np.hstack([np.zeros((5, 5)), np.eye(5)]) + dt * by_state
-    step = np.vstack([np.eye(5, 10) + dt * step_v, step_v])
+    step_v = np.hstack([np.zeros((n, n)), np.eye(n)]) + dt * by_state
+    step = np.vstack([np.eye(n, 2 * n) + dt * step_v, step_v])
     input_matrix = np.vstack([dt * dt * by_effort, dt * by_effort])
-    over_period = np.linalg.matrix_power(np.block([[step, input_matrix], [np.zeros((3, 10)), np.eye(3)]]), steps)
-    a, b = over_period[:10, :10], over_period[:10, 10:]
+    over_period = np.linalg.matrix_power(np.block([[step, input_matrix], [np.zeros((m, 2 * n)), np.eye(m)]]), steps)
+    a, b = over_period[: 2 * n, : 2 * n], over_period[: 2 * n, 2 * n :]
     return Sampled(a, b, control_period)
 
 
 @checked
-def feedback_gain(stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    """Gain of proportional-derivative control of each drive by itself, shape (3, 10), from its k_p and k_d, shape (3,) each."""
-    gain = np.zeros((3, 10))
-    gain[range(3), DRIVES] = finite("stiffness", stiffness, (3,))
-    gain[range(3), 5 + DRIVES] = finite("damping", damping, (3,))
+def feedback_gain(crane: Crane, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
+    """Gain of proportional-derivative control of each drive by itself, shape (m, 2 n), from its k_p and k_d, shape (m,) each."""
+    layout = crane.layout
+    gain = np.zeros((layout.m, 2 * layout.n))
+    gain[range(layout.m), layout.drives] = finite("stiffness", stiffness, (layout.m,))
+    gain[range(layout.m), layout.n + layout.drives] = finite("damping", damping, (layout.m,))
     return gain
 
 
@@ -82,8 +84,8 @@ class Mode:
 
     Attributes:
         rate: Complex growth rate [1/s]; its imaginary part is the frequency [rad/s].
-        shape: Complex deviations, shape (10,), one at the coordinate asked for.
-        weights: How much of the mode a state z holds is weights @ z, shape (10,).
+        shape: Complex deviations, shape (2 n,), one at the coordinate asked for.
+        weights: How much of the mode a state z holds is weights @ z, shape (2 n,).
     """
 
     rate: complex
@@ -103,16 +105,17 @@ class Mode:
 
 @checked
 def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
-    """The oscillation of a sampled closed loop, shape (10, 10), in which a coordinate (2 for φ, 3 for θ) has the largest share.
+    """The oscillation of a sampled closed loop, shape (2 n, 2 n), in which a coordinate, by its place, has the largest share.
 
     Raises:
         OutOfRange: If the loop has another shape, the period is out of range, or the coordinate does not oscillate.
     """
-    if whole("coordinate", coordinate, 0) > 4:
-        raise OutOfRange("coordinate", coordinate, "0 to 4")
-    values, vectors = np.linalg.eig(finite("loop", loop, (10, 10)))
+    n = len(shaped("loop", loop, ("2 n", "2 n"))) // 2
+    if whole("coordinate", coordinate, 0) > n - 1:
+        raise OutOfRange("coordinate", coordinate, f"0 to {n - 1}")
+    values, vectors = np.linalg.eig(finite("loop", loop, (2 * n, 2 * n)))
     rates = np.log(values.astype(complex)) / within("period", period, 1e-9, 1e13, "s")
-    share = np.abs(vectors[coordinate]) / np.linalg.norm(vectors[:5], axis=0)
+    share = np.abs(vectors[coordinate]) / np.linalg.norm(vectors[:n], axis=0)
     shares = np.where(rates.imag > 1e-3, share, 0.0)
     i = int(np.argmax(shares))
     if not shares[i] > 0.0:

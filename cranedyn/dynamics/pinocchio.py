@@ -1,145 +1,197 @@
 """How the crane moves: functions of a crane and a state, by Pinocchio's algorithms.
 
-Efforts are those of the three drives: slew torque [N m], trolley force [N], hoist force [N] (negative holds the load).
-Positions are in the world frame [m]: origin on the ground at the slew axis, Z up, jib along -Y at zero slew.
+Efforts are those of the m drives [N m or N]; for the tower crane slew torque, trolley force and hoist force (negative holds the load).
+Positions are in the world frame [m]: Z up, for the tower crane the origin on the ground at the slew axis, the jib along -Y at zero slew.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane, Point
 
 
-def full(effort: np.ndarray) -> np.ndarray:
-    """Drive efforts, shape (3,), among all five generalized forces, shape (5,): the passive joints get none."""
-    tau = np.zeros(5)
-    tau[DRIVES] = effort
-    return tau
+def full(crane: Crane, drives: np.ndarray) -> np.ndarray:
+    """Numbers of the drives, shape (m,), among those of all joints, shape (n,): zero for the passive ones."""
+    among = np.zeros(crane.layout.n)
+    among[crane.layout.drives] = drives
+    return among
 
 
 def acceleration(crane: Crane, state: State, effort: np.ndarray) -> np.ndarray:
-    """Accelerations of all five joints [rad/s² or m/s²], shape (5,), under drive efforts: articulated-body algorithm with damping."""
-    return pin.aba(crane.model, crane.data, *state, full(effort) - crane.damping * state.v)
+    """Accelerations of all joints [rad/s² or m/s²], shape (n,), under drive efforts: articulated-body algorithm with damping and springs."""
+    return pin.aba(crane.model, crane.data, *state, full(crane, effort) + JointForces.of(crane).effort(*state))
 
 
 def prescribed_acceleration(crane: Crane, state: State, drive_acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Accelerations of all five joints when those of the drives are given, and the drive efforts that this costs.
+    """Accelerations of all joints when those of the drives are given, and the drive efforts that this costs.
 
-    Solves the passive rows of M a + b + d v = τ for the swing, then reads the drive rows.
+    Solves the passive rows of M a + b = τ for the passive joints, then reads the drive rows.
 
     Args:
         crane: The crane.
         state: Where it is.
-        drive_acceleration: Of slew [rad/s²], trolley and hoist [m/s²], shape (3,).
+        drive_acceleration: Of the drives [rad/s² or m/s²], shape (m,).
 
     Returns:
-        Accelerations, shape (5,), and efforts [N m, N, N], shape (3,).
+        Accelerations, shape (n,), and efforts [N m or N], shape (m,).
     """
-    a = follow_drives(crane.model, crane.data, *state, full(drive_acceleration), crane.damping)
-    return a, inverse_dynamics(crane.model, crane.data, *state, a, crane.damping)
+    joint = JointForces.of(crane).effort(*state)
+    a = follow_drives(crane.model, crane.data, *state, full(crane, drive_acceleration), joint, crane.layout.passive)
+    return a, inverse_dynamics(crane.model, crane.data, *state, a, joint)[crane.layout.drives]
 
 
 def follow_drives(
-    model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, a: np.ndarray, damping: np.ndarray, outside: np.ndarray | None = None
+    model: pin.Model,
+    data: pin.Data,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    joint: np.ndarray,
+    passive: np.ndarray,
+    outside: np.ndarray | None = None,
 ) -> np.ndarray:
-    """All five accelerations, shape (5,), when `a` holds those of the drives and zeros for the swing; for any unit of time.
+    """All accelerations, shape (n,), when `a` holds those of the drives and zeros for the passive joints; for any unit of time.
 
-    The passive rows of M a + b + d v = outside are two equations in the two swing accelerations.
-
-    Raises:
-        OutOfRange: If the swing has no inertia, as a point load on a cable of no length, or it is no number.
-    """
-    resisting = pin.rnea(model, data, q, v, a) + damping * v
-    open_phi, open_theta = (resisting if outside is None else resisting - outside)[2:4].tolist()
-    (m11, m12), (_, m22) = pin.crba(model, data, q)[2:4, 2:4].tolist()
-    determinant = m11 * m22 - m12 * m12
-    if not determinant > 0.0:
-        raise OutOfRange("inertia against swing", f"{m11:g} and {m22:g}", "> 0; a load without rotational inertia needs a cable", "kg m²")
-    solved = a.copy()
-    solved[2:4] = (m12 * open_theta - m22 * open_phi) / determinant, (m12 * open_phi - m11 * open_theta) / determinant
-    return solved
-
-
-def inverse_dynamics(
-    model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, a: np.ndarray, damping: np.ndarray, outside: np.ndarray | None = None
-) -> np.ndarray:
-    """Drive efforts that cause these accelerations against damping, with generalized forces from outside; shape (3,); any unit of time."""
-    needed = pin.rnea(model, data, q, v, a) + damping * v
-    return (needed if outside is None else needed - outside)[DRIVES]
-
-
-def outside_effort(model: pin.Model, data: pin.Data, q: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Generalized forces of a force on the centre of the payload and one on the trolley at the swing pivot, shape (5,).
+    The passive rows of M a + b = joint + outside are as many equations as there are passive joints.
 
     Args:
         model: A crane's model.
         data: Its scratch memory.
-        q: Coordinates, shape (5,).
-        force: In the world [N], shape (2, 3): on the payload, on the trolley.
+        q: Coordinates, shape (n,).
+        v: Their rates, shape (n,).
+        a: Accelerations of the drives among zeros, shape (n,).
+        joint: Generalized forces of damping and springs, shape (n,).
+        passive: Where the passive joints stand among the coordinates.
+        outside: Generalized forces from outside, shape (n,); None for none.
+
+    Raises:
+        OutOfRange: If a passive joint has no inertia, as the swing of a point load on a cable of no length, or it is no number.
     """
-    load, pivot = _jacobians(model, data, q)
-    return force[0] @ load + force[1] @ pivot
+    if not len(passive):
+        return a.copy()
+    still_open = inverse_dynamics(model, data, q, v, a, joint, outside)
+    mass = pin.crba(model, data, q)
+    mass = (np.triu(mass) + np.triu(mass, 1).T)[np.ix_(passive, passive)]
+    if not _is_definite(mass):
+        inertias = " and ".join(f"{inertia:g}" for inertia in mass.diagonal())
+        raise OutOfRange("inertia against swing", inertias, "> 0; a load without rotational inertia needs a cable", "kg m²")
+    solved = a.copy()
+    solved[passive] = rigid_body.solve(mass.astype(object), -still_open[passive].astype(object))
+    return solved
 
 
-def _jacobians(model: pin.Model, data: pin.Data, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity in the world per rate of the coordinates, of the centre of the payload and of the swing pivot, shape (3, 5) each."""
+def _is_definite(mass: np.ndarray) -> bool:
+    if len(mass) == 2:  # the tower crane's, quicker than NumPy's
+        (a, c), (_, b) = mass.tolist()
+        return a * b - c * c > 0.0
+    return bool(np.isfinite(mass).all() and np.linalg.eigvalsh(mass)[0] > 0.0)
+
+
+def inverse_dynamics(
+    model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, a: np.ndarray, joint: np.ndarray, outside: np.ndarray | None = None
+) -> np.ndarray:
+    """Generalized forces that cause these accelerations beside those of joints and outside, shape (n,); arguments as `follow_drives`."""
+    needed = pin.rnea(model, data, q, v, a) - joint
+    return needed if outside is None else needed - outside
+
+
+def outside_effort(points: Sequence[Point], model: pin.Model, data: pin.Data, q: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Generalized forces of a force on each of some points, shape (n,).
+
+    Args:
+        points: The points.
+        model: A crane's model.
+        data: Its scratch memory.
+        q: Coordinates, shape (n,).
+        force: In the world [N], shape (points, 3).
+    """
+    return sum(part @ jacobian for part, jacobian in zip(force, _jacobians(points, model, data, q), strict=True))
+
+
+def _jacobians(points: Sequence[Point], model: pin.Model, data: pin.Data, q: np.ndarray) -> list[np.ndarray]:
+    """Velocity of each point in the world per rate of the coordinates, shape (3, n) each."""
     pin.computeJointJacobians(model, data, q)
-    load, pivot = (pin.getJointJacobian(model, data, i, pin.LOCAL_WORLD_ALIGNED) for i in (5, 3))
-    arm = data.oMi[5].rotation @ model.inertias[5].lever
-    return load[:3] + np.cross(load[3:].T, arm).T, pivot[:3]
+    found = []
+    for _, body, lever in points:
+        jacobian = pin.getJointJacobian(model, data, body + 1, pin.LOCAL_WORLD_ALIGNED)
+        arm = data.oMi[body + 1].rotation @ lever
+        found.append(jacobian[:3] + np.cross(jacobian[3:].T, arm).T)
+    return found
 
 
 def energy(crane: Crane, state: State) -> float:
-    """Mechanical energy [J], zero of height at the ground."""
-    return float(pin.computeMechanicalEnergy(crane.model, crane.data, *state))
+    """Mechanical energy, that of springs included [J], zero of height at the ground."""
+    rigid = float(pin.computeMechanicalEnergy(crane.model, crane.data, *state))
+    return rigid + float(crane.springs.energy(state.q)) if crane.springs.any else rigid
+
+
+def point_positions(crane: Crane, q: np.ndarray) -> np.ndarray:
+    """Where the points of a crane are in the world [m], shape (points, 3)."""
+    pin.forwardKinematics(crane.model, crane.data, q)
+    return np.array([crane.data.oMi[body + 1].act(lever) for _, body, lever in crane.points])
+
+
+def point_velocities(crane: Crane, state: State) -> np.ndarray:
+    """How the points of a crane move in the world [m/s], shape (points, 3)."""
+    return np.array([jacobian @ state.v for jacobian in _jacobians(crane.points, crane.model, crane.data, state.q)])
 
 
 def payload_position(crane: Crane, q: np.ndarray) -> np.ndarray:
     """Centre of the payload in the world [m], shape (3,)."""
-    pin.forwardKinematics(crane.model, crane.data, q)
-    return crane.data.oMi[5].act(crane.model.inertias[5].lever)
+    return point_positions(crane, q)[0]
 
 
 def pivot_position(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """Swing pivot at the trolley in the world [m], shape (3,)."""
+    """The point above the payload in the world [m], shape (3,): the swing pivot at the trolley, if there is one."""
+    return point_positions(crane, q)[min(1, len(crane.points) - 1)]
+
+
+def payload_orientation(crane: Crane, q: np.ndarray) -> np.ndarray:
+    """How the payload is turned in the world, as a unit quaternion x, y, z, w, shape (4,)."""
     pin.forwardKinematics(crane.model, crane.data, q)
-    return crane.data.oMi[3].translation.copy()
+    return pin.Quaternion(crane.data.oMi[crane.payload.body + 1].rotation).coeffs()
 
 
 def payload_velocity(crane: Crane, state: State) -> np.ndarray:
     """Velocity of the centre of the payload in the world [m/s], shape (3,)."""
-    return _jacobians(crane.model, crane.data, state.q)[0] @ state.v
-
-
-def pivot_velocity(crane: Crane, state: State) -> np.ndarray:
-    """Velocity of the swing pivot at the trolley in the world [m/s], shape (3,)."""
-    return _jacobians(crane.model, crane.data, state.q)[1] @ state.v
+    return point_velocities(crane, state)[0]
 
 
 def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
     """Tension of the rope [N]; at zero or below a real rope would be slack.
 
     The hoist joint lies along the rope, so its generalized force is the force along the rope: the drive's, less damping.
+
+    Raises:
+        MissingRole: If no joint is a hoist.
     """
-    return float(crane.damping[4] * state.v[4] - effort[2])
+    hoist = crane.layout.role("hoist", "The tension of the rope")
+    return float(crane.damping[hoist] * state.v[hoist] - full(crane, effort)[hoist])
 
 
 def holding_effort(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """Drive efforts that balance gravity at rest [N m, N, N], shape (3,); with swing, what they balance of it."""
-    return pin.computeGeneralizedGravity(crane.model, crane.data, q)[DRIVES]
+    """Drive efforts that balance gravity and springs at rest, shape (m,); with swing, what they balance of it."""
+    weight = pin.computeGeneralizedGravity(crane.model, crane.data, q)
+    return (weight - crane.springs.effort(q) if crane.springs.any else weight)[crane.layout.drives]
 
 
 def linearise(crane: Crane, state: State, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the accelerations, with damping.
+    """Derivatives of the accelerations, with damping and springs.
 
     Returns:
-        A, shape (5, 10): by coordinates then rates; B, shape (5, 3): by drive efforts.
+        A, shape (n, 2 n): by coordinates then rates; B, shape (n, m): by drive efforts.
     """
-    tau = full(effort) - crane.damping * state.v
+    tau = full(crane, effort) + JointForces.of(crane).effort(*state)
     by_q, by_v, inverse_mass = pin.computeABADerivatives(crane.model, crane.data, *state, tau)
     inverse_mass = np.triu(inverse_mass) + np.triu(inverse_mass, 1).T
-    return np.hstack([by_q, by_v - inverse_mass * crane.damping]), inverse_mass[:, DRIVES]
+    if crane.springs.any:
+        by_q = by_q - inverse_mass @ crane.springs.tangent(state.q)
+    return np.hstack([by_q, by_v - inverse_mass * crane.damping]), inverse_mass[:, crane.layout.drives]

@@ -262,6 +262,18 @@ def potential_energy(tree: Bodies, where: Sequence[Frame]) -> Any:
     return energy
 
 
+def height(tree: Bodies, where: Sequence[Frame], body: int, point: np.ndarray) -> Any:
+    """Height of a point of a body above the origin of the world [m]; the point is given in the joint's frame [m], shape (3,)."""
+    chain = [body]
+    while (parent := tree.parents[chain[-1]]) >= 0:
+        chain.append(parent)
+    up, found = array([0.0, 0.0, 1.0]), 0.0
+    for i in reversed(chain):
+        found = found + up @ where[i].origin
+        up = where[i].rotation.T @ up
+    return found + up @ point
+
+
 def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:
     """A vector of the world in the frame of a joint, shape (3,)."""
     chain = [body]

@@ -6,8 +6,9 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.errors import CraneError, ModelError
-from cranedyn.model.crane import DRIVES, PASSIVE, Crane
+from cranedyn.model.crane import Crane
 
 try:
     import casadi as ca
@@ -39,15 +40,16 @@ def rnea(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
 
 
 def prescribed_acceleration(crane: Crane, q: ca.SX, v: ca.SX, drive_acceleration: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Accelerations of all five joints when those of the drives are given, and the drive efforts that this costs.
+    """Accelerations of all joints when those of the drives are given, and the drive efforts that this costs.
 
-    The same as `cranedyn.dynamics.pinocchio.prescribed_acceleration`, on symbols: shapes (5,), (5,), (3,) to (5,) and (3,).
+    The same as `cranedyn.dynamics.pinocchio.prescribed_acceleration`, on symbols: shapes (n,), (n,), (m,) to (n,) and (m,).
     """
-    drives, passive = DRIVES.tolist(), PASSIVE.tolist()
-    a, swing = ca.SX(5, 1), ca.SX.sym("swing", 2)
-    a[drives], a[passive] = drive_acceleration, swing
-    force = rnea(crane.model, q, v, a) + crane.damping * v
-    mass, force = ca.jacobian(force, swing), ca.substitute(force, swing, np.zeros(2))
+    drives, passive = crane.layout.drives.tolist(), crane.layout.passive.tolist()
+    a, free = ca.SX(crane.layout.n, 1), ca.SX.sym("free", len(passive))
+    a[drives], a[passive] = drive_acceleration, free
+    at, moving = (rigid_body.array(ca.vertsplit(ca.densify(part))) for part in (q, v))
+    force = rnea(crane.model, q, v, a) - ca.vertcat(*JointForces.of(crane).effort(at, moving))
+    mass, force = ca.jacobian(force, free), ca.substitute(force, free, np.zeros(len(passive)))
     solved = -ca.solve(mass[passive, :], force[passive])
     a[passive] = solved
     return a, (force + mass @ solved)[drives]

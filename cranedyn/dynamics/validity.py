@@ -9,17 +9,69 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import shaped
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.drives import cable_buffers
-from cranedyn.dynamics.pinocchio import pivot_position
-from cranedyn.interfaces import UNITS
-from cranedyn.model.crane import JOINTS, PASSIVE, Crane
+from cranedyn.dynamics.scalars import rows
+from cranedyn.model.crane import Crane
+from cranedyn.model.layout import Layout
+
+
+class Bound(NamedTuple):
+    """What must hold: low <= value <= high, or low < value where nothing is above.
+
+    Attributes:
+        joint: The joint concerned, by its place among the coordinates.
+        value: What is bounded [rad, m or N].
+        low, high: The bounds; None for none.
+        strict: Whether the bound itself is out.
+        words: What happens where it does not hold, as the end of a sentence that names the time.
+    """
+
+    joint: int
+    value: Any
+    low: Any
+    high: Any
+    strict: bool
+    words: str
+
+    @property
+    def holds(self) -> Any:
+        """Whether it does, as a comparison of such numbers says it."""
+        above = None if self.low is None else self.value > self.low if self.strict else self.value >= self.low
+        below = None if self.high is None else self.value <= self.high
+        return below if above is None else above if below is None else above & below
+
+
+def bounds(
+    layout: Layout, lower: np.ndarray, upper: np.ndarray, q: np.ndarray, tension: Any, height: Any, *, buffers: bool
+) -> Iterator[Bound]:
+    """All that must hold of a state, in any kind of number.
+
+    Args:
+        layout: Joints of the crane.
+        lower, upper: Their ranges [rad or m], shape (n,).
+        q: Coordinates, n numbers.
+        tension: Of the rope [N]; None if there is no hoist.
+        height: Of the payload above the ground [m].
+        buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little is no event.
+    """
+    for i, joint in enumerate(layout.joints):
+        words = f"{joint.name} is at {{value:.6g}} {joint.unit}, its range is {{low:.6g}} to {{high:.6g}} {joint.unit}"
+        if not joint.driven and joint.kind == "revolute":
+            yield Bound(i, q[i], -math.pi / 2, math.pi / 2, False, words)
+        if not (joint.driven and buffers):
+            yield Bound(i, q[i], lower[i], upper[i], False, words)
+    if tension is not None:
+        slack = "the rope would have to push, its tension is {value:.6g} N; a rope goes slack"
+        yield Bound(layout.role("hoist", "The rope"), tension, 0.0, None, True, slack)
+    yield Bound(layout.n - 1, height, 0.0, None, False, "the payload is at a height of {value:.6g} m, below the ground")
 
 
 class Event(NamedTuple):
@@ -38,28 +90,21 @@ class Event(NamedTuple):
     words: str
 
 
-class _Condition(NamedTuple):
-    joint: str
-    values: np.ndarray
-    holds: np.ndarray
-    words: str
-
-
 @checked
 def first_event(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buffers: bool = False) -> Event | None:
     """The first row at which the model does not hold, None if there is none.
 
     Args:
         crane: The crane.
-        q: Coordinates, shape (n, 5).
-        v: Their rates, shape (n, 5).
-        hoist: Force of the hoist, and of the buffers at the ends of the cable [N], shape (n,).
+        q: Coordinates, shape (rows, n).
+        v: Their rates, shape (rows, n).
+        hoist: Force of the hoist, and of the buffers at the ends of the cable [N], shape (rows,); of no account without a hoist.
         buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little is no event.
 
     Raises:
         OutOfRange: If an array has another shape.
     """
-    found = [event for condition in _conditions(crane, q, v, hoist, buffers) for event in _beginnings(condition)[:1]]
+    found = [event for bound in _of_rows(crane, q, v, hoist, buffers) for event in _beginnings(crane, bound, bound.holds)[:1]]
     return min(found, key=lambda event: event.row, default=None)
 
 
@@ -67,44 +112,46 @@ def first_event(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *
 def events(crane: Crane, run: Trajectory) -> list[Event]:
     """Every beginning of a stretch in which the model does not hold, in the order of time."""
     buffers = run.parameters.get("validity") == "buffers"
-    hoist = run.effort[:, 2] + (cable_buffers(crane, run.q, run.v) if buffers else 0.0)
-    conditions = _conditions(crane, run.q, run.v, hoist, buffers)
-    known = [condition._replace(holds=condition.holds | (run.valid == 1.0)) for condition in conditions]
-    return sorted(event for condition in known for event in _beginnings(condition))
+    hoist = hoisting(crane, run.effort) + (cable_buffers(crane, run.q, run.v) if buffers else 0.0)
+    known = [(bound, bound.holds | (run.valid == 1.0)) for bound in _of_rows(crane, run.q, run.v, hoist, buffers)]
+    return sorted(event for bound, holds in known for event in _beginnings(crane, bound, holds))
 
 
 @checked
 def valid(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buffers: bool = False) -> np.ndarray:
-    """Whether the model holds at each row, shape (n,); arguments as of `first_event`.
+    """Whether the model holds at each row, shape (rows,); arguments as of `first_event`.
 
     Raises:
         OutOfRange: If an array has another shape.
     """
-    return np.logical_and.reduce([condition.holds for condition in _conditions(crane, q, v, hoist, buffers)])
+    return np.logical_and.reduce([bound.holds for bound in _of_rows(crane, q, v, hoist, buffers)])
 
 
-def _conditions(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, buffers: bool) -> Iterator[_Condition]:
-    q = shaped("q", q, ("n", 5))
+def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
+    """Force of the hoist among the efforts of the drives in rows [N], shape (rows,); zero without a hoist."""
+    hoist = crane.layout.drive_of("hoist")
+    return np.zeros(len(effort)) if hoist is None else effort[:, hoist]
+
+
+def _of_rows(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, buffers: bool) -> Iterator[Bound]:
+    q = shaped("q", q, ("rows", crane.layout.n))
     v, hoist = shaped("v", v, q.shape), shaped("hoist", hoist, q.shape[:1])
-    for i, joint in enumerate(JOINTS):
-        low, high = float(crane.lower[i]), float(crane.upper[i])
-        if i in PASSIVE:
-            low, high = max(low, -math.pi / 2), min(high, math.pi / 2)
-        elif buffers:
-            continue
-        words = f"{joint.name} is at {{value:.6g}} {UNITS[i]}, its range is {low:.6g} to {high:.6g} {UNITS[i]}"
-        yield _Condition(joint.name, q[:, i], (q[:, i] >= low) & (q[:, i] <= high), words)
-    tension = crane.damping[4] * v[:, 4] - hoist
-    yield _Condition(JOINTS[4].name, tension, tension > 0.0, "the rope would have to push, its tension is {value:.6g} N; a rope goes slack")
-    height = float(pivot_position(crane, crane.start.q)[2]) - q[:, 4] * np.cos(q[:, 2]) * np.cos(q[:, 3])
-    yield _Condition(JOINTS[4].name, height, height >= 0.0, "the payload is at a height of {value:.6g} m, below the ground")
+    tree = rigid_body.bodies(crane.model)
+    tree = tree.with_numbers(tree.numbers().tolist())
+    height = rigid_body.height(tree, rigid_body.frames(tree, rows(q)), crane.payload.body, crane.payload.lever)
+    tension = None
+    if crane.layout.has("hoist"):
+        cable = crane.layout.role("hoist", "The rope")
+        tension = crane.damping[cable] * v[:, cable] - hoist
+    return bounds(crane.layout, crane.lower, crane.upper, q.T, tension, np.asarray(height), buffers=buffers)
 
 
-def _beginnings(condition: _Condition) -> list[Event]:
-    holds = condition.holds
+def _beginnings(crane: Crane, bound: Bound, holds: np.ndarray) -> list[Event]:
     if holds.all():
         return []
-    rows = np.flatnonzero(~holds & np.concatenate([[True], holds[:-1]]))
+    found = np.flatnonzero(~holds & np.concatenate([[True], holds[:-1]]))
+    name = crane.layout.joints[bound.joint].name
+    values = np.broadcast_to(bound.value, holds.shape)
     return [
-        Event(int(row), condition.joint, float(condition.values[row]), condition.words.format(value=condition.values[row])) for row in rows
+        Event(int(row), name, float(values[row]), bound.words.format(value=values[row], low=bound.low, high=bound.high)) for row in found
     ]

@@ -18,7 +18,7 @@ _NUMBERS = {
     "mass": {"value": 1},
     "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 1),
     "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), 1),
-    "dynamics": {"damping": 1, "friction": 1},
+    "dynamics": {"damping": 1, "friction": 1, "armature": 1},
     "box": {"size": 3},
     "cylinder": {"radius": 1, "length": 1},
     "sphere": {"radius": 1},

@@ -17,6 +17,14 @@ COLOURS = {
 """Hex colour by quantity: a coordinate shares it with its rate and with the effort and the work of its drive. Black is for white paper."""
 
 
+_FURTHER = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+
+
+def colour_of(quantity: str) -> str:
+    """The hex colour of a quantity; one of no name of its own always gets the same."""
+    return COLOURS.get(quantity) or _FURTHER[sum(quantity.encode()) % len(_FURTHER)]
+
+
 def rgb(colour: str) -> tuple[int, int, int]:
     """Red, green and blue of a hex colour, 0 to 255."""
     red, green, blue = bytes.fromhex(colour[1:])

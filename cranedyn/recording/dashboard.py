@@ -7,20 +7,23 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
-from cranedyn.dynamics.pinocchio import pivot_position
-from cranedyn.model.crane import DRIVES
+from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.plotting.style import rgb
 from cranedyn.recording.run import TIMELINE, Run
 from cranedyn.recording.scene import BACKGROUND
-from cranedyn.recording.series import Table, plot
+from cranedyn.recording.series import Table, plot, plots
 
 
 def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
     """The layout for these runs and what is recorded of them; without tables, for runs that are only beginning."""
     busiest = _busiest_drive(runs)
-    drives = [plot(name, runs, tables) for name in ("gamma", "x", "l")]
-    efforts = [plot(name, runs, tables) for name in ("T_gamma", "F_x", "F_l", "speeds", "angular speeds")]
+    layout = runs[0].crane.layout
+    there = plots(layout)
+    drives = [plot(joint.symbol, runs, tables) for joint in layout.driven]
+    efforts = [plot(column.rpartition("_")[0], runs, tables) for column in layout.columns()["effort"]]
     efforts.insert(0, efforts.pop(busiest))
+    efforts += [plot(name, runs, tables) for name in ("speeds", "angular speeds") if name in there]
+    passive = [plot(name, runs, tables) for name in ("swing", "stretch") if name in there]
     titles = [f"Energy [J] · {run.name}" if len(runs) > 1 else "" for run in runs]
     energies = [plot("energy", [run], tables[i : i + 1], titles[i]) for i, run in enumerate(runs)]
     return rrb.Blueprint(
@@ -28,7 +31,7 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
             rrb.Vertical(_scene(runs), rrb.TextDocumentView(origin="text", name="About"), row_shares=[7, 2]),
             rrb.Vertical(
                 rrb.Tabs(*drives, active_tab=busiest),
-                plot("swing", runs, tables),
+                rrb.Tabs(*passive) if len(passive) > 1 else passive[0] if passive else energies[0],
                 rrb.Tabs(energies[0], *efforts, *energies[1:], active_tab=0),
                 row_shares=[3, 4, 4],
             ),
@@ -45,9 +48,20 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
 
 
 def _busiest_drive(runs: Sequence[Run]) -> int:
-    """The drive that moves furthest, slew counted along the arc of the trolley."""
-    travel = [np.ptp(run.trajectory.q[:, DRIVES], axis=0) * (run.trajectory.q[:, 1].max(), 1.0, 1.0) for run in runs]
+    """The drive that moves furthest, angles counted along the arc at the reach of the crane."""
+    layout = runs[0].crane.layout
+    arm = np.array([_reach(runs[0]) if joint.kind == "revolute" else 1.0 for joint in layout.driven])
+    travel = [np.ptp(run.trajectory.q[:, layout.drives], axis=0) * arm for run in runs]
     return int(np.argmax(np.max(travel, axis=0)))
+
+
+def _reach(run: Run) -> float:
+    """How far from the foot the points of a crane come in a run [m], horizontally; for a trolley on a jib the end of its way."""
+    layout = run.crane.layout
+    if layout.has("slew", "trolley"):
+        return float(run.crane.upper[layout.role("trolley", "The reach")])
+    rows = run.trajectory.q[:: max(1, len(run.trajectory) // 50)]
+    return float(max(np.linalg.norm(point_positions(run.crane, q)[:, :2], axis=1).max() for q in rows))
 
 
 def _scene(runs: Sequence[Run]) -> rrb.Spatial3DView:
@@ -66,11 +80,12 @@ def _eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
 
     Cranes that stand in a row across their jibs are seen from the side of the tips instead, so that none hides another.
     """
-    slew = np.concatenate([run.trajectory.q[:, 0] for run in runs])
-    middle = (slew.min() + slew.max()) / 2
+    layout = runs[0].crane.layout
+    slew = [run.trajectory.q[:, layout.role("slew", "The view")] for run in runs] if layout.has("slew") else [np.zeros(1)]
+    middle = (np.min(np.concatenate(slew)) + np.max(np.concatenate(slew))) / 2
     along, across = np.array([np.sin(middle), -np.cos(middle), 0.0]), np.array([np.cos(middle), np.sin(middle), 0.0])
-    height = max(pivot_position(run.crane, run.crane.start.q)[2] for run in runs)
-    reach = max(run.crane.upper[1] for run in runs)
+    height = max(point_positions(run.crane, run.crane.start.q)[:, 2].max() for run in runs)
+    reach = max(_reach(run) for run in runs)
     feet = np.array([run.offset for run in runs])
     in_a_row = np.ptp(feet @ across) > np.ptp(feet @ along)
     turn, rise, middle_height = (np.radians(55.0), 0.3, 0.4) if in_a_row else (0.0, 0.12, 0.58)

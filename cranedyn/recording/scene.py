@@ -13,9 +13,8 @@ import numpy as np
 import rerun as rr
 from rerun.urdf import UrdfTree
 
-from cranedyn.dynamics.pinocchio import payload_position, pivot_position
+from cranedyn.dynamics.pinocchio import payload_orientation, point_positions
 from cranedyn.errors import printable
-from cranedyn.model.crane import DRIVES, JOINTS
 from cranedyn.model.urdf import parse, skeleton
 from cranedyn.plotting.style import COLOURS, mixed, rgb
 from cranedyn.recording.run import Run, clock
@@ -65,7 +64,7 @@ class _Times(NamedTuple):
 
 def looks(runs: Sequence[Run]) -> list[Look]:
     """The look of each run."""
-    widest = max(np.degrees(np.abs(run.trajectory.q[:, 2:4])).max() for run in runs)
+    widest = max(np.degrees(np.abs(run.trajectory.q[:, run.crane.swings])).max(initial=0.0) for run in runs)
     arrow = next((scale for scale in (0.5, 0.2, 0.1) if scale * widest <= _LONGEST_ARROW), 0.05)
     found = []
     for i, run in enumerate(runs):
@@ -84,7 +83,7 @@ class Scene:
         foot = rr.Transform3D(translation=run.offset, parent_frame="tf#/", child_frame=self._ground)
         recording.log(run.entity("joints", "ground"), foot, static=True)
         self._body = _log_links(recording, run, self._tree, look)
-        _log_styles(recording, run, look, self._ground, _child(self._tree, "trolley_joint"), self._body)
+        _log_styles(recording, run, look, self._ground, _above_swing(run, self._tree), self._body)
 
     def move(self, run: Run, since: float = -math.inf) -> None:
         """Draw the rows of a run from a time on [s], 50 pictures a second; earlier rows are the past that the path shows."""
@@ -112,13 +111,23 @@ def _child(tree: UrdfTree, joint: str) -> str:
     return found.child_link
 
 
+def _above_swing(run: Run, tree: UrdfTree) -> str | None:
+    """The link from which the load swings along the jib and across it; None if the crane is another."""
+    layout = run.crane.layout
+    return (
+        _child(tree, layout.joints[layout.role("trolley", "The arrows")].name)
+        if layout.has("trolley", "radial_swing", "tangential_swing")
+        else None
+    )
+
+
 def _every(t: np.ndarray, seconds: float) -> np.ndarray:
     """Rows a time apart, first and last among them."""
     return np.unique(np.searchsorted(t, np.append(np.arange(t[0], t[-1], seconds), t[-1]) - 1e-9))
 
 
 def _move_joints(recording: rr.RecordingStream, run: Run, tree: UrdfTree, times: _Times) -> None:
-    moving = [joint.name for joint in JOINTS]
+    moving = [joint.name for joint in run.crane.layout.joints]
     for joint in tree.joints():
         if joint.name in moving:
             columns = joint.compute_transform_columns(times.q[:, moving.index(joint.name)].tolist(), clamp=False)
@@ -127,11 +136,11 @@ def _move_joints(recording: rr.RecordingStream, run: Run, tree: UrdfTree, times:
 
 def _log_links(recording: rr.RecordingStream, run: Run, tree: UrdfTree, look: Look) -> Shape:
     """The links as they look, on their fixed joints; returns the body of the payload, its largest shape."""
-    moving = [joint.name for joint in JOINTS]
+    moving = [joint.name for joint in run.crane.layout.joints]
     for joint in tree.joints():
         if joint.name not in moving:
             recording.log(run.entity("joints", joint.name), joint.compute_transform(0.0, clamp=False), static=True)
-    payload = _child(tree, "hoist_joint")
+    payload = _child(tree, run.crane.layout.joints[run.crane.payload.body].name)
     by_link = shapes(run.crane.urdf)
     by_link[payload] = by_link[payload] or [Shape("box", (1.0, 1.0, 1.0))]
     body = max(by_link[payload], key=lambda shape: math.prod(shape.size))
@@ -149,7 +158,7 @@ def _log_links(recording: rr.RecordingStream, run: Run, tree: UrdfTree, look: Lo
     return body
 
 
-def _log_styles(recording: rr.RecordingStream, run: Run, look: Look, ground: str, trolley: str, body: Shape) -> None:
+def _log_styles(recording: rr.RecordingStream, run: Run, look: Look, ground: str, trolley: str | None, body: Shape) -> None:
     """Frames, colours and sizes of what moves: cable, path, the outline of the setpoint of the payload, swing arrows."""
     age = np.linspace(0.0, 1.0, _PATH_POINTS, endpoint=False)
     faded = [rgb(mixed(look.colour, BACKGROUND, a)) for a in age]
@@ -160,8 +169,7 @@ def _log_styles(recording: rr.RecordingStream, run: Run, look: Look, ground: str
         "cable": (ground, rr.LineStrips3D.from_fields(colors=rgb(_CABLE), radii=_CABLE_RADIUS)),
         "path": (ground, rr.Points3D.from_fields(colors=faded, radii=_PATH_RADIUS * (1 - age))),
         "setpoint/cable": (ground, rr.LineStrips3D.from_fields(colors=rgb(_GREY), radii=_CABLE_RADIUS / 2)),
-        "swing": (run.frame(trolley), arrows),
-    }
+    } | ({} if trolley is None else {"swing": (run.frame(trolley), arrows)})
     for name, (frame, style) in styles.items():
         recording.log(f"{run.entity('scene')}/{name}", rr.CoordinateFrame(frame), style, static=True)
     outline = replace(body, colour=(0.3, 0.3, 0.3, 0.5))
@@ -169,8 +177,9 @@ def _log_styles(recording: rr.RecordingStream, run: Run, look: Look, ground: str
 
 
 def _ends(run: Run, q: np.ndarray) -> np.ndarray:
-    """Pivot and payload in the world [m], shape (n, 2, 3)."""
-    return np.array([(pivot_position(run.crane, row), payload_position(run.crane, row)) for row in q]).reshape(-1, 2, 3)
+    """Pivot, hook if there is one, and payload in the world [m], shape (rows, points, 3)."""
+    down = [*range(1, len(run.crane.points)), 0]
+    return np.array([point_positions(run.crane, row)[down] for row in q]).reshape(-1, len(down), 3)
 
 
 def _move_load(recording: rr.RecordingStream, run: Run, times: _Times) -> None:
@@ -183,7 +192,7 @@ def _move_path(recording: rr.RecordingStream, run: Run, since: float) -> None:
     t = run.trajectory.t
     some = _every(t, 1 / _PATH_POINTS_PER_SECOND)
     fresh = np.flatnonzero(t[some] >= since)
-    payload = _ends(run, run.trajectory.q[some])[:, 1]
+    payload = _ends(run, run.trajectory.q[some])[:, -1]
     past = payload[np.clip(fresh[:, None] - np.arange(_PATH_POINTS), 0, None)]
     columns = rr.Points3D.columns(positions=past.reshape(-1, 3)).partition(np.full(len(fresh), _PATH_POINTS))
     recording.send_columns(run.entity("scene", "path"), clock(t[some][fresh]), columns)
@@ -192,12 +201,13 @@ def _move_path(recording: rr.RecordingStream, run: Run, since: float) -> None:
 def _move_setpoint(recording: rr.RecordingStream, run: Run, times: _Times) -> None:
     """An outline of the payload hanging at rest below the trolley at the setpoint of the drives; rows only where that changes."""
     rows = np.append(True, np.any(np.diff(times.setpoint, axis=0) != 0, axis=1))
-    q = np.zeros((np.count_nonzero(rows), 5))
-    q[:, DRIVES] = times.setpoint[rows]
+    crane = run.crane
+    q = np.tile(crane.start.q, (np.count_nonzero(rows), 1))
+    q[:, crane.layout.drives] = times.setpoint[rows]
     ends, n = _ends(run, q), len(q)
-    turned = np.stack([0 * q[:, 0], 0 * q[:, 0], np.sin(q[:, 0] / 2), np.cos(q[:, 0] / 2)], axis=1)
+    turned = np.array([payload_orientation(crane, row) for row in q])
     moved = rr.Transform3D.columns(
-        translation=ends[:, 1], quaternion=turned, parent_frame=[times.ground] * n, child_frame=[run.frame("setpoint")] * n
+        translation=ends[:, -1], quaternion=turned, parent_frame=[times.ground] * n, child_frame=[run.frame("setpoint")] * n
     )
     recording.send_columns(run.entity("joints", "setpoint"), clock(times.t[rows]), moved)
     recording.send_columns(run.entity("scene", "setpoint", "cable"), clock(times.t[rows]), rr.LineStrips3D.columns(strips=list(ends)))
@@ -205,7 +215,11 @@ def _move_setpoint(recording: rr.RecordingStream, run: Run, times: _Times) -> No
 
 def _move_swing(recording: rr.RecordingStream, run: Run, times: _Times, look: Look) -> None:
     """Two arrows below the trolley that point where the load hangs off the plumb line: along the jib, and across it."""
-    phi, theta = look.arrow * np.degrees(times.q[:, 2:4]).T
+    layout = run.crane.layout
+    if not layout.has("trolley", "radial_swing", "tangential_swing"):
+        return
+    swings = [layout.role(role, "The arrows") for role in ("radial_swing", "tangential_swing")]
+    phi, theta = look.arrow * np.degrees(times.q[:, swings]).T
     vectors = np.zeros((len(phi), 2, 3))
     vectors[:, 0, 1], vectors[:, 1, 0] = phi, -theta
     columns = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3)).partition(np.full(len(phi), 2))

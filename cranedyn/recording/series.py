@@ -14,8 +14,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import VisualizerComponentMapping
 
-from cranedyn.data.trajectory import COLUMNS, Trajectory
-from cranedyn.plotting.style import COLOURS, mixed, rgb
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.model.layout import Joint, Layout
+from cranedyn.plotting.style import colour_of, mixed, rgb
 from cranedyn.recording.run import Run, clock
 
 Table = dict[str, np.ndarray]
@@ -38,39 +39,62 @@ class Plot(NamedTuple):
     curves: tuple[Curve, ...]
 
 
-def _effort(title: str, label: str, quantity: str, column: str) -> Plot:
+_TITLES = {"gamma": "Slew", "x": "Trolley", "l": "Cable"}
+_LABELS = {"gamma": "γ", "phi": "φ", "theta": "θ"}
+_WORDS = {"phi": "φ radial", "theta": "θ tangential"}
+_DRIVES = {"gamma": "slew", "x": "trolley", "l": "hoist"}
+
+
+def plots(layout: Layout) -> dict[str, Plot]:
+    """The plots of a crane by name: a drive's by its symbol, its effort's by its column without the unit."""
+    found = {joint.symbol: _position(joint) for joint in layout.driven}
+    passive = [joint for joint in layout.joints if not joint.driven]
+    for name, title, kind in (("swing", "Swing", "revolute"), ("stretch", "Stretch", "prismatic")):
+        if some := [joint for joint in reversed(passive) if joint.kind == kind]:
+            curves = tuple(
+                Curve(_WORDS.get(joint.symbol, joint.symbol), joint.symbol, f"{joint.symbol}_{_shown(joint)[1]}") for joint in some
+            )
+            found[name] = Plot(f"{title} [{_shown(some[0])[0]}]", _shown(some[0])[2], curves)
+    for name, kind in (("speeds", "prismatic"), ("angular speeds", "revolute")):
+        order = [*(joint for joint in layout.driven), *reversed(passive)] if kind == "revolute" else [*reversed(layout.driven), *passive]
+        if some := [joint for joint in order if joint.kind == kind]:
+            unit, ending, least = _shown(some[0])
+            curves = tuple(Curve(f"d{_label(joint)}/dt", joint.symbol, f"{joint.symbol}_dot_{ending}_s") for joint in some)
+            found[name] = Plot(f"Speed [{unit}/s]", least, curves)
+    for joint, column in zip(layout.driven, layout.columns()["effort"], strict=True):
+        found[column.rpartition("_")[0]] = _effort(joint, column)
+    work = [Curve(f"work of {_DRIVES.get(joint.symbol, joint.symbol)}", joint.symbol, f"W_{joint.symbol}_J") for joint in layout.driven]
+    taken = (
+        Curve("dissipated", "dissipated", "dissipated_J"),
+        Curve("unexplained", "unexplained", "unexplained_J"),
+        Curve("gained", "energy", "energy_J"),
+    )
+    return found | {"energy": Plot("Energy [J]", 20.0, (*work, *taken))}
+
+
+def _shown(joint: Joint) -> tuple[str, str, float]:
+    """Unit of a coordinate before people and in columns, and the smallest span of its axis."""
+    return ("°", "deg", 0.2) if joint.kind == "revolute" else ("m", "m", 0.02)
+
+
+def _label(joint: Joint) -> str:
+    return _LABELS.get(joint.symbol, joint.symbol)
+
+
+def _position(joint: Joint) -> Plot:
+    unit, ending, least = _shown(joint)
+    curves = (
+        Curve("setpoint", "setpoint", f"{joint.symbol}_setpoint_{ending}"),
+        Curve(_label(joint), joint.symbol, f"{joint.symbol}_{ending}"),
+    )
+    return Plot(f"{_TITLES.get(joint.symbol, joint.symbol)} [{unit}]", least, curves)
+
+
+def _effort(joint: Joint, column: str) -> Plot:
     limits = (Curve("limit", "limit", f"{column}_lower"), Curve("limit", "limit", f"{column}_upper"))
-    return Plot(title, 20.0, (*limits, Curve(label, quantity, column)))
-
-
-PLOTS = {
-    "gamma": Plot("Slew [°]", 0.2, (Curve("setpoint", "setpoint", "gamma_setpoint_deg"), Curve("γ", "gamma", "gamma_deg"))),
-    "x": Plot("Trolley [m]", 0.02, (Curve("setpoint", "setpoint", "x_setpoint_m"), Curve("x", "x", "x_m"))),
-    "l": Plot("Cable [m]", 0.02, (Curve("setpoint", "setpoint", "l_setpoint_m"), Curve("l", "l", "l_m"))),
-    "swing": Plot("Swing [°]", 0.2, (Curve("θ tangential", "theta", "theta_deg"), Curve("φ radial", "phi", "phi_deg"))),
-    "speeds": Plot("Speed [m/s]", 0.02, (Curve("dl/dt", "l", "l_dot_m_s"), Curve("dx/dt", "x", "x_dot_m_s"))),
-    "angular speeds": Plot(
-        "Speed [°/s]",
-        0.2,
-        (Curve("dγ/dt", "gamma", "gamma_dot_deg_s"), Curve("dθ/dt", "theta", "theta_dot_deg_s"), Curve("dφ/dt", "phi", "phi_dot_deg_s")),
-    ),
-    "T_gamma": _effort("Slew torque [N m]", "T_γ", "gamma", "T_gamma_Nm"),
-    "F_x": _effort("Trolley force [N]", "F_x", "x", "F_x_N"),
-    "F_l": _effort("Hoist force [N]", "F_l", "l", "F_l_N"),
-    "energy": Plot(
-        "Energy [J]",
-        20.0,
-        (
-            Curve("work of slew", "gamma", "W_gamma_J"),
-            Curve("work of trolley", "x", "W_x_J"),
-            Curve("work of hoist", "l", "W_l_J"),
-            Curve("dissipated", "dissipated", "dissipated_J"),
-            Curve("unexplained", "unexplained", "unexplained_J"),
-            Curve("gained", "energy", "energy_J"),
-        ),
-    ),
-}
-"""The plots by name."""
+    drive, what = _DRIVES.get(joint.symbol, joint.symbol), "torque" if joint.kind == "revolute" else "force"
+    title = f"{drive[:1].upper()}{drive[1:]} {what} [{joint.effort_unit}]"
+    return Plot(title, 20.0, (*limits, Curve(f"{column[0]}_{_label(joint)}", joint.symbol, column)))
 
 
 def table(run: Run, start_energy: float | None = None) -> Table:
@@ -78,12 +102,12 @@ def table(run: Run, start_energy: float | None = None) -> Table:
 
     Where the trajectory goes on from earlier pieces, the energy at their start [J] is given.
     """
-    trajectory, columns = run.trajectory, {}
+    trajectory, columns, names = run.trajectory, {}, run.trajectory.columns
     start = trajectory.energy[0] if start_energy is None else start_energy
-    for name in (name for key in ("q", "v", "setpoint", "effort", "work", "dissipated", *_outside(trajectory)) for name in COLUMNS[key]):
+    for name in (name for key in ("q", "v", "setpoint", "effort", "work", "dissipated", *_outside(trajectory)) for name in names[key]):
         columns[name.replace("_rad", "_deg")] = np.degrees(trajectory[name]) if "_rad" in name else trajectory[name]
     columns |= {"energy_J": trajectory.energy - start, "unexplained_J": trajectory.ledger - start}
-    for name, limit in zip(COLUMNS["effort"], run.crane.effort_limit, strict=True):
+    for name, limit in zip(names["effort"], run.crane.effort_limit, strict=True):
         columns |= {f"{name}_lower": np.full(len(trajectory), -limit), f"{name}_upper": np.full(len(trajectory), limit)}
     return columns
 
@@ -105,7 +129,7 @@ def plot(name: str, runs: Sequence[Run], tables: Sequence[Table], title: str = "
 
     Without tables the axes find their own ranges, as they must while a run is under way.
     """
-    shown = PLOTS[name]
+    shown = plots(runs[0].crane.layout)[name]
     overrides: dict[Any, Any] = {}
     for i, run in enumerate(runs):
         labels = [curve.label for curve in shown.curves]
@@ -126,7 +150,7 @@ def plot(name: str, runs: Sequence[Run], tables: Sequence[Table], title: str = "
 
 def _line(curve: Curve, label: str, paler: float) -> rrb.visualizers.Visualizer:
     """A curve; where many rows fall on one pixel, efforts and energies show their extremes, all else the mean."""
-    ink = COLOURS[curve.quantity].replace("#000000", "#9A9A9A")
+    ink = colour_of(curve.quantity).replace("#000000", "#9A9A9A")
     colour = rgb(mixed(ink, "#FFFFFF", paler))
     policy: Literal["MinMax", "Average"] = "MinMax" if curve.column.split("_")[0] in ("T", "F", "W", "energy") else "Average"
     source = VisualizerComponentMapping("Scalars:scalars", "SourceComponent", source_component="Run:row", selector=f".{curve.column}")

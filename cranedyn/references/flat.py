@@ -61,17 +61,19 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: floa
         period: Time between rows [s].
 
     Raises:
+        MissingRole: If it is not a tower crane.
         OutOfRange: If the duration is not positive or takes more than 4 million rows, the ramp is too long, or the path would slacken
             the rope.
     """
+    slew, trolley, *_, hoist = crane.layout.tower("A path planned for the payload (flat)")
     last = intervals("duration", duration, period)
     if ramp is not None:
         within("ramp", ramp, period, duration / 2.0, "s")
     for where, state in (("start", start), ("goal", goal)):
-        number(f"l at the {where}", state.q[4], "m", "> 0")
-    inertia = (crane.payload_inertia + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
+        number(f"l at the {where}", state.q[hoist], "m", "> 0")
+    inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
     height = float(pivot_position(crane, start.q)[2])
-    ends = np.array([(s.q[0], s.q[1], height - s.q[4] - inertia / s.q[4]) for s in (start, goal)])
+    ends = np.array([(s.q[slew], s.q[trolley], height - s.q[hoist] - inertia / s.q[hoist]) for s in (start, goal)])
     each = max(1, math.ceil(_CLOSEST / period - 1e-9))  # rows from one sample to the next
     t = period * each * np.arange(-_MARGIN, math.ceil(duration / (period * each) - 1e-9) + 1 + _MARGIN)
     share = smoothstep(t / duration) if ramp is None else cruise(t, duration, ramp)
@@ -87,7 +89,7 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: floa
     place, v, a = (curve.derivative(order)(rows) for order in range(3))
     place[::each] = q[_MARGIN:][: len(rows[::each])]
     v[[0, -1]] = a[[0, -1]] = 0.0
-    return Motion(period, place, v, a)
+    return Motion(period, place, v, a, crane.layout.drives)
 
 
 def recover(path: np.ndarray, rope: np.ndarray, height: float, inertia: float = 0.0) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.interfaces import Reference, Setpoint, State
-from cranedyn.model.crane import DRIVES
+from cranedyn.model.crane import Crane
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,14 +26,15 @@ class Still:
         return self.setpoint
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, 3) each."""
-        return Setpoint(*(np.broadcast_to(part, (len(times), 3)) for part in self.setpoint))
+        """Setpoints at many times [s], shape (n, m) each."""
+        return Setpoint(*(np.broadcast_to(part, (len(times), len(part))) for part in self.setpoint))
 
 
 @checked
-def hold(state: State) -> Reference:
-    """Keep the drives where this state has them."""
-    setpoint = Setpoint(state.q[DRIVES], np.zeros(3), np.zeros(3))
+def hold(crane: Crane, state: State | None = None) -> Reference:
+    """Keep the drives of a crane where a state has them; None for where it starts."""
+    position = (crane.start if state is None else state).q[crane.layout.drives]
+    setpoint = Setpoint(position, np.zeros_like(position), np.zeros_like(position))
     for part in setpoint:
         part.flags.writeable = False  # one for the whole run, and handed to whoever asks
     return Still(setpoint)

@@ -9,26 +9,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked, of_drives
+from cranedyn.arguments import checked
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.model.crane import DRIVES
+from cranedyn.model.crane import Crane
 
 
-class Leg(NamedTuple):
+class Leg:
     """Where to go next.
 
     Attributes:
         name: What the leg is called.
-        gamma: Slew angle to reach [rad], None to stay.
-        x: Trolley radius to reach [m], None to stay.
-        l: Cable length to reach [m], None to stay.
+        targets: Positions to reach [rad or m], by the symbol of the drive; the others stay.
     """
 
-    name: str
-    gamma: float | None = None
-    x: float | None = None
-    l: float | None = None  # noqa: E741
+    def __init__(self, name: str, **targets: float) -> None:
+        self.name, self.targets = name, targets
+
+
+def leg_target(crane: Crane, leg: Leg, here: np.ndarray) -> np.ndarray:
+    """Where a leg leads the drives from where they are, shape (m,).
+
+    Raises:
+        UnknownName: If it names no drive.
+        OutOfRange: If a target is no finite number.
+    """
+    target = here.copy()
+    for symbol, value in leg.targets.items():
+        target[crane.layout.drive(symbol)] = number(f"{symbol} of leg {leg.name!r}", value)
+    return target
 
 
 class Stage(NamedTuple):
@@ -36,8 +45,8 @@ class Stage(NamedTuple):
 
     Attributes:
         leg: The leg.
-        origin: Where the drives come from, shape (3,).
-        target: Where they go, shape (3,).
+        origin: Where the drives come from, shape (m,).
+        target: Where they go, shape (m,).
         begin: When they leave [s].
         arrival: When the slowest of them is there [s].
         end: When the next leg begins [s].
@@ -93,7 +102,7 @@ class Itinerary(Timetable):
     """A reference that repeats its stages for ever; every drive moves at its rate until it is there.
 
     Attributes:
-        rates: Largest rate of slew [rad/s], trolley [m/s], hoist [m/s], shape (3,).
+        rates: Largest rates of the drives [rad/s or m/s], shape (m,).
     """
 
     rates: np.ndarray
@@ -103,10 +112,12 @@ class Itinerary(Timetable):
         stage, cycle = self.stage(t)
         path, gone = stage.target - stage.origin, self.rates * (t - cycle - stage.begin)
         moving = gone < np.abs(path)
-        return Setpoint(stage.origin + np.sign(path) * np.minimum(gone, np.abs(path)), np.sign(path) * self.rates * moving, np.zeros(3))
+        return Setpoint(
+            stage.origin + np.sign(path) * np.minimum(gone, np.abs(path)), np.sign(path) * self.rates * moving, np.zeros_like(path)
+        )
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, 3) each."""
+        """Setpoints at many times [s], shape (n, m) each."""
         origins, targets = np.array([stage.origin for stage in self.stages]), np.array([stage.target for stage in self.stages])
         begins, ends = np.array([stage.begin for stage in self.stages]), np.array([stage.end for stage in self.stages])
         here = times - times // self.duration * self.duration
@@ -118,31 +129,30 @@ class Itinerary(Timetable):
 
 
 @checked
-def itinerary(start: State, legs: Sequence[Leg], *, rates: Sequence[float], dwell: float) -> Itinerary:
+def itinerary(crane: Crane, start: State, legs: Sequence[Leg], *, rates: Sequence[float], dwell: float) -> Itinerary:
     """Plan a tour that begins where the drives are.
 
     Args:
+        crane: The crane.
         start: Where the drives are.
         legs: Where to go; the last should lead back to the start, else the repetition begins with a jump.
-        rates: Rate of slew [rad/s], trolley [m/s], hoist [m/s].
+        rates: Rates of the drives [rad/s or m/s], shape (m,).
         dwell: How long to stand still after each leg [s].
 
     Raises:
         OutOfRange: For a rate that is not positive, a negative dwell, no leg at all, or a tour that does not end where it began.
     """
-    limits = of_drives("rate", rates, "/s", "> 0")
+    limits = crane.layout.for_drives("rate", rates, "/s", "> 0")
     number("dwell", dwell, "s", ">= 0")
     stages: list[Stage] = []
-    here, t = start.q[DRIVES], 0.0
+    here, t = start.q[crane.layout.drives], 0.0
     for leg in legs:
-        target = np.array(
-            [old if new is None else number(f"target of leg {leg.name!r}", new) for old, new in zip(here, leg[1:], strict=True)]
-        )
+        target = leg_target(crane, leg, here)
         arrival = t + float(np.max(np.abs(target - here) / limits))
         stages.append(Stage(leg, here, target, t, arrival, arrival + dwell))
         here, t = target, arrival + dwell
     if not stages or t == 0.0:
         raise OutOfRange("tour", "empty", "one leg at least that moves or dwells")
-    if not np.allclose(here, start.q[DRIVES]):
-        raise OutOfRange("end of the tour", here.tolist(), f"where it began, {start.q[DRIVES].tolist()}", "rad, m, m")
+    if not np.allclose(here, start.q[crane.layout.drives]):
+        raise OutOfRange("end of the tour", here.tolist(), f"where it began, {start.q[crane.layout.drives].tolist()}", "rad or m")
     return Itinerary(tuple(stages), limits)

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked, of_drives
-from cranedyn.dynamics.pinocchio import inverse_dynamics
-from cranedyn.errors import OutOfRange
-from cranedyn.model.crane import DRIVES, Crane
-from cranedyn.references.motion import Motion
+from cranedyn.arguments import checked
+from cranedyn.errors import OutOfRange, number
+from cranedyn.model.crane import Crane
+from cranedyn.references.motion import Motion, motion_efforts
 
-_NAMES, _LONGEST = ("slew", "trolley", "hoist"), 3600.0
+_LONGEST = 3600.0
 
 
 @checked
@@ -23,8 +22,8 @@ class Limits:
     """What the drives may do besides the effort limits of the crane.
 
     Attributes:
-        rates: Of slew [rad/s], trolley [m/s], hoist [m/s].
-        accelerations: Of slew [rad/s²], trolley [m/s²], hoist [m/s²].
+        rates: Of the drives [rad/s or m/s], shape (m,).
+        accelerations: Of the drives [rad/s² or m/s²], shape (m,).
     """
 
     rates: Sequence[float]
@@ -32,22 +31,26 @@ class Limits:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        of_drives("rate limit", self.rates, "/s", "> 0")
-        of_drives("acceleration limit", self.accelerations, "/s²", "> 0")
+        for kind, per, values in (("rate", "s", self.rates), ("acceleration", "s²", self.accelerations)):
+            if np.ndim(values) != 1 or np.shape(values) != np.shape(self.rates):
+                raise OutOfRange(f"{kind} limits", values, "one number for each drive", f"per {per}")
+            for value in values:
+                number(f"{kind} limit", value, f"per {per}", "> 0")
 
 
 @checked
 def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
     """The largest share of each limit that a motion uses, by the name of the limit; 1 is all of it."""
-    efforts = np.array(
-        [inverse_dynamics(crane.model, crane.data, *row, crane.damping) for row in zip(motion.q, motion.v, motion.a, strict=True)]
-    )
+    layout = crane.layout
+    rates = layout.for_drives("rate limit", limits.rates, "/s", "> 0")
+    accelerations = layout.for_drives("acceleration limit", limits.accelerations, "/s²", "> 0")
     shares = {
-        "rate": np.abs(motion.v[:, DRIVES]).max(axis=0) / np.asarray(limits.rates),
-        "acceleration": np.abs(motion.a[:, DRIVES]).max(axis=0) / np.asarray(limits.accelerations),
-        "effort": np.abs(efforts).max(axis=0) / crane.effort_limit,
+        "rate": np.abs(motion.v[:, layout.drives]).max(axis=0) / rates,
+        "acceleration": np.abs(motion.a[:, layout.drives]).max(axis=0) / accelerations,
+        "effort": np.abs(motion_efforts(crane, motion)).max(axis=0) / crane.effort_limit,
     }
-    return {f"{kind} of the {name}": float(share) for kind, of_kind in shares.items() for name, share in zip(_NAMES, of_kind, strict=True)}
+    names = [joint.role or joint.symbol for joint in layout.driven]
+    return {f"{kind} of the {name}": float(share) for kind, of_kind in shares.items() for name, share in zip(names, of_kind, strict=True)}
 
 
 @checked

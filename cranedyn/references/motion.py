@@ -1,4 +1,4 @@
-"""The motion of all five joints over time, not of the drives alone: what tracking controllers linearise about."""
+"""The motion of all joints over time, not of the drives alone: what tracking controllers linearise about."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
+from cranedyn.dynamics.joint_forces import JointForces
+from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Reference, Setpoint
-from cranedyn.model.crane import DRIVES
+from cranedyn.model.crane import Crane
 from cranedyn.references.rows import SAME, at_place, at_places, place, places
 from cranedyn.references.tabulated import tabulated
 from cranedyn.simulation.clocks import intervals
@@ -24,21 +26,27 @@ class Motion:
 
     Attributes:
         period: Time between rows [s].
-        q: Coordinates γ, x, φ, θ, l [rad or m], shape (n, 5).
-        v: Their rates, shape (n, 5).
-        a: Their accelerations, shape (n, 5).
+        q: Coordinates [rad or m], shape (rows, n).
+        v: Their rates, shape (rows, n).
+        a: Their accelerations, shape (rows, n).
+        drives: Where the drives stand among the coordinates, shape (m,).
     """
 
     period: float
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
+    drives: np.ndarray
 
     def __post_init__(self) -> None:
-        """Check the period, and that there are five finite numbers of each kind in every row."""
+        """Check the period, and that there are as many finite numbers of each kind in every row."""
         number("period", self.period, "s", "> 0")
         for name in ("q", "v", "a"):
-            finite(f"{name} of a motion", getattr(self, name), (len(self.q) if self.q.ndim else "n", 5))
+            finite(
+                f"{name} of a motion",
+                getattr(self, name),
+                (len(self.q) if self.q.ndim else "rows", self.q.shape[-1] if self.q.ndim else "n"),
+            )
         if not len(self.q):
             raise OutOfRange("motion", "one of no row", "one row or more")
 
@@ -50,13 +58,13 @@ class Motion:
     def __call__(self, t: float) -> Setpoint:
         """The setpoint of the drives at a time [s]."""
         row, share = place(t, self.period, len(self.q))
-        position, velocity, acceleration = (at_place(part, row, share)[DRIVES] for part in (self.q, self.v, self.a))
-        return Setpoint(position, velocity, acceleration) if self._moves(t) else Setpoint(position, np.zeros(3), np.zeros(3))
+        position, velocity, acceleration = (at_place(part, row, share)[self.drives] for part in (self.q, self.v, self.a))
+        return Setpoint(position, velocity, acceleration) if self._moves(t) else Setpoint(position, 0.0 * position, 0.0 * position)
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, 3) each."""
+        """Setpoints at many times [s], shape (rows, m) each."""
         row, share = places(times, self.period, len(self.q))
-        position, *derivatives = (at_places(part, row, share)[:, DRIVES] for part in (self.q, self.v, self.a))
+        position, *derivatives = (at_places(part, row, share)[:, self.drives] for part in (self.q, self.v, self.a))
         moving = self._moves(times)[:, None]
         return Setpoint(position, *(np.where(moving, part, 0.0) for part in derivatives))
 
@@ -66,7 +74,7 @@ class Motion:
 
 
 @checked
-def plumb(reference: Reference, duration: float, period: float = 5e-3) -> Motion:
+def plumb(crane: Crane, reference: Reference, duration: float, period: float = 5e-3) -> Motion:
     """The motion of a reference over a duration [s], sampled at a period [s], with the load hanging plumb; its last row is at rest.
 
     Raises:
@@ -74,7 +82,18 @@ def plumb(reference: Reference, duration: float, period: float = 5e-3) -> Motion
     """
     intervals("duration", duration, period)
     times = period * np.arange(round(duration / period) + 1)
-    parts = np.zeros((3, len(times), 5))
-    parts[:, :, DRIVES] = tabulated(reference, times)
+    drives = crane.layout.drives
+    parts = np.zeros((3, len(times), crane.layout.n))
+    parts[0] = crane.start.q
+    parts[:, :, drives] = tabulated(reference, times)
     parts[1:, -1] = 0.0
-    return Motion(period, *parts)
+    if crane.springs.any:
+        parts[0] = [crane.hanging(q) for q in parts[0]]
+    return Motion(period, *parts, drives)
+
+
+def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
+    """Drive efforts that a motion costs, by inverse dynamics [N m or N], shape (rows, m)."""
+    joint = JointForces.of(crane)
+    rows = zip(motion.q, motion.v, motion.a, strict=True)
+    return np.array([inverse_dynamics(crane.model, crane.data, q, v, a, joint.effort(q, v))[motion.drives] for q, v, a in rows])

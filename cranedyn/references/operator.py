@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked, of_drives
+from cranedyn.arguments import checked
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Reference, Setpoint, State
-from cranedyn.model.crane import DRIVES
-from cranedyn.references.tabulated import Tabulating, along
+from cranedyn.model.crane import Crane
+from cranedyn.references.tabulated import Tabulating
 
 _TOUCH = 1e-9
 """By how much one push may begin before the last one ends and still follow it: what sums of times round off [s]."""
@@ -23,7 +23,7 @@ class JoystickPulse(NamedTuple):
     """The joystick held for a while.
 
     Attributes:
-        drive: "gamma", "x" or "l".
+        drive: Symbol of its coordinate, such as "x".
         rate: Velocity asked for, with sign [rad/s or m/s].
         at: From when [s].
         hold: For how long [s].
@@ -40,10 +40,10 @@ class Operator(Tabulating):
     """Drives whose accelerations are on for a while, again and again.
 
     Attributes:
-        start: Slew [rad], trolley radius [m], cable length [m] before all, shape (3,).
-        begins: When each acceleration sets in [s], shape (m,).
-        lasts: How long it lasts [s], shape (m,).
-        accelerations: Of slew [rad/s²], trolley [m/s²], hoist [m/s²], shape (m, 3).
+        start: Positions of the drives before all [rad or m], shape (m,).
+        begins: When each acceleration sets in [s], shape (k,).
+        lasts: How long it lasts [s], shape (k,).
+        accelerations: Of the drives [rad/s² or m/s²], shape (k, m).
     """
 
     start: np.ndarray
@@ -52,7 +52,7 @@ class Operator(Tabulating):
     accelerations: np.ndarray
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, 3) each."""
+        """Setpoints at many times [s], shape (n, m) each."""
         since = np.maximum(times[:, None] - self.begins, 0.0)
         rising, on = np.minimum(since, self.lasts), (since > 0.0) & (since < self.lasts)
         parts = np.array([rising * (since - rising / 2.0), rising, on])
@@ -61,29 +61,30 @@ class Operator(Tabulating):
 
 
 @checked
-def operator(start: State, pulses: Sequence[JoystickPulse], *, accelerations: Sequence[float]) -> Reference:
+def operator(crane: Crane, start: State, pulses: Sequence[JoystickPulse], *, accelerations: Sequence[float]) -> Reference:
     """Where the drives get to: a joystick asks for a velocity, and its drive goes there as fast as its acceleration allows.
 
     A push by itself is a trapezoid in velocity, one that comes while the drive still slows down takes it on from there. No velocity is
     exceeded that was asked for, and no limit.
 
     Args:
+        crane: The crane.
         start: Where the drives are.
         pulses: What the operator does; in any order, but a joystick has one position at a time: those of one drive must not overlap.
-        accelerations: Limits of slew [rad/s²], trolley [m/s²], hoist [m/s²].
+        accelerations: Limits of the drives [rad/s² or m/s²], shape (m,).
 
     Raises:
-        OutOfRange: If a limit or a hold is not positive, a number is not finite, or two pushes of one drive overlap.
-        UnknownName: If a drive is none of the three.
+        OutOfRange: If a limit or a hold is not positive, a number is not finite, or two pulses of one drive overlap.
+        UnknownName: If there is no such drive.
     """
-    limits = of_drives("acceleration limit", accelerations, "/s²", "> 0")
+    limits = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
     ramps: list[tuple[float, float, np.ndarray]] = []
     for drive in dict.fromkeys(pulse.drive for pulse in pulses):
-        axis = along(drive)
+        axis = crane.layout.along(drive)
         limit = float(axis @ limits)
         ramps += [(begin, lasts, math.copysign(limit, lasts) * axis) for begin, lasts in _ramps(drive, pulses, limit)]
     columns = [np.array([ramp[i] for ramp in ramps], dtype=float) for i in range(3)]
-    return Operator(start.q[DRIVES], columns[0], np.abs(columns[1]), columns[2].reshape(-1, 3))
+    return Operator(start.q[crane.layout.drives], columns[0], np.abs(columns[1]), columns[2].reshape(-1, crane.layout.m))
 
 
 def _ramps(drive: str, pulses: Sequence[JoystickPulse], limit: float) -> list[tuple[float, float]]:

@@ -9,7 +9,8 @@ import numpy as np
 from cranedyn.arguments import checked
 from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint
-from cranedyn.references.tabulated import along, tabulated
+from cranedyn.model.crane import Crane
+from cranedyn.references.tabulated import tabulated
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +19,7 @@ class Pulse:
 
     Attributes:
         base: The reference otherwise.
-        step: How far slew, trolley and hoist are aside [rad, m, m], shape (3,).
+        step: How far the drives are aside [rad or m], shape (m,).
         first, last: When the pulse starts and ends [s].
     """
 
@@ -33,21 +34,22 @@ class Pulse:
         return setpoint._replace(position=setpoint.position + self.step) if self.first <= t < self.last else setpoint
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, 3) each."""
+        """Setpoints at many times [s], shape (n, m) each."""
         setpoint = tabulated(self.base, times)
         aside = (self.first <= times) & (times < self.last)
         return setpoint._replace(position=setpoint.position + np.outer(aside, self.step))
 
 
 @checked
-def pulse(base: Reference, drive: str, amplitude: float, *, at: float, width: float) -> Reference:
+def pulse(crane: Crane, base: Reference, drive: str, amplitude: float, *, at: float, width: float) -> Reference:
     """Add a rectangular pulse to one drive of a reference.
 
     A pivot that follows it and comes back after half a swing period leaves a swing of 2 amplitude / cable length (small angles).
 
     Args:
+        crane: The crane.
         base: The reference otherwise.
-        drive: "gamma", "x" or "l".
+        drive: Symbol of its coordinate, such as "x".
         amplitude: How far aside [rad or m].
         at: When it starts [s].
         width: How long it lasts [s].
@@ -56,5 +58,5 @@ def pulse(base: Reference, drive: str, amplitude: float, *, at: float, width: fl
         UnknownName: For another drive.
         OutOfRange: For a number that is not finite, or a width that is not positive.
     """
-    step = number("pulse amplitude", amplitude) * along(drive)
+    step = number("pulse amplitude", amplitude) * crane.layout.along(drive)
     return Pulse(base, step, number("pulse start", at, "s"), at + number("pulse width", width, "s", "> 0"))

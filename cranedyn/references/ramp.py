@@ -10,7 +10,8 @@ import numpy as np
 from cranedyn.arguments import checked
 from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint
-from cranedyn.references.tabulated import along, tabulated
+from cranedyn.model.crane import Crane
+from cranedyn.references.tabulated import tabulated
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +20,7 @@ class Ramp:
 
     Attributes:
         base: The reference otherwise.
-        rates: Of slew, trolley and hoist during the move [rad/s, m/s, m/s], shape (3,).
+        rates: Of the drives during the move [rad/s or m/s], shape (m,).
         first, last: When the move starts and ends [s].
     """
 
@@ -37,7 +38,7 @@ class Ramp:
         return moved._replace(velocity=setpoint.velocity + self.rates) if t < self.last else moved
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, 3) each."""
+        """Setpoints at many times [s], shape (n, m) each."""
         setpoint = tabulated(self.base, times)
         gone, moving = np.clip(times, self.first, self.last) - self.first, (self.first <= times) & (times < self.last)
         position, velocity = setpoint.position + np.outer(gone, self.rates), setpoint.velocity + np.outer(moving, self.rates)
@@ -45,12 +46,13 @@ class Ramp:
 
 
 @checked
-def ramp(base: Reference, drive: str, by: float, *, rate: float, at: float) -> Reference:
+def ramp(crane: Crane, base: Reference, drive: str, by: float, *, rate: float, at: float) -> Reference:
     """Add a move at constant speed to one drive of a reference.
 
     Args:
+        crane: The crane.
         base: The reference otherwise.
-        drive: "gamma", "x" or "l".
+        drive: Symbol of its coordinate, such as "x".
         by: How far to move, with sign [rad or m].
         rate: Speed [rad/s or m/s].
         at: When it starts [s].
@@ -59,6 +61,6 @@ def ramp(base: Reference, drive: str, by: float, *, rate: float, at: float) -> R
         UnknownName: For another drive.
         OutOfRange: For a number that is not finite, or a rate that is not positive.
     """
-    direction = math.copysign(1.0, number("ramp distance", by)) * along(drive)
+    direction = math.copysign(1.0, number("ramp distance", by)) * crane.layout.along(drive)
     speed = number("ramp rate", rate, "rad/s or m/s", "> 0")
     return Ramp(base, speed * direction, number("ramp start", at, "s"), at + abs(by) / speed)

@@ -83,7 +83,7 @@ class Shaped(Tabulating):
     amplitudes: np.ndarray
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, 3) each."""
+        """Setpoints at many times [s], shape (n, m) each."""
         parts = tabulated(self.base, np.subtract.outer(times, self.delays).ravel())
         return Setpoint(*(np.tensordot(self.amplitudes, part.reshape(len(times), -1, 3), (0, 1)) for part in parts))
 
@@ -117,7 +117,7 @@ class ShapedHoisting(Tabulating):
     curves: tuple[scipy.interpolate.BSpline, ...]
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, 3) each."""
+        """Setpoints at many times [s], shape (n, m) each."""
         inside, own = np.clip(times, 0.0, self.end), tabulated(self.base, times)
         position, *derivatives = (curve(inside) for curve in self.curves)
         moving = ((times >= 0.0) & (times < self.end))[:, None]

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked, described, of_drives
+from cranedyn.arguments import checked, described
 from cranedyn.arrays import finite
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.model.crane import DRIVES
+from cranedyn.model.crane import Crane
 
 PEAK_RATE, PEAK_ACCELERATION = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
 """Of a quintic from 0 to 1 in unit time, rest to rest: its largest velocity and its largest acceleration."""
@@ -25,7 +25,7 @@ class Spline:
 
     Attributes:
         times: When the waypoints are reached, the first is the departure [s], shape (n,).
-        points: Slew [rad], trolley radius [m], cable length [m] at each of them, shape (n, 3).
+        points: Positions of the drives at each of them [rad or m], shape (n, m).
     """
 
     times: np.ndarray
@@ -51,18 +51,19 @@ class Spline:
         return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, 3) each."""
+        """Setpoints at many times [s], shape (n, m) each."""
         inside = np.clip(times, self.times[0], self.times[-1])
         return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
 
 @checked
-def spline(start: State, waypoints: Sequence[Sequence[float]], durations: Sequence[float], *, at: float = 0.0) -> Spline:
+def spline(crane: Crane, start: State, waypoints: Sequence[Sequence[float]], durations: Sequence[float], *, at: float = 0.0) -> Spline:
     """A spline from where the drives are through waypoints.
 
     Args:
+        crane: The crane.
         start: Where the drives are.
-        waypoints: Slew [rad], trolley radius [m], cable length [m] of each.
+        waypoints: Positions of the drives at each [rad or m], shape (k, m).
         durations: Time for each section [s].
         at: Departure [s].
 
@@ -71,27 +72,31 @@ def spline(start: State, waypoints: Sequence[Sequence[float]], durations: Sequen
     """
     if not len(waypoints) or len(waypoints) != len(durations):
         raise OutOfRange("number of durations", len(durations), f"that of the waypoints, {len(waypoints)}, and one at least")
-    points = [start.q[DRIVES]]
+    points = [start.q[crane.layout.drives]]
     for waypoint in waypoints:
-        points.append(of_drives("waypoint", waypoint))
+        points.append(crane.layout.for_drives("waypoint", waypoint))
     steps = [number("duration of a section", duration, "s", "> 0") for duration in durations]
     return Spline(number("departure", at, "s") + np.concatenate([[0.0], np.cumsum(steps)]), np.array(points))
 
 
 @checked
-def shortest(start: State, waypoints: Sequence[Sequence[float]], *, rates: Sequence[float], accelerations: Sequence[float]) -> list[float]:
+def shortest(
+    crane: Crane, start: State, waypoints: Sequence[Sequence[float]], *, rates: Sequence[float], accelerations: Sequence[float]
+) -> list[float]:
     """Shortest durations of the sections [s] at which no drive exceeds its rate or acceleration.
 
     Args:
+        crane: The crane.
         start: Where the drives are.
-        waypoints: Slew [rad], trolley radius [m], cable length [m] of each.
-        rates: Limits of slew [rad/s], trolley [m/s], hoist [m/s].
-        accelerations: Limits of slew [rad/s²], trolley [m/s²], hoist [m/s²].
+        waypoints: Positions of the drives at each [rad or m], shape (k, m).
+        rates: Limits of the drives [rad/s or m/s].
+        accelerations: Limits of the drives [rad/s² or m/s²].
 
     Raises:
-        OutOfRange: If a limit is not positive, or a waypoint not three numbers.
+        OutOfRange: If a limit is not positive, or a waypoint not one number for each drive.
     """
-    v, a = of_drives("rate limit", rates, "/s", "> 0"), of_drives("acceleration limit", accelerations, "/s²", "> 0")
-    points = [start.q[DRIVES], *(of_drives("waypoint", waypoint) for waypoint in waypoints)]
+    v = crane.layout.for_drives("rate limit", rates, "/s", "> 0")
+    a = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
+    points = [start.q[crane.layout.drives], *(crane.layout.for_drives("waypoint", waypoint) for waypoint in waypoints)]
     paths = np.abs(np.diff(points, axis=0))
     return [float(max((PEAK_RATE * path / v).max(), np.sqrt(PEAK_ACCELERATION * path / a).max())) for path in paths]

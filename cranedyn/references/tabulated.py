@@ -10,7 +10,7 @@ import numpy as np
 
 from cranedyn.arguments import described
 from cranedyn.arrays import finite
-from cranedyn.errors import Misshapen, UnknownName
+from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, Setpoint
 
 _PARTS = ("position", "velocity", "acceleration")
@@ -63,17 +63,3 @@ class Tabulating(ABC):
     def __call__(self, t: float) -> Setpoint:
         """The setpoint at a time [s]."""
         return Setpoint(*(part[0] for part in self.at(np.array([t]))))
-
-
-_DRIVES = ("gamma", "x", "l")
-
-
-def along(drive: str) -> np.ndarray:
-    """Unit vector of one drive among slew "gamma", trolley "x" and hoist "l", shape (3,).
-
-    Raises:
-        UnknownName: For another name.
-    """
-    if drive not in _DRIVES:
-        raise UnknownName("drive", drive, _DRIVES)
-    return np.eye(3)[_DRIVES.index(drive)]

@@ -9,9 +9,9 @@ import numpy as np
 
 from cranedyn.arguments import checked, taken
 from cranedyn.errors import OutOfRange, number
-from cranedyn.interfaces import COORDINATES, Setpoint, State
-from cranedyn.model.crane import DRIVES, Crane
-from cranedyn.references.itinerary import Leg, Stage, Timetable
+from cranedyn.interfaces import Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.references.itinerary import Leg, Stage, Timetable, leg_target
 from cranedyn.references.motion import Motion
 from cranedyn.simulation.clocks import intervals
 
@@ -31,7 +31,7 @@ class Tour(Timetable):
         return self.motion(t % self.duration)
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, 3) each."""
+        """Setpoints at many times [s], shape (n, m) each."""
         return self.motion.at(times % self.duration)
 
 
@@ -51,20 +51,20 @@ def tour(crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motio
     number("dwell", dwell, "s", ">= 0")
     stages: list[Stage] = []
     parts: list[np.ndarray] = []
-    here, row, period = crane.start, 0, 0.0
+    here, row, period, drives = crane.start, 0, 0.0, crane.layout.drives
     for leg in legs:
-        aims = {COORDINATES[i]: float(here.q[i]) if aim is None else aim for i, aim in zip(DRIVES, leg[1:], strict=True)}
-        goal = crane.state(**aims)
+        target = leg_target(crane, leg, here.q[drives])
+        goal = crane.state(**{joint.symbol: float(aim) for joint, aim in zip(crane.layout.driven, target, strict=True)})
         motion = taken("motion that was planned", plan(here, goal), Motion)
         period, rows, still = motion.period, len(motion.q) - 1, intervals("dwell", dwell, motion.period) if dwell > 0.0 else 0
         rest = np.stack([goal.q, goal.v, goal.v])[:, None]
         parts += [np.stack([motion.q, motion.v, motion.a])[:, :-1], np.repeat(rest, still, axis=1)]
         begin, arrival, end = (period * k for k in (row, row + rows, row + rows + still))
-        stages.append(Stage(leg, here.q[DRIVES], goal.q[DRIVES], begin, arrival, end))
+        stages.append(Stage(leg, here.q[drives], goal.q[drives], begin, arrival, end))
         here, row = goal, row + rows + still
     if not stages:
         raise OutOfRange("tour", "empty", "one leg at least")
     if not np.allclose(here.q, crane.start.q):
-        raise OutOfRange("end of the tour", here.q[DRIVES].tolist(), f"where it began, {crane.start.q[DRIVES].tolist()}", "rad, m, m")
+        raise OutOfRange("end of the tour", here.q[drives].tolist(), f"where it began, {crane.start.q[drives].tolist()}", "rad or m")
     whole = np.concatenate([*parts, np.stack([here.q, here.v, here.v])[:, None]], axis=1)
-    return Tour(tuple(stages), Motion(period, *whole))
+    return Tour(tuple(stages), Motion(period, *whole, drives))

@@ -1,0 +1,95 @@
+"""What acts in the joints besides drives, gravity and inertia: damping, springs, and stops at the ends of the ranges.
+
+Written once for any kind of number: floats in the plain loop, symbols in the optimiser, values of a program in compiled code.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.dynamics.scalars import chosen, clipped
+from cranedyn.model.crane import Crane
+from cranedyn.model.springs import Rope, Springs
+
+_STOP_FREQUENCY, _STOP_DAMPING = 20.0, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class JointForces:
+    """Damping and springs of n joints.
+
+    Attributes:
+        damping: Viscous damping [N m s/rad or N s/m], shape (n,).
+        springs: The springs; None if there are none.
+    """
+
+    damping: np.ndarray
+    springs: Springs | None
+
+    @classmethod
+    def of(cls, crane: Crane) -> JointForces:
+        """Those of a crane."""
+        return cls(crane.damping, crane.springs if crane.springs.any else None)
+
+    def in_steps(self, dt: float) -> JointForces:
+        """The same with time counted in steps of `dt` [s]: forces scale like dt², damping like dt."""
+        if self.springs is None:
+            return JointForces(dt * self.damping, None)
+        stiffness, rest, rope = self.springs.stiffness, self.springs.rest, self.springs.rope
+        scaled = None if rope is None else Rope(rope.stretch, rope.length, dt * dt * rope.stiffness)
+        return JointForces(dt * self.damping, Springs(dt * dt * stiffness, rest, scaled))
+
+    def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Generalized forces at coordinates q and rates v, shape (n,)."""
+        resisting = -(self.damping * v)
+        return resisting if self.springs is None else resisting + self.springs.effort(q)
+
+
+@dataclass(frozen=True, eq=False)
+class Stops:
+    """Buffers at both ends of the range of each of m drives: springs with dampers that can push but not pull.
+
+    Attributes:
+        drives: Where the drives stand among the coordinates.
+        lower, upper: Ends of their ranges [rad or m], shape (m,).
+        stiffness: [N m/rad or N/m], shape (m,).
+        damping: [N m s/rad or N s/m], shape (m,).
+    """
+
+    drives: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+
+    @classmethod
+    def of(cls, crane: Crane) -> Stops:
+        """Those of a crane: they make each drive, with what hangs on it, swing at 20 rad/s with half of critical damping."""
+        drives = crane.layout.drives
+        inertia = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[drives]
+        return cls(
+            drives, crane.lower[drives], crane.upper[drives], _STOP_FREQUENCY**2 * inertia, 2.0 * _STOP_DAMPING * _STOP_FREQUENCY * inertia
+        )
+
+    def in_steps(self, dt: float) -> Stops:
+        """The same with time counted in steps of `dt` [s]."""
+        return Stops(self.drives, self.lower, self.upper, dt * dt * self.stiffness, dt * self.damping)
+
+    def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """What the buffers exert on the drives at coordinates q and rates v, shape (m,)."""
+        return self.one(slice(None), q[self.drives], v[self.drives])
+
+    def one(self, drive: Any, position: Any, rate: Any) -> Any:
+        """What the buffers of one drive, or of all, exert at its position and rate."""
+        beyond = position - clipped(position, self.lower[drive], self.upper[drive])
+        pushing = -(self.stiffness[drive] * beyond) - self.damping[drive] * rate
+        return chosen(pushing * beyond < 0.0, pushing, 0.0)
+
+    def beyond(self, q: np.ndarray) -> list[Any]:
+        """For each end of each range, whether its drive is beyond it."""
+        ends = zip(self.drives, self.lower, self.upper, strict=True)
+        return [side for i, low, high in ends for side in (q[i] < low, q[i] > high)]

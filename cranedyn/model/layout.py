@@ -1,0 +1,259 @@
+"""The joints of a crane by name: which of them a drive moves, which hang free, and which part each plays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cranedyn.errors import MissingRole, ModelError, OutOfRange, UnknownName, number
+
+
+class Role(NamedTuple):
+    """A part that a joint of a tower crane plays, and what it must be for it.
+
+    Attributes:
+        symbol: Of its coordinate.
+        kind: "revolute" or "prismatic".
+        axis: In the world when every coordinate is zero.
+        joint: Name by which the joint is known to play this part if nothing else is said.
+    """
+
+    symbol: str
+    kind: str
+    axis: tuple[int, int, int]
+    joint: str
+
+
+ROLES = {
+    "slew": Role("gamma", "revolute", (0, 0, 1), "yaw_joint"),
+    "trolley": Role("x", "prismatic", (0, -1, 0), "trolley_joint"),
+    "radial_swing": Role("phi", "revolute", (1, 0, 0), "swing_radial_joint"),
+    "tangential_swing": Role("theta", "revolute", (0, 1, 0), "swing_tangential_joint"),
+    "hoist": Role("l", "prismatic", (0, 0, -1), "hoist_joint"),
+}
+"""The parts of a tower crane in chain order. A joint of any other name has its own name as its symbol."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint that moves, with one coordinate.
+
+    Attributes:
+        name: In the URDF.
+        symbol: Of its coordinate, in tables, columns and code.
+        unit: Of its coordinate, "rad" or "m".
+        kind: "revolute" or "prismatic".
+        axis: In the world when every coordinate is zero, three numbers.
+        driven: Whether a drive moves it; else it is passive.
+        role: Which part of a tower crane it plays, see `ROLES`; empty for none.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    kind: str
+    axis: tuple[float, float, float]
+    driven: bool
+    role: str = ""
+
+    @property
+    def effort_unit(self) -> str:
+        """Unit of its generalized force, "N m" or "N"."""
+        return "N m" if self.kind == "revolute" else "N"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a crane is made of: n joints, m of them driven, and the points that forces act on.
+
+    Attributes:
+        joints: In the order of the coordinates, parents before children.
+        points: Names of the points that matter, the payload first.
+    """
+
+    joints: tuple[Joint, ...]
+    points: tuple[str, ...]
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.joints)
+
+    @property
+    def m(self) -> int:
+        """Number of drives."""
+        return len(self.drives)
+
+    @cached_property
+    def drives(self) -> np.ndarray:
+        """Where the drives stand among the coordinates, shape (m,)."""
+        return self._where(lambda joint: joint.driven)
+
+    @cached_property
+    def passive(self) -> np.ndarray:
+        """Where the passive joints stand among the coordinates, shape (n - m,)."""
+        return self._where(lambda joint: not joint.driven)
+
+    @cached_property
+    def measured(self) -> np.ndarray:
+        """Where positions and rates of the drives stand in z = (coordinates, rates), shape (2 m,)."""
+        return np.concatenate([self.drives, self.n + self.drives])
+
+    @cached_property
+    def symbols(self) -> tuple[str, ...]:
+        """Of the coordinates."""
+        return tuple(joint.symbol for joint in self.joints)
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Of the coordinates."""
+        return tuple(joint.unit for joint in self.joints)
+
+    @cached_property
+    def driven(self) -> tuple[Joint, ...]:
+        """The joints that drives move."""
+        return tuple(joint for joint in self.joints if joint.driven)
+
+    def index(self, symbol: str) -> int:
+        """Where a coordinate stands.
+
+        Raises:
+            UnknownName: If there is none of that symbol.
+        """
+        if symbol not in self.symbols:
+            raise UnknownName("coordinate", symbol, self.symbols)
+        return self.symbols.index(symbol)
+
+    def drive(self, symbol: str) -> int:
+        """Where a drive stands among the drives.
+
+        Raises:
+            UnknownName: If there is none of that symbol.
+        """
+        symbols = [joint.symbol for joint in self.driven]
+        if symbol not in symbols:
+            raise UnknownName("drive", symbol, symbols)
+        return symbols.index(symbol)
+
+    def drive_of(self, role: str) -> int | None:
+        """Where the drive in a role stands among the drives; None if there is none."""
+        return next((i for i, joint in enumerate(self.driven) if joint.role == role), None)
+
+    def along(self, drive: str) -> np.ndarray:
+        """Unit vector of one drive, shape (m,).
+
+        Raises:
+            UnknownName: If there is none of that symbol.
+        """
+        return np.eye(self.m)[self.drive(drive)]
+
+    def for_drives(self, what: str, values: object, per: str = "", allowed: str = "any") -> np.ndarray:
+        """One finite number for each drive, shape (m,).
+
+        Args:
+            what: What the numbers are, to begin a sentence with.
+            values: The numbers.
+            per: What follows the unit of the coordinate, for example "/s".
+            allowed: As `cranedyn.errors.number`.
+
+        Raises:
+            OutOfRange: If there are not m numbers, or one is not allowed.
+        """
+        if np.shape(values) != (self.m,):  # type: ignore[arg-type]
+            raise OutOfRange(what, values, f"{self.m} numbers: {', '.join(joint.symbol for joint in self.driven)}")
+        each = zip(self.driven, values, strict=True)  # type: ignore[call-overload]
+        return np.array([number(f"{what} of {joint.symbol}", value, joint.unit + per, allowed) for joint, value in each])
+
+    def has(self, *roles: str) -> bool:
+        """Whether there are joints that play all of these parts."""
+        return {*roles} <= {joint.role for joint in self.joints}
+
+    def role(self, role: str, user: str) -> int:
+        """Where the joint that plays a part stands among the coordinates.
+
+        Args:
+            role: One of `ROLES`.
+            user: What needs it, to begin a sentence with.
+
+        Raises:
+            MissingRole: If no joint plays it.
+        """
+        for i, joint in enumerate(self.joints):
+            if joint.role == role:
+                return i
+        raise MissingRole(user, role, [joint.name for joint in self.joints])
+
+    def tower(self, user: str) -> tuple[int, ...]:
+        """Where slew, trolley, radial swing, tangential swing and hoist of a tower crane stand among the coordinates.
+
+        Args:
+            user: What is made for a tower crane, to begin a sentence with.
+
+        Raises:
+            MissingRole: If no joint plays one of these parts.
+            ModelError: If there are joints that play none of them.
+        """
+        found = tuple(self.role(role, user) for role in ROLES)
+        if further := [joint.name for joint in self.joints if not joint.role]:
+            raise ModelError(f"{user} is made for a tower crane of five joints; this one also moves in {', '.join(further)}.")
+        return found
+
+    def columns(self) -> dict[str, tuple[str, ...]]:
+        """Names of the columns of a record by quantity, with units."""
+        q = tuple(f"{joint.symbol}_{joint.unit}" for joint in self.joints)
+        v = tuple(f"{joint.symbol}_dot_{joint.unit}_s" for joint in self.joints)
+        drives = [(joint, "T" if joint.kind == "revolute" else "F", joint.effort_unit.replace(" ", "")) for joint in self.driven]
+        return {
+            "t": ("t_s",),
+            "q": q,
+            "v": v,
+            "setpoint": tuple(f"{joint.symbol}_setpoint_{joint.unit}" for joint in self.driven),
+            "command": tuple(f"{letter}_{joint.symbol}_command_{unit}" for joint, letter, unit in drives),
+            "effort": tuple(f"{letter}_{joint.symbol}_{unit}" for joint, letter, unit in drives),
+            "energy": ("energy_J",),
+            "work": tuple(f"W_{joint.symbol}_J" for joint in self.driven),
+            "dissipated": ("dissipated_J",),
+            "force": tuple(f"{point}_force_{axis}_N" for point in self.points for axis in "xyz"),
+            "outside": ("W_force_J", "W_buffers_J"),
+            "valid": ("valid",),
+        }
+
+    def _where(self, condition: Callable[[Joint], bool]) -> np.ndarray:
+        found = np.array([i for i, joint in enumerate(self.joints) if condition(joint)], dtype=int)
+        found.flags.writeable = False
+        return found
+
+
+def symbol_of(name: str, role: str) -> str:
+    """The symbol of a joint's coordinate: that of its role, else its name without the ending "_joint"."""
+    return ROLES[role].symbol if role else name.removesuffix("_joint")
+
+
+def roles_of(names: Iterable[str], given: Mapping[str, str] | None) -> dict[str, str]:
+    """Which part each joint plays, by the name of the joint.
+
+    Args:
+        names: The joints that move.
+        given: Names of joints by role; None for those that the names themselves say.
+
+    Raises:
+        UnknownName: If there is no such role or no such joint.
+        ModelError: If one joint is to play two parts.
+    """
+    there = list(names)
+    if given is None:
+        return {role.joint: part for part, role in ROLES.items() if role.joint in there}
+    found: dict[str, str] = {}
+    for part, joint in given.items():
+        if part not in ROLES:
+            raise UnknownName("role", part, ROLES)
+        if joint not in there:
+            raise UnknownName("moving joint", joint, there)
+        if joint in found:
+            raise ModelError(f"The joint {joint} is given two roles, {found[joint]} and {part}; allowed is one.")
+        found[joint] = part
+    return found
