@@ -34,7 +34,6 @@ _WORDS = {
     collections.abc.Mapping: "a mapping, such as a dict",
     np.random.Generator: "a np.random.Generator, such as np.random.default_rng(1)",
 }
-_DRIVES = ("slew", "trolley", "hoist")
 
 
 def checked(taker: _Any) -> _Any:
@@ -99,19 +98,6 @@ def taken(name: str, value: Any, kind: Any) -> Any:
         with suppress(Exception):  # whatever a stranger's conversion raises
             return _as(value, one)
     raise OutOfRange(name, described(value), " or ".join(map(_words, kinds)))
-
-
-def of_drives(name: str, values: Any, per: str = "", allowed: str = "any") -> np.ndarray:
-    """Three numbers, of slew [rad], trolley [m] and hoist [m] or these over a unit of time, shape (3,).
-
-    Raises:
-        OutOfRange: If there are not three, or one is not finite or not in the range allowed.
-    """
-    try:
-        three = list(zip(_DRIVES, values, ("rad", "m", "m"), strict=True))
-    except (TypeError, ValueError):
-        raise OutOfRange(name, described(values), "three numbers: slew, trolley, hoist") from None
-    return np.array([number(f"{name} of {drive}", value, unit + per, allowed) for drive, value, unit in three])
 
 
 def described(value: Any) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from cranedyn.arguments import checked
 from cranedyn.arrays import fixed
 from cranedyn.compiled import inputs
-from cranedyn.compiled.call import ROW, STATE, SUMMARY, places, size
+from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop
 from cranedyn.compiled.kernel import Recipe
@@ -30,14 +30,14 @@ class Batch:
     """What became of n cranes; a crane that diverged has numbers that are not finite.
 
     Attributes:
-        end: Coordinates and rates at the end, shape (n, 5) each.
-        peak_swing: Largest swing, radial and tangential together [rad], shape (n,).
-        residual_swing: Largest amplitude of the swing from `residual_from` on [rad], see `analysis.swing.swing_amplitude`, shape (n,).
-        largest_effort: Of slew, trolley, hoist [N m, N, N], shape (n, 3).
+        end: Coordinates and rates at the end, shape (cranes, n) each.
+        peak_swing: Largest swing, all swing joints together [rad], shape (cranes,).
+        residual_swing: Largest amplitude of the swing from `residual_from` on [rad], see `cranedyn.analysis.swing.swing_amplitude`, shape (n,).
+        largest_effort: Of the drives [N m or N], shape (cranes, m).
         valid_until: Time at which the model ceased to hold, see `cranedyn.dynamics.validity` [s]; inf where it held throughout; shape (n,).
         t: Times of the recorded rows [s], shape (m,).
-        q, v: Coordinates and rates at these, shape (n, m, 5) each.
-        command, effort: What the controllers asked for and what acted, shape (n, m, 3) each.
+        q, v: Coordinates and rates at these, shape (cranes, rows, n) each.
+        command, effort: What the controllers asked for and what acted, shape (cranes, rows, m) each.
         energy: Mechanical energy [J], shape (n, m).
     """
 
@@ -94,9 +94,9 @@ def simulate_batch(
         dt: Physics step [s].
         control_period: Time between control instants [s].
         drive: What the controllers command, see `simulate`.
-        force: From outside in the world [N] at each control instant, on payload and trolley, shape (m, 6) for all or (n, m, 6); beyond its
+        force: From outside in the world [N] at each control instant, on the points of the crane, shape (rows, 3 points) for all or (cranes, rows, 3 points); beyond its
             end the last row holds. Wind that depends on how the load moves needs `simulate`.
-        sensor_offset: What the sensors add to coordinates and rates, shape (10,) for all or (n, 10).
+        sensor_offset: What the sensors add to coordinates and rates, shape (2 n,) for all or (cranes, 2 n).
         buffers: Whether buffers end the ranges of the drives.
         integrator: The stepping rule.
         residual_from: When swing begins to count as residual [s], within the run; by default at its end.
@@ -120,11 +120,13 @@ def simulate_batch(
     workers = None if threads is None else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
     cranes = inputs.count(crane=crane, controller=controller, reference=reference, start=start)
     rows = clock.periods // every + 1 if every else 0
-    taken = inputs.fits(cranes, rows, clock.periods, 0 if sensor_offset is None else 10)
-    state = inputs.starts(start, cranes)
-    offsets = None if sensor_offset is None else inputs.rows("sensor_offset", sensor_offset, cranes, 10)
+    which, distinct = inputs.distinct(crane, cranes)
+    sizes = Sizes.of(inputs.one_layout(distinct))
+    taken = inputs.fits(sizes, cranes, rows, clock.periods, 0 if sensor_offset is None else sizes.z)
+    state = inputs.starts(start, cranes, sizes.n)
+    offsets = None if sensor_offset is None else inputs.rows("sensor_offset", sensor_offset, cranes, sizes.z)
     times = since + control_period * np.arange(clock.periods + 1)
-    control, forces = inputs.control(controller, reference, state, fixed(times), taken), inputs.forces(force, cranes)
+    control, forces = inputs.control(distinct[0], controller, reference, state, fixed(times), taken), inputs.forces(force, cranes, sizes)
     recipe = Recipe(
         _LANES,
         drive,
@@ -137,24 +139,23 @@ def simulate_batch(
         log=rows > 0,
         summary=True,
     )
-    which, distinct = inputs.distinct(crane, cranes)
     code, varied = compiled(distinct, recipe)
     inputs.fit("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
     tables = (control.law, control.aim, forces)
     memory = {
-        "state": grouped([state.q, state.v, control.integrals, np.broadcast_to(0.0, (cranes, 4))], _LANES),
+        "state": grouped([state.q, state.v, control.integrals, np.broadcast_to(0.0, (cranes, sizes.m + 1))], _LANES),
         "numbers": grouped([varied[which]], _LANES),
-        "summary": grouped([np.broadcast_to([0.0, 0.0, math.inf, 0.0, 0.0, 0.0], (cranes, 6))], _LANES),
+        "summary": grouped([np.broadcast_to([0.0, 0.0, math.inf, *[0.0] * sizes.m], (cranes, size(sizes.summary)))], _LANES),
     }
-    memory["log"] = np.empty((len(memory["state"]), rows * size(ROW), _LANES))
+    memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), _LANES))
     if offsets is not None:
         memory["offset"] = grouped([offsets], _LANES)
     if not all(recipe.shared):
         memory["starts"] = grouped([table.starts[:, None] for table in tables], _LANES, np.int64)
     run(Loop(code, clock, tables, last=clock.periods + 1, end=clock.periods, every=max(every, 1), after=after, **memory), workers)
-    state_at, row_at, kept_at = places(STATE), places(ROW), places(SUMMARY)
-    end, kept = ungrouped(memory["state"][:, :10], cranes), ungrouped(memory["summary"], cranes)
-    log = ungrouped(memory["log"], cranes).reshape(cranes, rows, size(ROW))
+    state_at, row_at, kept_at = places(sizes.state), places(sizes.row), places(sizes.summary)
+    end, kept = ungrouped(memory["state"][:, : sizes.z], cranes), ungrouped(memory["summary"], cranes)
+    log = ungrouped(memory["log"], cranes).reshape(cranes, rows, size(sizes.row))
     first_invalid = kept[:, kept_at["invalid"]][:, 0]
     return Batch(
         end=State(end[:, state_at["q"]], end[:, state_at["v"]]),

@@ -2,39 +2,84 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
+from cranedyn.model.layout import Layout
 
-STATE = {"q": 5, "v": 5, "integral": 3, "last_command": 3, "buffers": 1}
-"""What a crane is at a control instant: coordinates, rates, integrals of the controller, the last command, work of the buffers."""
-
-LAW = {"feed_forward": 3, "gain": 30, "integral_gain": 3, "limit": 3}
-"""One row of a controller that is affine in the state."""
-
-AIM = {"setpoint": 10, "position": 3}
-"""One row of what it is about: coordinates and rates, and the setpoint of the drives."""
-
-FORCE = {"force": 6}
-"""One row of outside forces, on payload and trolley."""
-
-ROW = {"q": 5, "v": 5, "command": 3, "effort": 3, "before": 3, "energy": 1, "buffers": 1, "stop_force": 1}
-"""One row of the log."""
-
-SUMMARY = {"peak": 1, "residual": 1, "invalid": 1, "effort": 3}
-"""What is kept of a whole run: squares of the largest swing and of the largest amplitude from a row on, the first row at which the model
-does not hold, and the largest efforts."""
+Parts = dict[str, int]
+"""How many numbers each part has, by its name, in order."""
 
 
-def size(layout: dict[str, int]) -> int:
-    """How many numbers a layout has."""
-    return sum(layout.values())
+@dataclass(frozen=True)
+class Sizes:
+    """How many numbers each part has, for a crane with n joints, m drives and some points that forces act on."""
+
+    n: int
+    m: int
+    points: int
+
+    @classmethod
+    def of(cls, layout: Layout) -> Sizes:
+        """Those of a crane."""
+        return cls(layout.n, layout.m, len(layout.points))
+
+    @property
+    def z(self) -> int:
+        """Coordinates and rates together."""
+        return 2 * self.n
+
+    @property
+    def state(self) -> Parts:
+        """What a crane is at a control instant: coordinates, rates, integrals of the controller, the last command, work of the buffers."""
+        return {"q": self.n, "v": self.n, "integral": self.m, "last_command": self.m, "buffers": 1}
+
+    @property
+    def law(self) -> Parts:
+        """One row of a controller that is affine in the state."""
+        return {"feed_forward": self.m, "gain": self.m * self.z, "integral_gain": self.m, "limit": self.m}
+
+    @property
+    def aim(self) -> Parts:
+        """One row of what it is about: coordinates and rates, and the setpoint of the drives."""
+        return {"setpoint": self.z, "position": self.m}
+
+    @property
+    def force(self) -> Parts:
+        """One row of outside forces, on the points of the crane."""
+        return {"force": 3 * self.points}
+
+    @property
+    def row(self) -> Parts:
+        """One row of the log."""
+        return {"q": self.n, "v": self.n, "command": self.m, "effort": self.m, "before": self.m, "energy": 1, "buffers": 1, "stop_force": 1}
+
+    @property
+    def summary(self) -> Parts:
+        """What is kept of a whole run.
+
+        Squares of the largest swing and of the largest amplitude from a row on, the first row at which the model does not hold, and the
+        largest efforts.
+        """
+        return {"peak": 1, "residual": 1, "invalid": 1, "effort": self.m}
+
+    @property
+    def given(self) -> Parts:
+        """What accelerations are asked for with: coordinates, rates, a command, outside forces."""
+        return {"q": self.n, "v": self.n, "command": self.m, "force": 3 * self.points}
 
 
-def places(layout: dict[str, int]) -> dict[str, slice]:
-    """Where each part of a layout stands."""
-    ends = np.cumsum(list(layout.values())).tolist()
-    return {name: slice(end - count, end) for (name, count), end in zip(layout.items(), ends, strict=True)}
+def size(parts: Parts) -> int:
+    """How many numbers all parts have."""
+    return sum(parts.values())
+
+
+def places(parts: Parts) -> dict[str, slice]:
+    """Where each part stands."""
+    ends = np.cumsum(list(parts.values())).tolist()
+    return {name: slice(end - count, end) for (name, count), end in zip(parts.items(), ends, strict=True)}
 
 
 CALL = {

@@ -11,12 +11,12 @@ import pinocchio as pin
 
 from cranedyn.compiled.door import accelerations
 from cranedyn.compiled.kernel import Kernel, Recipe, kernel
-from cranedyn.compiled.plant import numbers
-from cranedyn.compiled.step import in_code
 from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import follow_drives, full, outside_effort
+from cranedyn.dynamics.plant import Topology, numbers
 from cranedyn.errors import ModelError
-from cranedyn.model.crane import DRIVES, PASSIVE, Crane
+from cranedyn.model.crane import Crane
 
 _CHECKED, _REMEMBERED = 16, 4096
 _MAKING = threading.Lock()
@@ -32,13 +32,12 @@ def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarra
         OutOfRange: If there is no code for the stepping rule.
         ModelError: If the code does not do what Pinocchio does.
     """
-    in_code(recipe.integrator)
     rows = np.array([numbers(crane) for crane in cranes])
     varied = (rows != rows[0]).any(axis=0)
     constants = np.where(varied, np.nan, rows[0])
     own = np.ascontiguousarray(rows[:, varied])
     with _MAKING:
-        code = _kernel(tuple(rigid_body.bodies(cranes[0].model).parents), constants.tobytes(), recipe)
+        code = _kernel(Topology.of(cranes[0]), constants.tobytes(), recipe)
         if len(code.agreed) > _REMEMBERED:
             code.agreed.clear()
         for crane, row in zip(cranes[:_CHECKED], own, strict=False):
@@ -49,9 +48,9 @@ def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarra
 
 
 @lru_cache(maxsize=256)
-def _kernel(parents: tuple[int, ...], constants: bytes, recipe: Recipe) -> Kernel:
+def _kernel(topology: Topology, constants: bytes, recipe: Recipe) -> Kernel:
     known = [None if np.isnan(value) else value for value in np.frombuffer(constants).tolist()]
-    return kernel(parents, known, recipe)
+    return kernel(topology, known, recipe)
 
 
 def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
@@ -67,19 +66,19 @@ def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
     """
     rng = np.random.default_rng(0)
     lanes, recipe = code.recipe.lanes, code.recipe
-    model, data, damping = crane.model, crane.model.createData(), crane.damping
+    model, data, layout, joint = crane.model, crane.model.createData(), crane.layout, JointForces.of(crane)
     own = np.repeat(varied[:, None], lanes, axis=1)
     for _ in range(8):
         q = rng.uniform(crane.lower, crane.upper)
-        q[PASSIVE] = rng.uniform(-1.4, 1.4, 2)
-        v, force = rng.normal(size=5), rng.normal(size=6) * crane.payload_mass
-        command, mass = rng.uniform(-1.0, 1.0, 3), pin.crba(model, data, q)
-        external = outside_effort(model, data, q, force.reshape(2, 3)) if recipe.forces else np.zeros(5)
+        q[crane.swings] = rng.uniform(-1.4, 1.4, len(crane.swings))
+        v, force = rng.normal(size=layout.n), rng.normal(size=3 * len(crane.points)) * crane.payload_mass
+        command, mass = rng.uniform(-1.0, 1.0, layout.m), pin.crba(model, data, q)
+        external = outside_effort(crane.points, model, data, q, force.reshape(-1, 3)) if recipe.forces else np.zeros(layout.n)
         if recipe.drive == "effort":
-            command = np.clip(command * mass.diagonal()[DRIVES], -crane.effort_limit, crane.effort_limit)
-            expected = pin.aba(model, data, q, v, full(command) - damping * v + external)
+            command = np.clip(command * mass.diagonal()[layout.drives], -crane.effort_limit, crane.effort_limit)
+            expected = pin.aba(model, data, q, v, full(crane, command) + joint.effort(q, v) + external)
         else:
-            expected = follow_drives(model, data, q, v, full(command), damping, external)
+            expected = follow_drives(model, data, q, v, full(crane, command), joint.effort(q, v), layout.passive, external)
         given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
         if off := rigid_body.disagreement(accelerations(code, given, own).T, expected, mass):
             raise ModelError(f"The compiled crane moves otherwise than Pinocchio's: accelerations differ by {off:.1e} of the largest.")

@@ -26,6 +26,11 @@ class Value:
     def __init__(self, code: Code, register: ir.Value) -> None:
         self.code, self.register = code, register
 
+    @property
+    def choices(self) -> Code:
+        """What chooses between such numbers."""
+        return self.code
+
     def __add__(self, other: Any) -> Any:
         return self if _is(other, 0.0) else self._with("fadd", other)
 

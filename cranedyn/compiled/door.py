@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cranedyn.compiled.call import AIM, FORCE, LAW, ROW, SLOTS, STATE, SUMMARY, size
+from cranedyn.compiled.call import SLOTS, size
 from cranedyn.errors import Misshapen, OutOfRange, number, whole
 
 if TYPE_CHECKING:
@@ -81,17 +81,17 @@ class Rows:
 
 
 def accelerations(code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """What the code of a crane answers at one state in each lane, shape (5, lanes).
+    """What the code of a crane answers at one state in each lane, shape (n, lanes).
 
     Args:
         code: The code.
-        given: q, v, command and force, shape (19, lanes).
-        numbers: The varied numbers, shape (m, lanes).
+        given: q, v, command and force, see `Sizes.given`, shape (numbers, lanes).
+        numbers: The varied numbers, shape (varied, lanes).
     """
     lanes = code.recipe.lanes
-    found = np.empty((5, lanes))
+    found = np.empty((code.sizes.n, lanes))
     run = code.machine.function("answer", 3)
-    run(_address("given", given, (19, lanes)), _address("numbers", numbers, (code.varied, lanes)), found.ctypes.data)
+    run(_address("given", given, (size(code.sizes.given), lanes)), _address("numbers", numbers, (code.varied, lanes)), found.ctypes.data)
     return found
 
 
@@ -126,7 +126,7 @@ class Loop:
         Raises:
             OutOfRange: If an array is not what the code takes it for, or a number is not finite.
         """
-        recipe, lanes = code.recipe, code.recipe.lanes
+        recipe, lanes, sizes = code.recipe, code.recipe.lanes, code.sizes
         self._last, self._end = whole("control instants", last, 1), whole("end", end, 0)
         self._steps, small = whole("steps", clock.steps, 1), whole("small steps", clock.small, 1)
         self._weight = small if recipe.buffers and recipe.integrator.smooth else 1
@@ -140,11 +140,11 @@ class Loop:
             self._call.view(np.float64)[SLOTS[name]] = number(name, time, "s", "> 0")
         rows = (self._last - 1) // every + 1
         widths = {
-            "state": size(STATE),
+            "state": size(sizes.state),
             "numbers": code.varied,
-            "offset": 10 * recipe.offset,
-            "summary": size(SUMMARY) * recipe.summary,
-            "log": rows * size(ROW) * recipe.log,
+            "offset": sizes.z * recipe.offset,
+            "summary": size(sizes.summary) * recipe.summary,
+            "log": rows * size(sizes.row) * recipe.log,
         }
         for name, width in widths.items():
             if width:
@@ -154,8 +154,8 @@ class Loop:
                 _known(name, memory[name], infinite=name == "numbers")
         if not all(recipe.shared):
             self._bind("starts", memory["starts"], (self._groups, 3, lanes), np.int64)
-        for i, (name, layout) in enumerate({"law": LAW, "aim": AIM, "force": FORCE}.items()):
-            self._bind_table(name, tables[i], size(layout), None if recipe.shared[i] else memory["starts"][:, i])
+        for i, (name, parts) in enumerate({"law": sizes.law, "aim": sizes.aim, "force": sizes.force}.items()):
+            self._bind_table(name, tables[i], size(parts), None if recipe.shared[i] else memory["starts"][:, i])
 
     def _bind(self, name: str, array: np.ndarray, shape: tuple[int, ...], kind: type = np.float64, *, written: bool = False) -> None:
         self._moving.append((SLOTS[name], _address(name, array, shape, kind, written=written), array.strides[0]))

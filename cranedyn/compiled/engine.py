@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.arrays import fixed
-from cranedyn.compiled.call import AIM, FORCE, LAW, ROW, STATE, places, size
+from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop, Rows
 from cranedyn.compiled.kernel import Kernel, Recipe
-from cranedyn.compiled.step import in_code
 from cranedyn.compiled.tables import Table, aim, alone, law, one_command
 from cranedyn.controllers.affine import Affine, Remembering, form
 from cranedyn.dynamics.drives import Limits
@@ -24,8 +23,6 @@ from cranedyn.simulation.log import Log
 
 _BLOCK, _STEPS = 2000, 1_000_000
 """Control instants, and physics steps, that a closed loop runs ahead at most before it is looked at."""
-
-_AT, _FEED_FORWARD = places(STATE), places(LAW)["feed_forward"]
 
 
 class _Block(NamedTuple):
@@ -48,17 +45,17 @@ class CompiledEngine(Engine):
     look_back = 1000
 
     def __init__(self, setting: Setting, start: State) -> None:
-        """Begin at a state, without command; OutOfRange if there is no code for the stepping rule."""
-        in_code(setting.integrator)
+        """Begin at a state, without command."""
         self.state, self._setting = start, setting
         self._outside = setting.outside(setting.clocks.dt, buffers=setting.buffers)
         self._limits = Limits(setting.crane) if setting.drive == "effort" else None
         self._drives = setting.drives(setting.clocks.dt, self._outside)
-        self._memory, self._force = np.zeros(size(STATE)), np.zeros((1, size(FORCE)))
-        self._here = self._memory[:10]
+        self._sizes = sizes = Sizes.of(setting.crane.layout)
+        self._memory, self._force, self._at = np.zeros(size(sizes.state)), np.zeros((1, size(sizes.force))), places(sizes.state)
+        self._here = self._memory[: sizes.z]
         self._here[:] = np.concatenate(start)
-        self._law, self._aim = one_command(np.zeros(3))
-        self._held, self._effort = self._law[0, _FEED_FORWARD], np.zeros(3)
+        self._law, self._aim = one_command(sizes)
+        self._last_command, self._effort = self._law[0, places(sizes.law)["feed_forward"]], np.zeros(sizes.m)
         self._codes: dict[tuple[bool, bool], Kernel] = {}
         self._step: Callable[[], None] | None = None
         self._blocks: dict[tuple[bool, int, int, int], _Block] = {}
@@ -92,16 +89,16 @@ class CompiledEngine(Engine):
     def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `Engine.take`."""
         if self._limits is None:
-            self._held[:] = command
+            self._last_command[:] = command
             return self._drives.take(command, self.state)
-        self._effort = self._held[:] = self._limits.cut(command)
+        self._effort = self._last_command[:] = self._limits.cut(command)
         return command, self._effort
 
     def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """As `Engine.energies`; by code if it was made for stepping."""
         if self._step is None:
             return super().energies(q, v)
-        return Rows(self._code(integral=False, log=False).machine, "energies", 10, 1)(np.hstack([q, v]))[:, 0]
+        return Rows(self._code(integral=False, log=False).machine, "energies", self._sizes.z, 1)(np.hstack([q, v]))[:, 0]
 
     def effort(self) -> np.ndarray:
         """As `Engine.effort`."""
@@ -117,7 +114,7 @@ class CompiledEngine(Engine):
     def buffers(self) -> tuple[float, float]:
         """As `Engine.buffers`."""
         assert self._outside is not None
-        return float(self._memory[_AT["buffers"]][0]), self._outside.stop_force(self.state)
+        return float(self._memory[self._at["buffers"]][0]), self._outside.stop_force(self.state)
 
     def advance(self) -> State:
         """As `Engine.advance`."""
@@ -129,7 +126,7 @@ class CompiledEngine(Engine):
 
     def _arrived(self) -> State:
         here = np.frombuffer(self._here.tobytes())  # a copy that cannot be written to
-        self.state = State(here[:5], here[5:])
+        self.state = State(here[: self._sizes.n], here[self._sizes.n :])
         return self.state
 
     def run_ahead(self, controller: object, reference: Reference, since: float, log: Log) -> Iterator[int]:
@@ -147,8 +144,8 @@ class CompiledEngine(Engine):
         while first <= clocks.periods:
             times = fixed(since + clocks.period * np.arange(first, min(first + ahead, clocks.periods + 1)))
             try:
-                setpoint = tabulated(reference, times).position
-                common = form(controller, times, setpoint)
+                setpoint = tabulated(reference, times, self._sizes.m).position
+                common = form(controller, times, setpoint, self._sizes.z)
             except Misshapen:
                 raise
             except Exception:  # it comes again at the instant at which it belongs
@@ -157,22 +154,22 @@ class CompiledEngine(Engine):
             if block is None:
                 break
             if isinstance(controller, Remembering):
-                controller.resume(float(times[-1]), self._memory[_AT["integral"]].copy())
+                controller.resume(float(times[-1]), self._memory[self._at["integral"]].copy())
             log.block(setpoint, block)
             first += len(times)
             self._arrived()
             yield first
-        self.take(self._memory[_AT["last_command"]].copy())
+        self.take(self._memory[self._at["last_command"]].copy())
 
     def _run(self, common: Affine, setpoint: np.ndarray, end: int) -> dict[str, np.ndarray] | None:
         """A block of rows by name; None, and all as before, if a number for it or in it is not finite or a joint moves too fast."""
         before, n = self._memory.copy(), len(setpoint)
         block = self._block(bool(common.integral_gain.any()), len(common.feed_forward), n, min(end, n))
-        law(common, block.laws)
-        aim(common, setpoint, block.aims)
-        self._memory[_AT["integral"]] = common.integral
+        law(self._sizes, common, block.laws)
+        aim(self._sizes, common, setpoint, block.aims)
+        self._memory[self._at["integral"]] = common.integral
         block.run()
-        found = {name: block.rows[:, where] for name, where in places(ROW).items()}
+        found = {name: block.rows[:, where] for name, where in places(self._sizes.row).items()}
         known = np.isfinite(block.rows).all() and np.isfinite(common.integral).all() and not np.isnan(common.limit).any()
         if known and (np.square(found["v"]).sum(axis=1) < DIVERGED**2).all():
             return found
@@ -183,8 +180,8 @@ class CompiledEngine(Engine):
         """What a block of a size is run with, made once."""
         size_of_it = integral, laws, instants, end
         if size_of_it not in self._blocks:
-            tables = np.zeros((laws, size(LAW))), np.zeros((instants, size(AIM)))
-            rows, code = np.empty((instants, size(ROW))), self._code(integral=integral, log=True)
+            tables = np.zeros((laws, size(self._sizes.law))), np.zeros((instants, size(self._sizes.aim)))
+            rows, code = np.empty((instants, size(self._sizes.row))), self._code(integral=integral, log=True)
             run = self._loop(code, alone(tables[0]), alone(tables[1]), instants, end, rows).alone()
             self._blocks[size_of_it] = _Block(*tables, rows, run)
         return self._blocks[size_of_it]

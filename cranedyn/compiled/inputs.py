@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.arrays import finite
-from cranedyn.compiled.call import AIM, FORCE, LAW, ROW, size
-from cranedyn.compiled.tables import NO_FORCE, Table, aim, law, shortened, table
+from cranedyn.compiled.call import Sizes, size
+from cranedyn.compiled.tables import Table, aim, law, shortened, table
 from cranedyn.controllers.affine import Affine, form
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 from cranedyn.interfaces import Reference, State
-from cranedyn.model.crane import DRIVES
+from cranedyn.model.crane import Crane
+from cranedyn.model.layout import Layout
 from cranedyn.references import hold
 from cranedyn.references.tabulated import tabulated
 
@@ -29,7 +30,7 @@ class Control(NamedTuple):
 
     Attributes:
         law, aim: The tables.
-        integrals: What was integrated before, shape (n, 3).
+        integrals: What was integrated before, shape (cranes, m).
         integrates: Whether any controller does.
     """
 
@@ -62,8 +63,8 @@ def _length(value: Any) -> int | None:
     return len(value) if isinstance(value, Sequence) and not isinstance(value, str | bytes) else None
 
 
-def starts(start: State | Sequence[State], cranes: int) -> State:
-    """Coordinates and rates at the start, shape (n, 5) each.
+def starts(start: State | Sequence[State], cranes: int, joints: int) -> State:
+    """Coordinates and rates at the start, shape (cranes, joints) each.
 
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
@@ -72,7 +73,7 @@ def starts(start: State | Sequence[State], cranes: int) -> State:
         q, v = start if isinstance(start, State) else zip(*start, strict=True)
     except (TypeError, ValueError):
         raise OutOfRange("start", type(start).__name__, "a State, one with rows, or a sequence of States") from None
-    return State(rows("coordinates at the start", q, cranes, 5), rows("rates at the start", v, cranes, 5))
+    return State(rows("coordinates at the start", q, cranes, joints), rows("rates at the start", v, cranes, joints))
 
 
 def rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
@@ -84,13 +85,14 @@ def rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
     return np.broadcast_to(finite(name, value, (columns,), (cranes, columns)), (cranes, columns))
 
 
-def control(controller: Any, reference: Any, start: State, times: np.ndarray, taken: int) -> Control:
+def control(crane: Crane, controller: Any, reference: Any, start: State, times: np.ndarray, taken: int) -> Control:
     """Tables of controllers and references, one for each that is another object; None as reference holds the drives at the start.
 
     Args:
+        crane: One of them.
         controller: One or n.
         reference: One or n, or None.
-        start: Coordinates and rates at the start, shape (n, 5) each.
+        start: Coordinates and rates at the start, shape (cranes, joints) each.
         times: Control instants [s].
         taken: How many numbers something else takes.
 
@@ -98,8 +100,8 @@ def control(controller: Any, reference: Any, start: State, times: np.ndarray, ta
         CraneError: If a controller is not affine in the state.
         OutOfRange: If what it answers is not what it should be, or the tables would not fit into 4 GB.
     """
-    cranes = len(start.q)
-    aims_of, references = _references(reference, start, taken)
+    cranes, sizes = len(start.q), Sizes.of(crane.layout)
+    aims_of, references = _references(crane, reference, start, taken)
     laws_of, controllers = distinct(controller, cranes)
     pairs, pair_of = np.unique(laws_of * len(references) + aims_of, return_inverse=True)
     taken += _PAIR * len(pairs)
@@ -108,29 +110,29 @@ def control(controller: Any, reference: Any, start: State, times: np.ndarray, ta
     last: dict[int, int] = {}
     longest_law = longest_aim = 0
     for which, about in (divmod(pair, len(references)) for pair in pairs.tolist()):
-        setpoint = tabulated(references[about], times).position
-        common = _form(controllers[which], times, setpoint)
+        setpoint = tabulated(references[about], times, crane.layout.m).position
+        common = _form(controllers[which], times, setpoint, sizes.z)
         integrals.append(common.integral)
         integrates = integrates or bool(common.integral_gain.any())
-        aims.append(shortened(aim(common, setpoint)))
-        rows_of_law = law(common)
+        aims.append(shortened(aim(sizes, common, setpoint)))
+        rows_of_law = law(sizes, common)
         if which not in last or not np.array_equal(rows_of_law, laws[last[which]]):
             last[which] = len(laws)
             laws.append(rows_of_law)
         law_of_pair.append(last[which])
         longest_law, longest_aim = max(longest_law, len(rows_of_law)), max(longest_aim, len(aims[-1]))
-        needed = taken + 2 * (len(laws) * longest_law * size(LAW) + len(aims) * longest_aim * size(AIM))
+        needed = taken + 2 * (len(laws) * longest_law * size(sizes.law) + len(aims) * longest_aim * size(sizes.aim))
         fit("number of controllers and references", f"{len(laws)} and {len(aims)} or more", needed)
     return Control(table(laws, np.array(law_of_pair)[pair_of]), table(aims, pair_of), np.array(integrals)[pair_of], integrates)
 
 
-def _references(reference: Any, start: State, taken: int) -> tuple[np.ndarray, list[Reference]]:
+def _references(crane: Crane, reference: Any, start: State, taken: int) -> tuple[np.ndarray, list[Reference]]:
     """Which of the references each crane has, and these; where there is none, one hold for each place at which drives start."""
     if reference is not None:
         return distinct(reference, len(start.q))
-    drives = start.q[:, DRIVES]
+    drives = start.q[:, crane.layout.drives]
     if (drives == drives[0]).all():
-        return distinct(hold(State(start.q[0], start.v[0])), len(start.q))
+        return distinct(hold(crane, State(start.q[0], start.v[0])), len(start.q))
     firsts: dict[bytes, int] = {}
     for i, place in enumerate(map(np.ndarray.tobytes, drives)):
         if place not in firsts:
@@ -138,7 +140,7 @@ def _references(reference: Any, start: State, taken: int) -> tuple[np.ndarray, l
             fit("number of places at which drives start", f"{len(firsts)} or more", taken + _PAIR * len(firsts))
     number = {place: row for row, place in enumerate(firsts)}
     which = np.fromiter((number[place.tobytes()] for place in drives), int, len(drives))
-    return which, [hold(State(start.q[i], start.v[i])) for i in firsts.values()]
+    return which, [hold(crane, State(start.q[i], start.v[i])) for i in firsts.values()]
 
 
 def distinct(value: Any, cranes: int) -> tuple[np.ndarray, list[Any]]:
@@ -150,8 +152,22 @@ def distinct(value: Any, cranes: int) -> tuple[np.ndarray, list[Any]]:
     return np.array([number[id(one)] for one in value]), list(found.values())
 
 
-def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray) -> Affine:
-    common = form(controller, times, setpoint)
+def one_layout(cranes: Sequence[Crane]) -> Layout:
+    """The layout of all cranes.
+
+    Raises:
+        OutOfRange: If one has another than the first: other joints, drives or points.
+    """
+    layout = cranes[0].layout
+    for crane in cranes:
+        if crane.layout != layout:
+            joints = ", ".join(joint.name for joint in crane.layout.joints)
+            raise OutOfRange("joints of a crane", joints, "those of the first crane of the batch")
+    return layout
+
+
+def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) -> Affine:
+    common = form(controller, times, setpoint, width)
     if common is None:
         raise CraneError(f"{type(controller).__name__} is not affine in the state, or has run before; a batch needs one that is.")
     if lacking := common.lacking():
@@ -161,15 +177,15 @@ def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray) -> Affine:
     return common
 
 
-def forces(force: Any, cranes: int) -> Table:
-    """A table of outside forces for all cranes, shape (m, 6), or one for each, shape (n, m, 6); None for none.
+def forces(force: Any, cranes: int, sizes: Sizes) -> Table:
+    """A table of outside forces for all cranes, shape (rows, 3 points), or one for each, shape (cranes, rows, 3 points); None for none.
 
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
     """
     if force is None:
-        return table([NO_FORCE], np.zeros(cranes, dtype=int))
-    columns = size(FORCE)
+        return table([np.zeros((1, size(sizes.force)))], np.zeros(cranes, dtype=int))
+    columns = size(sizes.force)
     found = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
     if not found.size:
         raise Misshapen("force", f"an array of shape {found.shape}", "one with a row at least")
@@ -178,10 +194,11 @@ def forces(force: Any, cranes: int) -> Table:
     return Table(np.ascontiguousarray(found.reshape(-1, columns)), each, starts)
 
 
-def fits(cranes: int, instants: int, periods: int, more: int) -> int:
+def fits(sizes: Sizes, cranes: int, instants: int, periods: int, more: int) -> int:
     """How many numbers the cranes and what is to be recorded of them take, arranged by lanes and by cranes.
 
     Args:
+        sizes: Of each crane.
         cranes: How many cranes.
         instants: How many rows are recorded of each.
         periods: How many control periods they run.
@@ -191,9 +208,9 @@ def fits(cranes: int, instants: int, periods: int, more: int) -> int:
         OutOfRange: If they, or the tables of one controller, would take more than 4 GB.
     """
     fit("number of cranes", str(cranes), cranes * (_CRANE + more))
-    taken = cranes * (_CRANE + more + 2 * instants * size(ROW))
+    taken = cranes * (_CRANE + more + 2 * instants * size(sizes.row))
     fit("record", f"{instants} rows of {cranes} cranes", taken)
-    fit("duration", f"{periods} control periods", 2 * periods * (size(LAW) + size(AIM)))
+    fit("duration", f"{periods} control periods", 2 * periods * (size(sizes.law) + size(sizes.aim)))
     return taken
 
 

@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.call import AIM, CALL, FORCE, LAW, SLOTS, STATE, SUMMARY, places, size
+from cranedyn.compiled.call import CALL, SLOTS, Parts, Sizes, places, size
 from cranedyn.compiled.code import INTEGER, Code, Value, Variable
 from cranedyn.compiled.machine import Machine, translated
-from cranedyn.compiled.plant import Plant, plant
-from cranedyn.compiled.step import in_code
+from cranedyn.compiled.step import stepped
 from cranedyn.dynamics.integrators import Integrator
+from cranedyn.dynamics.plant import Plant, Topology, plant
 from cranedyn.dynamics.rigid_body import array
-from cranedyn.model.crane import DRIVES
 
 
 @dataclass(frozen=True)
@@ -53,6 +52,7 @@ class Kernel(NamedTuple):
 
     Attributes:
         recipe: What it can do.
+        sizes: Of its memory.
         machine: What holds its functions: run, the loop; answer, accelerations at one state for each lane; and, of code for one crane that
             keeps no log, energies, of many states.
         varied: How many numbers each lane has of its own.
@@ -60,83 +60,86 @@ class Kernel(NamedTuple):
     """
 
     recipe: Recipe
+    sizes: Sizes
     machine: Machine
     varied: int
     agreed: set[bytes]
 
 
-def kernel(parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> Kernel:
+def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> Kernel:
     """Make the code for a crane whose numbers are constants, or None where each lane has its own."""
     module = ir.Module()
-    _Loop(Code(module, "run", ["call"], recipe.lanes), parents, constants, recipe).emit()
-    _emit_answer(Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes), parents, constants, recipe)
+    _Loop(Code(module, "run", ["call"], recipe.lanes), topology, constants, recipe).emit()
+    _emit_answer(Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes), topology, constants, recipe)
     if recipe.lanes == 1 and not recipe.log:
-        _emit_energies(Code(module, "energies", ["given", "count", "energies"], 1), parents, constants, recipe)
-    return Kernel(recipe, translated(module), list(constants).count(None), set())
+        _emit_energies(Code(module, "energies", ["given", "count", "energies"], 1), topology, constants, recipe)
+    return Kernel(recipe, Sizes.of(topology.layout), translated(module), list(constants).count(None), set())
 
 
-def _plant(code: Code, own: ir.Value, parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> Plant:
+def _plant(code: Code, own: ir.Value, topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> Plant:
     varied = count()
     values = [code.load(own, next(varied) * code.lanes) if constant is None else constant for constant in constants]
-    return plant(parents, values, recipe.drive, recipe.buffers)
+    return plant(topology, values, recipe.drive, recipe.buffers)
 
 
-def _emit_answer(code: Code, parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> None:
-    crane = _plant(code, code.argument["numbers"], parents, constants, recipe)
-    given = [code.load(code.argument["given"], i * code.lanes) for i in range(19)]
-    q, v, command, forces = (array(given[part]) for part in (slice(5), slice(5, 10), slice(10, 13), slice(13, 19)))
+def _emit_answer(code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> None:
+    crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
+    parts = Sizes.of(topology.layout).given
+    given = [code.load(code.argument["given"], i * code.lanes) for i in range(size(parts))]
+    q, v, command, forces = (array(given[where]) for where in places(parts).values())
     for i, a in enumerate(crane.answer(q, v, command, forces if recipe.forces else None)[0]):
         code.store(a, code.argument["accelerations"], i * code.lanes)
     code.end()
 
 
-def _emit_energies(code: Code, parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> None:
-    given, crane = code.argument["given"], _plant(code, code.argument["given"], parents, constants, recipe)
+def _emit_energies(code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> None:
+    given, crane = code.argument["given"], _plant(code, code.argument["given"], topology, constants, recipe)
+    n = topology.layout.n
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
-        first = code.product(row, 10)
-        state = array([code.spread(given, code.builder.add(first, code.integer(i))) for i in range(10)])
-        code.store(crane.energy(state[:5], state[5:]), code.argument["energies"], row)
+        first = code.product(row, 2 * n)
+        state = array([code.spread(given, code.builder.add(first, code.integer(i))) for i in range(2 * n)])
+        code.store(crane.energy(state[:n], state[n:]), code.argument["energies"], row)
     code.end()
 
 
 class _Loop:
     """The loop over control instants under construction."""
 
-    def __init__(self, code: Code, parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> None:
-        self.code, self.recipe, self.given = code, recipe, {}
+    def __init__(self, code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> None:
+        self.code, self.recipe, self.given, self.sizes = code, recipe, {}, Sizes.of(topology.layout)
         for kind, names in CALL.items():
             self.given.update({name: code.load_one(code.argument["call"], SLOTS[name], kind) for name in names})
-        self.plant = _plant(code, self.given["numbers"], parents, constants, recipe)
-        self.state = self._variables("state", STATE)
-        self.summary = self._variables("summary", SUMMARY) if recipe.summary else {}
+        self.plant = _plant(code, self.given["numbers"], topology, constants, recipe)
+        self.state = self._variables("state", self.sizes.state)
+        self.summary = self._variables("summary", self.sizes.summary) if recipe.summary else {}
         self.dt, self.period = (code.from_double(self.given[name]) for name in ("dt", "period"))
 
-    def _variables(self, name: str, layout: dict[str, int]) -> dict[str, list[Variable]]:
+    def _variables(self, name: str, parts: Parts) -> dict[str, list[Variable]]:
         code = self.code
-        found = [Variable(code, code.load(self.given[name], i * code.lanes)) for i in range(size(layout))]
-        return {part: found[where] for part, where in places(layout).items()}
+        found = [Variable(code, code.load(self.given[name], i * code.lanes)) for i in range(size(parts))]
+        return {part: found[where] for part, where in places(parts).items()}
 
     def _keep(self, name: str, variables: dict[str, list[Variable]]) -> None:
         for i, variable in enumerate(variable for part in variables.values() for variable in part):
             self.code.store(variable.get(), self.given[name], i * self.code.lanes)
 
-    def _row(self, table: int, name: str, layout: dict[str, int], instant: ir.Value) -> dict[str, np.ndarray]:
+    def _row(self, table: int, name: str, parts: Parts, instant: ir.Value) -> dict[str, np.ndarray]:
         """The row of a table for an instant, beyond its end the last."""
         code = self.code
         row = code.least(instant, code.builder.sub(self.given[f"{name}_rows"], code.integer(1)))
         if self.recipe.shared[table]:
-            firsts = [code.product(row, size(layout))]
+            firsts = [code.product(row, size(parts))]
         else:
             starts = [code.load_one(self.given["starts"], table * code.lanes + lane, INTEGER) for lane in range(code.lanes)]
-            firsts = [code.product(code.builder.add(start, row), size(layout)) for start in starts]
+            firsts = [code.product(code.builder.add(start, row), size(parts)) for start in starts]
         pointer = self.given[name]
         found = [
             code.spread(pointer, code.builder.add(firsts[0], code.integer(i)))
             if self.recipe.shared[table]
             else code.gathered(pointer, [code.builder.add(first, code.integer(i)) for first in firsts])
-            for i in range(size(layout))
+            for i in range(size(parts))
         ]
-        return {part: array(found[where]) for part, where in places(layout).items()}
+        return {part: array(found[where]) for part, where in places(parts).items()}
 
     def _get(self, part: str) -> np.ndarray:
         return array([variable.get() for variable in self.state[part]])
@@ -157,9 +160,9 @@ class _Loop:
                 self._control(instant, forces)
             with code.when(code.builder.icmp_signed("<", instant, self.given["end"])):
                 with code.loop(0, self.given["steps"]):
-                    step, work = in_code(self.recipe.integrator), self.state["buffers"][0].get()
+                    work = self.state["buffers"][0].get()
                     q, v, last_command = (self._get(part) for part in ("q", "v", "last_command"))
-                    q, v, work = step(self.plant, q, v, last_command, forces, self.dt, work, self.given["small"])
+                    q, v, work = stepped(self.recipe.integrator, self.plant, q, v, last_command, forces, self.dt, work, self.given["small"])
                     self._set("q", q)
                     self._set("v", v)
                     self._set("buffers", [work])
@@ -169,7 +172,9 @@ class _Loop:
         code.end()
 
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
-        return self._row(2, "force", FORCE, self.code.most(instant, self.code.integer(0)))["force"] if self.recipe.forces else None
+        return (
+            self._row(2, "force", self.sizes.force, self.code.most(instant, self.code.integer(0)))["force"] if self.recipe.forces else None
+        )
 
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
         code = self.code
@@ -189,17 +194,17 @@ class _Loop:
             self._summarise(instant, q, v, effort, buffer)
 
     def _commanded(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """What the controller commands, shape (3,)."""
+        """What the controller commands, shape (m,)."""
         code = self.code
-        law, aim = self._row(0, "law", LAW, instant), self._row(1, "aim", AIM, instant)
+        law, aim = self._row(0, "law", self.sizes.law, instant), self._row(1, "aim", self.sizes.aim, instant)
         z = np.concatenate([q, v])
         if self.recipe.offset:
-            z = z + array([code.load(self.given["offset"], i * code.lanes) for i in range(10)])
-        command = law["feed_forward"] - law["gain"].reshape(3, 10) @ (z - aim["setpoint"])
+            z = z + array([code.load(self.given["offset"], i * code.lanes) for i in range(self.sizes.z)])
+        command = law["feed_forward"] - law["gain"].reshape(self.sizes.m, self.sizes.z) @ (z - aim["setpoint"])
         if not self.recipe.integral:
             return command
         integrals = self._get("integral")
-        for i, drive in enumerate(DRIVES):
+        for i, drive in enumerate(self.plant.topology.layout.drives):
             error = aim["position"][i] - z[drive]
             on = integrals[i] + error * self.period
             total = command[i] + law["integral_gain"][i] * on
@@ -218,15 +223,15 @@ class _Loop:
 
     def _summarise(self, instant: ir.Value, q: np.ndarray, v: np.ndarray, effort: np.ndarray, buffer: Any) -> None:
         code, crane, kept = self.code, self.plant, self.summary
-        swing = q[2] * q[2] + q[3] * q[3]
+        swing, amplitude = (code.value(part) for part in crane.swing(q, v))
         _largest(code, kept["peak"][0], swing)
-        amplitude = swing + (v[2] * v[2] + v[3] * v[3]) * q[4] / -crane.tree.gravity[2]
         counts = code.builder.icmp_signed(">=", instant, self.given["after"])
         with code.when(counts):
             _largest(code, kept["residual"][0], amplitude)
         for variable, value in zip(kept["effort"], effort, strict=True):
             _largest(code, variable, code.call("llvm.fabs", value))
-        holds = crane.holds(q, v, effort[2] + buffer)
+        hoist = crane.topology.layout.drive_of("hoist")
+        holds = code.both(*crane.conditions(q, v, buffer if hoist is None else effort[hoist] + buffer))
         now = code.from_integer(instant)
         first = kept["invalid"][0]
         first.set(code.chosen(holds, first.get(), code.call("llvm.minnum", first.get(), now)))

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.compiled.call import AIM, FORCE, LAW, places, size
+from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.controllers.affine import Affine
-
-_LAW, _AIM = places(LAW), places(AIM)
-
 
 @dataclass(frozen=True, eq=False)
 class Table:
@@ -46,19 +43,19 @@ def table(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> Table:
     return Table(stacked, length, chosen.astype(np.int64) * length)
 
 
-def law(form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
+def law(sizes: Sizes, form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
     """A controller's rows, shape (n, columns), in an array of that shape if there is one."""
-    n, at = len(form.feed_forward), _LAW
-    rows = np.empty((n, size(LAW))) if rows is None else rows
-    rows[:, at["feed_forward"]], rows[:, at["gain"]] = form.feed_forward, form.gain.reshape(n, 30)
+    n, at = len(form.feed_forward), places(sizes.law)
+    rows = np.empty((n, size(sizes.law))) if rows is None else rows
+    rows[:, at["feed_forward"]], rows[:, at["gain"]] = form.feed_forward, form.gain.reshape(n, -1)
     rows[:, at["integral_gain"]], rows[:, at["limit"]] = form.integral_gain, form.limit
     return rows
 
 
-def aim(form: Affine, positions: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+def aim(sizes: Sizes, form: Affine, positions: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
     """Rows of what a controller is about and of the setpoint of the drives, shape (n, columns); in an array as for `law`."""
-    n, at = len(positions), _AIM
-    rows = np.empty((n, size(AIM))) if rows is None else rows
+    n, at = len(positions), places(sizes.aim)
+    rows = np.empty((n, size(sizes.aim))) if rows is None else rows
     rows[: len(form.setpoint), at["setpoint"]], rows[len(form.setpoint) :, at["setpoint"]] = form.setpoint[:n], form.setpoint[-1]
     rows[:, at["position"]] = positions
     return rows
@@ -70,11 +67,6 @@ def shortened(rows: np.ndarray) -> np.ndarray:
     return rows[: int(changes[-1]) + 2 if len(changes) else 1].copy()
 
 
-def one_command(command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tables of one row with which the drives just hold a command, shape (3,)."""
-    rows = np.zeros((1, size(LAW)))
-    rows[0, _LAW["feed_forward"]] = command
-    return rows, np.zeros((1, size(AIM)))
-
-
-NO_FORCE = np.zeros((1, size(FORCE)))
+def one_command(sizes: Sizes) -> tuple[np.ndarray, np.ndarray]:
+    """Tables of one row with which the drives just hold a command, zero to begin with."""
+    return np.zeros((1, size(sizes.law))), np.zeros((1, size(sizes.aim)))

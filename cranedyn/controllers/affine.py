@@ -40,8 +40,8 @@ class Affine:
         names = ("feed_forward", "gain", "setpoint", "integral_gain", "integral")
         return next((name for name in names if not np.isfinite(getattr(self, name)).all()), "")
 
-    def fitting(self, whose: str, instants: int) -> Affine:
-        """The same, if it is made of arrays as it should be, for so many control instants.
+    def fitting(self, whose: str, instants: int, drives: int, width: int) -> Affine:
+        """The same, if it is made of arrays as it should be, for so many control instants, drives, and coordinates and rates together.
 
         Raises:
             Misshapen: If it is not: which of them, of whose form; or if a limit is no number.
@@ -53,12 +53,12 @@ class Affine:
                 raise Misshapen(f"{name} in the common form of {whose}", f"an array of {len(found)} rows", f"one of 1 to {instants}")
             return found
 
-        feed_forward, setpoint = part("feed_forward", "n", 3), part("setpoint", "m", 10)
-        gain = part("gain", len(feed_forward), 3, 10)
-        limit = part("limit", 3)
+        feed_forward, setpoint = part("feed_forward", "rows", drives), part("setpoint", "rows", width)
+        gain = part("gain", len(feed_forward), drives, width)
+        limit = part("limit", drives)
         if np.isnan(limit).any():
             raise Misshapen(f"limit in the common form of {whose}", "an array that holds nan", "numbers, inf for none")
-        return Affine(feed_forward, gain, setpoint, part("integral_gain", 3), limit, part("integral", 3))
+        return Affine(feed_forward, gain, setpoint, part("integral_gain", drives), limit, part("integral", drives))
 
 
 @runtime_checkable
@@ -80,8 +80,14 @@ class Remembering(Protocol):
         """Take over what was integrated, shape (m,), up to and with a control instant [s]."""
 
 
-def form(controller: object, times: np.ndarray, positions: np.ndarray) -> Affine | None:
+def form(controller: object, times: np.ndarray, positions: np.ndarray, width: int) -> Affine | None:
     """The common form of a controller, see `AffineController.affine`; None if it has none, or is a variant that answers calls otherwise.
+
+    Args:
+        controller: The controller.
+        times: Control instants [s].
+        positions: Setpoints of the drives there, shape (rows, m).
+        width: Number of coordinates and rates together, 2 n.
 
     Raises:
         Misshapen: If it is not made of arrays as it should be.
@@ -92,7 +98,7 @@ def form(controller: object, times: np.ndarray, positions: np.ndarray) -> Affine
     answer, whose = cast(AffineController, controller).affine(fixed(times), fixed(positions)), type(controller).__name__
     if answer is not None and not isinstance(answer, Affine):
         raise Misshapen(f"the common form of {whose}", type(answer).__name__, "an Affine, or None where it is not affine")
-    return None if answer is None else answer.fitting(whose, len(times))
+    return None if answer is None else answer.fitting(whose, len(times), positions.shape[1], width)
 
 
 def without_integral(feed_forward: np.ndarray, gain: np.ndarray, setpoint: np.ndarray) -> Affine:

@@ -9,7 +9,7 @@ import numpy as np
 from cranedyn.arguments import checked
 from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint, State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.clocks import soon_enough
 
@@ -19,16 +19,16 @@ class Damped:
     """Drives that yield to the swing, see `damped`.
 
     Attributes:
-        gravity: Gravity [m/s²].
+        crane: The crane.
         reference: Its velocity is the command, looked up one control period ahead.
         ratio: ζ, the share of critical damping that the swing gets.
         recovery: Share of the distance from the reference's position that is taken back per second [1/s].
-        rates: Largest of slew [rad/s], trolley, hoist [m/s], shape (3,).
-        accelerations: Largest of slew [rad/s²], trolley, hoist [m/s²], shape (3,).
+        rates: Largest of the drives [rad/s or m/s], shape (m,).
+        accelerations: Largest of the drives [rad/s² or m/s²], shape (m,).
         control_period: Time between control instants [s].
     """
 
-    gravity: float
+    crane: Crane
     reference: Reference
     ratio: float
     recovery: float
@@ -41,13 +41,14 @@ class Damped:
         soon_enough(self.control_period, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Accelerations of slew [rad/s²], trolley and hoist [m/s²], shape (3,)."""
-        _, x, phi, theta, length = state.q
+        """Accelerations of the drives [rad/s² or m/s²], shape (m,)."""
+        layout = self.crane.layout
+        _, x, phi, theta, length = state.q[list(layout.tower("Drives that yield to the swing"))]
         turned = theta / x if x != 0.0 else 0.0  # on the slew axis no slewing moves the pivot
-        yielding = 2.0 * self.ratio * np.sqrt(self.gravity * length) * np.array([turned, phi, 0.0])
-        back = self.recovery * (setpoint.position - state.q[DRIVES])
+        yielding = 2.0 * self.ratio * np.sqrt(self.crane.gravity * length) * (turned * layout.along("gamma") + phi * layout.along("x"))
+        back = self.recovery * (setpoint.position - state.q[layout.drives])
         velocity = np.clip(self.reference(t + self.control_period).velocity + back - yielding, -self.rates, self.rates)
-        return np.clip((velocity - state.v[DRIVES]) / self.control_period, -self.accelerations, self.accelerations)
+        return np.clip((velocity - state.v[layout.drives]) / self.control_period, -self.accelerations, self.accelerations)
 
 
 @checked
@@ -75,10 +76,13 @@ def damped(
         control_period: Time between control instants [s], the same as in `simulate`; a run in which they are further apart is refused.
 
     Raises:
+        MissingRole: If it is not a tower crane.
         OutOfRange: If the ratio is not between 0 and 1, or the recovery negative.
     """
     zeta = number("damping ratio", ratio, "", "0 to 1")
     pull = number("recovery", recovery, "1/s", ">= 0")
     number("control_period", control_period, "s", "> 0")
-    rates, accelerations = np.asarray(limits.rates), np.asarray(limits.accelerations)
-    return Damped(crane.gravity, reference, zeta, pull, rates, accelerations, control_period)
+    crane.layout.tower("Drives that yield to the swing")
+    rates = crane.layout.for_drives("rate limit", limits.rates, "/s", "> 0")
+    accelerations = crane.layout.for_drives("acceleration limit", limits.accelerations, "/s²", "> 0")
+    return Damped(crane, reference, zeta, pull, rates, accelerations, control_period)

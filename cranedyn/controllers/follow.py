@@ -11,7 +11,7 @@ from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint, State
-from cranedyn.model.crane import DRIVES
+from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import tabulated
 from cranedyn.simulation.clocks import soon_enough
 
@@ -22,10 +22,12 @@ class Follow:
     """Reach the reference's velocity at the next control instant; for `simulate(..., drive="motion")`.
 
     Attributes:
+        crane: The crane.
         reference: The reference to follow, looked up one control period ahead.
         control_period: Time between control instants [s], the same as in `simulate`; a run in which they are further apart is refused.
     """
 
+    crane: Crane
     reference: Reference
     control_period: float = 5e-3
 
@@ -38,19 +40,20 @@ class Follow:
         soon_enough(self.control_period, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Accelerations of slew [rad/s²], trolley and hoist [m/s²], shape (3,)."""
-        return (self.reference(t + self.control_period).velocity - state.v[DRIVES]) / self.control_period
+        """Accelerations of the drives [rad/s² or m/s²], shape (m,)."""
+        return (self.reference(t + self.control_period).velocity - state.v[self.crane.layout.drives]) / self.control_period
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """The common form, see `cranedyn.controllers.affine`; OutOfRange if the control instants are further apart than the period."""
         if len(times) > 1:
             soon_enough(self.control_period, float(times[1] - times[0]))
-        ahead = tabulated(self.reference, times + self.control_period).velocity
-        gain = feedback_gain(np.zeros(3), np.full(3, 1.0 / self.control_period))
-        return without_integral(np.zeros((1, 3)), gain[None], at_drives(np.zeros_like(ahead), ahead))
+        drives = self.crane.layout.m
+        ahead = tabulated(self.reference, times + self.control_period, drives).velocity
+        gain = feedback_gain(self.crane, np.zeros(drives), np.full(drives, 1.0 / self.control_period))
+        return without_integral(np.zeros((1, drives)), gain[None], at_drives(self.crane, np.zeros_like(ahead), ahead))
 
 
 @checked
-def follow(reference: Reference, control_period: float = 5e-3) -> Follow:
+def follow(crane: Crane, reference: Reference, control_period: float = 5e-3) -> Follow:
     """Take motion-controlled drives along a reference, control instants being a period [s] apart."""
-    return Follow(reference, control_period)
+    return Follow(crane, reference, control_period)

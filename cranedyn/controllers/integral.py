@@ -12,6 +12,7 @@ from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.errors import number
 from cranedyn.interfaces import Setpoint, State
+from cranedyn.model.crane import Crane
 from cranedyn.simulation.clocks import SAME_PERIOD
 
 
@@ -24,24 +25,30 @@ class HoistIntegral:
     time since the controller was last asked; at the first control instant, or where time begins anew, for one control period.
 
     Attributes:
+        crane: The crane, which must have a hoist.
         tracking: What it does without the integrator.
         integral_gain: k_i of the hoist [N/(m s)].
         limit: Largest hoist force [N].
         integral: What has been integrated so far [m s].
     """
 
+    crane: Crane
     tracking: Tracking
     integral_gain: float
     limit: float
     integral: float = field(default=0.0)
     _t: float = field(default=-math.inf, init=False)
     _elapsed: float = field(init=False)
+    _joint: int = field(init=False)
+    _drive: int = field(init=False)
 
     def __post_init__(self) -> None:
         """Check the numbers; until it knows better, it is asked for each row of its table."""
         number("integral gain of the hoist", self.integral_gain, "N/(m s)")
         number("integral of the hoist", self.integral, "m s")
         self._elapsed = self.tracking.period
+        self._joint = self.crane.layout.role("hoist", "An integrator on the hoist")
+        self._drive = int(np.flatnonzero(self.crane.layout.drives == self._joint)[0])
 
     def run_begins(self, t: float, control_period: float) -> None:
         """See `cranedyn.simulation.clocks.Timed`."""
@@ -50,33 +57,33 @@ class HoistIntegral:
             self._t = t - control_period
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m, N, N], shape (3,)."""
+        """Efforts [N m or N], shape (m,)."""
         effort = self.tracking(t, state, setpoint)
-        error = float(setpoint.position[2] - state.q[4])
+        error = float(setpoint.position[self._drive] - state.q[self._joint])
         if t != self._t:
             since = t - self._t
             if 0.0 < since < math.inf and not math.isclose(since, self._elapsed, rel_tol=SAME_PERIOD):
                 self._elapsed = since
             integral = self.integral + error * self._elapsed
-            total = float(effort[2]) + self.integral_gain * integral
+            total = float(effort[self._drive]) + self.integral_gain * integral
             if abs(total) <= self.limit or error * total < 0.0:
                 self.integral = integral
             self._t = t
-        effort[2] += self.integral_gain * self.integral
+        effort[self._drive] += self.integral_gain * self.integral
         return effort
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
         """The common form, see `cranedyn.controllers.affine`; None if it was asked for the first of these times before."""
         if times[0] <= self._t:
             return None
-        hoist = np.array([0.0, 0.0, 1.0])
+        hoist = self.crane.layout.along("l")
         return replace(
             self.tracking.affine(times, positions),
             integral_gain=self.integral_gain * hoist,
-            limit=np.array([math.inf, math.inf, self.limit]),
+            limit=np.where(hoist > 0.0, self.limit, math.inf),
             integral=self.integral * hoist,
         )
 
     def resume(self, t: float, integral: np.ndarray) -> None:
-        """Take over what was integrated up to and with a control instant [s], shape (3,)."""
-        self.integral, self._t = float(integral[2]), t
+        """Take over what was integrated up to and with a control instant [s], shape (m,)."""
+        self.integral, self._t = float(integral[self._drive]), t

@@ -17,24 +17,20 @@ import scipy
 
 from cranedyn.arguments import checked
 from cranedyn.controllers.linearised import Linearised, linearised
-from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT
+from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.controllers.riccati import Sweep, riccati
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole, within
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.model.crane import DRIVES, PASSIVE, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 from cranedyn.references.rows import SAME, at_place, place
 from cranedyn.simulation.clocks import multiple
-
-BOUNDED = np.concatenate([5 + DRIVES, PASSIVE])
-"""What of coordinates and rates has a bound: γ̇, ẋ, l̇, φ, θ."""
 
 PENALTY = 1e6
 """Cost of exceeding a bound by as much as the bound itself: linear, and far more than what the LQR would pay, so that a bound is
 exceeded only where the efforts cannot keep it."""
 
-_DRIVES = (("slew", "N m", "rad/s"), ("trolley", "N", "m/s"), ("hoist", "N", "m/s"))
 _FAILURES = {-1: "its limits contradict each other", -2: "it goes in circles", -4: "it takes too many iterations"}
 
 
@@ -45,7 +41,7 @@ class Solution(NamedTuple):
         t: When [s].
         flag: Of the solver; 1 is solved.
         iterations: How many it took.
-        excess: By what share the bounds of γ̇, ẋ, l̇, φ, θ are exceeded over the horizon, shape (5,); zero where they are kept.
+        excess: By what share the bounds of the rates of the drives and of the swings are exceeded over the horizon, shape (bounds,); zero where they are kept.
     """
 
     t: float
@@ -63,9 +59,10 @@ class Predictive:
         ratio: Control instants in one period.
         horizon: How many periods it looks ahead.
         sweep: LQR's gain for each stretch, and its cost-to-go.
-        root: Square root of the inverse of R + BᵀPB for each stretch, shape (m, 3, 3): efforts of equal cost.
-        room: Least and largest correction that keeps the effort limits in each stretch, shape (2, m, 3).
-        bound: Largest γ̇, ẋ, l̇, φ, θ, shape (5,).
+        root: Square root of the inverse of R + BᵀPB for each stretch, shape (stretches, m, m): efforts of equal cost.
+        room: Least and largest correction that keeps the effort limits in each stretch, shape (2, stretches, m).
+        bounded: What of coordinates and rates has a bound, by its place: rates of the drives, then swings, shape (bounds,).
+        bound: The largest of these, shape (bounds,).
         solve: The quadratic programme's solver.
         last: The last optimisation, None before the first.
     """
@@ -76,14 +73,15 @@ class Predictive:
     sweep: Sweep
     root: np.ndarray
     room: np.ndarray
+    bounded: np.ndarray
     bound: np.ndarray
     solve: Callable[..., tuple[np.ndarray, float, int, dict]]
     last: Solution | None = None
     _instant: int = -1
-    _correction: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    _correction: np.ndarray = field(init=False)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m, N, N], shape (3,).
+        """Efforts [N m or N], shape (m,).
 
         Raises:
             RunError: If the optimisation fails.
@@ -103,35 +101,37 @@ class Predictive:
         efforts, ahead = self._predicted(stretches, deviation)
         least, most = (side[stretches].ravel() - efforts[:, -1] for side in self.room)
         after = np.minimum(self.ratio * np.arange(instant + 1, instant + self.horizon + 1), len(self.model.setpoint) - 1)
-        away = (self.model.setpoint[np.ix_(after, BOUNDED)] / self.bound).ravel() + ahead[:, -1]
-        slack, none = np.tile(np.eye(5), (self.horizon, 1)), np.full(len(away), np.inf)
-        rows = np.block([[np.zeros((len(efforts), 5)), efforts[:, :-1]], [-slack, ahead[:, :-1]], [slack, ahead[:, :-1]]])
+        away = (self.model.setpoint[np.ix_(after, self.bounded)] / self.bound).ravel() + ahead[:, -1]
+        count, m = len(self.bound), self.root.shape[1]
+        slack, none = np.tile(np.eye(count), (self.horizon, 1)), np.full(len(away), np.inf)
+        rows = np.block([[np.zeros((len(efforts), count)), efforts[:, :-1]], [-slack, ahead[:, :-1]], [slack, ahead[:, :-1]]])
         size = rows.shape[1]
         found, _, flag, about = self.solve(
             np.eye(size),
-            np.concatenate([np.full(5, PENALTY), np.zeros(size - 5)]),
+            np.concatenate([np.full(count, PENALTY), np.zeros(size - count)]),
             rows,
-            np.concatenate([np.full(5, np.inf), most, 1.0 - away, none]),
-            np.concatenate([np.zeros(5), least, -none, -1.0 - away]),
-            np.zeros(5 + len(rows), dtype=np.int32),
+            np.concatenate([np.full(count, np.inf), most, 1.0 - away, none]),
+            np.concatenate([np.zeros(count), least, -none, -1.0 - away]),
+            np.zeros(count + len(rows), dtype=np.int32),
         )
-        self.last = Solution(t, int(flag), int(about["iterations"]), found[:5])
+        self.last = Solution(t, int(flag), int(about["iterations"]), found[:count])
         if flag != 1:
             why = _FAILURES.get(self.last.flag, "the solver gave up")
             raise RunError(f"At t = {t:.4g} s the optimisation of the MPC failed: {why} (flag {flag} of DAQP).", t=t)
         k = stretches[0]
-        return self.root[k] @ found[5:8] - self.sweep.gain[k] @ deviation
+        return self.root[k] @ found[count : count + m] - self.sweep.gain[k] @ deviation
 
     def _predicted(self, stretches: np.ndarray, deviation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Corrections, and bounded quantities over their bounds, over the horizon: affine in the decision, the constant last."""
-        efforts, ahead = np.empty((self.horizon, 3, 3 * self.horizon + 1)), np.empty((self.horizon, 5, 3 * self.horizon + 1))
-        z = np.zeros((10, 3 * self.horizon + 1))
+        m, width = self.root.shape[1], self.root.shape[1] * self.horizon + 1
+        efforts, ahead = np.empty((self.horizon, m, width)), np.empty((self.horizon, len(self.bound), width))
+        z = np.zeros((len(deviation), width))
         z[:, -1] = deviation
         for j, k in enumerate(stretches):
             efforts[j] = -self.sweep.gain[k] @ z
-            efforts[j, :, 3 * j : 3 * j + 3] += self.root[k]
+            efforts[j, :, m * j : m * j + m] += self.root[k]
             z = self.model.a[k] @ z + self.model.b[k] @ efforts[j]
-            ahead[j] = z[BOUNDED] / self.bound[:, None]
+            ahead[j] = z[self.bounded] / self.bound[:, None]
         return efforts.reshape(-1, z.shape[1]), ahead.reshape(-1, z.shape[1])
 
 
@@ -146,8 +146,8 @@ def mpc(
     effort_limit: Sequence[float] | np.ndarray | None = None,
     rate_limit: Sequence[float] | np.ndarray | None = None,
     swing_limit: float = math.pi / 2.0,
-    state_weight: np.ndarray = STATE_WEIGHT,
-    effort_weight: np.ndarray = EFFORT_WEIGHT,
+    state_weight: np.ndarray | None = None,
+    effort_weight: np.ndarray | None = None,
 ) -> Predictive:
     """Model predictive control about a motion, with the efforts of inverse dynamics fed forward.
 
@@ -160,11 +160,11 @@ def mpc(
         dt: Physics step of the simulation [s].
         period: Time between optimisations [s], a multiple of the control period.
         horizon: How many of them it looks ahead.
-        effort_limit: Largest efforts of slew [N m], trolley [N], hoist [N]; by default those of the crane.
-        rate_limit: Largest rates of slew [rad/s], trolley [m/s], hoist [m/s]; by default those of the crane's URDF.
-        swing_limit: Largest radial and tangential swing [rad], up to π/2.
-        state_weight: Q for coordinates and rates, shape (10, 10).
-        effort_weight: R for slew, trolley, hoist, shape (3, 3).
+        effort_limit: Largest efforts of the drives [N m or N], shape (m,); by default those of the crane.
+        rate_limit: Largest rates of the drives [rad/s or m/s], shape (m,); by default those of the crane's URDF.
+        swing_limit: Largest swing of each swing joint [rad], up to π/2.
+        state_weight: Q for coordinates and rates, shape (2 n, 2 n); None for that of `lqr`.
+        effort_weight: R for the drives, shape (m, m); None for that of `lqr`.
 
     Raises:
         CraneError: If the solver DAQP is not installed.
@@ -174,18 +174,18 @@ def mpc(
     solve = _solver()
     whole("horizon", horizon, 1, "periods")
     efforts = _limits("effort limit", crane.effort_limit if effort_limit is None else effort_limit, 1)
-    rates = _limits("rate limit", crane.model.velocityLimit[DRIVES] if rate_limit is None else rate_limit, 2)
+    rates = _limits("rate limit", crane.model.velocityLimit[layout.drives] if rate_limit is None else rate_limit, 2)
     swing = within("swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, math.pi / 2.0, "rad")
     ratio = multiple("period", period, "the motion's period", motion.period)
     model = linearised(crane, motion, dt=dt, every=ratio, control_period=period)
     sweep = riccati(model.a, model.b, state_weight, effort_weight)
     square = effort_weight + np.swapaxes(model.b, 1, 2) @ sweep.cost[1:] @ model.b
-    root = np.array([scipy.linalg.solve_triangular(scipy.linalg.cholesky(part), np.eye(3)) for part in square])
+    root = np.array([scipy.linalg.solve_triangular(scipy.linalg.cholesky(part), np.eye(layout.m)) for part in square])
     return Predictive(model, ratio, int(horizon), sweep, root, _room(model, efforts), np.array([*rates, swing, swing]), solve)
 
 
 def _room(model: Linearised, limit: np.ndarray) -> np.ndarray:
-    """Between which corrections feed-forward and correction together keep the limits in each stretch, shape (2, m, 3)."""
+    """Between which corrections feed-forward and correction together keep the limits in each stretch, shape (2, stretches, m)."""
     parts = [model.efforts[model.stretch == k] for k in range(len(model.a))]
     room = np.array([[-limit - part.min(axis=0) for part in parts], [limit - part.max(axis=0) for part in parts]])
     if (room[0] > room[1]).any():

@@ -13,22 +13,29 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.controllers.linearised import Linearised, linearised
-from cranedyn.controllers.sensed import NOISE
+from cranedyn.controllers.sensed import noise_of
 from cranedyn.errors import CraneError, OutOfRange, number, whole
 from cranedyn.interfaces import Controller, Setpoint, State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 from cranedyn.simulation.clocks import SAME_PERIOD
 
-MEASURED = np.concatenate([DRIVES, 5 + DRIVES])
-"""What is measured of coordinates and rates: γ, x, l and their rates."""
+DISTURBANCE = {("revolute", True): 2e-3, ("prismatic", True): 0.2, ("revolute", False): 0.1, ("prismatic", False): 0.1}
+"""Standard deviations of accelerations that the model does not know [rad/s² or m/s²], white from one control instant to the next, by kind
+of joint and whether it is driven; ours. For the drives of the tower crane they are about 2 kN m, 100 N and 200 N."""
 
-DISTURBANCE = (2e-3, 0.2, 0.1, 0.1, 0.2)
-"""Standard deviations of γ̈ [rad/s²], ẍ [m/s²], φ̈, θ̈ [rad/s²], l̈ [m/s²] that the model does not know, white from one control instant to
-the next; ours. For the drives they are about 2 kN m, 100 N and 200 N."""
+INITIAL_STD = {("revolute", True): 1e-3, ("prismatic", True): 0.01, ("revolute", False): 0.1, ("prismatic", False): 0.1}
+"""Standard deviations of coordinates and of rates at the start, likewise, ours: the load may swing by 0.1 rad."""
 
-INITIAL_STD = (1e-3, 0.01, 0.1, 0.1, 0.01, 1e-3, 0.01, 0.1, 0.1, 0.01)
-"""Standard deviations of coordinates and rates at the start, ours: the load may swing by 0.1 rad."""
+
+def disturbance_of(crane: Crane) -> np.ndarray:
+    """Standard deviations of the accelerations that the model does not know, shape (n,)."""
+    return np.array([DISTURBANCE[joint.kind, joint.driven] for joint in crane.layout.joints])
+
+
+def initial_std_of(crane: Crane) -> np.ndarray:
+    """Standard deviations of coordinates and rates at the start, shape (2 n,)."""
+    return np.tile([INITIAL_STD[joint.kind, joint.driven] for joint in crane.layout.joints], 2)
 
 
 @dataclass(eq=False)
@@ -40,20 +47,22 @@ class Observed:
     Attributes:
         controller: What acts on the estimate.
         model: The crane along the motion.
-        effort_limit: What the drives give at most [N m, N, N], shape (3,).
-        disturbance: Covariance added in each control period, shape (10, 10).
-        noise: Covariance of the six measurements, shape (6, 6).
-        covariance: Of the estimate's error, shape (10, 10).
+        measured: Where positions and rates of the drives stand among coordinates and rates, shape (2 m,).
+        effort_limit: What the drives give at most [N m or N], shape (m,).
+        disturbance: Covariance added in each control period, shape (2 n, 2 n).
+        noise: Covariance of the measurements, shape (2 m, 2 m).
+        covariance: Of the estimate's error, shape (2 n, 2 n).
         delay: How many control periods the measurements are late.
-        start: Where it is believed to start, shape (10,); None for where the motion is.
+        start: Where it is believed to start, shape (2 n,); None for where the motion is.
         estimate: The state as last estimated, None before the first call.
-        gain: That of the last correction, shape (10, 6).
+        gain: That of the last correction, shape (2 n, 2 m).
 
     What it has commanded since the last measurement was true waits in a queue, by row of the motion and effort beyond the feed-forward.
     """
 
     controller: Controller
     model: Linearised
+    measured: np.ndarray
     effort_limit: np.ndarray
     disturbance: np.ndarray
     noise: np.ndarray
@@ -61,13 +70,17 @@ class Observed:
     delay: int = 0
     start: np.ndarray | None = None
     estimate: State | None = None
-    gain: np.ndarray = field(default_factory=lambda: np.zeros((10, 6)))
+    gain: np.ndarray = field(init=False)
     _t: float = 0.0
-    _deviation: np.ndarray = field(default_factory=lambda: np.zeros(10))
+    _deviation: np.ndarray = field(init=False)
     _since: deque[tuple[int, np.ndarray]] = field(default_factory=deque)
 
+    def __post_init__(self) -> None:
+        """Begin without deviation and correction."""
+        self.gain, self._deviation = np.zeros((len(self.covariance), len(self.measured))), np.zeros(len(self.covariance))
+
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """What the controller commands, shape (3,); of the state it looks at the drives only.
+        """What the controller commands, shape (m,); of the state it looks at the drives only.
 
         Raises:
             CraneError: If it is not called once in each period of the motion, at the time of a row.
@@ -75,7 +88,7 @@ class Observed:
         row = self.model.row(t)
         if self.estimate is None:
             self._at_row(t)
-            self._deviation = np.zeros(10) if self.start is None else self.start - self.model.setpoint[row]
+            self._deviation = np.zeros(len(self.covariance)) if self.start is None else self.start - self.model.setpoint[row]
             self._correct(row, state)
         else:
             self._expect(t)
@@ -85,7 +98,7 @@ class Observed:
         deviation = self._deviation
         for then, correction in self._since:
             deviation = self._stepped(deviation, then, correction)
-        self.estimate = State(*(self.model.setpoint[row] + deviation).reshape(2, 5))
+        self.estimate = State(*(self.model.setpoint[row] + deviation).reshape(2, -1))
         command = np.asarray(self.controller(t, self.estimate, setpoint), dtype=float)
         self._since.append((row, command.clip(-self.effort_limit, self.effort_limit) - self.model.efforts[row]))
         self._t = t
@@ -114,12 +127,13 @@ class Observed:
         return self.model.a[k] @ deviation + self.model.b[k] @ correction
 
     def _correct(self, row: int, state: State) -> None:
-        measured = np.concatenate(state)[MEASURED] - self.model.setpoint[row, MEASURED]
-        seen = self.covariance[MEASURED]
-        self.gain = np.linalg.solve(seen[:, MEASURED] + self.noise, seen).T
-        self._deviation = self._deviation + self.gain @ (measured - self._deviation[MEASURED])
-        left = np.eye(10)
-        left[:, MEASURED] -= self.gain
+        which = self.measured
+        measured = np.concatenate(state)[which] - self.model.setpoint[row, which]
+        seen = self.covariance[which]
+        self.gain = np.linalg.solve(seen[:, which] + self.noise, seen).T
+        self._deviation = self._deviation + self.gain @ (measured - self._deviation[which])
+        left = np.eye(len(self.covariance))
+        left[:, which] -= self.gain
         self.covariance = left @ self.covariance @ left.T + self.gain @ self.noise @ self.gain.T
 
 
@@ -130,11 +144,11 @@ def observed(
     motion: Motion,
     *,
     dt: float = 5e-4,
-    disturbance: Sequence[float] | np.ndarray = DISTURBANCE,
-    noise: Sequence[float] | np.ndarray = NOISE[MEASURED],
+    disturbance: Sequence[float] | np.ndarray | None = None,
+    noise: Sequence[float] | np.ndarray | None = None,
     delay: int = 0,
     start: State | None = None,
-    initial_std: Sequence[float] | np.ndarray = INITIAL_STD,
+    initial_std: Sequence[float] | np.ndarray | None = None,
     every: int = 10,
 ) -> Observed:
     """Let a controller that wants the whole state work with sensors on the drives alone; one for each run.
@@ -144,12 +158,12 @@ def observed(
         crane: The crane that the filter believes in.
         motion: What the model is linearised about; its period is the control period.
         dt: Physics step of the simulation [s].
-        disturbance: Standard deviations of the accelerations that the model does not know, shape (5,); more makes the filter trust its
-            measurements more.
-        noise: Standard deviations of the measured γ, x, l [rad, m, m] and their rates [per second], shape (6,).
+        disturbance: Standard deviations of the accelerations that the model does not know, shape (n,); more makes the filter trust its
+            measurements more. None for `disturbance_of`.
+        noise: Standard deviations of the measured drives [rad or m] and their rates [per second], shape (2 m,); None for `noise_of`.
         delay: How many control periods the measurements are late, as in `sensed`; the estimate is predicted on over this time.
         start: Where it is believed to start; by default where the motion is, the load plumb.
-        initial_std: Standard deviations of that belief in coordinates and rates, shape (10,).
+        initial_std: Standard deviations of that belief in coordinates and rates, shape (2 n,); None for `initial_std_of`.
         every: Control instants between linearisations.
 
     Raises:
@@ -157,15 +171,20 @@ def observed(
             delay not a whole number from 0 on.
     """
     late = whole("delay of the observer", delay, 0, "control periods")
-    period = motion.period
-    reach = np.vstack([np.eye(5) * period**2 / 2.0, np.eye(5) * period])
+    period, layout = motion.period, crane.layout
+    n, measured = layout.n, layout.measured
+    disturbance = disturbance_of(crane) if disturbance is None else disturbance
+    noise = noise_of(crane)[measured] if noise is None else noise
+    initial_std = initial_std_of(crane) if initial_std is None else initial_std
+    reach = np.vstack([np.eye(n) * period**2 / 2.0, np.eye(n) * period])
     return Observed(
         controller,
         linearised(crane, motion, dt=dt, every=every),
+        measured,
         crane.effort_limit,
-        reach @ _covariance("disturbance of the observer", disturbance, 5) @ reach.T,
-        _covariance("noise of the observer", noise, 6, "> 0"),
-        _covariance("initial deviation of the observer", initial_std, 10),
+        reach @ _covariance("disturbance of the observer", disturbance, n) @ reach.T,
+        _covariance("noise of the observer", noise, len(measured), "> 0"),
+        _covariance("initial deviation of the observer", initial_std, 2 * n),
         late,
         None if start is None else np.concatenate(start),
     )

@@ -88,7 +88,7 @@ def paper_controller(
         axis=1,
     )
     return HoistIntegral(
-        Tracking(motion.period, feed_forward, gain, np.hstack([motion.q, motion.v])), hoist[1], float(crane.effort_limit[2])
+        crane, Tracking(motion.period, feed_forward, gain, np.hstack([motion.q, motion.v])), hoist[1], float(crane.effort_limit[drive["hoist"]])
     )
 
 

@@ -11,7 +11,7 @@ from cranedyn.arguments import checked
 from cranedyn.arrays import shaped
 from cranedyn.controllers.affine import Affine, without_integral
 from cranedyn.errors import OutOfRange, number
-from cranedyn.interfaces import COORDINATES, UNITS, Setpoint, State
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.references.rows import at_place, at_places, place, places
 
 
@@ -24,9 +24,9 @@ class Tracking:
 
     Attributes:
         period: Time between rows [s], the control period for which the gains are best.
-        feed_forward: Efforts of slew [N m], trolley [N], hoist [N], shape (n, 3).
-        gain: Shape (n, 3, 10).
-        setpoint: The motion to track, shape (n, 10).
+        feed_forward: Efforts of the drives [N m or N], shape (rows, m).
+        gain: Shape (rows, m, 2 n).
+        setpoint: The motion to track, shape (rows, 2 n).
     """
 
     period: float
@@ -37,14 +37,14 @@ class Tracking:
     def __post_init__(self) -> None:
         """Check the period and the shapes of the table."""
         number("period", self.period, "s", "> 0")
-        n = len(shaped("feed-forward", self.feed_forward, ("n", 3)))
-        shaped("gain", self.gain, (n, 3, 10))
-        shaped("setpoint", self.setpoint, (n, 10))
-        if not n:
+        rows, drives = shaped("feed-forward", self.feed_forward, ("rows", "m")).shape
+        width = shaped("gain", self.gain, (rows, drives, "2 n")).shape[2]
+        shaped("setpoint", self.setpoint, (rows, width))
+        if not rows:
             raise OutOfRange("table", "one of no row", "one row or more")
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m, N, N], shape (3,); what the reference wants is in the table already.
+        """Efforts [N m or N], shape (m,); what the reference says is in the table already.
 
         Raises:
             OutOfRange: If a coordinate or rate is not finite.
@@ -72,6 +72,6 @@ def check_finite(state: State) -> None:
     Raises:
         OutOfRange: If one is not: which.
     """
-    for name, unit, position, rate in zip(COORDINATES, UNITS, *state, strict=True):
-        number(f"{name} of the state", position, unit)
-        number(f"{name}_dot of the state", rate, f"{unit}/s")
+    for i, (position, rate) in enumerate(zip(*state, strict=True), start=1):
+        number(f"coordinate {i} of the state", position)
+        number(f"rate {i} of the state", rate)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -15,8 +16,12 @@ import pinocchio as pin
 Acceleration = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From coordinates q and increments u = dt v [per step] to dt² a [per step²]."""
 
-Advance = Callable[[Acceleration, pin.Model, np.ndarray, np.ndarray, int], tuple[np.ndarray, np.ndarray]]
-"""From acceleration, model, q, u and a number of steps to q and u after them."""
+Add = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""What is after a step, from what is before it and its rate."""
+
+Rule = Callable[[Acceleration, Add, Add, np.ndarray, np.ndarray, int], tuple[np.ndarray, np.ndarray]]
+"""From acceleration, what a step makes of rates, what it makes of coordinates, coordinates, rates and a number of steps to coordinates and
+rates after them. In any kind of number and any unit of time: the plain loop and compiled code go by the same."""
 
 
 @dataclass(frozen=True)
@@ -25,15 +30,35 @@ class Integrator:
 
     Attributes:
         name: What it is called.
-        advance: The rule.
+        rule: The rule.
         lead: By how many steps its positions run ahead of its velocities.
         smooth: Whether its order needs a motion without kinks, such as buffers make.
     """
 
     name: str
-    advance: Advance
+    rule: Rule
     lead: float
     smooth: bool = False
+
+    def advance(
+        self, acceleration: Acceleration, model: pin.Model, q: np.ndarray, u: np.ndarray, steps: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Take steps with a Pinocchio model, time counted in steps.
+
+        Args:
+            acceleration: Acceleration as a function of q and u.
+            model: The model, for adding an increment to coordinates that are not a vector space.
+            q: Coordinates, shape (nq,).
+            u: Increments per step, dt v, shape (nv,).
+            steps: How many steps to take.
+
+        Returns:
+            q and u after these steps, new arrays.
+        """
+        further = partial(pin.integrate, model)
+        # where coordinates are a vector space this is a sum, and a quicker one of a few numbers than NumPy's
+        faster: Add = further if model.nq == model.nv else np.add
+        return self.rule(acceleration, faster, further, q, u, steps)
 
 
 def in_steps(model: pin.Model, dt: float) -> pin.Model:
@@ -44,27 +69,12 @@ def in_steps(model: pin.Model, dt: float) -> pin.Model:
 
 
 def _semi_implicit_euler(
-    acceleration: Acceleration, model: pin.Model, q: np.ndarray, u: np.ndarray, steps: int
+    acceleration: Acceleration, speed_up: Add, move: Add, q: np.ndarray, v: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Velocities first, then positions with the new velocities.
-
-    Args:
-        acceleration: Acceleration as a function of q and u.
-        model: The model, for adding an increment to coordinates that are not a vector space.
-        q: Coordinates, shape (nq,).
-        u: Increments per step, dt v, shape (nv,).
-        steps: How many steps to take.
-
-    Returns:
-        q and u after these steps, new arrays.
-    """
-    integrate = pin.integrate
-    # where coordinates are a vector space this is a sum, and a quicker one of a few numbers than NumPy's
-    add = integrate if model.nq == model.nv else lambda model, u, a: u + a
     for _ in range(steps):
-        u = add(model, u, acceleration(q, u))
-        q = integrate(model, q, u)
-    return q, u
+        v = speed_up(v, acceleration(q, v))
+        q = move(q, v)
+    return q, v
 
 
 semi_implicit_euler = Integrator("semi-implicit Euler", _semi_implicit_euler, lead=0.5)
@@ -77,19 +87,18 @@ a robot's arm, the energy may drift, at a rate that halves with the step. A freq
 """
 
 
-def _rk4(acceleration: Acceleration, model: pin.Model, q: np.ndarray, u: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """The classical rule of Runge and Kutta; arguments and answer as those of the semi-implicit rule, for coordinates in a vector space."""
+def _rk4(acceleration: Acceleration, speed_up: Add, move: Add, q: np.ndarray, v: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
     for _ in range(steps):
-        a1 = acceleration(q, u)
-        u2 = u + 0.5 * a1
-        a2 = acceleration(q + 0.5 * u, u2)
-        u3 = u + 0.5 * a2
-        a3 = acceleration(q + 0.5 * u2, u3)
-        u4 = u + a3
-        a4 = acceleration(q + u3, u4)
-        q = q + (u + 2.0 * (u2 + u3) + u4) / 6.0
-        u = u + (a1 + 2.0 * (a2 + a3) + a4) / 6.0
-    return q, u
+        a1 = acceleration(q, v)
+        v2 = speed_up(v, 0.5 * a1)
+        a2 = acceleration(move(q, 0.5 * v), v2)
+        v3 = speed_up(v, 0.5 * a2)
+        a3 = acceleration(move(q, 0.5 * v2), v3)
+        v4 = speed_up(v, a3)
+        a4 = acceleration(move(q, v3), v4)
+        q = move(q, (v + 2.0 * (v2 + v3) + v4) / 6.0)
+        v = speed_up(v, (a1 + 2.0 * (a2 + a3) + a4) / 6.0)
+    return q, v
 
 
 rk4 = Integrator("RK4", _rk4, lead=0.0, smooth=True)

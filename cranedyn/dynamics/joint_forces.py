@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.dynamics.rigid_body import array
 from cranedyn.dynamics.scalars import chosen, clipped
 from cranedyn.model.crane import Crane
 from cranedyn.model.springs import Rope, Springs
@@ -81,10 +82,13 @@ class Stops:
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """What the buffers exert on the drives at coordinates q and rates v, shape (m,)."""
-        return self.one(slice(None), q[self.drives], v[self.drives])
+        plain = q.dtype != object
+        at, moving = (q.tolist(), v.tolist()) if plain else (q, v)
+        found = [self.one(drive, at[joint], moving[joint]) for drive, joint in enumerate(self.drives)]
+        return np.array(found) if plain else array(found)
 
-    def one(self, drive: Any, position: Any, rate: Any) -> Any:
-        """What the buffers of one drive, or of all, exert at its position and rate."""
+    def one(self, drive: int, position: Any, rate: Any) -> Any:
+        """What the buffers of one drive exert at its position and rate."""
         beyond = position - clipped(position, self.lower[drive], self.upper[drive])
         pushing = -(self.stiffness[drive] * beyond) - self.damping[drive] * rate
         return chosen(pushing * beyond < 0.0, pushing, 0.0)
@@ -92,4 +96,4 @@ class Stops:
     def beyond(self, q: np.ndarray) -> list[Any]:
         """For each end of each range, whether its drive is beyond it."""
         ends = zip(self.drives, self.lower, self.upper, strict=True)
-        return [side for i, low, high in ends for side in (q[i] < low, q[i] > high)]
+        return [side for joint, low, high in ends for side in (q[joint] < low, q[joint] > high)]

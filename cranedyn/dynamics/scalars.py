@@ -1,13 +1,11 @@
 """Choices and comparisons on any kind of number, so that physics is written once.
 
-A number is a float, an array of floats (many rows at once), a symbol of CasADi, or a value of a program under construction; each of the
-last two brings its own way to choose. Arrays of objects are taken element by element.
+A number is a float, an array of floats (many rows at once), or a value of a program under construction, which brings its own way to
+choose as `choices`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -37,38 +35,17 @@ def chosen(condition: Any, yes: Any, no: Any) -> Any:
     """One number where a condition holds, another where not.
 
     Args:
-        condition: What a comparison of such numbers gives, or an array of these.
-        yes, no: Numbers, or arrays of the same shape.
+        condition: What a comparison of two such numbers gives. Never that of two arrays of objects: NumPy takes all of theirs for true.
+        yes, no: Numbers.
     """
-    if isinstance(condition, np.ndarray) and condition.dtype == object:
-        return _each(chosen, condition, yes, no)
-    maker = _maker(condition, yes, no)
-    return np.where(condition, yes, no) if maker is None else maker.chosen(condition, yes, no)
+    if isinstance(condition, bool | np.bool_):
+        return yes if condition else no
+    if isinstance(condition, np.ndarray):
+        return np.where(condition, yes, no)
+    return next(number for number in (yes, no) if hasattr(number, "choices")).choices.chosen(condition, yes, no)
 
 
 def clipped(value: Any, low: Any, high: Any) -> Any:
     """A number cut to a range; what is not a number stays."""
-    return chosen(value > high, high, chosen(value < low, low, value))
-
-
-def all_of(conditions: list[Any]) -> Any:
-    """Whether all conditions hold."""
-    return reduce(lambda a, b: a & b, conditions)
-
-
-def any_of(conditions: list[Any]) -> Any:
-    """Whether one of the conditions holds."""
-    return reduce(lambda a, b: a | b, conditions)
-
-
-def _maker(*numbers: Any) -> Any:
-    """What makes choices for numbers of a kind of its own; None for floats and their arrays."""
-    return next((number.choices for number in numbers if hasattr(number, "choices")), None)
-
-
-def _each(function: Callable[..., Any], *arrays: Any) -> np.ndarray:
-    parts = np.broadcast_arrays(*(np.asarray(array, dtype=object) for array in arrays))
-    made = np.empty(parts[0].shape, dtype=object)
-    for place in np.ndindex(made.shape):
-        made[place] = function(*(part[place] for part in parts))
-    return made
+    value = chosen(value < low, low, value)
+    return chosen(value > high, high, value)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -42,11 +43,15 @@ class Bound(NamedTuple):
     words: str
 
     @property
-    def holds(self) -> Any:
-        """Whether it does, as a comparison of such numbers says it."""
-        above = None if self.low is None else self.value > self.low if self.strict else self.value >= self.low
-        below = None if self.high is None else self.value <= self.high
-        return below if above is None else above if below is None else above & below
+    def conditions(self) -> list[Any]:
+        """What must be true, as comparisons of such numbers."""
+        above = [] if self.low is None else [self.value > self.low if self.strict else self.value >= self.low]
+        return above if self.high is None else [*above, self.value <= self.high]
+
+    @property
+    def holds(self) -> np.ndarray:
+        """Whether it does, in rows."""
+        return np.logical_and.reduce(self.conditions)
 
 
 def bounds(
@@ -136,14 +141,24 @@ def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
 def _of_rows(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, buffers: bool) -> Iterator[Bound]:
     q = shaped("q", q, ("rows", crane.layout.n))
     v, hoist = shaped("v", v, q.shape), shaped("hoist", hoist, q.shape[:1])
-    tree = rigid_body.bodies(crane.model)
-    tree = tree.with_numbers(tree.numbers().tolist())
+    tree = _tree(crane)
     height = rigid_body.height(tree, rigid_body.frames(tree, rows(q)), crane.payload.body, crane.payload.lever)
     tension = None
     if crane.layout.has("hoist"):
         cable = crane.layout.role("hoist", "The rope")
         tension = crane.damping[cable] * v[:, cable] - hoist
     return bounds(crane.layout, crane.lower, crane.upper, q.T, tension, np.asarray(height), buffers=buffers)
+
+
+def _tree(crane: Crane) -> rigid_body.Bodies:
+    """The bodies of a crane in plain numbers, made once."""
+    if crane not in _TREES:
+        tree = rigid_body.bodies(crane.model)
+        _TREES[crane] = tree.with_numbers(tree.numbers().tolist())
+    return _TREES[crane]
+
+
+_TREES: WeakKeyDictionary[Crane, rigid_body.Bodies] = WeakKeyDictionary()
 
 
 def _beginnings(crane: Crane, bound: Bound, holds: np.ndarray) -> list[Event]:

@@ -16,40 +16,55 @@ from cranedyn.interfaces import Reference, Setpoint
 _PARTS = ("position", "velocity", "acceleration")
 
 
-def checked_setpoint(answer: Any) -> Setpoint:
-    """What a reference answered, if it is three finite positions, rates and accelerations.
+def checked_setpoint(answer: Any, shape: tuple[int | str, ...] = ("m",)) -> Setpoint:
+    """What a reference answered: positions, rates and accelerations as arrays of finite numbers, of one shape.
+
+    Args:
+        answer: The answer.
+        shape: What shape they must have.
 
     Raises:
         Misshapen: If it is anything else.
         OutOfRange: If a number is not finite.
     """
-    try:  # quickly, since it is asked at every control instant
-        (a, b, c), (d, e, f), (g, h, i) = answer.position.tolist(), answer.velocity.tolist(), answer.acceleration.tolist()
-        if math.isfinite(a + b + c + d + e + f + g + h + i) and type(answer) is Setpoint:
-            return answer
-    except (AttributeError, TypeError, ValueError):
-        pass
-    return _setpoints(answer, (3,))
-
-
-def _setpoints(answer: Any, shape: tuple[int, ...]) -> Setpoint:
-    """What a reference answered, as arrays of finite numbers of one shape."""
+    if len(shape) == 1 and _sound(answer, shape[0]):
+        return answer
     if not isinstance(answer, Setpoint):
-        raise Misshapen("answer of the reference", described(answer), "a Wanted: position, velocity, acceleration")
-    return Setpoint(*(finite(f"{name} that the reference wants", part, shape) for name, part in zip(_PARTS, answer, strict=True)))
+        raise Misshapen("answer of the reference", described(answer), "a Setpoint: position, velocity, acceleration")
+    parts = []
+    for name, part in zip(_PARTS, answer, strict=True):
+        parts.append(finite(f"{name} of the setpoint", part, shape))
+        shape = parts[0].shape
+    return Setpoint(*parts)
 
 
-def tabulated(reference: Reference, times: np.ndarray) -> Setpoint:
-    """The setpoints of a reference at many times [s], shape (n, 3) each; by its own `at` if it has one, which takes all at once.
+def _sound(answer: Any, drives: int | str) -> bool:
+    """Whether these are three times as many finite numbers as there are drives, seen quickly: it is asked at every control instant."""
+    try:
+        position, velocity, acceleration = answer.position.tolist(), answer.velocity.tolist(), answer.acceleration.tolist()
+        alike = len(position) == len(velocity) == len(acceleration) == drives
+        return alike and math.isfinite(sum(position) + sum(velocity) + sum(acceleration)) and type(answer) is Setpoint
+    except (AttributeError, TypeError, ValueError):
+        return False
+
+
+def tabulated(reference: Reference, times: np.ndarray, drives: int | None = None) -> Setpoint:
+    """The setpoints of a reference at many times [s], shape (rows, m) each; by its own `at` if it has one, which takes all at once.
+
+    Args:
+        reference: The reference.
+        times: The times [s].
+        drives: How many drives it must speak of; None for any number.
 
     Raises:
         Misshapen: If it answers with anything but arrays of that shape.
         OutOfRange: If a number is not finite.
     """
+    columns = "m" if drives is None else drives
     at_once = getattr(reference, "at", None)
     if at_once is not None:
-        return _setpoints(at_once(times), (len(times), 3))
-    rows = [checked_setpoint(reference(t)) for t in times.tolist()]
+        return checked_setpoint(at_once(times), (len(times), columns))
+    rows = [checked_setpoint(reference(t), (columns,)) for t in times.tolist()]
     return Setpoint(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))
 
 
@@ -58,7 +73,7 @@ class Tabulating(ABC):
 
     @abstractmethod
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, 3) each."""
+        """Setpoints at many times [s], shape (rows, m) each."""
 
     def __call__(self, t: float) -> Setpoint:
         """The setpoint at a time [s]."""

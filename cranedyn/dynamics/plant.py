@@ -1,0 +1,217 @@
+"""A crane in any kind of number: what drives, gravity, joint forces, forces from outside and buffers make of a state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.joint_forces import JointForces, Stops
+from cranedyn.dynamics.rigid_body import Bodies, ExternalForce, array
+from cranedyn.dynamics.scalars import clipped
+from cranedyn.dynamics.validity import bounds
+from cranedyn.model.crane import Crane
+from cranedyn.model.layout import Layout
+from cranedyn.model.springs import Rope, Springs
+
+
+@dataclass(frozen=True)
+class Topology:
+    """What cranes have in common that differ in numbers only.
+
+    Attributes:
+        parents: Place of the joint before each joint among the coordinates, -1 for the world.
+        layout: The joints by name.
+        bodies: The joints that carry the points that forces act on.
+        swings: The joints that are swings, and whether the hoist hangs on each.
+        springs: Whether anything is elastic.
+        rope: Stretch and length of a rope that stretches; None if it does not.
+    """
+
+    parents: tuple[int, ...]
+    layout: Layout
+    bodies: tuple[int, ...]
+    swings: tuple[tuple[int, bool], ...]
+    springs: bool
+    rope: tuple[int, int] | None
+
+    @classmethod
+    def of(cls, crane: Crane) -> Topology:
+        """That of a crane."""
+        parents = tuple(int(parent) - 1 for parent in list(crane.model.parents)[1:])
+        hoist = crane.layout.role("hoist", "") if crane.layout.has("hoist") else None
+        swings = tuple((int(i), hoist is not None and int(i) in _above(parents, hoist)) for i in crane.swings)
+        rope = crane.springs.rope
+        bodies = tuple(point.body for point in crane.points)
+        return cls(parents, crane.layout, bodies, swings, crane.springs.any, None if rope is None else (rope.stretch, rope.length))
+
+
+def _above(parents: Sequence[int], joint: int) -> list[int]:
+    """The joints that carry a joint."""
+    found = []
+    while (joint := parents[joint]) >= 0:
+        found.append(joint)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A crane with n joints and m drives whose numbers are known, or stand for what is not known yet.
+
+    Attributes:
+        topology: What it has in common with others.
+        tree: Its bodies.
+        joint: Damping and springs.
+        stops: Buffers at the ends of the ranges of the drives.
+        lower, upper: Ranges, shape (n,).
+        effort_limit: Of the drives, shape (m,).
+        levers: Where the points are in the frames of their joints [m], shape (points, 3).
+        arms: From each swing joint to the payload, but for the cable [m], shape (swings,).
+        drive: Whether commands are efforts, "effort", or accelerations, "motion".
+        buffers: Whether there are buffers.
+    """
+
+    topology: Topology
+    tree: Bodies
+    joint: JointForces
+    stops: Stops
+    lower: np.ndarray
+    upper: np.ndarray
+    effort_limit: np.ndarray
+    levers: np.ndarray
+    arms: np.ndarray
+    drive: str
+    buffers: bool
+
+    def answer(self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """What a command causes at a state.
+
+        Args:
+            q: Coordinates, shape (n,).
+            v: Their rates, shape (n,).
+            command: Efforts within the limits, or accelerations, of the drives, shape (m,).
+            forces: From outside on the points in the world [N], shape (3 points,); None for none.
+
+        Returns:
+            Accelerations, shape (n,), and efforts of the drives, shape (m,).
+        """
+        drives, passive = self.topology.layout.drives, self.topology.layout.passive
+        where = rigid_body.frames(self.tree, q)
+        acting = zip(self.topology.bodies, self.levers, [] if forces is None else forces.reshape(-1, 3), strict=forces is not None)
+        external = [ExternalForce(body, lever, force) for body, lever, force in acting]
+        resisting = rigid_body.inverse_dynamics(self.tree, where, v, external_forces=external) - self.joint.effort(q, v)
+        if self.buffers:
+            resisting[drives] = resisting[drives] - self.stops.effort(q, v)
+        mass = rigid_body.mass_matrix(self.tree, where)
+        a = array([0.0] * len(q))
+        a[drives] = command
+        if self.drive == "effort":
+            return rigid_body.solve(mass, a - resisting), command
+        a[passive] = rigid_body.solve(mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive])
+        return a, (mass @ a + resisting)[drives]
+
+    def stop_force(self, q: np.ndarray, v: np.ndarray) -> Any:
+        """What the buffers at the ends of the cable push [N], see `cranedyn.dynamics.drives.cable_buffers`."""
+        hoist = self.topology.layout.drive_of("hoist")
+        if hoist is None or not self.buffers:
+            return 0.0
+        joint = self.stops.drives[hoist]
+        return self.stops.one(hoist, q[joint], v[joint])
+
+    def conditions(self, q: np.ndarray, v: np.ndarray, hoist_force: Any) -> list[Any]:
+        """What must be true for the model to hold under a force of the hoist and of the buffers of the cable, as comparisons."""
+        layout, tension = self.topology.layout, None
+        if layout.has("hoist"):
+            hoist = layout.role("hoist", "The rope")
+            tension = self.joint.damping[hoist] * v[hoist] - hoist_force
+        height = rigid_body.height(self.tree, rigid_body.frames(self.tree, q), self.topology.bodies[0], self.levers[0])
+        found = bounds(layout, self.lower, self.upper, q, tension, height, buffers=self.buffers)
+        return [condition for bound in found for condition in bound.conditions]
+
+    def within(self, command: np.ndarray) -> np.ndarray:
+        """Efforts cut to the limits of the drives, accelerations as they are, shape (m,)."""
+        if self.drive != "effort":
+            return command
+        return array([clipped(c, -limit, limit) for c, limit in zip(command, self.effort_limit, strict=True)])
+
+    def energy(self, q: np.ndarray, v: np.ndarray) -> Any:
+        """Mechanical energy, that of springs included [J], zero of height at the ground."""
+        where = rigid_body.frames(self.tree, q)
+        rigid = 0.5 * (v @ (rigid_body.mass_matrix(self.tree, where) @ v)) + rigid_body.potential_energy(self.tree, where)
+        return rigid if self.joint.springs is None else rigid + self.joint.springs.energy(q)
+
+    def swing(self, q: np.ndarray, v: np.ndarray) -> tuple[Any, Any]:
+        """Squares of the swing, and of its amplitude as the pendulums below each joint would have it alone [rad²]."""
+        swings = self.topology.swings
+        angle: Any = sum((q[i] * q[i] for i, _ in swings), 0.0)
+        gravity = -self.tree.gravity[2]
+        rest: Any = 0.0
+        for (i, hangs), arm in zip(swings, self.arms, strict=True):
+            length = arm + q[self.topology.layout.role("hoist", "The cable")] if hangs else arm
+            rest = rest + v[i] * v[i] * length
+        return angle, angle + rest / gravity
+
+
+def numbers(crane: Crane) -> np.ndarray:
+    """All numbers of a crane in a row, as `plant` takes them."""
+    tree, springs, stops, rope = rigid_body.bodies(crane.model), crane.springs, Stops.of(crane), crane.springs.rope
+    levers = np.concatenate([point.lever for point in crane.points])
+    return np.concatenate(
+        [
+            tree.numbers(),
+            crane.damping,
+            springs.stiffness,
+            springs.rest,
+            [0.0 if rope is None else rope.stiffness],
+            crane.lower,
+            crane.upper,
+            crane.effort_limit,
+            levers,
+            _arms(crane),
+            stops.stiffness,
+            stops.damping,
+        ]
+    )
+
+
+def _arms(crane: Crane) -> np.ndarray:
+    """From each swing joint to the payload with all that moves below it at zero [m], shape (swings,)."""
+    tree = rigid_body.bodies(crane.model)
+    where = rigid_body.frames(tree.with_numbers(tree.numbers().tolist()), array([0.0] * len(tree)))
+    found = []
+    for swing in crane.swings:
+        place, body = crane.payload.lever.astype(object), crane.payload.body
+        while body != swing:
+            place, body = where[body].origin + where[body].rotation @ place, tree.parents[body]
+        found.append(float(np.linalg.norm(place.astype(float))))
+    return np.array(found)
+
+
+def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) -> Plant:
+    """A plant from its topology and its numbers, in the order of `numbers`."""
+    layout = topology.layout
+    n, m = layout.n, layout.m
+    tree = rigid_body.blank(topology.parents)
+    count = len(tree.numbers())
+    counts = [n, n, n, 1, n, n, m, 3 * len(topology.bodies), len(topology.swings), m, m]
+    parts = np.split(array(values[count:]), np.cumsum(counts)[:-1])
+    damping, stiffness, rest, ea, lower, upper, effort_limit, levers, arms, stop_stiffness, stop_damping = parts
+    rope = None if topology.rope is None else Rope(*topology.rope, ea[0])
+    springs = Springs(stiffness, rest, rope) if topology.springs else None
+    stops = Stops(layout.drives, lower[layout.drives], upper[layout.drives], stop_stiffness, stop_damping)
+    return Plant(
+        topology,
+        tree.with_numbers(values[:count]),
+        JointForces(damping, springs),
+        stops,
+        lower,
+        upper,
+        effort_limit,
+        levers.reshape(-1, 3),
+        arms,
+        drive,
+        buffers,
+    )
