@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 import numpy as np
 
 from cranedyn.arrays import DOUBLE
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import OutOfRange
 
 _Any = TypeVar("_Any", bound=Callable[..., Any])
 

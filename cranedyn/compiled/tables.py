@@ -10,6 +10,7 @@ import numpy as np
 from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.controllers.affine import Affine
 
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """Rows by control instant, one table after another.

@@ -93,7 +93,7 @@ def hold_controller(
     if damping is None:
         damping = [DAMPING.get(role, 2.0 * FREQUENCY * inertia) for role, inertia in zip(roles, moved, strict=True)]
     k_p, k_d = (crane.layout.for_drives(name, part) for name, part in (("stiffness", stiffness), ("damping", damping)))
-    return Hold(crane, k_p, k_d, np.array([_weight(crane, joint, gravity) for joint in crane.layout.drives]))
+    return Hold(crane, k_p, k_d, np.array([_weight(crane, joint, gravity) for joint in crane.layout.drives.tolist()]))
 
 
 def _weight(crane: Crane, joint: int, gravity: float) -> float:

@@ -173,15 +173,20 @@ def mpc(
     """
     solve = _solver()
     whole("horizon", horizon, 1, "periods")
-    efforts = _limits("effort limit", crane.effort_limit if effort_limit is None else effort_limit, 1)
-    rates = _limits("rate limit", crane.model.velocityLimit[layout.drives] if rate_limit is None else rate_limit, 2)
+    layout, own_rates = crane.layout, crane.model.velocityLimit[crane.layout.drives]
+    efforts = layout.for_drives("effort limit", crane.effort_limit if effort_limit is None else effort_limit, None, "> 0")
+    rates = layout.for_drives("rate limit", own_rates if rate_limit is None else rate_limit, "/s", "> 0")
     swing = within("swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, math.pi / 2.0, "rad")
     ratio = multiple("period", period, "the motion's period", motion.period)
     model = linearised(crane, motion, dt=dt, every=ratio, control_period=period)
+    state_weight = state_weight_of(crane) if state_weight is None else state_weight
+    effort_weight = effort_weight_of(crane) if effort_weight is None else effort_weight
     sweep = riccati(model.a, model.b, state_weight, effort_weight)
     square = effort_weight + np.swapaxes(model.b, 1, 2) @ sweep.cost[1:] @ model.b
     root = np.array([scipy.linalg.solve_triangular(scipy.linalg.cholesky(part), np.eye(layout.m)) for part in square])
-    return Predictive(model, ratio, int(horizon), sweep, root, _room(model, efforts), np.array([*rates, swing, swing]), solve)
+    bounded = np.concatenate([layout.n + layout.drives, crane.swings])
+    bound = np.concatenate([rates, np.full(len(crane.swings), swing)])
+    return Predictive(model, ratio, int(horizon), sweep, root, _room(model, efforts), bounded, bound, solve)
 
 
 def _room(model: Linearised, limit: np.ndarray) -> np.ndarray:
@@ -191,12 +196,6 @@ def _room(model: Linearised, limit: np.ndarray) -> np.ndarray:
     if (room[0] > room[1]).any():
         raise OutOfRange("effort limit", limit.tolist(), "at least half of what the feed-forward changes by within a period")
     return room
-
-
-def _limits(name: str, values: Sequence[float] | np.ndarray, unit: int) -> np.ndarray:
-    if np.shape(values) != (3,):
-        raise OutOfRange(name, values, "three numbers: slew, trolley, hoist")
-    return np.array([number(f"{name} of the {drive[0]}", value, drive[unit], "> 0") for drive, value in zip(_DRIVES, values, strict=True)])
 
 
 def _solver() -> Callable[..., tuple[np.ndarray, float, int, dict]]:

@@ -88,7 +88,10 @@ def paper_controller(
         axis=1,
     )
     return HoistIntegral(
-        crane, Tracking(motion.period, feed_forward, gain, np.hstack([motion.q, motion.v])), hoist[1], float(crane.effort_limit[drive["hoist"]])
+        crane,
+        Tracking(motion.period, feed_forward, gain, np.hstack([motion.q, motion.v])),
+        hoist[1],
+        float(crane.effort_limit[drive["hoist"]]),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -45,7 +46,7 @@ def read_table(path: str | Path, columns: Sequence[str]) -> tuple[dict[str, np.n
             table = (_parquet if path.suffix == ".parquet" else _csv)(file, columns, path)
         found = {name: table[name].cast(pa.float64(), safe=False).to_numpy() for name in columns}
     except (OSError, ValueError, pa.ArrowException) as error:
-        raise DataError(f"Cannot read {path}: {str(error).strip().partition(chr(10))[0].rstrip('.')}.") from error
+        raise _unreadable(path, error) from error
     for name, values in found.items():
         finite = np.isfinite(values)
         if not finite.all():
@@ -53,14 +54,38 @@ def read_table(path: str | Path, columns: Sequence[str]) -> tuple[dict[str, np.n
     return found, dict(table.schema.metadata or {})
 
 
+def column_names(path: str | Path) -> list[str]:
+    """Names of the columns of a file, in its order; arguments and errors as of `read_table`."""
+    path = Path(path)
+    try:
+        with opened(path) as file:
+            if path.suffix != ".parquet":
+                head = pyarrow.csv.ReadOptions(use_threads=False)
+                return list(pyarrow.csv.open_csv(pa.BufferReader(next(_lines(file, path))), read_options=head).schema.names)
+            with _source(file, path) as source:
+                return list(source.schema_arrow.names)
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: Path, error: Exception) -> DataError:
+    return DataError(f"Cannot read {path}: {str(error).strip().partition(chr(10))[0].rstrip('.')}.")
+
+
 def _parquet(file: BinaryIO, columns: Sequence[str], path: Path) -> pa.Table:
+    with _source(file, path) as source:
+        return _asked(source, columns, path)
+
+
+@contextmanager
+def _source(file: BinaryIO, path: Path) -> Iterator[pyarrow.parquet.ParquetFile]:
     file.seek(max(0, os.fstat(file.fileno()).st_size - 8))
     end = file.read(8)
     if end[4:] == b"PAR1" and (footer := int.from_bytes(end[:4], "little")) > _LARGEST_FOOTER:
         raise DataError(f"{path} says in {footer / 1e6:.0f} MB what is in it; allowed are {_LARGEST_FOOTER / 1e6:.0f}.")
     # the same file by a name of the system's: threads of Arrow that hold an object of Python's abort a program that ends
     with pa.OSFile(f"/dev/fd/{file.fileno()}") as same, pyarrow.parquet.ParquetFile(same) as source:
-        return _asked(source, columns, path)
+        yield source
 
 
 def _asked(source: pyarrow.parquet.ParquetFile, columns: Sequence[str], path: Path) -> pa.Table:

@@ -196,10 +196,10 @@ def read(path: str | Path) -> Trajectory:
         DataError: As `cranedyn.data.tables.read_table`; if there is no row, time does not increase, or the parameters are not a JSON
             object of numbers and words.
     """
-    from cranedyn.data.tables import read_table
+    from cranedyn.data.tables import column_names, read_table
 
-    found, metadata = read_table(path)
-    columns = columns_of(list(found))
+    columns = columns_of(column_names(path))
+    found, metadata = read_table(path, [name for own in columns.values() for name in own])
     t = found["t_s"]
     if not (len(t) > 0 and (t[1:] > t[:-1]).all()):
         raise DataError(f"{path}: t_s must increase from row to row, over one row at least.")

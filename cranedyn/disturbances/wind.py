@@ -1,4 +1,4 @@
-"""Wind and other forces from outside, on the payload and on the trolley.
+"""Wind and other forces from outside, on the points of a crane: for a tower crane the payload and the trolley.
 
 A wind speed is a plain callable from time [s] to [m/s]; `wind` makes forces of it for `cranedyn.simulation.simulate.simulate`.
 """
@@ -11,8 +11,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.dynamics.pinocchio import payload_velocity, pivot_velocity
-from cranedyn.errors import OutOfRange, number
+from cranedyn.arrays import finite
+from cranedyn.dynamics.pinocchio import point_velocities
+from cranedyn.errors import UnknownName, number
 from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.rows import at_place, place
@@ -26,23 +27,26 @@ Speed = Callable[[float], float]
 
 
 @checked
-def constant_force(
-    payload: Sequence[float] = (0.0, 0.0, 0.0), trolley: Sequence[float] = (0.0, 0.0, 0.0), *, at: float = 0.0
-) -> Disturbance:
-    """Constant forces in the world [N] from a time on [s].
+def constant_force(crane: Crane, *, at: float = 0.0, **forces: Sequence[float]) -> Disturbance:
+    """Constant forces on points of a crane in the world [N] from a time on [s].
 
     A horizontal force F on a payload of weight m g moves its rest to atan(F/(m g)); coming at once it swings the payload to nearly twice
     that.
 
+    Args:
+        crane: The crane.
+        at: When they begin [s].
+        forces: By the name of the point, for example ``payload=(100.0, 0.0, 0.0)``; see `cranedyn.model.layout.Layout.points`.
+
     Raises:
+        UnknownName: If there is no such point.
         OutOfRange: If a number is not finite, or a force has not three.
     """
-    given = [[number("force", part, "N") for part in force] for force in (payload, trolley)]
-    if any(len(force) != 3 for force in given):
-        raise OutOfRange("force", given, "three numbers each for payload and trolley", "N")
-    forces = np.array(given)
-    first = number("start of the push", at, "s")
-    return lambda t, state: forces if t >= first else np.zeros((2, 3))
+    given = np.zeros((len(crane.points), 3))
+    for name, force in forces.items():
+        given[_point(crane, name)] = finite(f"force on the {name}", force, (3,), unit="N")
+    first, none = number("start of the force", at, "s"), np.zeros_like(given)
+    return lambda t, state: given if t >= first else none
 
 
 @checked
@@ -105,27 +109,35 @@ def turbulence(
 
 
 @checked
-def wind(crane: Crane, speed: Speed, *, direction: float, payload_area: float, trolley_area: float = 0.0) -> Disturbance:
-    """Drag of a horizontal wind on payload and trolley: ½ ρ A |w - v| (w - v), relative to their own velocity v.
+def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Disturbance:
+    """Drag of a horizontal wind on points of a crane: ½ ρ A |w - v| (w - v), relative to their own velocity v.
 
     Args:
         crane: The crane.
         speed: Wind speed over time.
         direction: Where it blows to, angle from the world's +X towards +Y [rad]; -π/2 is along the jib at zero slew.
-        payload_area: Drag coefficient times area of the payload [m²].
-        trolley_area: The same of the trolley [m²].
+        areas: Drag coefficient times area [m²] by the name of the point with the ending "_area", for example ``payload_area=4.0``.
 
     Raises:
+        UnknownName: If there is no such point.
         OutOfRange: If a number is not finite or an area is negative.
     """
     angle = number("direction of the wind", direction, "rad")
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
-    areas = np.array(
-        [[number("drag area of the payload", payload_area, "m²", ">= 0")], [number("drag area of the trolley", trolley_area, "m²", ">= 0")]]
-    )
+    each = np.zeros((len(crane.points), 1))
+    for name, area in areas.items():
+        point = name.removesuffix("_area")
+        each[_point(crane, point)] = number(f"drag area of the {point}", area, "m²", ">= 0")
 
     def disturbance(t: float, state: State) -> np.ndarray:
-        relative = speed(t) * along - np.stack([payload_velocity(crane, state), pivot_velocity(crane, state)])
-        return 0.5 * AIR_DENSITY * areas * np.linalg.norm(relative, axis=1)[:, None] * relative
+        relative = speed(t) * along - point_velocities(crane, state)
+        return 0.5 * AIR_DENSITY * each * np.linalg.norm(relative, axis=1)[:, None] * relative
 
     return disturbance
+
+
+def _point(crane: Crane, name: str) -> int:
+    names = crane.layout.points
+    if name not in names:
+        raise UnknownName("point", name, names)
+    return names.index(name)

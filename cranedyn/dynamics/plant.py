@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.joint_forces import JointForces, Stops
@@ -179,15 +180,10 @@ def numbers(crane: Crane) -> np.ndarray:
 
 def _arms(crane: Crane) -> np.ndarray:
     """From each swing joint to the payload with all that moves below it at zero [m], shape (swings,)."""
-    tree = rigid_body.bodies(crane.model)
-    where = rigid_body.frames(tree.with_numbers(tree.numbers().tolist()), array([0.0] * len(tree)))
-    found = []
-    for swing in crane.swings:
-        place, body = crane.payload.lever.astype(object), crane.payload.body
-        while body != swing:
-            place, body = where[body].origin + where[body].rotation @ place, tree.parents[body]
-        found.append(float(np.linalg.norm(place.astype(float))))
-    return np.array(found)
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, np.zeros(crane.layout.n))
+    payload = data.oMi[crane.payload.body + 1].act(crane.payload.lever)
+    return np.array([float(np.linalg.norm(payload - data.oMi[swing + 1].translation)) for swing in crane.swings.tolist()])
 
 
 def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) -> Plant:

@@ -14,11 +14,11 @@ import numpy as np
 class Rows(np.ndarray):
     """One quantity in many rows, as an element of an array of objects: it knows sine and cosine as symbols do."""
 
-    def sin(self) -> Rows:
+    def sin(self) -> np.ndarray:
         """Sine of each."""
         return np.sin(self)
 
-    def cos(self) -> Rows:
+    def cos(self) -> np.ndarray:
         """Cosine of each."""
         return np.cos(self)
 

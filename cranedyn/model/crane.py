@@ -86,7 +86,12 @@ class Crane:
         Raises:
             OutOfRange: If an array has another shape.
         """
-        for name, count in (("damping", self.layout.n), ("lower", self.layout.n), ("upper", self.layout.n), ("effort_limit", len(self.layout.drives))):
+        for name, count in (
+            ("damping", self.layout.n),
+            ("lower", self.layout.n),
+            ("upper", self.layout.n),
+            ("effort_limit", len(self.layout.drives)),
+        ):
             shaped(name, getattr(self, name), (count,))
         object.__setattr__(self, "_scratch", _Scratch(self.model))
 

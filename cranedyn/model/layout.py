@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cranedyn.errors import MissingRole, ModelError, OutOfRange, UnknownName, number
+
+_COUNTS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 
 
 class Role(NamedTuple):
@@ -118,6 +120,12 @@ class Layout:
         """The joints that drives move."""
         return tuple(joint for joint in self.joints if joint.driven)
 
+    @cached_property
+    def drives_in_words(self) -> str:
+        """What is needed where one number for each drive is, for a sentence."""
+        names = ", ".join(joint.role or joint.symbol for joint in self.driven)
+        return f"{_COUNTS.get(self.m, self.m)} number{'s' if self.m > 1 else ''}: {names}"
+
     def index(self, symbol: str) -> int:
         """Where a coordinate stands.
 
@@ -151,22 +159,23 @@ class Layout:
         """
         return np.eye(self.m)[self.drive(drive)]
 
-    def for_drives(self, what: str, values: object, per: str = "", allowed: str = "any") -> np.ndarray:
+    def for_drives(self, what: str, values: Any, per: str | None = "", allowed: str = "any") -> np.ndarray:
         """One finite number for each drive, shape (m,).
 
         Args:
             what: What the numbers are, to begin a sentence with.
             values: The numbers.
-            per: What follows the unit of the coordinate, for example "/s".
+            per: What follows the unit of the coordinate, for example "/s"; None where the numbers are efforts.
             allowed: As `cranedyn.errors.number`.
 
         Raises:
             OutOfRange: If there are not m numbers, or one is not allowed.
         """
-        if np.shape(values) != (self.m,):  # type: ignore[arg-type]
-            raise OutOfRange(what, values, f"{self.m} numbers: {', '.join(joint.symbol for joint in self.driven)}")
-        each = zip(self.driven, values, strict=True)  # type: ignore[call-overload]
-        return np.array([number(f"{what} of {joint.symbol}", value, joint.unit + per, allowed) for joint, value in each])
+        if np.shape(values) != (self.m,):
+            raise OutOfRange(what, values, self.drives_in_words)
+        units = [joint.effort_unit if per is None else joint.unit + per for joint in self.driven]
+        each = zip(self.driven, values, units, strict=True)
+        return np.array([number(f"{what} of {joint.symbol}", value, unit, allowed) for joint, value, unit in each])
 
     def has(self, *roles: str) -> bool:
         """Whether there are joints that play all of these parts."""
@@ -195,11 +204,14 @@ class Layout:
 
         Raises:
             MissingRole: If no joint plays one of these parts.
-            ModelError: If there are joints that play none of them.
+            ModelError: If there are joints that play none of them, or these follow each other in another order.
         """
         found = tuple(self.role(role, user) for role in ROLES)
         if further := [joint.name for joint in self.joints if not joint.role]:
             raise ModelError(f"{user} is made for a tower crane of five joints; this one also moves in {', '.join(further)}.")
+        if found != tuple(range(len(ROLES))):
+            shown = ", ".join(joint.role for joint in self.joints)
+            raise ModelError(f"{user} is made for {', '.join(ROLES)} in this order; this crane has {shown}.")
         return found
 
     def columns(self) -> dict[str, tuple[str, ...]]:

@@ -202,7 +202,7 @@ def _move_setpoint(recording: rr.RecordingStream, run: Run, times: _Times) -> No
     """An outline of the payload hanging at rest below the trolley at the setpoint of the drives; rows only where that changes."""
     rows = np.append(True, np.any(np.diff(times.setpoint, axis=0) != 0, axis=1))
     crane = run.crane
-    q = np.tile(crane.start.q, (np.count_nonzero(rows), 1))
+    q = np.tile(crane.start.q, (int(np.count_nonzero(rows)), 1))
     q[:, crane.layout.drives] = times.setpoint[rows]
     ends, n = _ends(run, q), len(q)
     turned = np.array([payload_orientation(crane, row) for row in q])

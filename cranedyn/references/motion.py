@@ -89,7 +89,8 @@ def plumb(crane: Crane, reference: Reference, duration: float, period: float = 5
     parts[1:, -1] = 0.0
     if crane.springs.any:
         parts[0] = [crane.hanging(q) for q in parts[0]]
-    return Motion(period, *parts, drives)
+    q, v, a = parts
+    return Motion(period, q, v, a, drives)
 
 
 def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:

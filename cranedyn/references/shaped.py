@@ -6,6 +6,7 @@ Singer & Seering 1990 (ZV, ZVD); Singhose, Seering & Singer 1994 (EI).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +14,9 @@ import scipy
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
-from cranedyn.errors import number, within
+from cranedyn.errors import OutOfRange, number, within
 from cranedyn.interfaces import Reference, Setpoint
+from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import Tabulating, tabulated
 from cranedyn.simulation.clocks import intervals
 
@@ -85,17 +87,28 @@ class Shaped(Tabulating):
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (n, m) each."""
         parts = tabulated(self.base, np.subtract.outer(times, self.delays).ravel())
-        return Setpoint(*(np.tensordot(self.amplitudes, part.reshape(len(times), -1, 3), (0, 1)) for part in parts))
+        shape = len(times), len(self.delays), -1
+        return Setpoint(*(np.tensordot(self.amplitudes, part.reshape(shape), (0, 1)) for part in parts))
 
 
 @checked
-def shaped(base: Reference, shaper: Shaper, period: float) -> Reference:
-    """Shape all drives of a reference for one swing period [s].
+def shaped(base: Reference, shaper: Shaper, period: float | Sequence[float]) -> Reference:
+    """Shape all drives of a reference for one swing period [s], or for several at once.
+
+    For several the shaper is convolved with itself: each part for one period comes in as many parts for the next, so that k impulses
+    become k² for a double pendulum, and the command ends later by the last delay of each (Singer & Seering 1990).
 
     Raises:
-        OutOfRange: If the period is not positive.
+        OutOfRange: If a period is not positive, or there is none.
     """
-    return Shaped(base, number("swing period", period, "s", "> 0") * shaper.fractions, shaper.amplitudes)
+    periods = [period] if isinstance(period, float | int) else list(period)
+    if not periods:
+        raise OutOfRange("swing periods", "none", "one or more", "s")
+    delays, amplitudes = np.zeros(1), np.ones(1)
+    for each in periods:
+        later = number("swing period", each, "s", "> 0") * shaper.fractions
+        delays, amplitudes = np.add.outer(delays, later).ravel(), np.multiply.outer(amplitudes, shaper.amplitudes).ravel()
+    return Shaped(base, delays, amplitudes)
 
 
 _REST = 30
@@ -104,15 +117,17 @@ _REST = 30
 
 @dataclass(frozen=True, eq=False)
 class ShapedHoisting(Tabulating):
-    """A reference with slew and trolley of their own, which stand still before time 0 and after the end.
+    """A reference with a motion of its own for all drives but the hoist, which stand still before time 0 and after the end.
 
     Attributes:
         base: The reference of the hoist.
-        end: When slew and trolley are there [s].
-        curves: Position of slew and trolley over time, its first and its second derivative.
+        hoist: Where the hoist stands among the drives.
+        end: When the others are there [s].
+        curves: Position of the others over time, its first and its second derivative.
     """
 
     base: Reference
+    hoist: int
     end: float
     curves: tuple[scipy.interpolate.BSpline, ...]
 
@@ -122,12 +137,12 @@ class ShapedHoisting(Tabulating):
         position, *derivatives = (curve(inside) for curve in self.curves)
         moving = ((times >= 0.0) & (times < self.end))[:, None]
         parts = [position, *(np.where(moving, derivative, 0.0) for derivative in derivatives)]
-        return Setpoint(*(np.column_stack([part, hoist[:, 2]]) for part, hoist in zip(parts, own, strict=True)))
+        return Setpoint(*(np.insert(part, self.hoist, hoist[:, self.hoist], axis=1) for part, hoist in zip(parts, own, strict=True)))
 
 
 @checked
-def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: float, *, step: float = 5e-3) -> Reference:
-    """Shape slew and trolley of a reference while its own hoisting changes the period; the hoist is left as it is.
+def shaped_hoisting(crane: Crane, base: Reference, shaper: Shaper, duration: float, *, step: float = 5e-3) -> Reference:
+    """Shape all drives of a reference but the hoist while its own hoisting changes the period; the hoist is left as it is.
 
     Each part of a move comes when the swing that the move caused has gone on by the shaper's fraction of a turn, ∫ω dt = 2π fraction with
     ω² = g/l(t), and is as large as that swing has become: a way gone at cable length l₁ leaves an amplitude in proportion to
@@ -135,34 +150,36 @@ def shaped_hoisting(base: Reference, shaper: Shaper, gravity: float, duration: f
     swing are assumed. Where the cable shortens, parts are passed on faster than they were asked for, by up to (l₁/l₂)^(1/2).
 
     Args:
+        crane: The crane.
         base: The reference.
         shaper: The shaper.
-        gravity: Gravity [m/s²].
         duration: Time over which the base moves [s].
         step: Spacing of the samples [s].
 
     Raises:
-        OutOfRange: If duration, gravity or a cable is not positive, or the step longer than a quarter of the duration or too short for it.
+        MissingRole: If the crane has no driven hoist.
+        OutOfRange: If duration or a cable is not positive, or the step longer than a quarter of the duration or too short for it.
     """
-    number("gravity", gravity, "m/s²", "> 0")
+    hoist = crane.layout.drive(crane.layout.joints[crane.layout.role("hoist", "Shaped hoisting")].symbol)
+    others, gravity = np.delete(np.arange(crane.layout.m), hoist), crane.gravity
     intervals("duration", duration, step)
     within("step of the shaped reference", step, 0.0, duration / 4.0, "s")
     count = round(duration / step)
-    longest = float(tabulated(base, step * np.arange(count + 1)).position[:, 2].max())
+    longest = float(tabulated(base, step * np.arange(count + 1)).position[:, hoist].max())
     number("longest cable that the reference wants", longest, "m", "> 0")
     slowest = 2.0 * math.pi * math.sqrt(longest / gravity)
     intervals("duration and swing period", duration + slowest * float(shaper.fractions[-1]), step)
     t = step * np.arange(count + math.ceil(slowest * shaper.fractions[-1] / step) + 2 + _REST)
     setpoint = tabulated(base, t)
-    length = setpoint.position[:, 2]
+    length = setpoint.position[:, hoist]
     number("shortest cable that the reference wants", length.min(), "m", "> 0")
     phase = scipy.integrate.cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
     parts = shaper.amplitudes[:, None] * np.interp(phase + 2.0 * math.pi * shaper.fractions[:, None], phase, length) ** 0.25
-    velocities = (parts / parts.sum(axis=0))[:, :, None] * setpoint.velocity[:, :2]
+    velocities = (parts / parts.sum(axis=0))[:, :, None] * setpoint.velocity[:, others]
     ways = scipy.integrate.cumulative_trapezoid(velocities, t, axis=1, initial=0.0)
-    moved = np.zeros((len(t), 2))
+    moved = np.zeros((len(t), len(others)))
     for fraction, way in zip(shaper.fractions, ways, strict=True):
         asked = np.interp(phase - 2.0 * math.pi * fraction, phase, t)
         moved += np.stack([np.interp(asked, t, column) for column in way.T], axis=1)
-    curve = scipy.interpolate.make_interp_spline(t, setpoint.position[0, :2] + moved, k=3)
-    return ShapedHoisting(base, float(t[-1]), (curve, curve.derivative(), curve.derivative(2)))
+    curve = scipy.interpolate.make_interp_spline(t, setpoint.position[0, others] + moved, k=3)
+    return ShapedHoisting(base, hoist, float(t[-1]), (curve, curve.derivative(), curve.derivative(2)))

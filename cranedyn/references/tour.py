@@ -66,5 +66,5 @@ def tour(crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motio
         raise OutOfRange("tour", "empty", "one leg at least")
     if not np.allclose(here.q, crane.start.q):
         raise OutOfRange("end of the tour", here.q[drives].tolist(), f"where it began, {crane.start.q[drives].tolist()}", "rad or m")
-    whole = np.concatenate([*parts, np.stack([here.q, here.v, here.v])[:, None]], axis=1)
-    return Tour(tuple(stages), Motion(period, *whole, drives))
+    q, v, a = np.concatenate([*parts, np.stack([here.q, here.v, here.v])[:, None]], axis=1)
+    return Tour(tuple(stages), Motion(period, q, v, a, drives))

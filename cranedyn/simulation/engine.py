@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-import pinocchio as pin
 
 from cranedyn.dynamics.drives import EffortDrives, MotionDrives, Outside
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.dynamics.pinocchio import energy
 from cranedyn.interfaces import Reference, State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.simulation.clocks import Clocks
 from cranedyn.simulation.log import Log
 
@@ -67,7 +66,7 @@ class Engine:
         self.state, self._setting = start, setting
         clocks = setting.clocks
         self._steps, self._integrator = clocks.steps, setting.integrator
-        self._u, self._per_second = clocks.dt * start.v, np.full(5, 1.0 / clocks.dt)
+        self._u, self._per_second = clocks.dt * start.v, np.full(setting.crane.layout.n, 1.0 / clocks.dt)
         gives_way = setting.buffers and setting.integrator.smooth
         self._outside = setting.outside(clocks.dt, buffers=setting.buffers and not gives_way)
         self._drives = setting.drives(clocks.dt, self._outside)
@@ -78,23 +77,23 @@ class Engine:
         return iter(())
 
     def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Take a command until the next one; returns the effort asked for, or what the motion costs, and what acts, shape (3,) each."""
+        """Take a command until the next one; returns the effort asked for, or what the motion costs, and what acts, shape (m,) each."""
         if self._rough is not None:
             self._rough.drives.take(command, self.state)
         return self._drives.take(command, self.state)
 
     def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Mechanical energy of states in rows [J], zero of height at the ground, shape (n,)."""
-        energy = partial(pin.computeMechanicalEnergy, self._setting.crane.model, self._setting.crane.data)
-        found = (energy(*row) for row in zip(q, v, strict=True))
+        crane = self._setting.crane
+        found = (energy(crane, State(*row)) for row in zip(q, v, strict=True))
         return np.fromiter(found, float, len(q))  # a generator is Python, which answers Ctrl-C
 
     def effort(self) -> np.ndarray:
-        """What acts here under the last command, shape (3,)."""
+        """What acts here under the last command, shape (m,)."""
         return self._drives.effort(self.state)
 
     def take_force(self, force: np.ndarray) -> np.ndarray:
-        """Take forces from outside until the next, in the world [N], on payload and trolley, shape (2, 3); returns them."""
+        """Take forces from outside until the next, in the world [N], on the points of the crane, shape (points, 3); returns them."""
         for outside in (self._outside, None if self._rough is None else self._rough.outside):
             if outside is not None:
                 outside.force = force
@@ -134,11 +133,12 @@ class _Rough:
         dt = setting.clocks.dt / self._count
         self.outside = setting.outside(dt, buffers=True)
         self.drives = setting.drives(dt, self.outside)
-        self._lower, self._upper = setting.crane.lower[DRIVES], setting.crane.upper[DRIVES]
+        self._drives = setting.crane.layout.drives
+        self._lower, self._upper = setting.crane.lower[self._drives], setting.crane.upper[self._drives]
 
     def beyond(self, q: np.ndarray) -> bool:
         """Whether a drive is beyond its range."""
-        here = q[DRIVES]
+        here = q[self._drives]
         return bool((here < self._lower).any() or (here > self._upper).any())
 
     def advance(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,20 +6,18 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from cranedyn.data.trajectory import COLUMNS, Trajectory
-from cranedyn.dynamics.pinocchio import payload_position, pivot_position
-from cranedyn.dynamics.validity import valid
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.pinocchio import point_positions
+from cranedyn.dynamics.validity import hoisting, valid
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 
 _LARGEST = 4e9
 """Memory that the log of a run and the trajectory made of it may take [byte]."""
 
 Energies = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""From coordinates and rates in rows, shape (n, 5) each, to mechanical energies [J], shape (n,)."""
-
-_ROW = 2 * 8 * sum(len(columns) for columns in COLUMNS.values())
+"""From coordinates and rates in rows, shape (rows, n) each, to mechanical energies [J], shape (rows,)."""
 
 
 class Log:
@@ -38,15 +36,16 @@ class Log:
         Raises:
             OutOfRange: If they would take more than 4 GB.
         """
-        if rows * _ROW > _LARGEST:
-            most = f"{(_LARGEST / _ROW - 1) * period:.3g} s at most"
-            takes = f"its {rows} rows would take {rows * _ROW / 1e9:.3g} GB of {_LARGEST / 1e9:g} GB"
+        each = 2 * 8 * sum(map(len, crane.layout.columns().values()))
+        if rows * each > _LARGEST:
+            most = f"{(_LARGEST / each - 1) * period:.3g} s at most"
+            takes = f"its {rows} rows would take {rows * each / 1e9:.3g} GB of {_LARGEST / 1e9:g} GB"
             raise OutOfRange("duration", f"{(rows - 1) * period:g}", f"{most}: {takes}", "s")
         self._crane, self._since, self._period, self._lead = crane, since, period, lead
         self._rows, self._looked = 0, 0
-        self._q, self._v = np.empty((rows, 5)), np.empty((rows, 5))
-        self._setpoint, self._command, self._effort, self._before = (np.empty((rows, 3)) for _ in range(4))
-        self._force, self._buffer_work, self._stop_force = np.zeros((rows, 6)), np.zeros(rows), np.zeros(rows)
+        self._q, self._v = np.empty((rows, crane.layout.n)), np.empty((rows, crane.layout.n))
+        self._setpoint, self._command, self._effort, self._before = (np.empty((rows, crane.layout.m)) for _ in range(4))
+        self._force, self._buffer_work, self._stop_force = np.zeros((rows, 3 * len(crane.points))), np.zeros(rows), np.zeros(rows)
         self._energy = np.full(rows, np.nan)
 
     def __len__(self) -> int:
@@ -61,7 +60,7 @@ class Log:
         self._rows = k + 1
 
     def force(self, force: np.ndarray) -> None:
-        """Add the forces from outside to the row that comes next, shape (2, 3)."""
+        """Add the forces from outside to the row that comes next, shape (points, 3)."""
         self._force[self._rows] = force.ravel()
 
     def buffers(self, work: float, stop_force: float) -> None:
@@ -72,8 +71,8 @@ class Log:
         """Add many rows at once.
 
         Args:
-            setpoint: Setpoint of the drives, shape (n, 3).
-            block: q, v, command, effort, before as for `row`; energy, buffers, held in columns, shape (n, 1).
+            setpoint: Setpoint of the drives, shape (rows, m).
+            block: q, v, command, effort, before as for `row`; energy, buffers, stop_force in columns, shape (rows, 1).
         """
         rows = slice(self._rows, self._rows + len(setpoint))
         self._q[rows], self._v[rows], self._setpoint[rows] = block["q"], block["v"], setpoint
@@ -106,8 +105,8 @@ class Log:
         n, crane, period = self._rows, self._crane, self._period
         q, v, effort, force = self._q[:n], self._v[:n], self._effort[:n], self._force[:n]
         middle = q - self._lead * v
-        work = np.zeros((n, 3))
-        np.cumsum((effort[:-1] + self._before[1:n]) / 2 * np.diff(middle[:, DRIVES], axis=0), axis=0, out=work[1:])
+        work = np.zeros((n, crane.layout.m))
+        np.cumsum((effort[:-1] + self._before[1:n]) / 2 * np.diff(middle[:, crane.layout.drives], axis=0), axis=0, out=work[1:])
         power = v**2 @ crane.damping
         dissipated = np.zeros(n)
         np.cumsum((power[:-1] + power[1:]) / 2 * period, out=dissipated[1:])
@@ -123,7 +122,8 @@ class Log:
             dissipated=dissipated,
             force=force,
             outside=np.stack([self._work_of_forces(middle, force), self._buffer_work[:n]], axis=1),
-            valid=valid(crane, q, v, effort[:, 2] + self._stop_force[:n], buffers=buffers).astype(float),
+            valid=valid(crane, q, v, hoisting(crane, effort) + self._stop_force[:n], buffers=buffers).astype(float),
+            columns=crane.layout.columns(),
             parameters=parameters,
         )
 
@@ -138,6 +138,6 @@ class Log:
     def _work_of_forces(self, middle: np.ndarray, force: np.ndarray) -> np.ndarray:
         work = np.zeros(len(force))
         if force.any():
-            places = np.array([[payload_position(self._crane, q), pivot_position(self._crane, q)] for q in middle])
-            np.cumsum((force[:-1] * np.diff(places.reshape(-1, 6), axis=0)).sum(axis=1), out=work[1:])
+            places = np.array([point_positions(self._crane, q) for q in middle])
+            np.cumsum((force[:-1] * np.diff(places.reshape(len(middle), -1), axis=0)).sum(axis=1), out=work[1:])
         return work

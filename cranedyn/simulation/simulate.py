@@ -15,7 +15,8 @@ from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.validity import first_event
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, written_out
 from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Validity
-from cranedyn.model.crane import DRIVES, JOINTS, Crane
+from cranedyn.model.crane import Crane
+from cranedyn.model.layout import Layout
 from cranedyn.references import hold
 from cranedyn.references.tabulated import checked_setpoint
 from cranedyn.simulation.clocks import Timed, clocks
@@ -59,9 +60,9 @@ def simulate(
         control_period: Time between calls of the controller [s], a multiple of `dt`; one row is logged each time.
         drive: "effort": the controller commands efforts, as a force-controlled drive. "motion": it commands accelerations, which the
             drives follow exactly at the efforts this costs, as a stiff velocity-controlled drive.
-        disturbance: Forces from outside on payload and trolley, such as wind; see `cranedyn.disturbances.wind`.
+        disturbance: Forces from outside on the points of the crane, such as wind; see `cranedyn.disturbances.wind`.
         validity: What to do where a joint leaves its range, the rope would have to push, the load swings to 90° or touches the ground.
-            "stop" ends the run with an error that carries what was recorded. "buffers" catches slew, trolley and hoist at the ends of
+            "stop" ends the run with an error that carries what was recorded. "buffers" catches the drives at the ends of
             their ranges, for drives that take efforts. "mark" goes on; the rows concerned are marked in the column `valid`.
         integrator: The stepping rule.
         engine: "pinocchio" steps by Pinocchio's algorithms. "compiled" steps by code made for this crane, which agrees with them to
@@ -75,8 +76,8 @@ def simulate(
 
     Raises:
         OutOfRange: If an argument is of another kind; if a time is not positive, one does not divide the other, or the log would not fit
-            into 4 GB; if the start is not five finite coordinates and rates; if the controller was made for a shorter control period. At
-            the first instant also if the command is not three numbers or the reference does not want finite ones.
+            into 4 GB; if the start is not one finite coordinate and rate for each joint; if the controller was made for a shorter control period. At
+            the first instant also if the command is not one number for each drive or the setpoint not finite.
         RunError: If the model ceases to hold, state, command or setpoint stop being finite, or the run is interrupted; it carries what was
             recorded so far. So it does if the controller, the reference or the disturbance raises an error, which is then its cause.
     """
@@ -86,11 +87,13 @@ def simulate(
     if validity not in ("stop", "mark") and (validity, drive) != ("buffers", "effort"):
         raise OutOfRange("validity", validity, "stop or mark, or buffers where the drives take efforts")
     buffers = validity == "buffers"
-    state = State.checked("start", crane.start) if start is None else start
+    layout, state = crane.layout, State.checked("start", crane.start) if start is None else start
+    if state.q.shape != (layout.n,):
+        raise OutOfRange("start", f"a state of {state.q.size} coordinates", f"one of {layout.n}: {', '.join(layout.symbols)}")
     number("time at the start", since, "s", "-1e9 to 1e9")
     log = Log(crane, since, control_period, clock.periods + 1, integrator.lead * dt)
     moving = _engine(engine)(Setting(crane, clock, drive, disturbance is not None, buffers, integrator), state)
-    reference = hold(state) if reference is None else reference
+    reference = hold(crane, state) if reference is None else reference
     if isinstance(controller, Timed):
         controller.run_begins(since, control_period)
 
@@ -109,7 +112,7 @@ def simulate(
             raise RunError(f"At t = {at:.4g} s {event.words}{hint}.", t=at, joint=event.joint, value=event.value, trajectory=recorded())
         log.looked_at()
 
-    t = since
+    t, drives, points = since, (layout.m,), (len(crane.points), 3)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             ahead = 0
@@ -122,14 +125,14 @@ def simulate(
             for k in range(ahead, clock.periods + 1):
                 t = since + k * control_period
                 if not math.hypot(*state.v.tolist()) < DIVERGED:
-                    raise _diverged(t, state)
-                setpoint = checked_setpoint(reference(t))
+                    raise _diverged(layout, t, state)
+                setpoint = checked_setpoint(reference(t), drives)
                 before = moving.effort()
                 if disturbance is not None:
-                    log.force(moving.take_force(_forces(disturbance(t, state))))
+                    log.force(moving.take_force(_forces(disturbance(t, state), points, layout)))
                 if buffers:
                     log.buffers(*moving.buffers())
-                command, effort = moving.take(_command(controller(t, state, setpoint), t))
+                command, effort = moving.take(_command(controller(t, state, setpoint), t, layout))
                 log.row(state, setpoint.position, command, effort, before)
                 if k % moving.look_back == 0:
                     look_back()
@@ -168,18 +171,18 @@ def _told(error: Exception) -> str:
     return f"{type(error).__name__} in {place.name}, line {place.lineno} of {Path(place.filename).name}: {written_out(error)}."
 
 
-def _command(answer: object, t: float) -> np.ndarray:
-    """Three finite numbers."""
-    command = _array(answer, "command of the controller", (3,), "three numbers: slew, trolley, hoist")
+def _command(answer: object, t: float, layout: Layout) -> np.ndarray:
+    """One finite number for each drive."""
+    command = _array(answer, "command of the controller", (layout.m,), layout.drives_in_words)
     if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
-        joint = JOINTS[DRIVES[int(np.argmin(np.isfinite(command)))]].name
+        joint = layout.driven[int(np.argmin(np.isfinite(command)))].name
         raise RunError(f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite number.", t=t, joint=joint)
     return command
 
 
-def _forces(answer: object) -> np.ndarray:
-    """Two finite vectors."""
-    forces = _array(answer, "force of the disturbance", (2, 3), "two vectors: on the payload and on the trolley")
+def _forces(answer: object, shape: tuple[int, int], layout: Layout) -> np.ndarray:
+    """A finite vector for each point of the crane."""
+    forces = _array(answer, "force of the disturbance", shape, f"a vector for each of {', '.join(layout.points)}")
     if not np.isfinite(forces).all():
         raise OutOfRange("force of the disturbance", forces.tolist(), "finite numbers", "N")
     return forces
@@ -197,9 +200,9 @@ def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> n
     return array
 
 
-def _diverged(t: float, state: State) -> RunError:
+def _diverged(layout: Layout, t: float, state: State) -> RunError:
     i = int(np.argmax(np.nan_to_num(np.abs(state.v), nan=np.inf)))
-    name, value = JOINTS[i].name, float(state.v[i])
+    name, value = layout.joints[i].name, float(state.v[i])
     return RunError(
         f"The run diverged at t = {t:.4f} s: {name} moves at {value:g} per second; a smaller dt or softer gains may help.",
         t=t,
