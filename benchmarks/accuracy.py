@@ -22,7 +22,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.interfaces import State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import panels
 from cranedyn.simulation.simulate import simulate
 from experiments.harness.outcome import Table
@@ -74,8 +74,9 @@ def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
     def rates(t: float, y: np.ndarray, effort: np.ndarray) -> np.ndarray:
         return np.concatenate([y[5:], dynamics.acceleration(crane, State(y[:5], y[5:]), effort)])
 
+    drives = case.crane.layout.drives
     for k, (q, v) in enumerate(zip(rows[:-1, :5], rows[:-1, 5:], strict=True)):
-        effort = hold.feed_forward + hold.stiffness * (rows[0, DRIVES] - q[DRIVES]) - hold.damping * v[DRIVES]
+        effort = hold.feed_forward + hold.stiffness * (rows[0, drives] - q[drives]) - hold.damping * v[drives]
         span, held = (0.0, case.period), (effort.clip(-limit, limit),)
         rows[k + 1] = solve_ivp(rates, span, rows[k], method="DOP853", args=held, rtol=1e-13, atol=1e-15).y[:, -1]
     return times, rows[:, :5]

@@ -10,7 +10,7 @@ import numpy as np
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import Hold
 from cranedyn.interfaces import Controller, EngineName, State
-from cranedyn.model.crane import DRIVES, PASSIVE, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 
@@ -54,8 +54,16 @@ class Case:
         """
         share = np.linspace(0.0, 0.1, cranes)
         rows = np.tile(np.concatenate(self.crane.state(l=15.0)), (cranes, 1))
-        rows[:, PASSIVE] = np.stack([0.1 + share, share], axis=1)
+        rows[:, self.crane.swings] = np.stack([0.1 + share, share], axis=1)
         return rows
+
+    def swing(self, rows: np.ndarray) -> np.ndarray:
+        """√(φ² + θ²) of rows that begin with coordinates [rad]."""
+        return np.linalg.norm(rows[..., self.crane.swings], axis=-1)
+
+    def logged(self, log: np.ndarray) -> Result:
+        """The result of a single crane from its log, shape (n, 13)."""
+        return Result(log[-1:, :10].copy(), self.swing(log).max(keepdims=True), log)
 
 
 @dataclass(frozen=True)
@@ -94,16 +102,6 @@ class Contestant:
     many: bool = False
 
 
-def logged(log: np.ndarray) -> Result:
-    """The result of a single crane from its log, shape (n, 13)."""
-    return Result(log[-1:, :10].copy(), swing(log).max(keepdims=True), log)
-
-
-def swing(rows: np.ndarray) -> np.ndarray:
-    """√(φ² + θ²) of rows that begin with coordinates [rad]."""
-    return np.linalg.norm(rows[..., PASSIVE], axis=-1)
-
-
 def plain(
     case: Case, start: np.ndarray, duration: float, *, controller: Controller | None = None, engine: EngineName = "pinocchio"
 ) -> Result:
@@ -117,15 +115,16 @@ def plain(
         control_period=case.period,
         engine=engine,
     )
-    return logged(np.hstack([run.q, run.v, run.effort]))
+    return case.logged(np.hstack([run.q, run.v, run.effort]))
 
 
 def brake(case: Case, start: np.ndarray) -> Callable[[Sequence[float], Sequence[float]], tuple[float, float, float]]:
     """The hold controller within the limits of the drives on plain numbers, the fastest that a loop in Python has for one crane."""
-    hold, (slew, trolley, hoist) = case.controller, DRIVES.tolist()
+    hold, drives = case.controller, case.crane.layout.drives
+    slew, trolley, hoist = drives.tolist()
     (a, b, c), (d, e, f), (i, j, k) = hold.stiffness.tolist(), hold.damping.tolist(), hold.feed_forward.tolist()
     x, y, z = case.crane.effort_limit.tolist()
-    gamma, radius, length = start[DRIVES].tolist()
+    gamma, radius, length = start[drives].tolist()
 
     def effort(q: Sequence[float], v: Sequence[float]) -> tuple[float, float, float]:
         return (

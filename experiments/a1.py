@@ -15,7 +15,7 @@ from cranedyn import theory
 from cranedyn.analysis.prediction import FreeSwing, free_swing
 from cranedyn.analysis.swing import SwingFit, fit_swing
 from cranedyn.controllers import hold_controller
-from cranedyn.controllers.hold import DAMPING, STIFFNESS
+from cranedyn.controllers.hold import DAMPING, STIFFNESS, Gains, Hold
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import OutOfRange, number
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
@@ -109,8 +109,8 @@ def run(
     length: float,
     *,
     swing: float = SWING,
-    stiffness: Sequence[float] = STIFFNESS,
-    damping: Sequence[float] = DAMPING,
+    stiffness: Gains = None,
+    damping: Gains = None,
     published: Published | None = None,
 ) -> Case:
     """Swing the load by moving the trolley aside and back after half a period, and fit what is left.
@@ -119,38 +119,43 @@ def run(
         setup: Where and with what it runs.
         length: Cable length [m].
         swing: Swing to aim at [rad].
-        stiffness: k_p of slew, trolley, hoist.
-        damping: k_d of slew, trolley, hoist.
+        stiffness: k_p of the drives, see `cranedyn.controllers.hold_controller`.
+        damping: k_d of the drives.
         published: What the article has of this run.
     """
     crane = setup.crane
     start = crane.state(l=length)
     number("swing", number("swing", swing, "rad", "> 0"), "rad", f"0 to {math.pi / 2:.4f}")
     brake = hold_controller(crane, stiffness=stiffness, damping=damping)
-    reference = pulse(hold(start), "x", swing * length / 2.0, at=PULSE_AT, width=math.pi * math.sqrt(length / STANDARD_GRAVITY))
+    reference = pulse(
+        crane, hold(crane, start), "x", swing * length / 2.0, at=PULSE_AT, width=math.pi * math.sqrt(length / STANDARD_GRAVITY)
+    )
     trajectory = setup.simulate(crane, brake, reference, start=start, duration=DURATION, label=f"l = {length:g} m")
     late = trajectory.since(FIT_FROM)
     fit = fit_swing(late.t, late["phi_rad"])
     predicted = free_swing(crane, brake, reference, start, since=FIT_FROM, until=DURATION, dt=setup.dt, control_period=setup.control_period)
     amplitude = float(np.sqrt(np.mean(fit.amplitude_at(late.t) ** 2)))
-    return Case(length, stiffness[1], published, fit, predicted, budget(crane, length, amplitude, stiffness, damping), trajectory)
+    stiff = float(brake.stiffness @ crane.layout.along("x"))
+    return Case(length, stiff, published, fit, predicted, budget(crane, length, amplitude, brake), trajectory)
 
 
-def budget(crane: Crane, length: float, amplitude: float, stiffness: Sequence[float], damping: Sequence[float]) -> dict[str, float]:
+def budget(crane: Crane, length: float, amplitude: float, brake: Hold) -> dict[str, float]:
     """What each cause adds to the period, relative to the point pendulum in standard gravity."""
     g, m = crane.gravity, crane.payload_mass
     point = float(theory.point_period(length, g))
-    payload = theory.rigid_period(length, g, m, crane.payload_inertia)
-    links = theory.rigid_period(length, g, m, crane.payload_inertia + crane.dummy_inertia[0])
-    spring = theory.pivot_compliance(length, g, m, stiffness[1])[0]
+    trolley, hoist = crane.layout.drive("x"), crane.layout.drive("l")
+    payload = theory.rigid_period(length, g, m, crane.payload_inertia[0, 0])
+    links = theory.rigid_period(length, g, m, crane.payload_inertia[0, 0] + crane.dummy_inertia[0])
+    spring = theory.pivot_compliance(length, g, m, brake.stiffness[trolley])[0]
     return {
         "payload inertia": payload / point - 1.0,
         "dummy inertia": links / payload - 1.0,
         "pivot spring": spring,
-        "pivot damper": theory.pivot_compliance(length, g, m, stiffness[1], damping[1], crane.trolley_mass)[0] - spring,
+        "pivot damper": theory.pivot_compliance(length, g, m, brake.stiffness[trolley], brake.damping[trolley], crane.trolley_mass)[0]
+        - spring,
         "amplitude": float(theory.amplitude_factor(amplitude)) - 1.0,
         "gravity": math.sqrt(STANDARD_GRAVITY / g) - 1.0,
-        "hoist compliance": theory.hoist_compliance(amplitude, length, g, m, stiffness[2], damping[2])[0],
+        "hoist compliance": theory.hoist_compliance(amplitude, length, g, m, brake.stiffness[hoist], brake.damping[hoist])[0],
     }
 
 
@@ -173,8 +178,8 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         setup,
         length,
         swing=options.swing,
-        stiffness=(STIFFNESS[0], k_p, STIFFNESS[2]),
-        damping=(DAMPING[0], k_d, DAMPING[2]),
+        stiffness=(STIFFNESS["slew"], k_p, STIFFNESS["hoist"]),
+        damping=(DAMPING["slew"], k_d, DAMPING["hoist"]),
         published=published,
     )
     return outcome(setup, cases, soft)
@@ -270,7 +275,7 @@ def _from_files(files: Sequence[str], crane: Crane) -> harness.Outcome:
         ("A [rad]", ".5f"),
         ("fit rms [rad]", ".1e"),
     ]
-    note = f"Fitted from t = {FIT_FROM:g} s; rigid pendulum of {crane.payload_mass:g} kg and {crane.payload_inertia:g} kg m²."
+    note = f"Fitted from t = {FIT_FROM:g} s; rigid pendulum of {crane.payload_mass:g} kg and {crane.payload_inertia[0, 0]:g} kg m²."
     return harness.Outcome([harness.Table("Free swing in files recorded elsewhere", columns, rows, note)], [])
 
 

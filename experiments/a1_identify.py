@@ -23,7 +23,7 @@ HOIST = (STIFF_HOIST, (1.0e5, 2.0e4), (5.0e4, 2.0e4), (3.0e4, 2.0e4), (3.0e4, 1.
 
 def differences(setup: harness.Setup, trolley_damping: float, hoist: Sequence[float]) -> np.ndarray:
     """Ours less the published error [percentage points], ζ and amplitude [rad] at the four lengths, shape (4, 3)."""
-    stiffness, damping = (*STIFFNESS[:2], hoist[0]), (DAMPING[0], trolley_damping, hoist[1])
+    stiffness, damping = {"l": hoist[0]}, {"x": trolley_damping, "l": hoist[1]}
     cases = [a1.run(setup, length, stiffness=stiffness, damping=damping) for length in a1.PUBLISHED]
     return np.array(
         [
@@ -37,16 +37,16 @@ def identify(setup: harness.Setup) -> harness.Outcome:
     """Scan the trolley's k_d, then the hoist's gains, then fit all three together."""
     scan = np.array([differences(setup, k_d, STIFF_HOIST) for k_d in TROLLEY])
     pulls = [_best(np.array(TROLLEY), scan[:, :, column]) for column in range(3)]
-    hoists = np.array([differences(setup, DAMPING[1], pair) for pair in HOIST])
+    hoists = np.array([differences(setup, DAMPING["trolley"], pair) for pair in HOIST])
 
     def residuals(logarithms: np.ndarray) -> np.ndarray:
         k_d, *hoist = np.exp(logarithms)
         return (differences(setup, k_d, hoist) / ROUNDING).ravel()
 
-    start = np.log([DAMPING[1], STIFFNESS[2], DAMPING[2]])
+    start = np.log([DAMPING["trolley"], STIFFNESS["hoist"], DAMPING["hoist"]])
     fit = least_squares(residuals, start, diff_step=0.02, xtol=1e-3, ftol=1e-3, max_nfev=4)
     best = np.exp(fit.x)
-    ours = differences(setup, DAMPING[1], (STIFFNESS[2], DAMPING[2]))
+    ours = differences(setup, DAMPING["trolley"], (STIFFNESS["hoist"], DAMPING["hoist"]))
     rest = [f"{value:+.6f}" for value in ours[:, 1]]
     stiff = [f"{value:+.6f}" for value in hoists[0][:, 1]]
     return harness.Outcome(
@@ -63,7 +63,7 @@ def identify(setup: harness.Setup) -> harness.Outcome:
                 list(zip(("error", "ζ", "amplitude"), pulls, strict=True)),
             ),
             _table(
-                f"Hoist gains with trolley k_d = {DAMPING[1]:.0e} N s/m",
+                f"Hoist gains with trolley k_d = {DAMPING['trolley']:.0e} N s/m",
                 [(f"{a:.0e}", f"{b:.0e}") for a, b in HOIST],
                 ("hoist k_p", "hoist k_d"),
                 hoists,
@@ -72,9 +72,9 @@ def identify(setup: harness.Setup) -> harness.Outcome:
                 "All three gains fitted together, each column weighted by its rounding",
                 [("gain", ""), ("fitted", ".3g"), ("taken", ".3g")],
                 [
-                    ("trolley k_d [N s/m]", best[0], DAMPING[1]),
-                    ("hoist k_p [N/m]", best[1], STIFFNESS[2]),
-                    ("hoist k_d [N s/m]", best[2], DAMPING[2]),
+                    ("trolley k_d [N s/m]", best[0], DAMPING["trolley"]),
+                    ("hoist k_p [N/m]", best[1], STIFFNESS["hoist"]),
+                    ("hoist k_d [N s/m]", best[2], DAMPING["hoist"]),
                 ],
                 f"ζ left unexplained (ours less published) at 5, 10, 15, 20 m: {', '.join(rest)} with the gains "
                 f"taken; {', '.join(stiff)} with a stiff hoist.",

@@ -66,7 +66,7 @@ def article_table(crane: Crane, cases: Sequence[Case]) -> harness.Table:
 def pendulums(crane: Crane, length: float) -> tuple[float, float]:
     """Periods of point and rigid pendulum in standard gravity [s]."""
     return float(theory.point_period(length, STANDARD_GRAVITY)), theory.rigid_period(
-        length, STANDARD_GRAVITY, crane.payload_mass, crane.payload_inertia
+        length, STANDARD_GRAVITY, crane.payload_mass, crane.payload_inertia[0, 0]
     )
 
 
@@ -94,9 +94,9 @@ def damping_table(crane: Crane, cases: Sequence[Case]) -> harness.Table:
     """What each cause adds to the damping ratio."""
     g, m, rows = crane.gravity, crane.payload_mass, []
     for case in cases:
-        length = case.length + (crane.payload_inertia + crane.dummy_inertia[0]) / (m * case.length)
-        pivot = theory.pivot_compliance(length, g, m, STIFFNESS[1], DAMPING[1], crane.trolley_mass)[1]
-        hoist = theory.hoist_compliance(case.predicted.amplitude, length, g, m, STIFFNESS[2], DAMPING[2])[1]
+        length = case.length + (crane.payload_inertia[0, 0] + crane.dummy_inertia[0]) / (m * case.length)
+        pivot = theory.pivot_compliance(length, g, m, STIFFNESS["trolley"], DAMPING["trolley"], crane.trolley_mass)[1]
+        hoist = theory.hoist_compliance(case.predicted.amplitude, length, g, m, STIFFNESS["hoist"], DAMPING["hoist"])[1]
         joint = float(crane.damping[2]) / (2.0 * m * length**2 * math.sqrt(g / length))
         zeta = case.fit.damping_ratio
         published = case.published.zeta if case.published else None

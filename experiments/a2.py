@@ -13,7 +13,7 @@ import numpy as np
 from cranedyn import theory
 from cranedyn.analysis.swing import PowerLaw, fit_power_law, peaks, zero_crossings
 from cranedyn.controllers import follow, hold_controller
-from cranedyn.controllers.hold import DAMPING, STIFFNESS
+from cranedyn.controllers.hold import DAMPING, STIFFNESS, Gains
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import Reference, State
@@ -42,7 +42,7 @@ PUBLISHED = {
 BESSEL, SMALL = "this speed, small swing: Bessel envelope", "exact drives, point load, a hundredth of the swing"
 """Two of the stages in which the exponent is explained: the closed form, and the simulation that must meet it."""
 
-STIFF = ((STIFFNESS[0], STIFFNESS[1], 1.0e6), (DAMPING[0], DAMPING[1], 6.0e4))
+STIFF = ((STIFFNESS["slew"], STIFFNESS["trolley"], 1.0e6), (DAMPING["slew"], DAMPING["trolley"], 6.0e4))
 
 
 COLUMNS = ("t_s", "phi_rad", "l_m")
@@ -98,18 +98,17 @@ def read(t: np.ndarray, phi: np.ndarray, length: np.ndarray, *, since: float = A
     )
 
 
-def run(
-    setup: harness.Setup, *, stiffness: Sequence[float] = STIFFNESS, damping: Sequence[float] = DAMPING, pulse_at: float = PULSE_AT
-) -> Trajectory:
+def run(setup: harness.Setup, *, stiffness: Gains = None, damping: Gains = None, pulse_at: float = PULSE_AT) -> Trajectory:
     """Swing the load by a trolley pulse, then hoist."""
-    start = setup.crane.state(l=LENGTH)
-    swung = pulse(hold(start), "x", PULSE, at=pulse_at, width=math.pi * math.sqrt(LENGTH / STANDARD_GRAVITY))
-    brake = hold_controller(setup.crane, stiffness=stiffness, damping=damping)
-    return setup.simulate(setup.crane, brake, _hoist(swung, HOIST_AT), start=start, duration=DURATION, label=f"pulse at {pulse_at:g} s")
+    crane = setup.crane
+    start = crane.state(l=LENGTH)
+    swung = pulse(crane, hold(crane, start), "x", PULSE, at=pulse_at, width=math.pi * math.sqrt(LENGTH / STANDARD_GRAVITY))
+    brake = hold_controller(crane, stiffness=stiffness, damping=damping)
+    return setup.simulate(crane, brake, _hoist(crane, swung, HOIST_AT), start=start, duration=DURATION, label=f"pulse at {pulse_at:g} s")
 
 
-def _hoist(base: Reference, at: float) -> Reference:
-    return ramp(base, "l", TARGET - LENGTH, rate=RATE, at=at)
+def _hoist(crane: Crane, base: Reference, at: float) -> Reference:
+    return ramp(crane, base, "l", TARGET - LENGTH, rate=RATE, at=at)
 
 
 def exact(setup: harness.Setup, crane: Crane, start: State) -> PowerLaw:
@@ -117,8 +116,8 @@ def exact(setup: harness.Setup, crane: Crane, start: State) -> PowerLaw:
 
     A ramp stops at once, in which a real rope would go slack for an instant.
     """
-    reference = _hoist(hold(start), 0.0)
-    drives = follow(reference, setup.control_period)
+    reference = _hoist(crane, hold(crane, start), 0.0)
+    drives = follow(crane, reference, setup.control_period)
     duration = (LENGTH - TARGET) / RATE + 4.0
     trajectory = setup.simulate(
         crane, drives, reference, start=start, duration=duration, label="exact drives", drive="motion", validity="mark"

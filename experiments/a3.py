@@ -101,7 +101,7 @@ def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0
         )
         return np.concatenate([y[2:], excitation * length / (length + extra_length)])
 
-    start = [*trajectory.q[0, 2:4], *trajectory.v[0, 2:4]]
+    start = np.hstack([trajectory.coordinates("phi", "theta"), trajectory.rates("phi", "theta")])[0]
     return _integrate(derivative, t, start)[1]
 
 
@@ -116,7 +116,7 @@ def _integrate(derivative: Callable, t: np.ndarray, start: Sequence[float]) -> n
 
 def run(
     setup: harness.Setup,
-    slew: Sequence[float] = (STIFFNESS[0], DAMPING[0]),
+    slew: Sequence[float] = (STIFFNESS["slew"], DAMPING["slew"]),
     *,
     crane: Crane | None = None,
     radius: float = RADIUS,
@@ -133,8 +133,8 @@ def run(
     """
     crane = crane or setup.crane
     start = crane.state(x=radius, l=length)
-    brake = hold_controller(crane, stiffness=(slew[0], *STIFFNESS[1:]), damping=(slew[1], *DAMPING[1:]))
-    reference = pulse(hold(start), "gamma", PULSE, at=PULSE_AT, width=math.pi * math.sqrt(length / STANDARD_GRAVITY))
+    brake = hold_controller(crane, stiffness={"gamma": slew[0]}, damping={"gamma": slew[1]})
+    reference = pulse(crane, hold(crane, start), "gamma", PULSE, at=PULSE_AT, width=math.pi * math.sqrt(length / STANDARD_GRAVITY))
     return setup.simulate(crane, brake, reference, start=start, duration=DURATION, label=f"slew k_p = {slew[0]:.0e}")
 
 
@@ -157,7 +157,7 @@ def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
     late = trajectory.since(ANALYSED_FROM)
     theta, g = late["theta_rad"], crane.gravity
     length = float(late["l_m"].mean())
-    inertia = (crane.payload_inertia + crane.dummy_inertia[1]) / (crane.payload_mass * length)
+    inertia = (crane.payload_inertia[1, 1] + crane.dummy_inertia[1]) / (crane.payload_mass * length)
     amplitude = math.sqrt(2.0) * float(np.std(trajectory.since(DURATION / 2.0)["theta_rad"]))
     slower = float(theory.amplitude_factor(amplitude)) ** 2
     models = {
@@ -206,7 +206,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         parameters=setup.parameters()
         | {
             **place,
-            "slew_soft": [STIFFNESS[0], DAMPING[0]],
+            "slew_soft": [STIFFNESS["slew"], DAMPING["slew"]],
             "slew_stiff": STIFF_SLEW,
             "smoothing_samples": SMOOTHING,
             "pulse_at_s": PULSE_AT,

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 
 from cranedyn.controllers import paper
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.model.crane import DRIVES
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references.flat import flat
 from experiments import harness
@@ -58,7 +57,7 @@ def _plain(strategy: str) -> str:
 def _claims(setup: harness.Setup, move: Move, found: Mapping[str, Score]) -> list[harness.Claim]:
     pd, ours, lqr, best = (found[strategy] for strategy in (PD, PAPER, LQR, FLAT))
     planned = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
-    plan = float(np.linalg.norm(planned.q[:, 2:4], axis=1).max())
+    plan = float(np.linalg.norm(planned.q[:, setup.crane.swings], axis=1).max())
     sampling = of_sampling(setup.gravity, best.length, setup.control_period, plan)
     return [
         harness.Claim(
@@ -125,9 +124,10 @@ def _tracking_figure(run: Trajectory) -> Figure:
     """Drives and their references, in the manner of the paper's Fig. 5."""
     figure, axes = panels(3, height=1.8, sharex=True)
     scale = np.degrees(1.0)
-    for ax, i, name, factor in zip(axes, DRIVES, ("gamma", "x", "l"), (scale, 1.0, 1.0), strict=True):
-        ax.plot(run.t, factor * run.setpoint[:, list(DRIVES).index(i)], "--", color=COLOURS["setpoint"], label="setpoint")
-        ax.plot(run.t, factor * run.q[:, i], color=COLOURS[name], label="paper's control")
+    for ax, column, factor in zip(axes, ("gamma_{}rad", "x_{}m", "l_{}m"), (scale, 1.0, 1.0), strict=True):
+        name = column.partition("_")[0]
+        ax.plot(run.t, factor * run[column.format("setpoint_")], "--", color=COLOURS["setpoint"], label="setpoint")
+        ax.plot(run.t, factor * run[column.format("")], color=COLOURS[name], label="paper's control")
         ax.set_ylabel({"gamma": "γ [°]", "x": "x [m]", "l": "l [m]"}[name])
     axes[0].legend(loc="lower right")
     axes[-1].set_xlabel("time [s]")

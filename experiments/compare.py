@@ -171,8 +171,10 @@ def _tour(setup: harness.Setup, control: str) -> Toured:
     run = setup.simulate(setup.crane, controller, reference, start=setup.crane.start, duration=duration, label="")
     rests = [run.between(stage.arrival, stage.end) for stage in reference.stages]
     left = [1000.0 * residual(rest) for rest in rests]
-    hook = max(swing * float(rest.q[-1, 4]) for swing, rest in zip(left, rests, strict=True))
-    return Toured(duration, max(left), float(np.mean(left)), hook, 1000.0 * float(np.linalg.norm(run.q[:, 2:4], axis=1).max()))
+    hook = max(swing * float(rest["l_m"][-1]) for swing, rest in zip(left, rests, strict=True))
+    return Toured(
+        duration, max(left), float(np.mean(left)), hook, 1000.0 * float(np.linalg.norm(run.coordinates("phi", "theta"), axis=1).max())
+    )
 
 
 def _plain(strategy: str) -> str:

@@ -22,7 +22,7 @@ def swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
     """Swing of each strategy over time, one strip for each on the same scale."""
     figure, axes = panels(max(len(runs), 1), height=0.75, sharex=True, sharey=True)
     for ax, (strategy, run), shade in zip(axes, runs.items(), _shades(len(runs)), strict=False):
-        ax.plot(run.t, np.degrees(np.linalg.norm(run.q[:, 2:4], axis=1)), color=shade)
+        ax.plot(run.t, np.degrees(np.linalg.norm(run.coordinates("phi", "theta"), axis=1)), color=shade)
         ax.axvline(move.duration, linestyle=":", color="#999999", linewidth=1.0)
         ax.text(1.0, 0.95, strategy, transform=ax.transAxes, ha="right", va="top", fontsize=9.0)
     axes[-1].set_xlabel(f"time [s]; dotted: {move.duration:g} s")

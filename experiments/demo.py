@@ -142,9 +142,9 @@ def _table(rows: Sequence[Dwell], control: str, begin: float = 0.0, parts: Seque
 def _bare(setup: harness.Setup, tour: Timetable, dwells: Dwells) -> list[harness.Claim]:
     """Without swing control: it keeps swinging, and after the first leg as the closed form says."""
     least, hook = min(row.swing for row in dwells.rows), min(row.deviation for row in dwells.rows)
-    q, v = dwells.first
-    found = float(swing_amplitude(q[None, 2:4], v[None, 2:4], q[4], setup.gravity)[0])
-    closed, allowed = started_and_stopped(setup, tour.stages[0], float(q[4]))
+    left, length = dwells.first, dwells.first["l_m"]
+    found = float(swing_amplitude(left.coordinates("phi", "theta"), left.rates("phi", "theta"), length, setup.gravity)[0])
+    closed, allowed = started_and_stopped(setup, tour.stages[0], float(length[0]))
     limited = bool((dwells.effort >= setup.crane.effort_limit).any())
     return [
         harness.Claim(
@@ -167,11 +167,11 @@ def started_and_stopped(setup: harness.Setup, stage: Stage, length: float) -> tu
     off a swing of the frequency ω, and gives way a little. A finite swing changes A² of the swing, and A²/16 of its phase.
     """
     crane, duration = setup.crane, stage.arrival - stage.begin
-    reduced = length + (crane.payload_inertia + crane.dummy_inertia[0]) / (crane.payload_mass * length)
-    give = theory.pivot_compliance(reduced, setup.gravity, crane.payload_mass, STIFFNESS[1])[0]
+    reduced = length + (crane.payload_inertia[0, 0] + crane.dummy_inertia[0]) / (crane.payload_mass * length)
+    give = theory.pivot_compliance(reduced, setup.gravity, crane.payload_mass, STIFFNESS["trolley"])[0]
     omega = 2.0 * math.pi / (float(theory.point_period(reduced, setup.gravity)) * (1.0 + give))
-    rate = abs(float(stage.target[1] - stage.origin[1])) / duration
-    most = 2.0 * rate / math.sqrt(setup.gravity * reduced) / math.hypot(1.0, omega * DAMPING[1] / STIFFNESS[1])
+    rate = abs(float((stage.target - stage.origin) @ crane.layout.along("x"))) / duration
+    most = 2.0 * rate / math.sqrt(setup.gravity * reduced) / math.hypot(1.0, omega * DAMPING["trolley"] / STIFFNESS["trolley"])
     return most * abs(math.sin(omega * duration / 2.0)), most**3 * (1.0 + omega * duration / 16.0)
 
 

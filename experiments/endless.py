@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.data.trajectory import Trajectory, join
-from cranedyn.interfaces import State
 from cranedyn.references.itinerary import Stage, Timetable
 
 PART = 300.0
@@ -82,8 +81,8 @@ class Dwells:
         rows: The dwells that are over.
         peak: The most swing on the way [rad], radial and tangential together.
         shortest: The shortest cable [m].
-        first: The state in which the first dwell ended; at rest at zero before.
-        effort: The largest of each drive up to then, (3,) [N m, N, N].
+        first: The last row of the first dwell; there is none before that is over.
+        effort: The largest of each drive up to then [N m or N], shape (m,).
     """
 
     def __init__(self, tour: Timetable, period: float) -> None:
@@ -93,8 +92,8 @@ class Dwells:
         self._low, self._high, self._count = np.full(2, np.inf), np.full(2, -np.inf), 0
         self.rows: list[Dwell] = []
         self.peak, self.shortest = 0.0, np.inf
-        self.first = State(np.zeros(5), np.zeros(5))
-        self.effort = np.zeros(3)
+        self.first: Trajectory
+        self.effort: np.ndarray | float = 0.0
 
     def begins(self, piece: Trajectory) -> Stage | None:
         """The leg that begins with a piece, None if it goes on."""
@@ -107,22 +106,22 @@ class Dwells:
         if cycle + stage.begin != self._begin:
             self._begin = cycle + stage.begin
             self._low, self._high, self._count = np.full(2, np.inf), np.full(2, -np.inf), 0
-        self.peak = max(self.peak, float(np.linalg.norm(piece.q[:, 2:4], axis=1).max()))
-        self.shortest = min(self.shortest, float(piece.q[:, 4].min()))
+        self.peak = max(self.peak, float(np.linalg.norm(piece.coordinates("phi", "theta"), axis=1).max()))
+        self.shortest = min(self.shortest, float(piece["l_m"].min()))
         if not self.rows:
             self.effort = np.maximum(self.effort, np.abs(piece.effort).max(axis=0))
         end = cycle + stage.end
         rest = piece.between(cycle + stage.arrival, end)
         if len(rest):
-            swing = rest.q[:, 2:4]
+            swing = rest.coordinates("phi", "theta")
             self._low, self._high = np.minimum(self._low, swing.min(axis=0)), np.maximum(self._high, swing.max(axis=0))
             self._count += len(rest)
         if piece.t[-1] < end - 1e-6 or self._count < 2:
             return None
         left = 1000.0 * float(np.hypot(*((self._high - self._low) / 2.0)))
         if not self.rows:
-            self.first = piece.state(-1)
-        self.rows.append(Dwell(stage.leg.name, cycle + stage.arrival, left, left * float(rest.q[-1, 4])))
+            self.first = piece.between(float(piece.t[-1]), float(piece.t[-1]))
+        self.rows.append(Dwell(stage.leg.name, cycle + stage.arrival, left, left * float(rest["l_m"][-1])))
         return self.rows[-1]
 
     def _stage(self, piece: Trajectory) -> tuple[Stage, float]:

@@ -35,7 +35,7 @@ def swing(setup: harness.Setup, link: float) -> Trajectory:
     """Free swing from rest with the drives locked and dummy links of a given mass [kg]."""
     crane = setup.variant(dummy_mass=link, dummy_inertia=link, damp_swing=0)
     start = crane.state(l=LENGTH, phi=SWING)
-    return setup.simulate(crane, locked, None, start=start, duration=DURATION, label=f"links of {link:g} kg", drive="motion")
+    return setup.simulate(crane, locked(crane), None, start=start, duration=DURATION, label=f"links of {link:g} kg", drive="motion")
 
 
 def period(trajectory: Trajectory) -> float:
@@ -68,8 +68,8 @@ def rounding(setup: harness.Setup, duration: float) -> float:
 def tour(setup: harness.Setup, crane: Crane) -> Trajectory:
     """All three drives in prescribed motion at once, with a swing at the start."""
     start = crane.state(x=8.0, l=LENGTH, phi=0.05, theta=-0.03)
-    reference = spline(start, [(0.4, 14.0, LENGTH - 4.0)], [12.0], at=1.0)
-    drives = follow(reference, setup.control_period)
+    reference = spline(crane, start, [(0.4, 14.0, LENGTH - 4.0)], [12.0], at=1.0)
+    drives = follow(crane, reference, setup.control_period)
     label = f"load of {crane.payload_mass:g} kg"
     return setup.simulate(crane, drives, reference, start=start, duration=TOUR, label=label, drive="motion")
 
@@ -82,7 +82,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     runs = {m: swing(setup, m) for m in LINKS}
     periods = {m: period(r) for m, r in runs.items()}
     theory_periods = {
-        m: theory.rigid_period(LENGTH, crane.gravity, crane.payload_mass, crane.payload_inertia + 2.0 * m)
+        m: theory.rigid_period(LENGTH, crane.gravity, crane.payload_mass, crane.payload_inertia[0, 0] + 2.0 * m)
         * float(theory.amplitude_factor(SWING))
         for m in LINKS
     }
@@ -121,7 +121,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
 
 def _spread(runs: dict[float, Trajectory]) -> float:
     """Largest difference in swing between any two runs [rad]."""
-    swings = np.stack([r.q[:, 2:4] for r in runs.values()])
+    swings = np.stack([r.coordinates("phi", "theta") for r in runs.values()])
     return float(np.ptp(swings, axis=0).max())
 
 
@@ -160,7 +160,10 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
     gain = np.array([periods[m] / periods[0.0] - 1 for m in masses])
     ax.loglog(masses, gain, "o", color=COLOURS["phi"], label="simulated")
     ax.loglog(
-        masses, masses / (crane.payload_mass * LENGTH**2 + crane.payload_inertia), color=COLOURS["setpoint"], label="I/(2 m l²), two links"
+        masses,
+        masses / (crane.payload_mass * LENGTH**2 + crane.payload_inertia[0, 0]),
+        color=COLOURS["setpoint"],
+        label="I/(2 m l²), two links",
     )
     ax.axvline(1.0, linestyle=":", color=COLOURS["unexplained"])
     ax.annotate("the article's engine\ndiverged here", (1.0, gain.min()), xytext=(6, 0), textcoords="offset points")

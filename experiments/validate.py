@@ -51,7 +51,10 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     }
     setup = replace(setup, dt=1e-3)
     runs = {
-        name: (crane, setup.simulate(crane, locked, None, start=start, duration=duration, label=name, drive="motion", validity="mark"))
+        name: (
+            crane,
+            setup.simulate(crane, locked(crane), None, start=start, duration=duration, label=name, drive="motion", validity="mark"),
+        )
         for name, (crane, start, duration) in telling.items()
     }
     found = checks(bench, halvings)

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.workload import Case, Contestant, Result, Run, brake, logged
-from cranedyn.model.crane import DRIVES, JOINTS
+from benchmarks.workload import Case, Contestant, Result, Run, brake
 
 
 def _missing() -> str | None:
@@ -44,8 +43,8 @@ def _stepped(case: Case, at_once: int) -> Run:
     substeps = at_once if at_once > 1 else 0
     bullet.setPhysicsEngineParameter(fixedTimeStep=at_once * case.dt, numSubSteps=substeps, physicsClientId=setup)
     places = {bullet.getJointInfo(robot, i, physicsClientId=setup)[1].decode(): i for i in range(bullet.getNumJoints(robot, setup))}
-    joints = [places[joint.name] for joint in JOINTS]
-    drives = [joints[i] for i in DRIVES]
+    joints = [places[joint.name] for joint in case.crane.layout.joints]
+    drives = [joints[i] for i in case.crane.layout.drives]
     for i in range(-1, len(places)):
         bullet.changeDynamics(robot, i, linearDamping=0.0, angularDamping=0.0, maxJointVelocity=1e9, physicsClientId=setup)
     for joint, damping in zip(joints, case.crane.damping, strict=True):
@@ -67,7 +66,7 @@ def _stepped(case: Case, at_once: int) -> Run:
                 for _ in calls:
                     control(robot, drives, torque, forces=tau, physicsClientId=setup)
                     step(setup)
-        return logged(log)
+        return case.logged(log)
 
     return run
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.workload import Case, Contestant, Result, Run, brake, logged
-from cranedyn.model.crane import DRIVES, JOINTS
+from benchmarks.workload import Case, Contestant, Result, Run, brake
 
 
 def _missing() -> str | None:
@@ -23,8 +22,8 @@ def _advanced(case: Case, *, discrete: bool) -> Run:
 
     plant: Any = MultibodyPlant(case.dt if discrete else 0.0)
     Parser(plant).AddModelsFromString(case.crane.urdf, "urdf")
-    for i in DRIVES:
-        plant.AddJointActuator(JOINTS[i].name, plant.GetJointByName(JOINTS[i].name))
+    for i in case.crane.layout.drives:
+        plant.AddJointActuator(case.crane.layout.joints[i].name, plant.GetJointByName(case.crane.layout.joints[i].name))
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -case.crane.gravity])
     plant.Finalize()
     simulator = Simulator(plant)
@@ -47,7 +46,7 @@ def _advanced(case: Case, *, discrete: bool) -> Run:
             port.GetMutableData().get_mutable_value().SetFromVector(row[10:])
             if k < len(log) - 1:
                 advance((k + 1) * case.period)
-        return logged(log)
+        return case.logged(log)
 
     return run
 

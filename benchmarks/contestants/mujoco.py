@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.workload import Case, Contestant, Result, Run, brake, logged, swing
-from cranedyn.model.crane import DRIVES
+from benchmarks.workload import Case, Contestant, Result, Run, brake
 
 
 def twin(urdf: str, *, gravity: float, dt: float) -> Any:
@@ -47,7 +46,7 @@ def _stepped(case: Case, at_once: int) -> Run:
         mujoco.mj_resetData(model, data)
         q, v, tau = data.qpos, data.qvel, data.qfrc_applied
         q[:], v[:] = starts[0, :5], starts[0, 5:]
-        slew, trolley, hoist = DRIVES.tolist()
+        slew, trolley, hoist = case.crane.layout.drives.tolist()
         effort, log = brake(case, starts[0]), np.empty((case.periods(duration) + 1, 13))
         for k, row in enumerate(log):
             row[:5], row[5:10] = q, v
@@ -55,7 +54,7 @@ def _stepped(case: Case, at_once: int) -> Run:
             if k < len(log) - 1:
                 for _ in calls:
                     step(model, data, at_once)
-        return logged(log)
+        return case.logged(log)
 
     return run
 
@@ -75,18 +74,19 @@ def _rolled_out(case: Case) -> Run:
     rollout, hold, limit = Rollout(nthread=threads), case.controller, case.crane.effort_limit
 
     def run(starts: np.ndarray, duration: float) -> Result:
-        count, setpoint = len(starts), starts[:, DRIVES]
+        drives = case.crane.layout.drives
+        count, setpoint = len(starts), starts[:, drives]
         state = np.zeros((count, mujoco.mj_stateSize(model, full)))
         state[:, 1:11] = starts
         states, sensors = np.empty((count, case.steps, state.shape[1])), np.empty((count, case.steps, 0))
-        tau, peaks = np.zeros((count, 1, 5)), swing(starts)
+        tau, peaks = np.zeros((count, 1, 5)), case.swing(starts)
         for _ in range(case.periods(duration)):
             rows = state[:, 1:11]
-            effort = hold.feed_forward + hold.stiffness * (setpoint - rows[:, DRIVES]) - hold.damping * rows[:, 5 + DRIVES]
-            tau[:, 0, DRIVES] = np.clip(effort, -limit, limit)
+            effort = hold.feed_forward + hold.stiffness * (setpoint - rows[:, drives]) - hold.damping * rows[:, 5 + drives]
+            tau[:, 0, drives] = np.clip(effort, -limit, limit)
             rollout.rollout(model, datas, state, tau, control_spec=int(force), nstep=case.steps, state=states, sensordata=sensors)
             state = states[:, -1].copy()
-            peaks = np.maximum(peaks, swing(state[:, 1:11]))
+            peaks = np.maximum(peaks, case.swing(state[:, 1:11]))
         return Result(state[:, 1:11].copy(), peaks)
 
     return run

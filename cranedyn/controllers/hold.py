@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,10 @@ the slew are one of several pairs that meet the published amplitude of experimen
 
 FREQUENCY = 5.0
 """Of a drive in none of these roles with what it moves, held with critical damping, ours [rad/s]."""
+
+
+Gains = Sequence[float] | Mapping[str, float] | None
+"""Of all drives, or of some by their symbols."""
 
 
 @checked
@@ -71,29 +75,38 @@ class Hold:
 def hold_controller(
     crane: Crane,
     *,
-    stiffness: Sequence[float] | None = None,
-    damping: Sequence[float] | None = None,
+    stiffness: Gains = None,
+    damping: Gains = None,
     gravity: float = STANDARD_GRAVITY,
 ) -> Hold:
     """The hold controller for a crane, which knows its masses and believes in a gravity [m/s²] of its own.
 
     Args:
         crane: The crane.
-        stiffness: k_p of the drives, shape (m,); None for `STIFFNESS` by their roles, and for others what makes them as fast as `FREQUENCY`.
-        damping: k_d of the drives, shape (m,); None for `DAMPING`, and for others critical damping.
+        stiffness: k_p of the drives, shape (m,), or of some by their symbols, for example ``{"x": 3e5}``; where nothing is said
+            `STIFFNESS` by their roles, and for others what makes them as fast as `FREQUENCY`.
+        damping: k_d of the drives likewise; where nothing is said `DAMPING`, and for others critical damping.
         gravity: What it believes in [m/s²].
 
     Raises:
         OutOfRange: If there is not one finite gain for each drive.
+        UnknownName: If there is no drive of a symbol.
     """
     moved = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[crane.layout.drives].tolist()
     roles = [joint.role for joint in crane.layout.driven]
-    if stiffness is None:
-        stiffness = [STIFFNESS.get(role, FREQUENCY**2 * inertia) for role, inertia in zip(roles, moved, strict=True)]
-    if damping is None:
-        damping = [DAMPING.get(role, 2.0 * FREQUENCY * inertia) for role, inertia in zip(roles, moved, strict=True)]
-    k_p, k_d = (crane.layout.for_drives(name, part) for name, part in (("stiffness", stiffness), ("damping", damping)))
+    stiff = [STIFFNESS.get(role, FREQUENCY**2 * inertia) for role, inertia in zip(roles, moved, strict=True)]
+    damped = [DAMPING.get(role, 2.0 * FREQUENCY * inertia) for role, inertia in zip(roles, moved, strict=True)]
+    k_p, k_d = (_gains(crane, *given) for given in (("stiffness", stiffness, stiff), ("damping", damping, damped)))
     return Hold(crane, k_p, k_d, np.array([_weight(crane, joint, gravity) for joint in crane.layout.drives.tolist()]))
+
+
+def _gains(crane: Crane, name: str, given: Gains, usual: list[float]) -> np.ndarray:
+    """Gains of all drives, the usual ones where nothing is said."""
+    if isinstance(given, Mapping):
+        for symbol, value in given.items():
+            usual[crane.layout.drive(symbol)] = value
+        given = None
+    return crane.layout.for_drives(name, usual if given is None else given)
 
 
 def _weight(crane: Crane, joint: int, gravity: float) -> float:

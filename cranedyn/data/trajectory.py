@@ -15,7 +15,7 @@ import numpy as np
 
 from cranedyn.arguments import checked, described
 from cranedyn.data.files import parse_json, written
-from cranedyn.errors import DataError, OutOfRange
+from cranedyn.errors import DataError, OutOfRange, UnknownName
 from cranedyn.interfaces import State
 
 if TYPE_CHECKING:
@@ -119,6 +119,38 @@ class Trajectory:
                 values = getattr(self, name)
                 return values if values.ndim == 1 else values[:, columns.index(column)]
         raise KeyError(column)
+
+    def coordinates(self, *symbols: str) -> np.ndarray:
+        """Some coordinates by their symbols, for example "phi", "theta" [rad or m], shape (rows, number of symbols).
+
+        Raises:
+            UnknownName: If there is no coordinate of a symbol.
+        """
+        return self.q[:, self._places(symbols)]
+
+    def rates(self, *symbols: str) -> np.ndarray:
+        """The rates of some coordinates by their symbols [rad/s or m/s], shape (rows, number of symbols).
+
+        Raises:
+            UnknownName: If there is no coordinate of a symbol.
+        """
+        return self.v[:, self._places(symbols)]
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """Of the coordinates."""
+        return tuple(column.rpartition("_")[0] for column in self.columns["q"])
+
+    @property
+    def drives(self) -> list[int]:
+        """Where the drives stand among the coordinates."""
+        return self._places([column.rpartition("_setpoint_")[0] for column in self.columns["setpoint"]])
+
+    def _places(self, symbols: Sequence[str]) -> list[int]:
+        for symbol in symbols:
+            if symbol not in self.symbols:
+                raise UnknownName("coordinate", symbol, self.symbols)
+        return [self.symbols.index(symbol) for symbol in symbols]
 
     def state(self, row: int) -> State:
         """The state at a row; -1 is the last.

@@ -136,6 +136,14 @@ class Layout:
             raise UnknownName("coordinate", symbol, self.symbols)
         return self.symbols.index(symbol)
 
+    def at(self, *symbols: str) -> list[int]:
+        """Where some coordinates stand.
+
+        Raises:
+            UnknownName: If there is none of a symbol.
+        """
+        return [self.index(symbol) for symbol in symbols]
+
     def drive(self, symbol: str) -> int:
         """Where a drive stands among the drives.
 

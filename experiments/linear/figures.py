@@ -21,7 +21,7 @@ def swing_figure(case: Case, gravity: float) -> Figure:
     figure, axes = panels(2, height=2.6, sharex=True)
     swings = {"Eqs. (8), (10)": integrate(case.run, paper, gravity), "all rates kept": integrate(case.run, all_rates, gravity)}
     for ax, i, angle in zip(axes, (0, 1), ("φ", "θ"), strict=True):
-        ax.plot(case.run.t, np.degrees(case.run.q[:, 2 + i]), color=COLOURS["x"], label="plant")
+        ax.plot(case.run.t, np.degrees(case.run.coordinates("phi", "theta")[:, i]), color=COLOURS["x"], label="plant")
         for (name, swing), colour, line in zip(swings.items(), (COLOURS["gamma"], COLOURS["unexplained"]), ("-", ":"), strict=True):
             ax.plot(case.run.t, np.degrees(swing[:, i]), line, color=colour, linewidth=1.2, label=name)
         ax.axvline(case.job.arrival, linestyle="--", color=COLOURS["limit"], linewidth=1.0)

@@ -9,7 +9,6 @@ import numpy as np
 
 from cranedyn import theory
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.model.crane import DRIVES
 
 
 @dataclass(frozen=True)
@@ -52,22 +51,25 @@ def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
 
     Runge-Kutta of order 4, one step for each row; between rows the drives accelerate evenly, as in prescribed motion.
     """
-    h, q, v, a = float(run.t[1] - run.t[0]), run.q, run.v, accelerations(run)
+    names = "gamma", "x", "l"
+    h, q, v, a = float(run.t[1] - run.t[0]), run.coordinates(*names), run.rates(*names), accelerations(run)
 
     def rates(y: np.ndarray, k: int, s: float) -> np.ndarray:
-        slew, x, length = (v[k, DRIVES] + a[k] * s).tolist()
+        slew_rate, x_rate, length_rate = (v[k] + a[k] * s).tolist()
+        slew_acceleration, x_acceleration, _ = a[k]
+        _, x, length = q[k] + (2.0 * v[k] + a[k] * s) / 2.0 * s
         drives = Drives(
-            x=q[k, 1] + (v[k, 1] + x) / 2.0 * s,
-            x_rate=x,
-            x_acceleration=a[k, 1],
-            slew_rate=slew,
-            slew_acceleration=a[k, 0],
-            length=q[k, 4] + (v[k, 4] + length) / 2.0 * s,
-            length_rate=length,
+            x=x,
+            x_rate=x_rate,
+            x_acceleration=x_acceleration,
+            slew_rate=slew_rate,
+            slew_acceleration=slew_acceleration,
+            length=length,
+            length_rate=length_rate,
         )
         return np.concatenate([y[2:], model(y[:2], y[2:], drives, gravity)])
 
-    found = [np.concatenate([q[0, 2:4], v[0, 2:4]])]
+    found = [np.hstack([run.coordinates("phi", "theta"), run.rates("phi", "theta")])[0]]
     for k in range(len(a)):
         y = found[-1]
         k1 = rates(y, k, 0.0)
@@ -79,7 +81,7 @@ def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
 
 def accelerations(run: Trajectory) -> np.ndarray:
     """Of the drives between each row and the next [rad/s², m/s², m/s²], shape (n - 1, 3)."""
-    return np.diff(run.v[:, DRIVES], axis=0) / np.diff(run.t)[:, None]
+    return np.diff(run.rates("gamma", "x", "l"), axis=0) / np.diff(run.t)[:, None]
 
 
 @dataclass(frozen=True)
@@ -105,8 +107,9 @@ class Miss:
 
 def miss(run: Trajectory, modelled: np.ndarray) -> Miss:
     """Compare what `integrate` made of a model with the run that it follows."""
-    swing = float(np.linalg.norm(run.q[:, 2:4], axis=1).max())
-    error = (modelled[:, :2] - run.q[:, 2:4]) / swing
+    angles = run.coordinates("phi", "theta")
+    swing = float(np.linalg.norm(angles, axis=1).max())
+    error = (modelled[:, :2] - angles) / swing
     phi, theta = np.sqrt(np.mean(error**2, axis=0)).tolist()
     return Miss(swing, phi, theta, float(np.linalg.norm(error, axis=1).max()))
 
@@ -117,8 +120,8 @@ def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
     Returns:
         The larger of ẍ and x γ̈ [m/s²]; each dropped term by its formula, as a share of that.
     """
-    _, x, phi, theta, length = run.q[:-1].T
-    slew_rate, x_rate, phi_rate, theta_rate, length_rate = run.v[:-1].T
+    x, phi, theta, length = run.coordinates("x", "phi", "theta", "l")[:-1].T
+    slew_rate, x_rate, phi_rate, theta_rate, length_rate = run.rates("gamma", "x", "phi", "theta", "l")[:-1].T
     slew, trolley, _ = accelerations(run).T
     terms: Mapping[str, Sequence[np.ndarray]] = {
         "γ̇² (x - lφ)": [slew_rate**2 * (x - length * phi)],

@@ -53,9 +53,9 @@ class Case:
 
 def move(setup: harness.Setup, crane: Crane, job: Job, label: str) -> Trajectory:
     """A move and one swing after it, the drives in prescribed motion."""
-    period = float(theory.point_period(job.reference(job.arrival).position[2], setup.gravity))
+    period = float(theory.point_period(job.reference(job.arrival).position[crane.layout.drive("l")], setup.gravity))
     duration = math.ceil((job.arrival + period) / setup.control_period) * setup.control_period
-    drives = follow(job.reference, setup.control_period)
+    drives = follow(crane, job.reference, setup.control_period)
     return setup.simulate(crane, drives, job.reference, start=job.start, duration=duration, label=label, drive="motion")
 
 
@@ -98,7 +98,12 @@ def powers(setup: harness.Setup, site: Site, crane: Crane) -> list[float]:
     first, last = DEEP * site.height, HIGH * site.height
     start = crane.state(l=first, phi=SWING)
     duration = 15.0 / 8.0 * (first - last) / site.hoist[0]
-    run = move(setup, crane, Job("", start, spline(start, [(0.0, start.q[1], last)], [duration]), duration), f"{site.name}: slow hoisting")
+    run = move(
+        setup,
+        crane,
+        Job("", start, spline(crane, start, [(0.0, start.q[crane.layout.index("x")], last)], [duration]), duration),
+        f"{site.name}: slow hoisting",
+    )
     ends = (np.concatenate([run.q[-1, 2:4], run.v[-1, 2:4]]), integrate(run, paper, setup.gravity)[-1])
     amplitudes = [swing_amplitude(end[None, :2], end[None, 2:], last, setup.gravity)[0] for end in ends]
     return [math.log(amplitude / SWING) / math.log(last / first) for amplitude in amplitudes]

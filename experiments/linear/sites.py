@@ -102,14 +102,14 @@ def jobs(site: Site, crane: Crane) -> list[Job]:
     slow, fast = (JoystickPulse("l", -speed, 0.0, way * site.height / speed) for speed, way in zip(site.hoist, (0.3, 0.6), strict=True))
     inside, outside, below = (crane.state(x=x, l=cable) for x, cable in ((middle, high), (tip, high), (middle, deep)))
     return [
-        _splined("trolley, spline", site, inside, (0.0, tip, high)),
-        _joystick_job("trolley", site, inside, out),
-        _splined("slew, spline", site, outside, (QUARTER, tip, high)),
-        _joystick_job("slew", site, outside, slew),
-        _joystick_job("slew, trolley", site, inside, slew, out),
-        _joystick_job("trolley, slow hoist", site, below, out, slow),
-        _joystick_job("trolley, fast hoist", site, below, out, fast),
-        _joystick_job("slew, trolley, fast hoist", site, below, slew, out, fast),
+        _splined("trolley, spline", site, crane, inside, (0.0, tip, high)),
+        _joystick_job("trolley", site, crane, inside, out),
+        _splined("slew, spline", site, crane, outside, (QUARTER, tip, high)),
+        _joystick_job("slew", site, crane, outside, slew),
+        _joystick_job("slew, trolley", site, crane, inside, slew, out),
+        _joystick_job("trolley, slow hoist", site, crane, below, out, slow),
+        _joystick_job("trolley, fast hoist", site, crane, below, out, fast),
+        _joystick_job("slew, trolley, fast hoist", site, crane, below, slew, out, fast),
     ]
 
 
@@ -126,6 +126,7 @@ def slow_slews(site: Site, crane: Crane) -> list[Job]:
     return [
         _moved(
             f"slew at {share:g} of the rate",
+            crane,
             _outside(site, crane),
             (share * slew, *others),
             JoystickPulse("gamma", share * site.slew, 0.0, HOLD),
@@ -138,7 +139,7 @@ def short_slews(site: Site, crane: Crane) -> list[Job]:
     """Slews by small angles at the usual acceleration, most of which never reach the rate."""
     holds = [max(math.sqrt(a / site.accelerations[0]), a / site.slew) for a in map(math.radians, ANGLES)]
     return [
-        _joystick_job(f"slew of {angle:g}°", site, _outside(site, crane), JoystickPulse("gamma", site.slew, 0.0, hold))
+        _joystick_job(f"slew of {angle:g}°", site, crane, _outside(site, crane), JoystickPulse("gamma", site.slew, 0.0, hold))
         for angle, hold in zip(ANGLES, holds, strict=True)
     ]
 
@@ -147,16 +148,16 @@ def _outside(site: Site, crane: Crane) -> State:
     return crane.state(x=0.9 * site.jib, l=2.0 / 3.0 * site.height)
 
 
-def _splined(name: str, site: Site, start: State, goal: Sequence[float]) -> Job:
-    (duration,) = shortest(start, [goal], rates=(site.slew, site.trolley, site.hoist[1]), accelerations=site.accelerations)
-    return Job(name, start, spline(start, [goal], [duration]), duration)
+def _splined(name: str, site: Site, crane: Crane, start: State, goal: Sequence[float]) -> Job:
+    (duration,) = shortest(crane, start, [goal], rates=(site.slew, site.trolley, site.hoist[1]), accelerations=site.accelerations)
+    return Job(name, start, spline(crane, start, [goal], [duration]), duration)
 
 
-def _joystick_job(name: str, site: Site, start: State, *pulses: JoystickPulse) -> Job:
-    return _moved(name, start, site.accelerations, *pulses)
+def _joystick_job(name: str, site: Site, crane: Crane, start: State, *pulses: JoystickPulse) -> Job:
+    return _moved(name, crane, start, site.accelerations, *pulses)
 
 
-def _moved(name: str, start: State, accelerations: Sequence[float], *pulses: JoystickPulse) -> Job:
+def _moved(name: str, crane: Crane, start: State, accelerations: Sequence[float], *pulses: JoystickPulse) -> Job:
     limits = dict(zip(("gamma", "x", "l"), accelerations, strict=True))
     arrival = max(pulse.at + pulse.hold + abs(pulse.rate) / limits[pulse.drive] for pulse in pulses)
-    return Job(name, start, operator(start, pulses, accelerations=accelerations), arrival)
+    return Job(name, start, operator(crane, start, pulses, accelerations=accelerations), arrival)

@@ -32,7 +32,7 @@ def free(crane: Crane, drive: int) -> Controller:
     """Prescribed motion in which one drive (0 slew, 1 trolley) exerts nothing and the others keep their speed."""
 
     def accelerations(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        none, one = np.zeros(3), np.eye(3)[drive]
+        none, one = np.zeros(crane.layout.m), np.eye(crane.layout.m)[drive]
         needed, more = (prescribed_acceleration(crane, state, a)[1][drive] for a in (none, one))
         return -needed / (more - needed) * one
 

@@ -45,9 +45,11 @@ def _constant(bench: Bench, crane: Crane, length: float, rate: float) -> Oracle:
     return Oracle(f"φ after {AFTER:g} s at {rate:+g} m/s from l = {length:g} m", "rad", closed, read, late, "finite swing")
 
 
-def _hoisted(bench: Bench, crane: Crane, start: State, dt: float) -> State:
-    slow = spline(start, [(0.0, start.q[1], TO)], [SLOWLY])
-    return bench.moved(crane, start, slow, SLOWLY, dt, every=10).state(-1)
+def _hoisted(bench: Bench, crane: Crane, start: State, dt: float) -> tuple[float, float]:
+    """φ and its rate at the end."""
+    slow = spline(crane, start, [(0.0, start.q[crane.layout.index("x")], TO)], [SLOWLY])
+    run = bench.moved(crane, start, slow, SLOWLY, dt, every=10)
+    return float(run["phi_rad"][-1]), float(run["phi_dot_rad_s"][-1])
 
 
 def _fast() -> float:
@@ -60,8 +62,8 @@ def _fast() -> float:
 def _power(bench: Bench, crane: Crane) -> Oracle:
     def read(dt: float) -> float:
         small = SMALL * SWING
-        last = _hoisted(bench, crane, crane.state(l=FROM, phi=small), dt)
-        return math.log(math.hypot(last.q[2], last.v[2] * math.sqrt(TO / G)) / small) / math.log(TO / FROM)
+        phi, rate = _hoisted(bench, crane, crane.state(l=FROM, phi=small), dt)
+        return math.log(math.hypot(phi, rate * math.sqrt(TO / G)) / small) / math.log(TO / FROM)
 
     return Oracle("exponent of the amplitude, l slowly 20 to 10 m", "", -0.75, read, _fast(), "(l̇/ωl)²")
 
@@ -71,8 +73,8 @@ def _action(bench: Bench, crane: Crane) -> Oracle:
     large = math.radians(LARGE)
 
     def read(dt: float) -> float:
-        last = _hoisted(bench, crane, crane.state(l=FROM, phi=large), dt)
-        return math.acos(math.cos(last.q[2]) - TO * last.v[2] ** 2 / (2.0 * G))
+        phi, rate = _hoisted(bench, crane, crane.state(l=FROM, phi=large), dt)
+        return math.acos(math.cos(phi) - TO * rate**2 / (2.0 * G))
 
     closed = float(theory.adiabatic_amplitude(np.array([TO]), FROM, large)[0])
     return Oracle(f"amplitude then, {LARGE:g}° at first, by the action", "rad", closed, read, closed * _fast(), "(l̇/ωl)²")

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from cranedyn import theory
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import spline
@@ -33,9 +34,10 @@ def oracles(bench: Bench) -> list[Oracle]:
     return [_pulse(bench, crane), _coast(bench, crane), *splines, *(_quiet(bench, crane, ratio) for ratio in QUIET)]
 
 
-def _left(state: State) -> float:
-    """Amplitude of the swing that is left [rad], scaled up again."""
-    return math.hypot(state.q[2], state.v[2] * math.sqrt(state.q[4] / G)) / SMALL
+def _left(run: Trajectory) -> float:
+    """Amplitude of the radial swing that is left [rad], scaled up again."""
+    phi, rate, length = (float(run[column][-1]) for column in ("phi_rad", "phi_dot_rad_s", "l_m"))
+    return math.hypot(phi, rate * math.sqrt(length / G)) / SMALL
 
 
 def _finite(swing: float) -> float:
@@ -46,9 +48,9 @@ def _finite(swing: float) -> float:
 def _pulsed(bench: Bench, crane: Crane, duration: float, dt: float) -> float:
     def trolley_pulse(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         braking = t > PULSE + COAST - dt / 2.0
-        return np.array([0.0, SMALL * PUSH * ((t < PULSE - dt / 2.0) - braking), 0.0])
+        return SMALL * PUSH * ((t < PULSE - dt / 2.0) - braking) * crane.layout.along("x")
 
-    return _left(bench.run(crane, crane.state(l=LENGTH), duration, dt, trolley_pulse).state(-1))
+    return _left(bench.run(crane, crane.state(l=LENGTH), duration, dt, trolley_pulse))
 
 
 def _pulse(bench: Bench, crane: Crane) -> Oracle:
@@ -65,8 +67,8 @@ def _coast(bench: Bench, crane: Crane) -> Oracle:
 
 def _moved(bench: Bench, crane: Crane, length: float, duration: float, dt: float) -> float:
     start = crane.state(l=length)
-    goal = (0.0, float(start.q[1]) + SMALL * DISTANCE, length)
-    return _left(bench.moved(crane, start, spline(start, [goal], [duration]), duration, dt).state(-1))
+    goal = (0.0, float(start.q[crane.layout.index("x")]) + SMALL * DISTANCE, length)
+    return _left(bench.moved(crane, start, spline(crane, start, [goal], [duration]), duration, dt))
 
 
 def _spline(bench: Bench, crane: Crane, length: float, duration: float) -> Oracle:

@@ -21,8 +21,9 @@ EVERY, SELDOM = 5, 50
 """Physics steps to a control period, and where nothing is commanded and only the end is read."""
 
 
-locked = Hold(np.zeros(3), np.zeros(3))
-"""Drives of prescribed motion that keep the speed they have."""
+def locked(crane: Crane) -> Hold:
+    """Drives of prescribed motion that keep the speed they have; drives of efforts that exert none."""
+    return Hold(crane, *np.zeros((3, crane.layout.m)))
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Bench:
         start: State,
         duration: float,
         dt: float,
-        controller: Controller = locked,
+        controller: Controller | None = None,
         *,
         every: int = EVERY,
         drive: Drive = "motion",
@@ -51,7 +52,7 @@ class Bench:
         """A run with drives in prescribed motion unless said otherwise; mechanics goes on where a rope or a range would end."""
         return simulate(
             crane,
-            controller,
+            controller or locked(crane),
             start=start,
             duration=duration,
             dt=dt,
@@ -63,7 +64,7 @@ class Bench:
 
     def moved(self, crane: Crane, start: State, reference: Reference, duration: float, dt: float, *, every: int = EVERY) -> Trajectory:
         """A run whose drives follow a reference."""
-        return self.run(crane, start, duration, dt, follow(reference, every * dt), every=every)
+        return self.run(crane, start, duration, dt, follow(crane, reference, every * dt), every=every)
 
 
 def curve(t: np.ndarray, y: np.ndarray, row: int) -> BSpline:

@@ -54,7 +54,7 @@ def _stay(bench: Bench, crane: Crane, radius: float, length: float, rpm: float) 
     start = crane.state(x=radius, l=length, gamma_dot=rate, phi=theory.slewing_swing(radius, length, rate, G))
 
     def strays(dt: float) -> float:
-        swing = bench.run(crane, start, MINUTE, dt, every=SELDOM).q[:, 2:4]
+        swing = bench.run(crane, start, MINUTE, dt, every=SELDOM).coordinates("phi", "theta")
         return float(np.abs(swing - swing[0]).max())
 
     return Oracle("strays from there in a minute without damping", "rad", 0.0, strays)

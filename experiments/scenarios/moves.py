@@ -12,7 +12,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
 
 CLOSE = 0.010
@@ -124,27 +124,28 @@ def residual(trajectory: Trajectory) -> float:
     """
     if len(trajectory) < 2:
         raise OutOfRange("number of control instants in a dwell", len(trajectory), "2 or more: a shorter control period, a longer dwell")
-    return float(math.hypot(*(np.ptp(trajectory.q[:, 2:4], axis=0) / 2.0)))
+    return float(math.hypot(*(np.ptp(trajectory.coordinates("phi", "theta"), axis=0) / 2.0)))
 
 
 def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
     """Score a run that should arrive at a goal at a time [s] and goes on for 20 s."""
-    amplitude = swing_amplitude(run.q[:, 2:4], run.v[:, 2:4], run.q[:, 4], crane.gravity)
+    swing = run.coordinates("phi", "theta")
+    amplitude = swing_amplitude(swing, run.rates("phi", "theta"), run["l_m"], crane.gravity)
     there = payload_position(crane, goal.q)
     after = run.since(arrives - 1e-9)
     distance = np.linalg.norm([payload_position(crane, q) - there for q in after.q], axis=1)
-    beyond = run.effort - np.array([0.0, 0.0, -crane.payload_mass * crane.gravity])
+    beyond = run.effort + crane.payload_mass * crane.gravity * crane.layout.along("l")
     return Score(
         arrives=arrives,
-        peak=float(np.linalg.norm(run.q[:, 2:4], axis=1).max()),
+        peak=float(np.linalg.norm(swing, axis=1).max()),
         arrival=float(amplitude[-len(after)]),
         later=float(amplitude[-1]),
         settled=settling_time(after.t - arrives, distance, CLOSE),
-        length=float(run.q[-1, 4]),
-        tracking=1000.0 * np.abs(run.q[:, DRIVES] - run.setpoint).max(axis=0),
+        length=float(run["l_m"][-1]),
+        tracking=1000.0 * np.abs(run.q[:, run.drives] - run.setpoint).max(axis=0),
         effort=np.abs(beyond).max(axis=0),
         rms=np.sqrt(np.mean(beyond**2, axis=0)),
-        rate=float((np.abs(run.v[:, DRIVES]) / LIMITS.rates).max()),
-        acceleration=float((np.abs(np.diff(run.v[:, DRIVES], axis=0)) / np.diff(run.t)[:, None] / LIMITS.accelerations).max()),
+        rate=float((np.abs(run.v[:, run.drives]) / LIMITS.rates).max()),
+        acceleration=float((np.abs(np.diff(run.v[:, run.drives], axis=0)) / np.diff(run.t)[:, None] / LIMITS.accelerations).max()),
         work=float(np.maximum(np.diff(run.work, axis=0), 0.0).sum()),
     )

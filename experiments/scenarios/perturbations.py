@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cranedyn.controllers.observer import observed
-from cranedyn.controllers.sensed import NOISE, sensed
+from cranedyn.controllers.sensed import noise_of, sensed
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.errors import CraneError
@@ -28,7 +28,7 @@ class Perturbation:
         load: Mass of the payload over that planned for.
         values: Further numbers of the crane.
         cable: By which share the cable is longer than measured.
-        noise: Standard deviations of what the sensors add to coordinates and rates, shape (10,); None for none.
+        noise: Of the sensors, as a multiple of `cranedyn.controllers.sensed.noise_of`.
         delay: By how many control periods the sensors are late.
         disturbance: What acts from outside, for a crane and the time at which it should arrive [s].
         observer: Whether the swing is estimated from the drives instead of measured.
@@ -38,7 +38,7 @@ class Perturbation:
     load: float = 1.0
     values: Mapping[str, float] = field(default_factory=dict)
     cable: float = 0.0
-    noise: np.ndarray | None = None
+    noise: float = 0.0
     delay: int = 0
     disturbance: Callable[[Crane, float], Disturbance] | None = None
     observer: bool = False
@@ -46,7 +46,7 @@ class Perturbation:
     @property
     def sensors_only(self) -> bool:
         """Whether it is nothing but the measurement of the swing that differs."""
-        return self.noise is not None or self.delay > 0 or self.observer
+        return self.noise > 0.0 or self.delay > 0 or self.observer
 
 
 def _gust(crane: Crane, arrives: float) -> Disturbance:
@@ -62,7 +62,7 @@ PERTURBATIONS = (
     Perturbation("load +50 %", load=1.5),
     Perturbation("cable -10 %", cable=-0.1),
     Perturbation("cable +10 %", cable=0.1),
-    Perturbation("noise", noise=NOISE),
+    Perturbation("noise", noise=1.0),
     Perturbation("delay 5 ms", delay=1),
     Perturbation("damped swing", values={"damp_swing": 5000.0}),
     Perturbation("gust", disturbance=_gust),
@@ -81,18 +81,18 @@ def make(
     """
     values = {**perturbation.values, **({} if perturbation.load == 1.0 else {"payload_mass": perturbation.load * setup.crane.payload_mass})}
     crane = setup.variant(**values) if values else setup.crane
-    first, last = (_stretched(end, perturbation.cable) for end in move.ends(setup.crane))
-    first.q[2:4] = move.swing
+    first, last = (_stretched(crane, end, perturbation.cable) for end in move.ends(setup.crane))
+    first.q[crane.swings] = move.swing
     controller = plan.controller()
     if perturbation.observer:
         if plan.motion is None:
             raise CraneError("Without a planned motion there is nothing to linearise an observer about.")
         controller = observed(controller, setup.crane, plan.motion, dt=setup.dt)
-    if perturbation.noise is not None or perturbation.delay:
-        noise = np.zeros(10) if perturbation.noise is None else perturbation.noise
-        controller = sensed(controller, delay=perturbation.delay, noise=noise, rng=np.random.default_rng(1))
+    if perturbation.noise or perturbation.delay:
+        noise = perturbation.noise * noise_of(crane)
+        controller = sensed(crane, controller, delay=perturbation.delay, noise=noise, rng=np.random.default_rng(1))
     if perturbation.cable:
-        controller = _misread(controller, perturbation.cable)
+        controller = _misread(crane, controller, perturbation.cable)
     duration = instant(setup, plan.arrives + AFTER)
     run = setup.simulate(
         crane,
@@ -107,14 +107,19 @@ def make(
     return run, score(crane, last, run, plan.arrives)
 
 
-def _stretched(state: State, share: float) -> State:
+def _stretched(crane: Crane, state: State, share: float) -> State:
     """The state with a cable longer by a share."""
-    return State(state.q * np.array([1.0, 1.0, 1.0, 1.0, 1.0 + share]), state.v.copy())
+    return State(state.q * _cable(crane, 1.0 + share), state.v.copy())
 
 
-def _misread(controller: Controller, share: float) -> Controller:
+def _cable(crane: Crane, factor: float) -> np.ndarray:
+    """A factor for the cable among ones for all other coordinates."""
+    return np.array([factor if symbol == "l" else 1.0 for symbol in crane.layout.symbols])
+
+
+def _misread(crane: Crane, controller: Controller, share: float) -> Controller:
     """A controller that takes the cable for shorter by a share than it is."""
-    scale = np.array([1.0, 1.0, 1.0, 1.0, 1.0 / (1.0 + share)])
+    scale = _cable(crane, 1.0 / (1.0 + share))
 
     def misled(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         return controller(t, State(scale * state.q, scale * state.v), setpoint)

@@ -34,9 +34,11 @@ def _shaped_spline(shaper: Shaper) -> Callable[[Setup, Move], strategies.Plan]:
 
     def plan(setup: Setup, move: Move) -> strategies.Plan:
         period = strategies.mean_period(setup, move)
-        base = spline(move.ends(setup.crane)[0], [move.goal], [move.duration - period * float(shaper.fractions[-1])])
+        base = spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [move.duration - period * float(shaper.fractions[-1])])
         reference = shaped(base, shaper, period)
-        return strategies.Plan(lambda: follow(reference, setup.control_period), reference, "motion", move.duration, uses_swing_sensor=False)
+        return strategies.Plan(
+            lambda: follow(setup.crane, reference, setup.control_period), reference, "motion", move.duration, uses_swing_sensor=False
+        )
 
     return plan
 
@@ -44,9 +46,11 @@ def _shaped_spline(shaper: Shaper) -> Callable[[Setup, Move], strategies.Plan]:
 def _shaped_for_moving_cable(setup: Setup, move: Move) -> strategies.Plan:
     """The same by the shaper that knows how the cable moves."""
     shorter = move.duration - float(point_period(move.goal[2], setup.crane.gravity)) / 2.0
-    base = spline(move.ends(setup.crane)[0], [move.goal], [shorter])
-    reference = shaped_hoisting(base, zv(), setup.crane.gravity, shorter, step=setup.control_period)
-    return strategies.Plan(lambda: follow(reference, setup.control_period), reference, "motion", move.duration, uses_swing_sensor=False)
+    base = spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [shorter])
+    reference = shaped_hoisting(setup.crane, base, zv(), shorter, step=setup.control_period)
+    return strategies.Plan(
+        lambda: follow(setup.crane, reference, setup.control_period), reference, "motion", move.duration, uses_swing_sensor=False
+    )
 
 
 STRATEGIES: dict[str, Callable[[Setup, Move], strategies.Plan]] = {
@@ -89,9 +93,9 @@ def _made(setup: Setup, strategy: str, duration: float, loads: np.ndarray, error
     move = replace(COMBINED, duration=duration)
     plan = STRATEGIES[strategy](setup, move)
     cranes = [_crane(setup.gravity, float(load) * setup.crane.payload_mass) for load in loads]
-    start, goal = (_longer(end, errors) for end in move.ends(setup.crane))
-    offset = np.zeros((len(errors), 10))
-    offset[:, 4] = -errors
+    start, goal = (_longer(setup.crane, end, errors) for end in move.ends(setup.crane))
+    offset = np.zeros((len(errors), 2 * setup.crane.layout.n))
+    offset[:, setup.crane.layout.index("l")] = -errors
     ends = strategies.instant(setup, plan.arrives + AFTER)
     batch = simulate_batch(
         cranes,
@@ -118,10 +122,10 @@ def _made(setup: Setup, strategy: str, duration: float, loads: np.ndarray, error
     }
 
 
-def _longer(state: State, by: np.ndarray) -> State:
+def _longer(crane: Crane, state: State, by: np.ndarray) -> State:
     """Many states with cables longer by so much [m]."""
     q = np.tile(state.q, (len(by), 1))
-    q[:, 4] += by
+    q[:, crane.layout.index("l")] += by
     return State(q, np.zeros_like(q))
 
 

@@ -48,12 +48,12 @@ class Plan(NamedTuple):
 
 
 def _spline(setup: harness.Setup, move: Move) -> Spline:
-    return spline(move.ends(setup.crane)[0], [move.goal], [move.duration])
+    return spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [move.duration])
 
 
 def _alone(setup: harness.Setup, move: Move) -> Plan:
     reference = _spline(setup, move)
-    return Plan(lambda: follow(reference, setup.control_period), reference, "motion", move.duration, uses_swing_sensor=False)
+    return Plan(lambda: follow(setup.crane, reference, setup.control_period), reference, "motion", move.duration, uses_swing_sensor=False)
 
 
 def _spline_pd(setup: harness.Setup, move: Move) -> Plan:
@@ -62,13 +62,13 @@ def _spline_pd(setup: harness.Setup, move: Move) -> Plan:
 
 def _paper(setup: harness.Setup, move: Move) -> Plan:
     reference = _spline(setup, move)
-    motion = plumb(reference, move.duration, setup.control_period)
+    motion = plumb(setup.crane, reference, move.duration, setup.control_period)
     made = paper_controller(setup.crane, motion)
     return Plan(lambda: replace(made, integral=0.0), reference, "effort", move.duration, motion)
 
 
 def _lqr(setup: harness.Setup, move: Move) -> Plan:
-    return _tracked(setup, plumb(_spline(setup, move), move.duration, setup.control_period))
+    return _tracked(setup, plumb(setup.crane, _spline(setup, move), move.duration, setup.control_period))
 
 
 def _flat(setup: harness.Setup, move: Move) -> Plan:
@@ -89,7 +89,7 @@ def _tracked(setup: harness.Setup, motion: Motion) -> Plan:
 
 def with_integral(setup: harness.Setup, motion: Motion) -> HoistIntegral:
     """The full-model LQR about a motion with an integrator on the hoist."""
-    return HoistIntegral(lqr(setup.crane, motion, dt=setup.dt), HOIST_INTEGRAL, float(setup.crane.effort_limit[2]))
+    return HoistIntegral(setup.crane, lqr(setup.crane, motion, dt=setup.dt), HOIST_INTEGRAL, float(setup.crane.effort_limit[2]))
 
 
 def joystick(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
@@ -103,12 +103,14 @@ def joystick(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
             speed = min(rate, math.sqrt(distance * acceleration))
             pulses.append(JoystickPulse(drive, math.copysign(speed, last - first), 0.0, distance / speed))
             end = max(end, distance / speed + speed / acceleration)
-    return operator(move.ends(setup.crane)[0], pulses, accelerations=LIMITS.accelerations), end
+    return operator(setup.crane, move.ends(setup.crane)[0], pulses, accelerations=LIMITS.accelerations), end
 
 
 def _operator(setup: harness.Setup, move: Move) -> Plan:
     reference, end = joystick(setup, move)
-    return Plan(lambda: follow(reference, setup.control_period), reference, "motion", instant(setup, end), uses_swing_sensor=False)
+    return Plan(
+        lambda: follow(setup.crane, reference, setup.control_period), reference, "motion", instant(setup, end), uses_swing_sensor=False
+    )
 
 
 def _shaped(shaper: Shaper) -> Callable[[harness.Setup, Move], Plan]:
@@ -117,16 +119,16 @@ def _shaped(shaper: Shaper) -> Callable[[harness.Setup, Move], Plan]:
         period = mean_period(setup, move)
         reference = shaped(base, shaper, period)
         arrives = instant(setup, end + period * float(shaper.fractions[-1]))
-        return Plan(lambda: follow(reference, setup.control_period), reference, "motion", arrives, uses_swing_sensor=False)
+        return Plan(lambda: follow(setup.crane, reference, setup.control_period), reference, "motion", arrives, uses_swing_sensor=False)
 
     return plan
 
 
 def _shaped_hoisting(setup: harness.Setup, move: Move) -> Plan:
     base, end = joystick(setup, move)
-    reference = shaped_hoisting(base, zv(), setup.crane.gravity, end, step=setup.control_period)
+    reference = shaped_hoisting(setup.crane, base, zv(), end, step=setup.control_period)
     arrives = instant(setup, end + float(point_period(move.goal[2], setup.crane.gravity)) / 2.0)
-    return Plan(lambda: follow(reference, setup.control_period), reference, "motion", arrives, uses_swing_sensor=False)
+    return Plan(lambda: follow(setup.crane, reference, setup.control_period), reference, "motion", arrives, uses_swing_sensor=False)
 
 
 def _damped(setup: harness.Setup, move: Move) -> Plan:

@@ -9,7 +9,6 @@ import numpy as np
 from cranedyn.controllers import hold_controller, paper_controller
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, State
-from cranedyn.model.crane import DRIVES
 from cranedyn.references import ARTICLE_TOUR, itinerary, plumb, shaped_hoisting, shortest, spline, zv
 from cranedyn.references.flat import flat
 from cranedyn.references.itinerary import Timetable
@@ -24,29 +23,32 @@ Way = tuple[Timetable, Controller]
 
 
 def _none(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
-    made = itinerary(setup.crane.start, ARTICLE_TOUR, rates=limits.rates, dwell=dwell)
+    made = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=limits.rates, dwell=dwell)
     for stage in made.stages:
-        setup.crane.state(gamma=stage.target[0], x=stage.target[1], l=stage.target[2])  # refuses a target out of range
+        setup.crane.state(**dict(zip(("gamma", "x", "l"), stage.target, strict=True)))  # refuses a target out of range
     return made, hold_controller(setup.crane)
 
 
 def _shaped(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
     bare, brake = _none(setup, limits, dwell)
-    reference = shaped_hoisting(bare, zv(), setup.crane.gravity, bare.duration, step=setup.control_period)
-    longest = max(np.pi * np.sqrt(stage.target[2] / setup.crane.gravity) for stage in bare.stages)
-    if dwell < longest:
-        raise CraneError(f"The dwell is {dwell:g} s; shaped legs take {longest:.2f} s longer than bare ones, so it must be that at least.")
-    stages = tuple(s._replace(arrival=s.arrival + float(np.pi * np.sqrt(s.target[2] / setup.crane.gravity))) for s in bare.stages)
-    plan = plumb(reference, bare.duration, setup.control_period)
+    reference = shaped_hoisting(setup.crane, bare, zv(), bare.duration, step=setup.control_period)
+    hoist = setup.crane.layout.along("l")
+    later = [float(np.pi * np.sqrt(stage.target @ hoist / setup.crane.gravity)) for stage in bare.stages]
+    if dwell < max(later):
+        raise CraneError(
+            f"The dwell is {dwell:g} s; shaped legs take {max(later):.2f} s longer than bare ones, so it must be that at least."
+        )
+    stages = tuple(stage._replace(arrival=stage.arrival + by) for stage, by in zip(bare.stages, later, strict=True))
+    plan = plumb(setup.crane, reference, bare.duration, setup.control_period)
     return Tour(stages, plan), brake
 
 
 def _spline(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
     def plan(start: State, goal: State) -> Motion:
-        aim = [goal.q[DRIVES]]
-        (duration,) = shortest(start, aim, rates=limits.rates, accelerations=limits.accelerations)
+        aim = [goal.q[setup.crane.layout.drives]]
+        (duration,) = shortest(setup.crane, start, aim, rates=limits.rates, accelerations=limits.accelerations)
         duration = setup.control_period * np.ceil(duration / setup.control_period)
-        return plumb(spline(start, aim, [duration]), duration, setup.control_period)
+        return plumb(setup.crane, spline(setup.crane, start, aim, [duration]), duration, setup.control_period)
 
     return tour(setup.crane, ARTICLE_TOUR, plan, dwell=dwell)
 
@@ -55,7 +57,7 @@ def _flat(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
     gaining = 2.5 * np.divide(limits.rates, limits.accelerations)
 
     def plan(start: State, goal: State) -> Motion:
-        ramp = float(gaining[(goal.q != start.q)[DRIVES]].max(initial=0.0))
+        ramp = float(gaining[(goal.q != start.q)[setup.crane.layout.drives]].max(initial=0.0))
 
         def lasting(duration: float, period: float = 10.0 * setup.control_period) -> Motion:
             return flat(setup.crane, start, goal, duration, ramp=max(period, min(ramp, duration / 2.0)), period=period)
