@@ -7,11 +7,7 @@ import re
 import sys
 from collections.abc import Iterable
 from numbers import Integral
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from cranedyn.data.trajectory import Trajectory
-
+from typing import Any
 
 _LONGEST = 2000
 _LONGEST_QUOTE = 200
@@ -135,7 +131,7 @@ class RunError(CraneError):
         trajectory: Everything recorded up to then.
     """
 
-    def __init__(self, sentence: str, *, t: float, joint: str = "", value: float = math.nan, trajectory: Trajectory | None = None) -> None:
+    def __init__(self, sentence: str, *, t: float, joint: str = "", value: float = math.nan, trajectory: Any = None) -> None:
         """Keep the values; the sentence is given."""
         self.t, self.joint, self.value, self.trajectory = t, joint, value, trajectory
         super().__init__(sentence)

@@ -61,7 +61,7 @@ from cranedyn.references.limits import Limits, fastest, use
 from cranedyn.references.shaped import Shaper, shaped_hoisting
 from cranedyn.references.spline import Spline
 from cranedyn.references.tour import tour
-from cranedyn.simulation.clocks import clocks, intervals
+from cranedyn.clocks import clocks, intervals
 from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import cross, grid
 from tests.helpers import crane

@@ -43,7 +43,7 @@ from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold
 from cranedyn.references.ramp import ramp
-from cranedyn.simulation.clocks import clocks
+from cranedyn.clocks import clocks
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import ROOT, crane
 

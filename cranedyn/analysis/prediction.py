@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.clocks import intervals, multiple
 from cranedyn.controllers import Hold
 from cranedyn.dynamics.linearisation import feedback_gain, sampled, swing_mode
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import checked_setpoint
-from cranedyn.simulation.clocks import intervals, multiple
 from cranedyn.theory import amplitude_factor, hoist_compliance
 
 _GONE = 300.0

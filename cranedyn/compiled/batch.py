@@ -10,6 +10,7 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import fixed
+from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import inputs
 from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.compiled.checked import compiled
@@ -20,7 +21,6 @@ from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, number, whole, within
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
-from cranedyn.simulation.clocks import Clocks, clocks
 
 _LANES, _THREADS = 8, 1024
 

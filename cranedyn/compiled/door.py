@@ -17,10 +17,10 @@ from cranedyn.compiled.call import SLOTS, size
 from cranedyn.errors import Misshapen, OutOfRange, number, whole
 
 if TYPE_CHECKING:
+    from cranedyn.clocks import Clocks
     from cranedyn.compiled.kernel import Kernel
     from cranedyn.compiled.machine import Machine
     from cranedyn.compiled.tables import Table
-    from cranedyn.simulation.clocks import Clocks
 
 _PIECE = 100_000
 """Physics steps, or rows, that code goes through before Python is asked whether to end; of eight cranes at once some tenths of a second."""

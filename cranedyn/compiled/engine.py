@@ -46,19 +46,26 @@ class CompiledEngine(Engine):
 
     def __init__(self, setting: Setting, start: State) -> None:
         """Begin at a state, without command."""
-        self.state, self._setting = start, setting
-        self._outside = setting.outside(setting.clocks.dt, buffers=setting.buffers)
+        self._setting = setting
         self._limits = Limits(setting.crane) if setting.drive == "effort" else None
-        self._drives = setting.drives(setting.clocks.dt, self._outside)
         self._sizes = sizes = Sizes.of(setting.crane.layout)
         self._memory, self._force, self._at = np.zeros(size(sizes.state)), np.zeros((1, size(sizes.force))), places(sizes.state)
         self._here = self._memory[: sizes.z]
-        self._here[:] = np.concatenate(start)
         self._law, self._aim = one_command(sizes)
-        self._last_command, self._effort = self._law[0, places(sizes.law)["feed_forward"]], np.zeros(sizes.m)
+        self._last_command = self._law[0, places(sizes.law)["feed_forward"]]
         self._codes: dict[tuple[bool, bool], Kernel] = {}
         self._step: Callable[[], None] | None = None
         self._blocks: dict[tuple[bool, int, int, int], _Block] = {}
+        self.begin(start)
+
+    def begin(self, start: State) -> None:
+        """As `Engine.begin`; code that was made stays."""
+        self.state = start
+        self._outside = self._setting.outside(self._setting.clocks.dt, buffers=self._setting.buffers)
+        self._drives = self._setting.drives(self._setting.clocks.dt, self._outside)
+        self._memory[:] = self._force[:] = self._last_command[:] = 0.0
+        self._here[:] = np.concatenate(start)
+        self._effort = np.zeros(self._sizes.m)
 
     def _code(self, *, integral: bool, log: bool) -> Kernel:
         """Code, made and checked at the first need."""
@@ -105,7 +112,7 @@ class CompiledEngine(Engine):
         return self._drives.effort(self.state) if self._limits is None else self._effort
 
     def take_force(self, force: np.ndarray) -> np.ndarray:
-        """As `Engine.push`."""
+        """As `Engine.take_force`."""
         assert self._outside is not None
         self._outside.force = force
         self._force[0] = force.ravel()
@@ -129,7 +136,7 @@ class CompiledEngine(Engine):
         self.state = State(here[: self._sizes.n], here[self._sizes.n :])
         return self.state
 
-    def run_ahead(self, controller: object, reference: Reference, since: float, log: Log) -> Iterator[int]:
+    def run_ahead(self, controller: object, reference: Reference, since: float, periods: int, log: Log) -> Iterator[int]:
         """Log rows under a controller that is affine in the state, block by block, and say how many there are.
 
         A block in which anything is out of the ordinary is left undone, for whoever goes through it instant by instant.
@@ -141,8 +148,8 @@ class CompiledEngine(Engine):
             return
         clocks, first = self._setting.clocks, 0
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
-        while first <= clocks.periods:
-            times = fixed(since + clocks.period * np.arange(first, min(first + ahead, clocks.periods + 1)))
+        while first <= periods:
+            times = fixed(since + clocks.period * np.arange(first, min(first + ahead, periods + 1)))
             try:
                 setpoint = tabulated(reference, times, self._sizes.m).position
                 common = form(controller, times, setpoint, self._sizes.z)
@@ -150,7 +157,7 @@ class CompiledEngine(Engine):
                 raise
             except Exception:  # it comes again at the instant at which it belongs
                 common = None
-            block = None if common is None else self._run(common, setpoint, clocks.periods - first)
+            block = None if common is None else self._run(common, setpoint, periods - first)
             if block is None:
                 break
             if isinstance(controller, Remembering):

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.clocks import soon_enough
 from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
-from cranedyn.simulation.clocks import soon_enough
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Damped:
     control_period: float
 
     def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.simulation.clocks.Timed`."""
+        """See `cranedyn.clocks.Timed`."""
         soon_enough(self.control_period, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:

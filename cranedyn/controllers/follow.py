@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.clocks import soon_enough
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import tabulated
-from cranedyn.simulation.clocks import soon_enough
 
 
 @checked
@@ -36,7 +36,7 @@ class Follow:
         number("control_period", self.control_period, "s", "> 0")
 
     def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.simulation.clocks.Timed`."""
+        """See `cranedyn.clocks.Timed`."""
         soon_enough(self.control_period, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.errors import number
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.simulation.clocks import SAME_PERIOD
 
 
 @checked
@@ -51,7 +51,7 @@ class HoistIntegral:
         self._drive = int(np.flatnonzero(self.crane.layout.drives == self._joint)[0])
 
     def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.simulation.clocks.Timed`."""
+        """See `cranedyn.clocks.Timed`."""
         self._elapsed = control_period
         if t > self._t:
             self._t = t - control_period

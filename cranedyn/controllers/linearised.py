@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.clocks import multiple
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.errors import whole
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion, motion_efforts
-from cranedyn.simulation.clocks import multiple
 
 
 class Linearised(NamedTuple):

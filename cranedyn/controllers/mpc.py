@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 from cranedyn.arguments import checked
+from cranedyn.clocks import multiple
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.controllers.riccati import Sweep, riccati
@@ -25,7 +26,6 @@ from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 from cranedyn.references.rows import SAME, at_place, place
-from cranedyn.simulation.clocks import multiple
 
 PENALTY = 1e6
 """Cost of exceeding a bound by as much as the bound itself: linear, and far more than what the LQR would pay, so that a bound is

@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.sensed import noise_of
 from cranedyn.errors import CraneError, OutOfRange, number, whole
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
-from cranedyn.simulation.clocks import SAME_PERIOD
 
 DISTURBANCE = {("revolute", True): 2e-3, ("prismatic", True): 0.2, ("revolute", False): 0.1, ("prismatic", False): 0.1}
 """Standard deviations of accelerations that the model does not know [rad/s² or m/s²], white from one control instant to the next, by kind

@@ -12,12 +12,12 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
+from cranedyn.clocks import intervals
 from cranedyn.dynamics.pinocchio import point_velocities
 from cranedyn.errors import UnknownName, number
 from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.rows import at_place, place
-from cranedyn.simulation.clocks import intervals
 
 AIR_DENSITY = 1.225
 """Of the standard atmosphere at sea level [kg/m³] (ISO 2533)."""

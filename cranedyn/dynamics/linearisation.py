@@ -11,11 +11,11 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite, shaped
+from cranedyn.clocks import clocks
 from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.errors import OutOfRange, whole, within
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.simulation.clocks import clocks
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import PPoly
 
 from cranedyn.arguments import checked
+from cranedyn.clocks import intervals
 from cranedyn.dynamics import symbolic
 from cranedyn.dynamics.pinocchio import holding_effort, linearise, payload_position, prescribed_acceleration
 from cranedyn.dynamics.symbolic import ca
@@ -26,7 +27,6 @@ from cranedyn.planning import transcription
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 from cranedyn.references.spline import spline
-from cranedyn.simulation.clocks import intervals
 
 _ACCELERATION, _JERK = 0.010, 0.003
 """A drive at its limit of acceleration, or of jerk, counts like this much swing [rad]: drives are quiet where it makes no difference."""

@@ -12,12 +12,12 @@ import scipy
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
+from cranedyn.clocks import intervals
 from cranedyn.dynamics.pinocchio import pivot_position
 from cranedyn.errors import OutOfRange, number, within
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
-from cranedyn.simulation.clocks import intervals
 
 _MARGIN = 6
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
+from cranedyn.clocks import intervals
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.errors import OutOfRange, number
@@ -16,7 +17,6 @@ from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
 from cranedyn.references.rows import SAME, at_place, at_places, place, places
 from cranedyn.references.tabulated import tabulated
-from cranedyn.simulation.clocks import intervals
 
 
 @checked

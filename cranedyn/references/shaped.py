@@ -14,11 +14,11 @@ import scipy
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
+from cranedyn.clocks import intervals
 from cranedyn.errors import OutOfRange, number, within
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import Tabulating, tabulated
-from cranedyn.simulation.clocks import intervals
 
 
 @checked

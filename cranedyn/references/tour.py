@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked, taken
+from cranedyn.clocks import intervals
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.itinerary import Leg, Stage, Timetable, leg_target
 from cranedyn.references.motion import Motion
-from cranedyn.simulation.clocks import intervals
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.clocks import Clocks
 from cranedyn.dynamics.drives import EffortDrives, MotionDrives, Outside
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import energy
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
-from cranedyn.simulation.clocks import Clocks
 from cranedyn.simulation.log import Log
 
 DIVERGED = 1e6
@@ -63,16 +63,21 @@ class Engine:
 
     def __init__(self, setting: Setting, start: State) -> None:
         """Begin at a state, without command."""
-        self.state, self._setting = start, setting
-        clocks = setting.clocks
-        self._steps, self._integrator = clocks.steps, setting.integrator
-        self._u, self._per_second = clocks.dt * start.v, np.full(setting.crane.layout.n, 1.0 / clocks.dt)
+        self._setting = setting
+        self._steps, self._integrator = setting.clocks.steps, setting.integrator
+        self._per_second = np.full(setting.crane.layout.n, 1.0 / setting.clocks.dt)
+        self.begin(start)
+
+    def begin(self, start: State) -> None:
+        """Begin anew at a state, without command, force or work."""
+        setting, clocks = self._setting, self._setting.clocks
+        self.state, self._u = start, clocks.dt * start.v
         gives_way = setting.buffers and setting.integrator.smooth
         self._outside = setting.outside(clocks.dt, buffers=setting.buffers and not gives_way)
         self._drives = setting.drives(clocks.dt, self._outside)
         self._rough = _Rough(setting) if gives_way else None
 
-    def run_ahead(self, controller: object, reference: Reference, since: float, log: Log) -> Iterator[int]:
+    def run_ahead(self, controller: object, reference: Reference, since: float, periods: int, log: Log) -> Iterator[int]:
         """Log rows without asking anybody where that can be done, and say from time to time how many there are; here it cannot."""
         return iter(())
 

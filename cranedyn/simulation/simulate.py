@@ -9,21 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.arguments import checked, described
+from cranedyn.arguments import checked
+from cranedyn.clocks import Timed, clocks
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.validity import first_event
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, written_out
 from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Validity
 from cranedyn.model.crane import Crane
-from cranedyn.model.layout import Layout
 from cranedyn.references import hold
 from cranedyn.references.tabulated import checked_setpoint
-from cranedyn.simulation.clocks import Timed, clocks
-from cranedyn.simulation.engine import DIVERGED, Engine, Setting
+from cranedyn.simulation.engine import DIVERGED
 from cranedyn.simulation.log import Log
-
-_NUMBERS = np.dtype(float)
+from cranedyn.simulation.stepper import Stepper, command_of, diverged, force_of
 
 
 @checked
@@ -82,17 +80,23 @@ def simulate(
             recorded so far. So it does if the controller, the reference or the disturbance raises an error, which is then its cause.
     """
     clock = clocks(duration, dt, control_period)
-    if drive not in ("effort", "motion"):
-        raise OutOfRange("drive", drive, "effort or motion")
     if validity not in ("stop", "mark") and (validity, drive) != ("buffers", "effort"):
         raise OutOfRange("validity", validity, "stop or mark, or buffers where the drives take efforts")
     buffers = validity == "buffers"
-    layout, state = crane.layout, State.checked("start", crane.start) if start is None else start
-    if state.q.shape != (layout.n,):
-        raise OutOfRange("start", f"a state of {state.q.size} coordinates", f"one of {layout.n}: {', '.join(layout.symbols)}")
     number("time at the start", since, "s", "-1e9 to 1e9")
     log = Log(crane, since, control_period, clock.periods + 1, integrator.lead * dt)
-    moving = _engine(engine)(Setting(crane, clock, drive, disturbance is not None, buffers, integrator), state)
+    stepper = Stepper(
+        crane,
+        start=start,
+        dt=dt,
+        control_period=control_period,
+        drive=drive,
+        forces=disturbance is not None,
+        buffers=buffers,
+        integrator=integrator,
+        engine=engine,
+    )
+    layout, moving, state = crane.layout, stepper.engine, stepper.state
     reference = hold(crane, state) if reference is None else reference
     if isinstance(controller, Timed):
         controller.run_begins(since, control_period)
@@ -112,11 +116,11 @@ def simulate(
             raise RunError(f"At t = {at:.4g} s {event.words}{hint}.", t=at, joint=event.joint, value=event.value, trajectory=recorded())
         log.looked_at()
 
-    t, drives, points = since, (layout.m,), (len(crane.points), 3)
+    t, drives = since, (layout.m,)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             ahead = 0
-            for ahead in moving.run_ahead(controller, reference, since, log):
+            for ahead in moving.run_ahead(controller, reference, since, clock.periods, log):
                 t = since + (ahead - 1) * control_period
                 look_back()
                 if progress is not None:
@@ -125,14 +129,14 @@ def simulate(
             for k in range(ahead, clock.periods + 1):
                 t = since + k * control_period
                 if not math.hypot(*state.v.tolist()) < DIVERGED:
-                    raise _diverged(layout, t, state)
+                    raise diverged(layout, t, state)
                 setpoint = checked_setpoint(reference(t), drives)
                 before = moving.effort()
                 if disturbance is not None:
-                    log.force(moving.take_force(_forces(disturbance(t, state), points, layout)))
+                    log.force(moving.take_force(force_of(disturbance(t, state), layout)))
                 if buffers:
                     log.buffers(*moving.buffers())
-                command, effort = moving.take(_command(controller(t, state, setpoint), t, layout))
+                command, effort = moving.take(command_of(controller(t, state, setpoint), t, layout))
                 log.row(state, setpoint.position, command, effort, before)
                 if k % moving.look_back == 0:
                     look_back()
@@ -153,59 +157,9 @@ def simulate(
     return recorded()
 
 
-def _engine(name: str) -> type[Engine]:
-    if name == "pinocchio":
-        return Engine
-    if name != "compiled":
-        raise OutOfRange("engine", name, "pinocchio or compiled")
-    from cranedyn.compiled.engine import CompiledEngine
-
-    return CompiledEngine
-
-
 def _told(error: Exception) -> str:
     """An error as a sentence; one that is not ours, which a controller may raise, with the place where it was raised."""
     if isinstance(error, CraneError):
         return str(error)
     *_, place = traceback.extract_tb(error.__traceback__)
     return f"{type(error).__name__} in {place.name}, line {place.lineno} of {Path(place.filename).name}: {written_out(error)}."
-
-
-def _command(answer: object, t: float, layout: Layout) -> np.ndarray:
-    """One finite number for each drive."""
-    command = _array(answer, "command of the controller", (layout.m,), layout.drives_in_words)
-    if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
-        joint = layout.driven[int(np.argmin(np.isfinite(command)))].name
-        raise RunError(f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite number.", t=t, joint=joint)
-    return command
-
-
-def _forces(answer: object, shape: tuple[int, int], layout: Layout) -> np.ndarray:
-    """A finite vector for each point of the crane."""
-    forces = _array(answer, "force of the disturbance", shape, f"a vector for each of {', '.join(layout.points)}")
-    if not np.isfinite(forces).all():
-        raise OutOfRange("force of the disturbance", forces.tolist(), "finite numbers", "N")
-    return forces
-
-
-def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> np.ndarray:
-    if type(answer) is np.ndarray and answer.dtype is _NUMBERS and answer.shape == shape:
-        return answer.copy()
-    try:
-        array = None if isinstance(answer, np.ndarray) and np.iscomplexobj(answer) else np.array(answer, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        array = None
-    if array is None or array.shape != shape:
-        raise OutOfRange(name, described(answer if array is None else array), allowed)
-    return array
-
-
-def _diverged(layout: Layout, t: float, state: State) -> RunError:
-    i = int(np.argmax(np.nan_to_num(np.abs(state.v), nan=np.inf)))
-    name, value = layout.joints[i].name, float(state.v[i])
-    return RunError(
-        f"The run diverged at t = {t:.4f} s: {name} moves at {value:g} per second; a smaller dt or softer gains may help.",
-        t=t,
-        joint=name,
-        value=value,
-    )

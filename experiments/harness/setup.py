@@ -20,7 +20,7 @@ from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Refe
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import parse_values
 from cranedyn.model.load import load_crane
-from cranedyn.simulation.clocks import clocks
+from cranedyn.clocks import clocks
 from cranedyn.simulation.simulate import simulate
 from experiments.harness.arguments import add_mode
 

@@ -1,0 +1,182 @@
+"""One control period at a time: what `simulate` is a loop around, for loops of one's own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pkgutil import resolve_name
+
+import numpy as np
+
+from cranedyn.arguments import checked, described
+from cranedyn.clocks import clocks
+from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.errors import OutOfRange, RunError
+from cranedyn.interfaces import Drive, EngineName, State
+from cranedyn.model.crane import Crane
+from cranedyn.model.layout import Layout
+from cranedyn.simulation.engine import DIVERGED, Engine, Setting
+
+ENGINES = {"pinocchio": "cranedyn.simulation.engine:Engine", "compiled": "cranedyn.compiled.engine:CompiledEngine"}
+"""Where each engine is; looked up when it is asked for, since the compiled one needs an extra."""
+
+_NUMBERS = np.dtype(float)
+
+
+class Stepper:
+    """A crane that goes on by one control period at each command.
+
+    Attributes:
+        crane: The crane.
+        clocks: Physics steps in a control period.
+        engine: What computes the steps.
+        t: Time since the start [s].
+    """
+
+    @checked
+    def __init__(
+        self,
+        crane: Crane,
+        *,
+        start: State | None = None,
+        dt: float = 5e-4,
+        control_period: float = 5e-3,
+        drive: Drive = "effort",
+        forces: bool = False,
+        buffers: bool = False,
+        integrator: Integrator = semi_implicit_euler,
+        engine: EngineName = "pinocchio",
+    ) -> None:
+        """Stand at a state.
+
+        Args:
+            crane: The crane.
+            start: Where it starts; None for hanging at rest where its URDF says.
+            dt: Physics step [s].
+            control_period: Time that each command lasts [s], a multiple of `dt`.
+            drive: "effort": commands are efforts, cut to the limits of the drives. "motion": they are accelerations, followed exactly.
+            forces: Whether forces from outside will come with the commands.
+            buffers: Whether buffers end the ranges of the drives; for drives that take efforts.
+            integrator: The stepping rule.
+            engine: "pinocchio", or "compiled" for code made for this crane.
+
+        Raises:
+            OutOfRange: If an argument is of another kind, or the state is not one of this crane.
+        """
+        if drive not in ("effort", "motion"):
+            raise OutOfRange("drive", drive, "effort or motion")
+        if engine not in ENGINES:
+            raise OutOfRange("engine", engine, " or ".join(ENGINES))
+        if buffers and drive != "effort":
+            raise OutOfRange("buffers", "True", "False where the drives follow motion")
+        self.crane, self._forces, self._steps = crane, forces, 0
+        self.clocks = clocks(control_period, dt, control_period)
+        setting = Setting(crane, self.clocks, drive, forces, buffers, integrator)
+        self.engine: Engine = resolve_name(ENGINES[engine])(setting, started(crane, start))
+
+    @property
+    def t(self) -> float:
+        """Time since the start [s]."""
+        return self._steps * self.clocks.period
+
+    @property
+    def state(self) -> State:
+        """Where the crane is."""
+        return self.engine.state
+
+    def reset(self, state: State | None = None) -> State:
+        """Stand at a state again, None for where the URDF says, at time 0; returns it.
+
+        Raises:
+            OutOfRange: If it is not one of this crane.
+        """
+        self.engine.begin(started(self.crane, state))
+        self._steps = 0
+        return self.engine.state
+
+    def step(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> State:
+        """Go on for one control period under a command.
+
+        Args:
+            command: Of the drives [N m or N; or rad/s² or m/s²], shape (m,).
+            force: From outside on the points of the crane, in the world [N], shape (points, 3); None for none.
+
+        Returns:
+            Where the crane is then.
+
+        Raises:
+            OutOfRange: If a shape is another, or there is a force though none was announced.
+            RunError: If a command is not finite, or the crane moves beyond all bounds.
+        """
+        if not math.hypot(*self.engine.state.v.tolist()) < DIVERGED:
+            raise diverged(self.crane.layout, self.t, self.engine.state)
+        if force is not None and not self._forces:
+            raise OutOfRange("force", "given", "none, unless the stepper is made with forces=True")
+        if self._forces:
+            shape = len(self.crane.points), 3
+            self.engine.take_force(force_of(np.zeros(shape) if force is None else force, self.crane.layout))
+        self.engine.take(command_of(command, self.t, self.crane.layout))
+        self._steps += 1
+        return self.engine.advance()
+
+
+def started(crane: Crane, start: State | None) -> State:
+    """A state of a crane that nobody else can change; None for where it starts.
+
+    Raises:
+        OutOfRange: If it is not as many finite coordinates and rates as the crane has joints.
+    """
+    state, layout = State.checked("start", crane.start if start is None else start), crane.layout
+    if state.q.shape != (layout.n,):
+        raise OutOfRange("start", f"a state of {state.q.size} coordinates", f"one of {layout.n}: {', '.join(layout.symbols)}")
+    return state
+
+
+def command_of(answer: object, t: float, layout: Layout) -> np.ndarray:
+    """What a controller answered at a time [s], if it is one finite number for each drive.
+
+    Raises:
+        OutOfRange: If there are more or fewer.
+        RunError: If one is not finite.
+    """
+    command = _array(answer, "command of the controller", (layout.m,), layout.drives_in_words)
+    if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
+        joint = layout.driven[int(np.argmin(np.isfinite(command)))].name
+        raise RunError(f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite number.", t=t, joint=joint)
+    return command
+
+
+def force_of(answer: object, layout: Layout) -> np.ndarray:
+    """What a disturbance answered, if it is a finite vector for each point of the crane.
+
+    Raises:
+        OutOfRange: If it is not.
+    """
+    force = _array(answer, "force of the disturbance", (len(layout.points), 3), f"a vector for each of {', '.join(layout.points)}")
+    if not np.isfinite(force).all():
+        raise OutOfRange("force of the disturbance", force.tolist(), "finite numbers", "N")
+    return force
+
+
+def diverged(layout: Layout, t: float, state: State) -> RunError:
+    """The error that a state at a time [s] is, in which a joint moves too fast."""
+    i = int(np.argmax(np.nan_to_num(np.abs(state.v), nan=np.inf)))
+    name, value = layout.joints[i].name, float(state.v[i])
+    return RunError(
+        f"The run diverged at t = {t:.4f} s: {name} moves at {value:g} per second; a smaller dt or softer gains may help.",
+        t=t,
+        joint=name,
+        value=value,
+    )
+
+
+def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> np.ndarray:
+    if type(answer) is np.ndarray and answer.dtype is _NUMBERS and answer.shape == shape:
+        return answer.copy()
+    try:
+        array = None if isinstance(answer, np.ndarray) and np.iscomplexobj(answer) else np.array(answer, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        array = None
+    if array is None or array.shape != shape:
+        raise OutOfRange(name, described(answer if array is None else array), allowed)
+    return array
