@@ -68,6 +68,20 @@ def column_names(path: str | Path) -> list[str]:
         raise _unreadable(path, error) from error
 
 
+def metadata_of(path: str | Path) -> dict[bytes, bytes]:
+    """What a Parquet file says of itself.
+
+    Raises:
+        DataError: If it cannot be read or is none.
+    """
+    path = Path(path)
+    try:
+        with opened(path) as file, _source(file, path) as source:
+            return dict(source.schema_arrow.metadata or {})
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise _unreadable(path, error) from error
+
+
 def _unreadable(path: Path, error: Exception) -> DataError:
     return DataError(f"Cannot read {path}: {str(error).strip().partition(chr(10))[0].rstrip('.')}.")
 

@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -87,6 +87,8 @@ class Trajectory:
         valid: 1 where the model holds, 0 where not, see `cranedyn.dynamics.validity`; shape (rows,).
         columns: Names of the columns of each of these.
         parameters: What the run was made with, by name.
+        record: What moved and what moved it, for whoever makes the run again: the crane, controller, reference and disturbance by name
+            with their numbers, and versions of programs.
     """
 
     t: np.ndarray
@@ -103,6 +105,7 @@ class Trajectory:
     valid: np.ndarray
     columns: Mapping[str, tuple[str, ...]]
     parameters: Mapping[str, float | str] = field(default_factory=dict)
+    record: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -198,7 +201,8 @@ class Trajectory:
 
         names = [column for columns in self.columns.values() for column in columns]
         return pyarrow.table(
-            {name: np.ascontiguousarray(self[name]) for name in names}, metadata={"cranedyn": json.dumps(dict(self.parameters))}
+            {name: np.ascontiguousarray(self[name]) for name in names},
+            metadata={"cranedyn": json.dumps(dict(self.parameters)), "cranedyn.record": json.dumps(dict(self.record))},
         )
 
     @checked
@@ -240,6 +244,7 @@ def read(path: str | Path) -> Trajectory:
         **{name: found[own[0]] if name in flat else np.stack([found[column] for column in own], axis=1) for name, own in columns.items()},
         columns=columns,
         parameters=_parameters(metadata, path),
+        record=_record(metadata, path),
     )
 
 
@@ -269,6 +274,28 @@ def _parameters(metadata: Mapping[bytes, bytes], path: str | Path) -> dict[str, 
     return found
 
 
+def _record(metadata: Mapping[bytes, bytes], path: str | Path) -> dict[str, Any]:
+    try:
+        found = parse_json(metadata.get(b"cranedyn.record", b"{}"))
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise DataError(f"{path}: its record is not a JSON object.")
+    return found
+
+
+@checked
+def read_record(path: str | Path) -> dict[str, Any]:
+    """What a Parquet file says of what moved and what moved it, see `Trajectory.record`; empty if it says nothing.
+
+    Raises:
+        DataError: If it cannot be read, or says it in another form.
+    """
+    from cranedyn.data.tables import metadata_of
+
+    return _record(metadata_of(path), path)
+
+
 @checked
 def join(pieces: Sequence[Trajectory]) -> Trajectory:
     """One trajectory from pieces of a run, each beginning at the time and state at which the one before ended.
@@ -291,4 +318,4 @@ def join(pieces: Sequence[Trajectory]) -> Trajectory:
         before = np.cumsum([getattr(piece, name)[-1] for piece in pieces[:-1]], axis=0)
         on = [getattr(piece, name) + (before[k - 1] if k else 0.0) for k, piece in enumerate(pieces)]
         whole[name] = np.concatenate([values[:end] for values, end in zip(on, ends, strict=True)])
-    return Trajectory(**whole, columns=pieces[0].columns, parameters=pieces[0].parameters)
+    return Trajectory(**whole, columns=pieces[0].columns, parameters=pieces[0].parameters, record=pieces[0].record)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -66,6 +66,7 @@ class Crane:
         effort_limit: Largest effort of the drives [N m or N], shape (m,).
         start: Where the URDF lets the drives start, all else hanging at rest.
         points: Those on which forces from outside act, the payload first.
+        record: All that `cranedyn.model.load.load_crane` needs to make it again, as it is written beside a run.
     """
 
     layout: Layout
@@ -78,6 +79,7 @@ class Crane:
     effort_limit: np.ndarray
     start: State
     points: tuple[Point, ...]
+    record: Mapping[str, Any] = field(repr=False)
     _scratch: _Scratch = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,13 +14,14 @@ import pinocchio as pin
 
 from cranedyn.arguments import taken
 from cranedyn.data.files import read_text
-from cranedyn.errors import ModelError, OutOfRange, UnknownName, number, printable, within
+from cranedyn.data.trajectory import read_record
+from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName, number, printable, within
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane, Point
 from cranedyn.model.description import XACRO, describe
 from cranedyn.model.layout import ROLES, Joint, Layout, roles_of, symbol_of
 from cranedyn.model.springs import Rope, Springs
-from cranedyn.model.urdf import check, parse, skeleton
+from cranedyn.model.urdf import bare, check, parse, skeleton
 
 _SINGULAR, _ASTRAY = 1e-10, 1e-3
 
@@ -31,7 +32,8 @@ _LIGHTEST = 1e-15
 def load_crane(
     urdf: str | Path | None = None,
     *,
-    gravity: float = STANDARD_GRAVITY,
+    from_record: str | Path | None = None,
+    gravity: float | None = None,
     joints: Mapping[str, str] | None = None,
     driven: Sequence[str] | None = None,
     payload: str | None = None,
@@ -43,7 +45,8 @@ def load_crane(
     Args:
         urdf: A ``.xacro`` file to expand, which runs Python expressions in it: only from those whose programs you would run, too. Any
             other file is plain URDF: nothing in it is run, fetched or read from elsewhere. None is the tower crane of this project.
-        gravity: Gravity [m/s²] along -Z.
+        from_record: A Parquet file of a run instead, in which its crane is written down whole but for its looks.
+        gravity: Gravity [m/s²] along -Z; None for standard gravity.
         joints: Names of the joints that play the parts of a tower crane, by role, for example ``{"slew": "base_yaw"}``; None for those
             that are called as in the tower crane of this project. See `cranedyn.model.layout.ROLES`.
         driven: Names of the joints that drives move, for a URDF that does not say so itself: those to which ``<ros2_control>`` gives a
@@ -59,8 +62,13 @@ def load_crane(
         UnknownName: If an argument is not declared in the xacro file, or there is no such joint or role.
         DataError: If the file cannot be read.
     """
-    g = number("gravity", gravity, "m/s²", "> 0")
     taken("check_axes", check_axes, bool)
+    if from_record is not None:
+        others = {"urdf": urdf, "joints": joints, "driven": driven, "payload": payload, "gravity": gravity, **values}
+        if given := [name for name, value in others.items() if value is not None]:
+            raise OutOfRange(given[0], "given beside from_record", "left out: the record says all of the crane")
+        return _recorded(Path(taken("from_record", from_record, str | Path)))
+    g = STANDARD_GRAVITY if gravity is None else number("gravity", gravity, "m/s²", "> 0")
     path = XACRO if urdf is None else Path(taken("urdf", urdf, str | Path))
     if path.suffix == ".xacro":
         text = describe(path, values, visuals=urdf is not None)
@@ -68,10 +76,23 @@ def load_crane(
         raise UnknownName("argument", next(iter(values)), ["none in a plain URDF"])
     else:
         text = read_text(path)
-    robot = parse(text, path)
+    written = partial(_whole, path, values) if urdf is None else partial(str, text)
+    return _crane(parse(text, path), path, written, g, joints, driven, payload, check_axes)
+
+
+def _crane(
+    robot: ET.Element,
+    path: Path,
+    written: Callable[[], str],
+    gravity: float,
+    joints: Mapping[str, str] | None,
+    driven: Sequence[str] | None,
+    payload: str | None,
+    check_axes: bool,
+) -> Crane:
     check(robot, path)
     model = _model(skeleton(robot), path)
-    model.gravity.linear = np.array([0.0, 0.0, -g])
+    model.gravity.linear = np.array([0.0, 0.0, -gravity])
     _check_kinds(model, path)
     model.armature = _armature(robot, _names(model))
     load = _payload(model, payload, path)
@@ -86,7 +107,7 @@ def load_crane(
     _check_solvable(model, q, layout, path)
     crane = Crane(
         layout=layout,
-        written=partial(_whole, path, values) if urdf is None else partial(str, text),
+        written=written,
         model=model,
         damping=model.damping.copy(),
         springs=springs,
@@ -95,8 +116,29 @@ def load_crane(
         effort_limit=model.effortLimit[layout.drives].copy(),
         start=State(q, np.zeros(layout.n)),
         points=points,
+        record={
+            "urdf": bare(robot),
+            "gravity": gravity,
+            "joints": {joint.role: joint.name for joint in layout.joints if joint.role},
+            "driven": [joint.name for joint in layout.driven],
+            "payload": layout.joints[load].name,
+            "check_axes": check_axes,
+        },
     )
     return replace(crane, start=State(crane.hanging(q), np.zeros(layout.n))) if springs.any else crane
+
+
+def _recorded(path: Path) -> Crane:
+    """A crane from the record of a run."""
+    record = read_record(path).get("crane")
+    kinds = {"urdf": str, "gravity": float, "joints": dict, "driven": list, "payload": str, "check_axes": bool}
+    if not isinstance(record, dict) or not all(isinstance(record.get(name), kind) for name, kind in kinds.items()):
+        raise DataError(f"{path} does not name its crane; a Parquet file that `Trajectory.write` wrote does.")
+    robot = parse(record["urdf"], path)
+    text = record["urdf"]
+    gravity = number("gravity", record["gravity"], "m/s²", "> 0")
+    words = ({role: str(name) for role, name in record["joints"].items()}, [str(name) for name in record["driven"]], record["payload"])
+    return _crane(robot, path, partial(str, text), gravity, *words, record["check_axes"])
 
 
 def _whole(path: Path, values: dict[str, object]) -> str:

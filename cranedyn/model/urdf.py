@@ -6,6 +6,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Mapping
+from copy import deepcopy
 
 from cranedyn.errors import ModelError, OutOfRange, printable, quoted
 
@@ -194,6 +195,13 @@ def skeleton(robot: ET.Element) -> str:
     bare = ET.Element("robot", name=printable(robot.get("name", "")))
     bare.extend([_kept(part) for part in robot if part.tag in ("link", "joint")])  # a list: Ctrl-C in a generator is a TypeError
     return ET.tostring(bare, encoding="unicode")
+
+
+def bare(robot: ET.Element) -> str:
+    """The same with what names drives, starts and springs: all of a URDF but its looks."""
+    whole = ET.fromstring(skeleton(robot))
+    whole.extend([deepcopy(part) for part in robot if part.tag in ("gazebo", "ros2_control")])
+    return ET.tostring(whole, encoding="unicode")
 
 
 def _kept(element: ET.Element) -> ET.Element:

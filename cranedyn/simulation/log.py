@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -96,7 +97,7 @@ class Log:
         self._rows = self._looked + fresh_row + 1
         return self._since + self._period * (self._rows - 1)
 
-    def trajectory(self, parameters: dict[str, float | str], energies: Energies, *, buffers: bool) -> Trajectory:
+    def trajectory(self, parameters: dict[str, float | str], record: Mapping[str, Any], energies: Energies, *, buffers: bool) -> Trajectory:
         """The log as arrays, with its energy ledger.
 
         Work is a force times the displacement that belongs to the velocities, so the lead of the positions is taken off. Where motion is
@@ -125,6 +126,7 @@ class Log:
             valid=valid(crane, q, v, hoisting(crane, effort) + self._stop_force[:n], buffers=buffers).astype(float),
             columns=crane.layout.columns(),
             parameters=parameters,
+            record=record,
         )
 
     def _filled(self, energies: Energies) -> np.ndarray:

@@ -21,6 +21,7 @@ from cranedyn.references import hold
 from cranedyn.references.tabulated import checked_setpoint
 from cranedyn.simulation.engine import DIVERGED
 from cranedyn.simulation.log import Log
+from cranedyn.simulation.record import record_of
 from cranedyn.simulation.stepper import Stepper, command_of, diverged, force_of
 
 
@@ -98,13 +99,14 @@ def simulate(
     )
     layout, moving, state = crane.layout, stepper.engine, stepper.state
     reference = hold(crane, state) if reference is None else reference
+    record = record_of(crane, controller=controller, reference=reference, disturbance=disturbance)
     if isinstance(controller, Timed):
         controller.run_begins(since, control_period)
 
     def recorded() -> Trajectory:
         made: dict[str, float | str] = {"dt_s": dt, "control_period_s": control_period, "gravity_m_s2": crane.gravity}
         made |= {"drive": drive, "engine": engine, "integrator": integrator.name, "validity": validity}
-        return log.trajectory(made, moving.energies, buffers=buffers)
+        return log.trajectory(made, record, moving.energies, buffers=buffers)
 
     def look_back() -> None:
         if validity == "mark":

@@ -130,6 +130,7 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
         "command": " ".join(["python -m", f"experiments.{options.experiment}", *options.words]),
         "claims": [{"sentence": claim.sentence, "holds": claim.holds} for claim in outcome.claims],
         "parameters": dict(outcome.parameters),
+        "runs": {name: dict(run.record) for name, run in outcome.trajectories.items()},
         "figures": [f"{name}.png" for name in outcome.figures],
         "files": {},
         "tables": [

@@ -1,0 +1,86 @@
+"""One control period at a time: the same as the loop, as often as one likes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cranedyn.controllers import hold_controller
+from cranedyn.dynamics.integrators import rk4
+from cranedyn.errors import OutOfRange, RunError
+from cranedyn.references import hold
+from cranedyn.simulation.simulate import simulate
+from cranedyn.simulation.stepper import ENGINES, Stepper
+from tests.helpers import crane
+
+ENGINE = pytest.mark.parametrize("engine", sorted(ENGINES))
+VARIANTS: list[dict[str, Any]] = [{}, {"drive": "motion"}, {"buffers": True}, {"integrator": rk4, "dt": 5e-3}]
+
+
+@ENGINE
+@pytest.mark.parametrize("variant", VARIANTS, ids=["effort", "motion", "buffers", "RK4"])
+def test_a_loop_of_ones_own_goes_through_the_states_of_simulate_to_the_bit(engine: Any, variant: dict[str, Any]) -> None:
+    start = crane().state(phi=0.1, theta=-0.05, x=12.0)
+    setpoint, controller = hold(crane(), start)(0.0), hold_controller(crane())
+    commands = {"effort": lambda t, state: controller(t, state, setpoint), "motion": lambda t, state: np.array([0.01, 0.1, -0.05])}
+    command = commands[variant.get("drive", "effort")]
+    stepper = Stepper(crane(), start=start, engine=engine, **variant)
+    for _ in range(2):  # after a reset, too
+        states = [stepper.reset(start)]
+        states += [stepper.step(command(stepper.t, stepper.state)) for _ in range(40)]
+        found = {**{name: value for name, value in variant.items() if name != "buffers"}}
+        found |= {"validity": "buffers"} if "buffers" in variant else {}
+        # a plain function as the controller: no block runs ahead
+        run = simulate(crane(), lambda t, state, _: command(t, state), start=start, duration=0.2, engine=engine, **found)
+        assert np.array_equal(run.q, [state.q for state in states]) and np.array_equal(run.v, [state.v for state in states])
+        assert stepper.t == pytest.approx(0.2, rel=1e-12)
+
+
+@ENGINE
+def test_a_force_acts_for_the_period_with_which_it_comes(engine: Any) -> None:
+    force = np.array([[1000.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    weight = np.array([0.0, 0.0, -crane().payload_mass * crane().gravity])
+    stepper = Stepper(crane(), forces=True, engine=engine, control_period=0.5)
+    pushed, left = stepper.step(weight, force), stepper.step(weight)
+    theta_rate = crane().layout.index("theta")
+    assert pushed.v[theta_rate] != 0.0
+    run = simulate(
+        crane(),
+        lambda t, state, _: weight,
+        duration=1.0,
+        control_period=0.5,
+        disturbance=lambda t, state: force if t < 0.5 else 0.0 * force,
+        engine=engine,
+    )
+    assert np.array_equal(run.q[1:], [pushed.q, left.q])
+
+
+def test_it_starts_where_the_urdf_says_and_its_states_cannot_be_written_to() -> None:
+    stepper = Stepper(crane())
+    assert np.array_equal(stepper.state.q, crane().start.q) and stepper.t == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        stepper.step([0.0, 0.0, -9806.65]).q[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda s: s.step([1.0, 2.0]), "command of the controller"),
+        (lambda s: s.step([1.0, 2.0, 3.0], np.zeros((2, 3))), "force is given; allowed is none, unless"),
+        (lambda s: s.reset((np.zeros(4), np.zeros(4))), "a state of 4 coordinates; allowed is one of 5: gamma, x, phi, theta, l"),
+        (lambda s: Stepper(s.crane, engine="gazebo"), "pinocchio or compiled"),
+        (lambda s: Stepper(s.crane, drive="motion", buffers=True), "buffers"),
+    ],
+)
+def test_what_does_not_fit_is_a_sentence(call: Any, sentence: str) -> None:
+    with pytest.raises(OutOfRange, match=sentence):
+        call(Stepper(crane()))
+
+
+def test_a_command_that_is_not_finite_names_the_joint_and_the_time() -> None:
+    stepper = Stepper(crane())
+    stepper.step([0.0, 0.0, -9806.65])
+    with pytest.raises(RunError, match=r"at t = 0.0050 s; trolley_joint needs a finite number"):
+        stepper.step([0.0, np.nan, 0.0])
