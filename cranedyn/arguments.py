@@ -182,7 +182,8 @@ def _sequence(value: Any, kind: Any) -> Any:
 def _tuple(value: Any, kinds: Any) -> tuple[Any, ...]:
     if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
         raise TypeError
-    return tuple(_as(one, kind) for one, kind in zip(value, kinds, strict=True))
+    each = kinds[:1] * len(value) if kinds[-1] is Ellipsis else kinds
+    return tuple(_as(one, kind) for one, kind in zip(value, each, strict=True))
 
 
 def _callable(value: Any, arguments: Any) -> Any:
@@ -206,6 +207,8 @@ def _words(kind: Any) -> str:
     if origin is collections.abc.Callable:
         names = "" if inner[0] is Ellipsis else f" of {len(inner[0])}: {', '.join(getattr(one, '__name__', str(one)) for one in inner[0])}"
         return f"a callable{names}"
+    if origin is tuple and inner[-1] is Ellipsis:
+        return f"a sequence, each {_words(inner[0])}"
     if origin is tuple:
         return f"{len(inner)} of {' and '.join(sorted(set(map(_words, inner))))}"
     kind = origin or kind
