@@ -39,8 +39,8 @@ _WORDS = {
 def checked(taker: _Any) -> _Any:
     """Have the arguments of a function, or those that a class is made with, held against their annotations at every call.
 
-    Numbers arrive as floats and arrays as arrays of floats, so do those of further names (``**numbers: float``). A callable must take as many
-    arguments as its annotation says. A class can say itself what may stand for it, by a class method ``checked(name, value)``.
+    Numbers arrive as floats and arrays as arrays of floats, also where any name may be given one (``**numbers: float``). A callable must
+    take as many arguments as its annotation says. A class can say itself what may stand for it, by a class method ``checked(name, value)``.
 
     The function then raises:
         OutOfRange: If an argument is of another kind.

@@ -161,9 +161,8 @@ def _driven(robot: ET.Element, names: Sequence[str], given: Sequence[str] | None
         )
     for name in sorted(own):
         if name not in names:
-            raise ModelError(
-                f"{path} gives {quoted(name)} a command interface in <ros2_control>; the joints that move are {', '.join(map(quoted, names))}."
-            )
+            moving = ", ".join(map(quoted, names))
+            raise ModelError(f"{path} gives {quoted(name)} a command interface in <ros2_control>; the joints that move are {moving}.")
     for name in given or ():
         if name not in names:
             raise UnknownName("moving joint", name, names)
