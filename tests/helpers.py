@@ -65,14 +65,15 @@ def constant(*command: float) -> Callable[[float, State, Setpoint], np.ndarray]:
 def flow(
     crane: Crane, start: State, times: np.ndarray, drive: Callable[[float], np.ndarray] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and rates at given times, shape (n, 5) each, under prescribed drive accelerations; by DOP853 to 1e-10."""
+    """Coordinates and rates at given times, shape (times, n) each, under prescribed drive accelerations; by DOP853 to 1e-10."""
+    n, m = crane.layout.n, crane.layout.m
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
-        given = np.zeros(3) if drive is None else drive(t)
-        return np.concatenate([y[5:], prescribed_acceleration(crane, State(y[:5], y[5:]), given)[0]])
+        given = np.zeros(m) if drive is None else drive(t)
+        return np.concatenate([y[n:], prescribed_acceleration(crane, State(y[:n], y[n:]), given)[0]])
 
     y = solve_ivp(rates, (0.0, times[-1]), np.concatenate(start), method="DOP853", t_eval=times, rtol=1e-10, atol=1e-12, max_step=0.5).y.T
-    return y[:, :5], y[:, 5:]
+    return y[:, :n], y[:, n:]
 
 
 def extrapolated(run: Callable[[float], np.ndarray | float], dt: float) -> np.ndarray:

@@ -18,6 +18,7 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled import inputs
 from cranedyn.compiled.batch import Batch, simulate_batch
+from cranedyn.compiled.call import Sizes
 from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.hold import Hold
@@ -58,12 +59,12 @@ def _starts(count: int) -> State:
 
 def _references(count: int) -> list[Reference]:
     starts = _starts(count)
-    return [ramp(hold(State(starts.q[i], starts.v[i])), "xl"[i % 2], 0.2, rate=0.3 + 0.05 * i, at=0.1) for i in range(count)]
+    return [ramp(crane(), hold(crane(), State(starts.q[i], starts.v[i])), "xl"[i % 2], 0.2, rate=0.3 + 0.05 * i, at=0.1) for i in range(count)]
 
 
 @cache
 def _tracking(i: int) -> Tracking:
-    return lqr(crane(), plumb(_references(i + 1)[i], LASTS, PERIOD), dt=1e-3)
+    return lqr(crane(), plumb(crane(), _references(i + 1)[i], LASTS, PERIOD), dt=1e-3)
 
 
 def _controllers(count: int) -> list[Any]:
@@ -73,7 +74,7 @@ def _controllers(count: int) -> list[Any]:
         lambda i: shared,
         lambda i: hold_controller(crane(), stiffness=(4e5, 2e5 + 1e4 * i, 3e4)),
         lambda i: _tracking(i % 8),
-        lambda i: HoistIntegral(_tracking(i % 8), 2e3, 1.3e4),
+        lambda i: HoistIntegral(crane(), _tracking(i % 8), 2e3, 1.3e4),
     ]
     return [kinds[i % 4](i) for i in range(count)]
 
@@ -117,7 +118,7 @@ def test_each_crane_of_a_batch_does_what_it_does_alone(count: int) -> None:
 def test_drives_and_stepping_rules_are_those_of_a_run_alone(drive: Any, integrator: Integrator, dt: float) -> None:
     count, how = 9, {**CLOCK, "dt": dt, "drive": drive, "integrator": integrator}
     cranes, starts, references = _cranes(count), _starts(count), _references(count)
-    controllers = [follow(reference, PERIOD) for reference in references] if drive == "motion" else hold_controller(crane())
+    controllers = [follow(crane(), reference, PERIOD) for reference in references] if drive == "motion" else hold_controller(crane())
     batch = simulate_batch(cranes, controllers, references, start=starts, record=1, since=1.0, **how)
     for i in range(count):
         one = controllers if isinstance(controllers, Hold) else controllers[i]
@@ -129,7 +130,7 @@ def test_drives_and_stepping_rules_are_those_of_a_run_alone(drive: Any, integrat
 def test_buffers_act_on_the_cranes_that_reach_them(integrator: Integrator, dt: float) -> None:
     count, c, how = 9, crane(trolley_max=11.0), {**CLOCK, "dt": dt, "integrator": integrator}
     starts = [c.state(x=9.0 + 0.24 * i, x_dot=0.5, phi=0.05, theta=0.02) for i in range(count)]
-    pull = Hold(np.zeros(3), np.array([0.0, 0.0, 2e4]), np.array([1e3, 500.0, -1000.0 * G]))
+    pull = Hold(c, np.zeros(3), np.array([0.0, 0.0, 2e4]), np.array([1e3, 500.0, -1000.0 * G]))
     batch = simulate_batch(c, pull, start=starts, buffers=True, record=1, **how)
     runs = [simulate(c, pull, start=start, validity="buffers", **how) for start in starts]
     for i, alone in enumerate(runs):
@@ -143,7 +144,7 @@ def test_without_a_reference_each_holds_where_it_starts_and_what_is_given_once_i
     each = simulate_batch(
         [c] * 5,
         [brake] * 5,
-        [hold(State(*rows)) for rows in zip(*starts, strict=True)],
+        [hold(c, State(*rows)) for rows in zip(*starts, strict=True)],
         start=[State(*rows) for rows in zip(*starts, strict=True)],
         force=np.full((5, 3, 6), 100.0),
         sensor_offset=np.full((5, 10), 0.001),
@@ -180,9 +181,9 @@ class _Scheduled:
         return form.feed_forward[0] - form.gain[0] @ (np.concatenate(state) - form.setpoint[0])
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
-        gain = [feedback_gain(np.array([5e5, 1e4 * x, 3e4]), np.array([1e6, 5e4, 2e4])) for x in positions[:, 1]]
+        gain = [feedback_gain(crane(), np.array([5e5, 1e4 * x, 3e4]), np.array([1e6, 5e4, 2e4])) for x in positions[:, 1]]
         feed_forward = np.tile([0.0, 0.0, -1000.0 * G], (len(times), 1))
-        return without_integral(feed_forward, np.array(gain), at_drives(positions, np.zeros_like(positions)))
+        return without_integral(feed_forward, np.array(gain), at_drives(crane(), positions, np.zeros_like(positions)))
 
 
 def test_a_controller_that_looks_at_its_reference_does_so_for_each_crane() -> None:
@@ -193,8 +194,8 @@ def test_a_controller_that_looks_at_its_reference_does_so_for_each_crane() -> No
 
 
 def test_controllers_that_remember_begin_with_it_and_are_left_as_they_are() -> None:
-    first = HoistIntegral(_tracking(0), 2e3, 1.3e4, integral=-0.3)
-    none = HoistIntegral(_tracking(0), 2e3, 1.3e4)
+    first = HoistIntegral(crane(), _tracking(0), 2e3, 1.3e4, integral=-0.3)
+    none = HoistIntegral(crane(), _tracking(0), 2e3, 1.3e4)
     batch = simulate_batch(crane(), [first, none], _references(1)[0], start=State(_starts(1).q[0], _starts(1).v[0]), record=1, **CLOCK)
     assert (first.integral, none.integral) == (-0.3, 0.0)
     assert_allclose(batch.command[0, 0] - batch.command[1, 0], [0.0, 0.0, -600.0], atol=1e-9)  # k_i times what is remembered; rounding
@@ -237,7 +238,7 @@ def test_the_number_of_threads_changes_no_bit() -> None:
 def test_a_crane_that_diverges_harms_no_other_and_says_so() -> None:
     starts = _starts(9)
     calm = hold_controller(crane(), gravity=G)
-    wild = Hold(calm.stiffness, -np.array([1e300, 1e300, 1e300]), calm.feed_forward)
+    wild = Hold(crane(), calm.stiffness, -np.array([1e300, 1e300, 1e300]), calm.feed_forward)
     c = replace(crane(), effort_limit=np.full(3, np.inf))
     usual = simulate_batch(c, [calm] * 8 + [calm], start=starts, record=1, **CLOCK)
     harmed = simulate_batch(c, [calm] * 4 + [wild] + [calm] * 4, start=starts, record=1, **CLOCK)
@@ -256,8 +257,8 @@ def test_a_crane_that_diverges_harms_no_other_and_says_so() -> None:
 def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
     count, c = 9, crane(swing_limit=0.2, trolley_max=11.5)
     starts, since, late = _starts(count), 2.0, 2.3
-    references = [ramp(hold(State(*rows)), "x", 2.0, rate=1.0, at=2.1) for rows in zip(*starts, strict=True)]
-    controllers = [follow(reference, PERIOD) for reference in references] if drive == "motion" else hold_controller(c, gravity=G)
+    references = [ramp(c, hold(c, State(*rows)), "x", 2.0, rate=1.0, at=2.1) for rows in zip(*starts, strict=True)]
+    controllers = [follow(crane(), reference, PERIOD) for reference in references] if drive == "motion" else hold_controller(c, gravity=G)
     batch = simulate_batch(c, controllers, references, start=starts, since=since, record=1, residual_from=late, drive=drive, **CLOCK)
     rows = batch.t >= late - 1e-9
     ended = 0
@@ -318,7 +319,7 @@ def test_tables_are_kept_once_and_no_longer_than_they_change() -> None:
     clock = {"duration": 1.0, "dt": 1e-3, "control_period": 1e-3}
     # 100 tables of 1001 rows of 13 numbers for where each is held would be 10 MB, and as many controllers' of 42 numbers 34 MB
     assert _peak(lambda: simulate_batch(crane(), hold_controller(crane()), start=starts, **clock)) < 2.0
-    shared, reference = lqr(crane(), plumb(_references(1)[0], 1.0, 1e-3), dt=1e-3, every=100), _references(1)[0]
+    shared, reference = lqr(crane(), plumb(crane(), _references(1)[0], 1.0, 1e-3), dt=1e-3, every=100), _references(1)[0]
     assert _peak(lambda: simulate_batch(crane(), shared, reference, start=starts, **clock)) < 3.0
 
 
@@ -376,9 +377,9 @@ class _Louder(Hold):
 
 
 def test_controllers_that_have_no_common_form_are_refused_by_name() -> None:
-    ran = HoistIntegral(_tracking(0), 2e3, 1.3e4)
+    ran = HoistIntegral(crane(), _tracking(0), 2e3, 1.3e4)
     simulate(crane(), ran, _references(1)[0], start=State(_starts(1).q[0], _starts(1).v[0]), **CLOCK)
-    louder = _Louder(np.ones(3), np.ones(3))
+    louder = _Louder(crane(), np.ones(3), np.ones(3), np.zeros(3))
     for controller, name in ((lambda t, state, setpoint: np.zeros(3), "function"), (ran, "HoistIntegral"), (louder, "_Louder")):
         with pytest.raises(CraneError, match=f"{name} is not affine in the state, or has run before; a batch needs one that is"):
             simulate_batch(crane(), [hold_controller(crane()), controller], start=State(NINE.q[:2], NINE.v[:2]), **CLOCK)
@@ -412,7 +413,7 @@ def test_ten_million_cranes_run_and_are_refused_where_each_needs_more() -> None:
     found = _peak(lambda: simulate_batch(c, hold_controller(c), start=starts, **{**CLOCK, "duration": PERIOD}))
     reckoned = 8e-6 * count * inputs._CRANE
     assert 0.8 * reckoned < found < reckoned + 0.5  # MB; tables and threads besides
-    assert inputs.fits(10**7, 0, 1, 0) * 8 < inputs._LARGEST  # 4 GB, and 0.8 GB for where they start: less than 6 GB
+    assert inputs.fits(Sizes.of(c.layout), 10**7, 0, 1, 0) * 8 < inputs._LARGEST  # 4 GB, and 0.8 GB for where they start: less than 6 GB
 
     many = State(np.broadcast_to(c.start.q, (10**7, 5)), np.broadcast_to(0.0, (10**7, 5)))
     tracemalloc.start()
@@ -431,7 +432,7 @@ def test_ten_million_cranes_run_and_are_refused_where_each_needs_more() -> None:
 def test_places_and_references_that_are_too_many_are_refused_before_there_is_a_table_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
     c, count = crane(), 1000
     starts = State(c.start.q + np.linspace(0.0, 1.0, count)[:, None] * [0.0, 1.0, 0.0, 0.0, 0.0], np.zeros((count, 5)))
-    own = [hold(State(*rows)) for rows in zip(*starts, strict=True)]
+    own = [hold(c, State(*rows)) for rows in zip(*starts, strict=True)]
     # what each takes is less than what is reckoned with
     assert _peak(lambda: simulate_batch(c, hold_controller(c), start=starts, **CLOCK)) < 8e-6 * count * (inputs._CRANE + inputs._PAIR) + 0.5
     monkeypatch.setattr("cranedyn.compiled.inputs._LARGEST", 1.5e6)

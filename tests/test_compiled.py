@@ -22,14 +22,14 @@ from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.data.trajectory import COLUMNS, Trajectory, join
+from cranedyn.data.trajectory import QUANTITIES, Trajectory, join
 from cranedyn.disturbances import wind
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics import rigid_body
-from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
+from cranedyn.dynamics.integrators import Acceleration, Add, Integrator, Rule, rk4, semi_implicit_euler
 from cranedyn.errors import CraneError, ModelError, OutOfRange, RunError
 from cranedyn.interfaces import Controller, Disturbance, Reference, Setpoint, State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, plumb, ramp
 from cranedyn.simulation.simulate import simulate
@@ -42,7 +42,7 @@ EPS = float(np.finfo(float).eps)
 
 
 def _inertia(c: Crane) -> np.ndarray:
-    return np.diag(pin.crba(c.model, c.data, c.start.q))[DRIVES]
+    return np.diag(pin.crba(c.model, c.data, c.start.q))[c.layout.drives]
 
 
 def allowed_between(c: Crane, run: Trajectory, per_second: float) -> dict[str, np.ndarray]:
@@ -52,8 +52,8 @@ def allowed_between(c: Crane, run: Trajectory, per_second: float) -> dict[str, n
     prescribed, accelerations are differences of rates over the period, and work is a force times differences of positions.
     """
     seconds = max(float(np.ptp(run.t)), run.parameters["control_period_s"])
-    allowed = {name: per_second * seconds * np.abs(getattr(run, name)).max(axis=0, initial=0.0) for name in COLUMNS}
-    fastest, farthest, most = (np.abs(values[:, DRIVES]).max(axis=0) for values in (run.v, run.q, run.v))
+    allowed = {name: per_second * seconds * np.abs(getattr(run, name)).max(axis=0, initial=0.0) for name in QUANTITIES}
+    fastest, farthest, most = (np.abs(values[:, c.layout.drives]).max(axis=0) for values in (run.v, run.q, run.v))
     if run.parameters["drive"] == "motion":
         jumps = 8.0 * EPS * fastest / run.parameters["control_period_s"] * _inertia(c)
         allowed["command"], allowed["effort"] = allowed["command"] + jumps, allowed["effort"] + jumps
@@ -100,12 +100,14 @@ def _start() -> State:
 
 
 def _reference() -> Reference:
-    return ramp(ramp(ramp(hold(_start()), "x", 0.5, rate=0.3, at=0.0), "gamma", 0.01, rate=0.05, at=0.05), "l", -0.02, rate=0.05, at=0.05)
+    c = crane()
+    reference = ramp(c, ramp(c, hold(c, _start()), "x", 0.5, rate=0.3, at=0.0), "gamma", 0.01, rate=0.05, at=0.05)
+    return ramp(c, reference, "l", -0.02, rate=0.05, at=0.05)
 
 
 @cache
 def _lqr() -> Tracking:
-    return lqr(_crane("stop"), plumb(_reference(), LASTS, PERIOD), dt=1e-3)
+    return lqr(_crane("stop"), plumb(crane(), _reference(), LASTS, PERIOD), dt=1e-3)
 
 
 def _plain_function() -> Controller:
@@ -116,15 +118,15 @@ def _plain_function() -> Controller:
 CONTROLLERS: dict[str, tuple[str, Callable[[], Controller]]] = {
     "hold": ("effort", lambda: hold_controller(crane(), gravity=9.7)),
     "lqr": ("effort", _lqr),
-    "integral": ("effort", lambda: HoistIntegral(_lqr(), 2e3, 1.2e4)),
+    "integral": ("effort", lambda: HoistIntegral(crane(), _lqr(), 2e3, 1.2e4)),
     "python": ("effort", _plain_function),
-    "follow": ("motion", lambda: follow(_reference(), PERIOD)),
+    "follow": ("motion", lambda: follow(crane(), _reference(), PERIOD)),
     "python motion": ("motion", lambda: lambda t, state, setpoint: np.array([0.05, 0.5, -0.3]) * math.cos(3.0 * t)),
 }
 
 FORCES: dict[str, Callable[[], Disturbance | None]] = {
     "no wind": lambda: None,
-    "push": lambda: wind.constant_force((500.0, -300.0, 100.0), (40.0, 60.0, 0.0), at=0.2),
+    "push": lambda: wind.constant_force(crane(), payload=(500.0, -300.0, 100.0), trolley=(40.0, 60.0, 0.0), at=0.2),
     "wind": lambda: wind.wind(crane(), wind.steady(12.0), direction=2.0, payload_area=4.0, trolley_area=1.0),
 }
 
@@ -133,11 +135,11 @@ FORCES: dict[str, Callable[[], Disturbance | None]] = {
 def test_a_run_of_many_blocks_is_the_same(controller: str) -> None:
     drive, made = CONTROLLERS[controller]
     c, told = crane(**DAMPED), []
-    tracking = lqr(c, plumb(_reference(), 4.2, 2e-3), dt=1e-3)
+    tracking = lqr(c, plumb(c, _reference(), 4.2, 2e-3), dt=1e-3)
     if controller == "integral":
-        made = lambda: HoistIntegral(tracking, 2e3, 2e4)  # noqa: E731
+        made = lambda: HoistIntegral(c, tracking, 2e3, 2e4)  # noqa: E731
     elif controller == "follow":
-        made = lambda: follow(_reference(), 2e-3)  # noqa: E731
+        made = lambda: follow(c, _reference(), 2e-3)  # noqa: E731
     how: dict[str, Any] = {"start": _start(), "duration": 8.4, "dt": 1e-3, "control_period": 2e-3, "drive": drive, "validity": "mark"}
     plain, compiled = both(c, made, _reference(), **how, progress=told.append)
     assert len(plain) == 4201
@@ -164,8 +166,8 @@ def test_in_other_gravity_the_engines_agree(gravity: float) -> None:
 @pytest.mark.parametrize("since", [1.0, 5e4])
 def test_a_run_that_begins_at_another_time_is_the_same(since: float) -> None:
     c = crane()
-    reference = ramp(hold(_start()), "x", 0.3, rate=1.0, at=since + 0.1)
-    for made in (lambda: hold_controller(c, gravity=G), lambda: HoistIntegral(_lqr(), 2e3, 1.2e4)):
+    reference = ramp(c, hold(c, _start()), "x", 0.3, rate=1.0, at=since + 0.1)
+    for made in (lambda: hold_controller(c, gravity=G), lambda: HoistIntegral(crane(), _lqr(), 2e3, 1.2e4)):
         agree(c, *both(c, made, reference, start=_start(), since=since, duration=0.5, dt=1e-3, control_period=PERIOD, validity="mark"))
 
 
@@ -183,11 +185,42 @@ def test_an_engine_that_does_not_exist_is_refused() -> None:
 
 
 @pytest.mark.parametrize("name", ["explicit Euler", "RK4"])
-def test_a_stepping_rule_without_code_is_refused_before_anything_is_asked_whatever_its_name(name: str) -> None:
-    rule = Integrator(name, lambda *given: _raise(AssertionError()), lead=0.0)
+@pytest.mark.parametrize(
+    "rule",
+    [
+        lambda *given: _raise(AssertionError()),
+        lambda *given: given,
+        lambda acceleration, faster, move, q, v, steps: (q[:1], v),
+        lambda acceleration, faster, move, q, v, steps: (move(q, v), faster(v, acceleration(q, v)) if v[0] > 0.0 else v),
+        lambda acceleration, faster, move, q, v, steps: (move(q, v), np.sqrt(v)),
+    ],
+    ids=["raises", "answers something else", "one coordinate", "looks at numbers", "takes roots"],
+)
+def test_a_stepping_rule_without_code_is_refused_before_anything_is_asked_whatever_its_name(name: str, rule: Rule) -> None:
     for controller in (hold_controller(crane()), lambda t, state, setpoint: _raise(AssertionError())):
-        with pytest.raises(OutOfRange, match=rf"integrator of compiled code is {name}; allowed is semi-implicit Euler or RK4"):
-            simulate(crane(), controller, duration=0.1, integrator=rule, engine="compiled")
+        with pytest.raises(OutOfRange, match=rf"integrator of compiled code is {name}; allowed is one whose rule adds and multiplies"):
+            simulate(crane(), controller, duration=0.1, integrator=Integrator(name, rule, lead=0.0), engine="compiled")
+
+
+def _midpoint(
+    acceleration: Acceleration, faster: Add, move: Add, q: np.ndarray, v: np.ndarray, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The explicit rule of order 2."""
+    for _ in range(steps):
+        halfway = faster(v, 0.5 * acceleration(q, v))
+        q, v = move(q, halfway), faster(v, acceleration(move(q, 0.5 * v), halfway))
+    return q, v
+
+
+def test_a_stepping_rule_of_ones_own_runs_in_both_engines() -> None:
+    c, rule = crane(**DAMPED), Integrator("midpoint", _midpoint, lead=0.0)
+    how: dict[str, Any] = {"start": _start(), "duration": LASTS, "control_period": PERIOD, "validity": "mark"}
+    for made in (CONTROLLERS["hold"][1], _plain_function):
+        agree(c, *both(c, made, _reference(), **how, dt=PERIOD / 2, integrator=rule))
+    exact = simulate(c, _plain_function(), _reference(), **how, dt=PERIOD, integrator=rk4, engine="compiled")
+    coarse, fine = (simulate(c, _plain_function(), _reference(), **how, dt=dt, integrator=rule, engine="compiled") for dt in (5e-3, 2.5e-3))
+    # order 2; the next order is the stiffest rate of 50/s times 5 ms
+    assert np.abs(coarse.q - exact.q).max() / np.abs(fine.q - exact.q).max() == pytest.approx(4.0, rel=0.25)
 
 
 def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -241,7 +274,7 @@ try:
 except CraneError as error:
     print(error)
 try:
-    import cranedyn.batch
+    import cranedyn.compiled.batch
 except CraneError as error:
     print(error)
 """
@@ -255,7 +288,7 @@ except CraneError as error:
 
 def test_what_an_integrator_remembers_is_what_the_plain_loop_leaves_it() -> None:
     c = crane(payload_mass=1100.0)
-    made = [HoistIntegral(_lqr(), 2e3, 1.12e4) for _ in range(2)]
+    made = [HoistIntegral(crane(), _lqr(), 2e3, 1.12e4) for _ in range(2)]
     for controller, engine in zip(made, ("pinocchio", "compiled"), strict=True):
         simulate(c, controller, _reference(), start=_start(), duration=0.8, dt=1e-3, control_period=PERIOD, engine=engine)  # type: ignore[arg-type]
     plain, compiled = made
@@ -265,13 +298,13 @@ def test_what_an_integrator_remembers_is_what_the_plain_loop_leaves_it() -> None
 
 
 def test_at_its_limit_the_integrator_stops_alike_and_comes_back() -> None:
-    c, quiet = crane(payload_mass=1300.0, trolley_max=30.0), hold(_start())
-    tracking = lqr(crane(), plumb(quiet, 3.0, PERIOD), dt=1e-3)
+    c, quiet = crane(payload_mass=1300.0, trolley_max=30.0), hold(crane(), _start())
+    tracking = lqr(crane(), plumb(c, quiet, 3.0, PERIOD), dt=1e-3)
     how: dict[str, Any] = {"start": _start(), "duration": 3.0, "dt": 1e-3, "control_period": PERIOD}
-    plain, compiled = both(c, lambda: HoistIntegral(tracking, 2e4, 1.25e4), quiet, **how)
+    plain, compiled = both(c, lambda: HoistIntegral(c, tracking, 2e4, 1.25e4), quiet, **how)
     agree(c, plain, compiled)
     assert np.abs(plain.command[:, 2]).max() > 1.2e4
-    free = simulate(c, HoistIntegral(tracking, 2e4, 1e9), quiet, **how)
+    free = simulate(c, HoistIntegral(c, tracking, 2e4, 1e9), quiet, **how)
     assert np.abs(free.q - plain.q).max() > 1e-3  # the limit matters
 
 
@@ -293,7 +326,7 @@ def test_a_variant_that_answers_otherwise_is_asked() -> None:
             return 1.1 * super().__call__(t, state, setpoint)
 
     c, brake = crane(), hold_controller(crane(), gravity=G)
-    louder = Louder(brake.stiffness, brake.damping, brake.feed_forward)
+    louder = Louder(c, brake.stiffness, brake.damping, brake.feed_forward)
     plain, compiled = both(c, lambda: louder, _reference(), start=_start(), duration=0.2)
     agree(c, plain, compiled)
     assert plain.effort[0].tolist() == (1.1 * brake(0.0, _start(), _reference()(0.0))).tolist()
@@ -331,7 +364,7 @@ def _same_failure(c: Crane, controller: Callable[[], Controller], *given: Any, *
 @pytest.mark.parametrize("name", ["hold", "python"])
 def test_a_joint_that_leaves_its_range_ends_both_runs_at_the_same_row(name: str) -> None:
     # rows of 1 ms: the end of the path comes in the second block of those that run ahead
-    c, reference = crane(), ramp(hold(crane().state(x=20.0)), "x", 4.0, rate=1.0, at=0.2)
+    c, reference = crane(), ramp(crane(), hold(crane(), crane().state(x=20.0)), "x", 4.0, rate=1.0, at=0.2)
     made = CONTROLLERS[name][1]
     failure = _same_failure(c, made, reference, start=c.state(x=20.0), duration=5.0, dt=1e-3, control_period=1e-3)
     assert failure.joint == "trolley_joint"
@@ -340,7 +373,7 @@ def test_a_joint_that_leaves_its_range_ends_both_runs_at_the_same_row(name: str)
 
 
 def test_a_hoist_that_pushes_the_rope_ends_both_runs() -> None:
-    reference = ramp(hold(crane().start), "l", 5.0, rate=20.0, at=0.05)
+    reference = ramp(crane(), hold(crane()), "l", 5.0, rate=20.0, at=0.05)
     failure = _same_failure(crane(), lambda: hold_controller(crane(), gravity=G), reference, duration=2.0)
     assert "the rope would have to push" in str(failure)
 
@@ -355,7 +388,7 @@ def test_a_run_that_diverges_ends_alike(wrapped: bool) -> None:
     assert compiled.trajectory is not None
     assert plain.trajectory is not None
     assert len(compiled.trajectory) == len(plain.trajectory) == round(plain.t / 5e-3)
-    assert all(np.isfinite(getattr(compiled.trajectory, name)).all() for name in COLUMNS)
+    assert all(np.isfinite(getattr(compiled.trajectory, name)).all() for name in QUANTITIES)
     # the error grows as the motion does, by which both are scaled
     agree(c, plain.trajectory, compiled.trajectory, 1e-9)
 
@@ -409,7 +442,7 @@ def test_a_table_with_a_number_missing_ends_both_runs_where_it_is_reached(row: i
 
 def test_a_reference_that_cannot_answer_ends_both_runs_in_the_same_words() -> None:
     def reference(t: float) -> Setpoint:
-        return hold(crane().start)(t) if t < 0.3 else _raise(CraneError("There is no plan from here on."))
+        return hold(crane())(t) if t < 0.3 else _raise(CraneError("There is no plan from here on."))
 
     failure = _same_failure(crane(), lambda: hold_controller(crane(), gravity=9.7), reference, duration=1.0)
     assert str(failure) == "At t = 0.3 s: There is no plan from here on."
@@ -419,7 +452,7 @@ def test_a_reference_that_cannot_answer_ends_both_runs_in_the_same_words() -> No
 
 def test_errors_that_are_not_ours_end_both_runs_alike_and_are_the_cause() -> None:
     def reference(t: float) -> Setpoint:
-        return hold(crane().start)(t if t < 0.3 else t / 0.0)
+        return hold(crane())(t if t < 0.3 else t / 0.0)
 
     failure = _same_failure(crane(), lambda: hold_controller(crane(), gravity=9.7), reference, duration=1.0)
     assert re.fullmatch(
@@ -550,8 +583,8 @@ def per_second(c: Crane, q: np.ndarray) -> float:
 def soft_hold(c: Crane, q: np.ndarray) -> Hold:
     """A brake of 1 rad/s for what each drive feels where nothing else is held."""
     upper = np.triu(pin.crba(c.model, c.data, q))
-    felt = 1.0 / np.diag(np.linalg.inv(upper + np.triu(upper, 1).T))[DRIVES]
-    return Hold(felt, 2.0 * felt, dynamics.holding_effort(c, q))
+    felt = 1.0 / np.diag(np.linalg.inv(upper + np.triu(upper, 1).T))[c.layout.drives]
+    return Hold(c, felt, 2.0 * felt, dynamics.holding_effort(c, q))
 
 
 @settings(max_examples=12)
@@ -568,7 +601,7 @@ def test_cranes_of_all_sizes_agree_where_loops_run_ahead(case: Case, validity: A
     # a load that is too heavy for its hoist falls, and rounding grows as it flies past the trolley
     assume((np.abs(dynamics.holding_effort(c, case.start_q)) < c.effort_limit).all())
     brake = soft_hold(c, case.start_q)
-    reference = hold(State(case.start_q + 0.1 * np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros(5)))
+    reference = hold(c, State(case.start_q + 0.1 * np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros(5)))
     how: dict[str, Any] = {"start": case.start, "duration": 0.3, "dt": 1e-3, "control_period": 1e-2, "validity": validity}
     try:
         plain = simulate(c, brake, reference, **how, integrator=integrator)

@@ -21,7 +21,7 @@ from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.interfaces import Reference, State
-from cranedyn.model.crane import JOINTS, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, crane, efforts, states, turned
@@ -49,7 +49,7 @@ def test_check_urdf_accepts_it(urdf: Path) -> None:
 def test_yourdfpy_puts_the_load_where_we_do(urdf: Path) -> None:
     yourdfpy = pytest.importorskip("yourdfpy")
     robot = yourdfpy.URDF.load(str(urdf), load_meshes=False)
-    assert list(robot.actuated_joint_names) == [joint.name for joint in JOINTS]
+    assert list(robot.actuated_joint_names) == [joint.name for joint in crane().layout.joints]
     assert robot.validate()
 
     @given(states)
@@ -84,7 +84,7 @@ def engine(urdf: Path) -> Any:
 
 def test_mujoco_has_the_same_joints_in_the_same_order(engine: Any) -> None:
     _, model, _ = engine
-    assert [model.joint(i).name for i in range(model.njnt)] == [joint.name for joint in JOINTS]
+    assert [model.joint(i).name for i in range(model.njnt)] == [joint.name for joint in crane().layout.joints]
     assert model.dof_damping.tolist() == crane(**DAMPING).damping.tolist()
     assert_allclose(model.jnt_range, np.stack([crane().lower, crane().upper], axis=1))
 
@@ -117,7 +117,7 @@ def test_mujoco_has_the_same_accelerations_with_damping(engine: Any) -> None:
     @given(states, efforts)
     def same(state: State, effort: np.ndarray) -> None:
         data.qpos[:], data.qvel[:] = state
-        data.qfrc_applied[:] = dynamics.full(effort)
+        data.qfrc_applied[:] = dynamics.full(crane(), effort)
         mujoco.mj_forward(model, data)
         assert_allclose(dynamics.acceleration(c, state, effort), data.qacc, atol=1e-10, rtol=1e-9)  # rounding, light trolley
 
@@ -140,7 +140,7 @@ class Twin:
         for k in range(len(like)):
             state = State(self.data.qpos.copy(), self.data.qvel.copy())
             rows.append(np.concatenate(state))
-            self.data.qfrc_applied[:] = dynamics.full(effort(k, state))
+            self.data.qfrc_applied[:] = dynamics.full(crane(), effort(k, state))
             self.mujoco.mj_step(self.model, self.data, round(PERIOD / DT))
         return np.array(rows)
 
@@ -153,7 +153,8 @@ def combined_move(**damping: float) -> tuple[Crane, Reference, Trajectory]:
     """Slew by 69°, trolley out by 6 m and hoist by 6 m, all together, with a load that swings from the start; and what was wanted."""
     c = crane(**damping)
     start = c.state(phi=0.3, theta=-0.2)
-    reference = ramp(ramp(ramp(hold(start), "gamma", 1.2, rate=0.1, at=1.0), "x", 6.0, rate=0.5, at=2.0), "l", -6.0, rate=0.4, at=3.0)
+    reference = ramp(c, hold(c, start), "gamma", 1.2, rate=0.1, at=1.0)
+    reference = ramp(c, ramp(c, reference, "x", 6.0, rate=0.5, at=2.0), "l", -6.0, rate=0.4, at=3.0)
     return c, reference, simulate(c, hold_controller(c, gravity=G), reference, start=start, duration=30.0, dt=DT, control_period=PERIOD)
 
 

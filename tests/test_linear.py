@@ -43,10 +43,10 @@ def test_one_sampled_period_is_the_derivative_of_one_simulated_period() -> None:
 
 
 def test_feedback_sets_each_drive_by_itself() -> None:
-    gain = feedback_gain(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]))
+    gain = feedback_gain(crane(), np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]))
     z = np.array([10.0, 20.0, 99.0, 99.0, 30.0, 1.0, 2.0, 99.0, 99.0, 3.0])
     assert (gain @ z).tolist() == [14.0, 50.0, 108.0]
-    brake = Hold(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]))
+    brake = Hold(crane(), np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0]), np.zeros(3))
     assert (gain @ z).tolist() == (-brake(0.0, State(z[:5], z[5:]), Setpoint(np.zeros(3), np.zeros(3), np.zeros(3)))).tolist()
 
 
@@ -60,7 +60,7 @@ def test_with_drives_held_hard_the_mode_is_the_compound_pendulum(coordinate: int
     c = crane(damp_swing=2e3, trolley_mass=1e8, slewing_inertia=1e12)
     dt = 1e-3
     plant = sampled(c, c.state(l=10.0), dt=dt, control_period=5e-3)
-    gain = feedback_gain(np.array([0.0, 0.0, 3e4]), np.array([0.0, 0.0, 2e4]))
+    gain = feedback_gain(c, np.array([0.0, 0.0, 3e4]), np.array([0.0, 0.0, 2e4]))
     mode = swing_mode(plant.closed(gain), 5e-3, coordinate)
     total = 1000.0 * 10.0**2 + inertia
     natural = math.sqrt(1000.0 * G * 10.0 / total)
@@ -73,7 +73,7 @@ def test_with_drives_held_hard_the_mode_is_the_compound_pendulum(coordinate: int
 def test_a_mode_is_measured_by_its_weights() -> None:
     c = crane()
     plant = sampled(c, c.start)
-    loop = plant.closed(feedback_gain(np.array([5e5, 3e5, 3e4]), np.array([1e6, 5e4, 2e4])))
+    loop = plant.closed(feedback_gain(c, np.array([5e5, 3e5, 3e4]), np.array([1e6, 5e4, 2e4])))
     mode = swing_mode(loop, plant.period, 2)
     assert_allclose(loop @ mode.shape, np.exp(mode.rate * plant.period) * mode.shape, atol=1e-12)  # rounding
     assert mode.shape[2] == pytest.approx(1.0, abs=1e-12)
@@ -86,12 +86,12 @@ def test_a_mode_is_measured_by_its_weights() -> None:
 def test_a_tiny_swing_in_the_loop_is_the_mode(coordinate: str, clocks: dict[str, Any]) -> None:
     c = crane()
     brake = hold_controller(c, gravity=G)
-    i = {"phi": 2, "theta": 3}[coordinate]
+    i = c.layout.index(coordinate)
     found = simulate(c, brake, start=c.state(l=6.0, **{coordinate: 1e-4}), duration=60.0, **clocks)
     late = found.since(35.0)  # of the drives' own modes the slew's is slowest: exp(-t/2)
     fit = fit_swing(late.t, late.q[:, i])
     plant = sampled(c, c.state(l=6.0), **clocks)
-    mode = swing_mode(plant.closed(feedback_gain(brake.stiffness, brake.damping)), plant.period, i)
+    mode = swing_mode(plant.closed(feedback_gain(c, brake.stiffness, brake.damping)), plant.period, i)
     assert fit.period == pytest.approx(mode.period, rel=1e-7)  # amplitude² / 16 = 6e-10, what is left of other modes
     assert fit.damping_ratio == pytest.approx(mode.damping_ratio, abs=1e-7)
     assert np.std(late.q[:, i]) > 1e-5
@@ -104,7 +104,7 @@ def test_a_control_one_period_late_would_be_seen() -> None:
     ratios = []
     for period in (5e-4, 2e-2):
         plant = sampled(c, c.state(l=6.0), dt=5e-4, control_period=period)
-        ratios.append(swing_mode(plant.closed(feedback_gain(brake.stiffness, brake.damping)), period, 2).damping_ratio)
+        ratios.append(swing_mode(plant.closed(feedback_gain(c, brake.stiffness, brake.damping)), period, 2).damping_ratio)
     assert abs(ratios[0] - ratios[1]) > 1e-5
 
 
@@ -125,19 +125,19 @@ def test_without_effects_of_amplitude_the_prediction_is_the_mode() -> None:
     c = crane()
     brake = hold_controller(c, gravity=G)
     start = c.state(l=8.0)
-    tiny = pulse(hold(start), "x", 1e-6, at=1.0, width=2.8)
+    tiny = pulse(c, hold(c, start), "x", 1e-6, at=1.0, width=2.8)
     found = free_swing(c, brake, tiny, start, since=12.0, until=50.0)
     plant = sampled(c, start)
-    mode = swing_mode(plant.closed(feedback_gain(brake.stiffness, brake.damping)), plant.period, 2)
+    mode = swing_mode(plant.closed(feedback_gain(c, brake.stiffness, brake.damping)), plant.period, 2)
     assert found.period == pytest.approx(mode.period, rel=1e-12)
     assert found.damping_ratio == pytest.approx(mode.damping_ratio, rel=1e-9)
 
 
 def test_a_pulse_half_a_period_long_leaves_twice_its_amplitude_over_the_length() -> None:
     c = big_crane(trolley_mass=1e3)
-    stiff = Hold(np.array([1e8, 1e8, 1e8]), np.array([1e6, 8e5, 8e5]), np.array([0.0, 0.0, -1000.0 * G]))
+    stiff = Hold(c, np.array([1e8, 1e8, 1e8]), np.array([1e6, 8e5, 8e5]), np.array([0.0, 0.0, -1000.0 * G]))
     start = c.state(l=20.0)
-    reference = pulse(hold(start), "x", 0.01, at=1.0, width=math.pi * math.sqrt(20.0 / G))
+    reference = pulse(c, hold(c, start), "x", 0.01, at=1.0, width=math.pi * math.sqrt(20.0 / G))
     found = free_swing(c, stiff, reference, start, since=12.0, until=60.0, dt=5e-4, control_period=5e-4)
     # k_d/k_p = 8 ms of lag in the trolley smooths the edges by (ω · 8 ms)²; the pulse is sampled to 0.5 ms of its width
     assert found.amplitude == pytest.approx(2.0 * 0.01 / 20.0, rel=2e-3)
@@ -147,9 +147,9 @@ def test_where_the_hold_believes_in_another_gravity_the_load_hangs_lower() -> No
     c = load_crane(gravity=9.9)
     brake = hold_controller(c)
     start = c.state(l=8.0)
-    reference = pulse(hold(start), "x", 1e-6, at=1.0, width=2.8)
+    reference = pulse(c, hold(c, start), "x", 1e-6, at=1.0, width=2.8)
     found = free_swing(c, brake, reference, start, since=12.0, until=50.0)
     sag = 1000.0 * (9.9 - 9.80665) / 3e4
     lower = sampled(c, c.state(l=8.0 + sag))
-    mode = swing_mode(lower.closed(feedback_gain(brake.stiffness, brake.damping)), lower.period, 2)
+    mode = swing_mode(lower.closed(feedback_gain(c, brake.stiffness, brake.damping)), lower.period, 2)
     assert found.period == pytest.approx(mode.period, rel=1e-12)

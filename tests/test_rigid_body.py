@@ -115,7 +115,7 @@ def test_a_payload_that_turns_is_pushed_at_its_centre(state: State) -> None:
     force = np.array([[300.0, -200.0, 100.0], [-50.0, 20.0, 70.0]])
     external_forces = [ExternalForce(4, tree.lever[4], force[0]), ExternalForce(2, np.zeros(3), force[1])]
     pushed, free = (rigid_body.inverse_dynamics(tree, where, np.zeros(5), external_forces=some) for some in (external_forces, []))
-    expected = dynamics.outside_effort(c.model, c.data, state.q, force)
+    expected = dynamics.outside_effort(c.points, c.model, c.data, state.q, force)
     assert_allclose(_plain(free - pushed), expected, atol=1e-8)  # differences of 1e5 N m
 
 

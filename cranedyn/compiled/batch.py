@@ -17,6 +17,7 @@ from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.memory import grouped, run, ungrouped
+from cranedyn.compiled.step import check_rule
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, number, whole, within
 from cranedyn.interfaces import Controller, Drive, Reference, State
@@ -32,13 +33,15 @@ class Batch:
     Attributes:
         end: Coordinates and rates at the end, shape (cranes, n) each.
         peak_swing: Largest swing, all swing joints together [rad], shape (cranes,).
-        residual_swing: Largest amplitude of the swing from `residual_from` on [rad], see `cranedyn.analysis.swing.swing_amplitude`, shape (n,).
+        residual_swing: Largest amplitude of the swing from `residual_from` on [rad], see `cranedyn.analysis.swing.swing_amplitude`, shape
+            (cranes,).
         largest_effort: Of the drives [N m or N], shape (cranes, m).
-        valid_until: Time at which the model ceased to hold, see `cranedyn.dynamics.validity` [s]; inf where it held throughout; shape (n,).
-        t: Times of the recorded rows [s], shape (m,).
+        valid_until: Time at which the model ceased to hold, see `cranedyn.dynamics.validity` [s]; inf where it held throughout; shape
+            (cranes,).
+        t: Times of the recorded rows [s], shape (rows,).
         q, v: Coordinates and rates at these, shape (cranes, rows, n) each.
         command, effort: What the controllers asked for and what acted, shape (cranes, rows, m) each.
-        energy: Mechanical energy [J], shape (n, m).
+        energy: Mechanical energy [J], shape (cranes, rows).
     """
 
     end: State
@@ -94,8 +97,8 @@ def simulate_batch(
         dt: Physics step [s].
         control_period: Time between control instants [s].
         drive: What the controllers command, see `simulate`.
-        force: From outside in the world [N] at each control instant, on the points of the crane, shape (rows, 3 points) for all or (cranes, rows, 3 points); beyond its
-            end the last row holds. Wind that depends on how the load moves needs `simulate`.
+        force: From outside in the world [N] at each control instant, on the points of the crane, shape (rows, 3 points) for all or
+            (cranes, rows, 3 points); beyond its end the last row holds. Wind that depends on how the load moves needs `simulate`.
         sensor_offset: What the sensors add to coordinates and rates, shape (2 n,) for all or (cranes, 2 n).
         buffers: Whether buffers end the ranges of the drives.
         integrator: The stepping rule.
@@ -114,6 +117,7 @@ def simulate_batch(
         raise OutOfRange("drive", drive, "effort or motion")
     if buffers and drive != "effort":
         raise OutOfRange("buffers", buffers, "False where the drives follow prescribed motion")
+    check_rule(integrator)
     number("time at the start", since, "s", "-1e9 to 1e9")
     after = _instant(residual_from, since, clock)
     every = min(whole("record", record, 0), clock.periods + 1)

@@ -29,7 +29,6 @@ def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarra
     each other, so that the code for a crane is made once.
 
     Raises:
-        OutOfRange: If there is no code for the stepping rule.
         ModelError: If the code does not do what Pinocchio does.
     """
     rows = np.array([numbers(crane) for crane in cranes])

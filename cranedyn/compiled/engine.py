@@ -12,6 +12,7 @@ from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop, Rows
 from cranedyn.compiled.kernel import Kernel, Recipe
+from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.tables import Table, aim, alone, law, one_command
 from cranedyn.controllers.affine import Affine, Remembering, form
 from cranedyn.dynamics.drives import Limits
@@ -45,7 +46,12 @@ class CompiledEngine(Engine):
     look_back = 1000
 
     def __init__(self, setting: Setting, start: State) -> None:
-        """Begin at a state, without command."""
+        """Begin at a state, without command.
+
+        Raises:
+            OutOfRange: If there is no code for the stepping rule.
+        """
+        check_rule(setting.integrator)
         self._setting = setting
         self._limits = Limits(setting.crane) if setting.drive == "effort" else None
         self._sizes = sizes = Sizes.of(setting.crane.layout)

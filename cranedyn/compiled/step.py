@@ -11,6 +11,38 @@ from cranedyn.compiled.code import Code, Value
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.plant import Plant
 from cranedyn.dynamics.rigid_body import array
+from cranedyn.errors import OutOfRange
+
+
+class _Number:
+    """Stands for a number: sums and products with it are such numbers, and how large it is nobody knows yet."""
+
+    def _one(self, other: Any = None) -> _Number:
+        return self
+
+    def _unknown(self, other: Any = None) -> bool:
+        raise TypeError("how large a number is is not known while code is made")
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __neg__ = _one
+    __lt__ = __le__ = __gt__ = __ge__ = __bool__ = _unknown
+
+
+def check_rule(integrator: Integrator) -> None:
+    """Return if a stepping rule can be made code of.
+
+    Raises:
+        OutOfRange: If it does anything with numbers but add and multiply them, or answers something else than coordinates and rates.
+    """
+    numbers = array([_Number(), _Number()])
+    try:
+        q, v = integrator.rule(np.add, np.add, np.add, numbers, numbers, 1)
+        fits = q.shape == v.shape == numbers.shape
+    except Exception:  # whatever the rule of a stranger raises
+        fits = False
+    if not fits:
+        allowed = "one whose rule adds and multiplies numbers of any kind, as those of semi-implicit Euler and RK4 do"
+        raise OutOfRange("integrator of compiled code", integrator.name, allowed)
+
 
 Stepped = tuple[np.ndarray, np.ndarray, Any]
 """Coordinates, rates, and work of the buffers so far [J]."""
@@ -24,7 +56,8 @@ def stepped(
     Args:
         integrator: The stepping rule.
         plant: The crane.
-        q, v: Coordinates and rates.
+        q: Coordinates.
+        v: Rates.
         command: Of the drives.
         forces: From outside.
         dt: The step [s].

@@ -15,7 +15,7 @@ import pinocchio as pin
 from cranedyn.arguments import taken
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import read_record
-from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName, number, printable, within
+from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName, number, printable, quoted, within
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane, Point
 from cranedyn.model.description import XACRO, describe
@@ -163,7 +163,9 @@ def _check_kinds(model: pin.Model, path: Path) -> None:
         raise ModelError(f"{path} has no joint that moves.")
     for i, name in enumerate(_names(model), start=1):
         if (model.joints[i].nq, model.joints[i].nv) != (1, 1):
-            raise ModelError(f"{path} has a {name} without limits or with several axes; it must be revolute or prismatic, with limits.")
+            raise ModelError(
+                f"{path} has a {quoted(name)} without limits or with several axes; it must be revolute or prismatic, with limits."
+            )
 
 
 def _armature(robot: ET.Element, names: Sequence[str]) -> np.ndarray:
@@ -186,7 +188,7 @@ def _payload(model: pin.Model, name: str | None, path: Path) -> int:
         return names.index(name)
     ends = [i for i in range(len(names)) if i + 1 not in list(model.parents)[1:]]
     if len(ends) > 1:
-        shown = ", ".join(names[i] for i in ends)
+        shown = ", ".join(quoted(names[i]) for i in ends)
         raise ModelError(f"{path} is a tree that ends in {shown}; say which joint carries the payload by load_crane(payload=...).")
     return ends[0]
 
@@ -196,12 +198,17 @@ def _driven(robot: ET.Element, names: Sequence[str], given: Sequence[str] | None
     own = {joint.get("name", "") for joint in robot.iterfind("ros2_control/joint") if joint.find("command_interface") is not None}
     if given is not None and own and own != {*given}:
         raise ModelError(
-            f"{path} says by <ros2_control> that drives move {', '.join(sorted(own))}, the argument says {', '.join(given)}; leave one out."
+            f"{path} says by <ros2_control> that drives move {', '.join(map(quoted, sorted(own)))}, the argument says {', '.join(given)}; "
+            "leave one out."
         )
-    found = own if given is None else {*given}
-    for name in found:
+    for name in sorted(own):
+        if name not in names:
+            moving = ", ".join(map(quoted, names))
+            raise ModelError(f"{path} gives {quoted(name)} a command interface in <ros2_control>; the joints that move are {moving}.")
+    for name in given or ():
         if name not in names:
             raise UnknownName("moving joint", name, names)
+    found = own if given is None else {*given}
     if not found:
         raise ModelError(
             f"{path} gives no joint a command interface in <ros2_control>; say which joints drives move by load_crane(driven=[...])."
@@ -223,7 +230,7 @@ def _layout(model: pin.Model, path: Path, roles: Mapping[str, str], driven: set[
         joints.append(Joint(name, symbol_of(name, role), unit, kind, tuple(axis.tolist()), name in driven, role))
     symbols = [joint.symbol for joint in joints]
     if len(set(symbols)) < n:
-        raise ModelError(f"{path} has joints of the same symbol among {', '.join(symbols)}; give them other names.")
+        raise ModelError(f"{path} has joints of the same symbol among {', '.join(map(quoted, symbols))}; give them other names.")
     return Layout(tuple(joints), _point_names(joints, load))
 
 
@@ -317,7 +324,7 @@ def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path)
 
     The articulated-body algorithm, which goes through other numbers, must accelerate the crane under all its efforts as that matrix does.
     """
-    data, none = model.createData(), np.zeros(5)
+    data, none = model.createData(), np.zeros(layout.n)
     mass = np.triu(pin.crba(model, data, q))
     mass += np.triu(mass, 1).T
     own = np.diag(mass)
