@@ -65,8 +65,12 @@ def checked(taker: _Any) -> _Any:
             return taker(*args, **named)
         as_given = None not in axes
         for name in given.arguments.keys() & kinds().keys():
-            value = given.arguments[name]
-            given.arguments[name] = taken(name, value, kinds()[name])
+            value, kind = given.arguments[name], kinds()[name]
+            if signature.parameters[name].kind is inspect.Parameter.VAR_KEYWORD:  # each by itself, under its own name
+                given.arguments[name] = {own: taken(own, one, kind) for own, one in value.items()}
+                as_given &= all(given.arguments[name][own] is one for own, one in value.items())
+                continue
+            given.arguments[name] = taken(name, value, kind)
             as_given &= given.arguments[name] is value
         if as_given:
             right.add(asked)
