@@ -8,8 +8,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from cranedyn.arguments import described, taken
-from cranedyn.arrays import finite
-from cranedyn.errors import OutOfRange
+from cranedyn.arrays import shaped
+from cranedyn.errors import OutOfRange, number
 
 
 class State(NamedTuple):
@@ -39,9 +39,13 @@ class State(NamedTuple):
         except Exception:  # whatever it is, it is no pair
             raise OutOfRange(name, described(value), "coordinates and rates, all numbers") from None
         state = cls(*(taken(name, part, np.ndarray).copy() for part in (coordinates, rates)))
-        for kind, part in zip(("coordinates", "rates"), state, strict=True):
-            finite(f"{kind} at the {name}", part, (len(state.q) if state.q.ndim else "n",))
+        for kind, part in zip(("coordinate", "rate"), state, strict=True):
+            shaped(f"{kind}s at the {name}", part, ("n",))
+            for i, one in enumerate(part.tolist(), start=1):
+                number(f"{kind} {i} of {part.size} at the {name}", one)
             part.flags.writeable = False
+        if state.q.size != state.v.size:
+            raise OutOfRange(name, f"a state of {state.q.size} coordinates and {state.v.size} rates", "as many of each")
         return state
 
 

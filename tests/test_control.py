@@ -13,14 +13,13 @@ from scipy.linalg import expm, solve_discrete_are
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import follow
-from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT, lqr
+from cranedyn.controllers.lqr import effort_weight_of, lqr, state_weight_of
 from cranedyn.controllers.paper import SLEW_WEIGHTS, TROLLEY_WEIGHTS, paper_controller, slew_plane, trolley_plane
 from cranedyn.controllers.riccati import riccati
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.dynamics.pinocchio import acceleration, holding_effort, linearise, payload_position, prescribed_acceleration
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
-from cranedyn.model.crane import DRIVES
 from cranedyn.references import hold, ramp
 from cranedyn.references.flat import flat, smoothstep
 from cranedyn.references.limits import Limits, check, fastest, use
@@ -41,8 +40,8 @@ def swing_left(run: np.ndarray) -> float:
 
 def test_a_spline_is_at_rest_at_every_waypoint_and_passes_through_it() -> None:
     start = crane().state(x=10.0, l=15.0)
-    reference = spline(start, [(0.3, 12.0, 14.0), (0.6, 20.0, 10.0)], [5.0, 8.0], at=1.0)
-    for t, point in ((1.0, start.q[DRIVES]), (6.0, (0.3, 12.0, 14.0)), (14.0, (0.6, 20.0, 10.0)), (99.0, (0.6, 20.0, 10.0))):
+    reference = spline(crane(), start, [(0.3, 12.0, 14.0), (0.6, 20.0, 10.0)], [5.0, 8.0], at=1.0)
+    for t, point in ((1.0, start.q[crane().layout.drives]), (6.0, (0.3, 12.0, 14.0)), (14.0, (0.6, 20.0, 10.0)), (99.0, (0.6, 20.0, 10.0))):
         setpoint = reference(t)
         # 1e-12: rounding of polynomials of order one
         np.testing.assert_allclose(setpoint.position, point, atol=1e-12)
@@ -50,7 +49,7 @@ def test_a_spline_is_at_rest_at_every_waypoint_and_passes_through_it() -> None:
 
 
 def test_rates_of_a_spline_are_the_derivatives_of_its_position() -> None:
-    reference = spline(crane().state(x=10.0, l=15.0), [(0.6, 20.0, 10.0)], [20.0])
+    reference = spline(crane(), crane().state(x=10.0, l=15.0), [(0.6, 20.0, 10.0)], [20.0])
     h = 1e-4
     for t in (2.0, 7.3, 19.0):
         before, now, after = (reference(t + s) for s in (-h, 0.0, h))
@@ -63,8 +62,8 @@ def test_the_shortest_spline_reaches_a_limit_and_exceeds_none() -> None:
     start = crane().state(x=10.0, l=15.0)
     rates, accelerations = (0.08, 0.8, 0.8), (0.02, 0.3, 0.4)
     for goal in ((0.6, 12.0, 15.0), (0.0, 20.0, 14.0), (0.01, 10.2, 5.0)):
-        (duration,) = shortest(start, [goal], rates=rates, accelerations=accelerations)
-        setpoint = spline(start, [goal], [duration]).at(np.linspace(0.0, duration, 4001))
+        (duration,) = shortest(crane(), start, [goal], rates=rates, accelerations=accelerations)
+        setpoint = spline(crane(), start, [goal], [duration]).at(np.linspace(0.0, duration, 4001))
         use = max((np.abs(setpoint.velocity).max(axis=0) / rates).max(), (np.abs(setpoint.acceleration).max(axis=0) / accelerations).max())
         assert use == pytest.approx(1.0, abs=1e-6)  # 4001 samples meet the peak within 1e-7
 
@@ -75,11 +74,11 @@ def test_a_quintic_move_leaves_the_swing_of_the_closed_form(duration: float, deg
     way = 0.01
     point = big_crane()
     start = point.state(x=10.0, l=20.0)
-    reference = spline(start, [(0.0, 10.0 + way, 20.0)], [duration])
+    reference = spline(point, start, [(0.0, 10.0 + way, 20.0)], [duration])
 
     def left(dt: float) -> float:
         run = quickly(
-            point, follow(reference, dt), reference, start=start, duration=duration + 20.0, dt=dt, control_period=dt, drive="motion"
+            point, follow(point, reference, dt), reference, start=start, duration=duration + 20.0, dt=dt, control_period=dt, drive="motion"
         )
         return swing_left(run["phi_rad"][run.t >= duration])
 
@@ -112,7 +111,7 @@ def test_a_flat_motion_of_a_point_load_obeys_the_equations_of_motion() -> None:
 def test_a_flat_slew_leaves_the_swing_that_the_documents_tell_of(values: dict[str, float], left: float) -> None:
     load = crane(damp_swing=0.0, **values)
     motion = flat(load, load.state(x=15.0, l=15.0), load.state(gamma=0.6, x=15.0, l=15.0), 20.0)
-    run = quickly(load, follow(motion, 5e-3), motion, start=load.state(x=15.0, l=15.0), duration=25.0, drive="motion")
+    run = quickly(load, follow(load, motion, 5e-3), motion, start=load.state(x=15.0, l=15.0), duration=25.0, drive="motion")
     amplitude = swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], G)[0]
     assert amplitude == pytest.approx(left, abs=5e-7)  # half of the last digit told: "0.006 mrad", "0.001 mrad"
     assert np.linalg.norm(run.q[:, 2:4], axis=1).max() == pytest.approx(22e-3, abs=5e-4)
@@ -122,7 +121,7 @@ def test_a_flat_motion_of_a_load_with_inertia_is_exact_in_the_plane_of_the_jib_o
     still = crane(damp_swing=0.0)
     motion = flat(still, still.state(x=10.0, l=10.0), still.state(x=20.0, l=10.0), 12.0)
     for k in range(100, 2400, 37):
-        a, _ = prescribed_acceleration(still, State(motion.q[k], motion.v[k]), motion.a[k, DRIVES])
+        a, _ = prescribed_acceleration(still, State(motion.q[k], motion.v[k]), motion.a[k, still.layout.drives])
         # second derivatives of samples, as above, on a shorter cable; taken for a point the load would be off by I/(m l²) = 5e-3 of 0.03
         np.testing.assert_allclose(a, motion.a[k], rtol=0, atol=2e-5)
 
@@ -146,10 +145,10 @@ def test_a_path_that_falls_faster_than_gravity_is_refused() -> None:
 
 def test_the_finite_horizon_tends_to_the_algebraic_riccati_equation() -> None:
     model = sampled(crane(), crane().state(l=10.0))
-    n = 6000
-    gains = riccati(np.repeat(model.a[None], n, 0), np.repeat(model.b[None], n, 0), STATE_WEIGHT, EFFORT_WEIGHT, np.zeros((10, 10))).gain
-    p = solve_discrete_are(model.a, model.b, STATE_WEIGHT, EFFORT_WEIGHT)
-    steady = np.linalg.solve(EFFORT_WEIGHT + model.b.T @ p @ model.b, model.b.T @ p @ model.a)
+    n, q, r = 6000, state_weight_of(crane()), effort_weight_of(crane())
+    gains = riccati(np.repeat(model.a[None], n, 0), np.repeat(model.b[None], n, 0), q, r, np.zeros((10, 10))).gain
+    p = solve_discrete_are(model.a, model.b, q, r)
+    steady = np.linalg.solve(r + model.b.T @ p @ model.b, model.b.T @ p @ model.a)
     # 30 s are many time constants of the loop; the algebraic solution is good to about 1e-8 of its largest entry
     np.testing.assert_allclose(gains[0], steady, rtol=1e-5, atol=1e-8 * np.abs(steady).max())
 
@@ -223,8 +222,8 @@ def test_the_papers_planes_are_the_linear_crane_where_inertia_is_left_out() -> N
 
 
 def test_the_papers_gains_end_as_the_stationary_ones_of_the_held_planes() -> None:
-    reference = spline(crane().state(x=10.0, l=15.0), [(0.6, 20.0, 10.0)], [20.0])
-    gain = paper_controller(crane(), plumb(reference, 20.0)).tracking.gain[-1]
+    reference = spline(crane(), crane().state(x=10.0, l=15.0), [(0.6, 20.0, 10.0)], [20.0])
+    gain = paper_controller(crane(), plumb(crane(), reference, 20.0)).tracking.gain[-1]
     inertia = crane().slewing_inertia + crane().trolley_mass * 20.0**2
     g = 9.80665
     for (a, b), weights, row, columns in (
@@ -241,12 +240,12 @@ def test_the_papers_gains_end_as_the_stationary_ones_of_the_held_planes() -> Non
 def test_the_hoist_pid_takes_away_a_wrong_weight_and_does_not_wind_up() -> None:
     heavy = crane(payload_mass=1100.0)
     start = heavy.state(l=15.0)
-    reference = spline(start, [(0.0, 10.0, 15.0)], [1.0])
-    controller = paper_controller(crane(), plumb(reference, 1.0))
+    reference = spline(heavy, start, [(0.0, 10.0, 15.0)], [1.0])
+    controller = paper_controller(crane(), plumb(crane(), reference, 1.0))
     run = quickly(heavy, controller, reference, start=start, duration=40.0)
     assert abs(run["l_m"][-1] - 15.0) < 1e-3
     weak = crane(hoist_effort=9000.0)
-    stalled = paper_controller(weak, plumb(reference, 1.0))
+    stalled = paper_controller(weak, plumb(weak, reference, 1.0))
     quickly(weak, stalled, reference, start=start, duration=0.5)
     assert stalled.integral == 0.0
 
@@ -273,11 +272,11 @@ def test_shapers_have_the_sensitivity_of_the_literature(shaper: object, formula:
 def test_a_shaped_move_leaves_almost_no_swing_where_the_bare_one_does() -> None:
     point = big_crane()
     start = point.state(x=10.0, l=15.0)
-    base = ramp(hold(start), "x", 0.5, rate=0.25, at=1.0)
+    base = ramp(point, hold(point, start), "x", 0.5, rate=0.25, at=1.0)
     period = 2.0 * math.pi * math.sqrt(15.0 / G)
     left = {}
     for name, reference in (("bare", base), ("zv", shaped(base, zv(), period)), ("zvd", shaped(base, zvd(), period))):
-        run = quickly(point, follow(reference), reference, start=start, duration=25.0, drive="motion")
+        run = quickly(point, follow(point, reference), reference, start=start, duration=25.0, drive="motion")
         left[name] = swing_left(run["phi_rad"][run.t > 15.0])
         assert run["x_m"][-1] == pytest.approx(10.5, abs=2e-3)  # positions lead velocities by half a step
     # small angles and 5 ms of sampling leave a thousandth
@@ -288,13 +287,13 @@ def test_a_shaped_move_leaves_almost_no_swing_where_the_bare_one_does() -> None:
 def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_a_fixed_cable() -> None:
     point = big_crane()
     start = point.state(x=10.0, l=20.0)
-    base = operator(start, [JoystickPulse("l", -0.5, 0.0, 20.0), JoystickPulse("x", 0.5, 3.0, 12.0)], accelerations=(0.02, 0.4, 0.4))
+    base = operator(point, start, [JoystickPulse("l", -0.5, 0.0, 20.0), JoystickPulse("x", 0.5, 3.0, 12.0)], accelerations=(0.02, 0.4, 0.4))
     fixed = shaped(base, zv(), 2.0 * math.pi * math.sqrt(20.0 / G))
-    moving = shaped_hoisting(base, zv(), G, 25.0)
+    moving = shaped_hoisting(point, base, zv(), 25.0)
     left = {}
     for name, reference in (("bare", base), ("fixed", fixed), ("moving", moving)):
         run = quickly(
-            point, follow(reference), reference, start=start, duration=45.0, drive="motion", validity="mark"
+            point, follow(point, reference), reference, start=start, duration=45.0, drive="motion", validity="mark"
         )  # a hoist stopped at once
         left[name] = swing_left(run["phi_rad"][run.t > 35.0])
         assert run["x_m"][-1] == pytest.approx(16.0, abs=5e-3)
@@ -308,7 +307,9 @@ def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_
 
 def test_an_operators_push_is_a_trapezoid_within_the_limit() -> None:
     start = crane().state(x=10.0)
-    reference = operator(start, [JoystickPulse("x", 0.8, 1.0, 5.0), JoystickPulse("x", -0.8, 8.0, 1.0)], accelerations=(0.02, 0.4, 0.4))
+    reference = operator(
+        crane(), start, [JoystickPulse("x", 0.8, 1.0, 5.0), JoystickPulse("x", -0.8, 8.0, 1.0)], accelerations=(0.02, 0.4, 0.4)
+    )
     assert reference(4.0).velocity[1] == pytest.approx(0.8)
     assert reference(8.0).position[1] == pytest.approx(10.0 + 0.8 * 5.0)  # a trapezoid covers rate times hold
     assert reference(20.0).velocity[1] == pytest.approx(0.0)
@@ -326,7 +327,7 @@ def test_an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits(move
         pushes.append(JoystickPulse("x", rate, t + pause, lasts))
         t += pause + lasts
     start = crane().state(x=10.0)
-    reference = operator(start, pushes[::-1], accelerations=(0.02, 0.4, 0.4))
+    reference = operator(crane(), start, pushes[::-1], accelerations=(0.02, 0.4, 0.4))
     setpoint = tabulated(reference, np.linspace(-1.0, t + 3.0, 2000))
     assert np.abs(setpoint.acceleration[:, 1]).max() <= 0.4 * (1 + 1e-12)  # rounding, here and below
     assert np.abs(setpoint.velocity[:, 1]).max() <= max(abs(rate) for rate, *_ in moves) + 1e-12
@@ -346,12 +347,14 @@ def test_a_joystick_is_in_one_place_at_a_time() -> None:
     start = crane().state(x=10.0)
     how = {"accelerations": (0.02, 0.4, 0.4)}
     with pytest.raises(OutOfRange, match=r"start of a push of x is 2\.0 s; allowed is 4 or later, when the one before it ends"):
-        operator(start, [JoystickPulse("x", 0.8, 1.0, 3.0), JoystickPulse("l", 0.5, 1.0, 3.0), JoystickPulse("x", 0.8, 2.0, 3.0)], **how)
+        operator(
+            crane(), start, [JoystickPulse("x", 0.8, 1.0, 3.0), JoystickPulse("l", 0.5, 1.0, 3.0), JoystickPulse("x", 0.8, 2.0, 3.0)], **how
+        )
     operator(
-        start, [JoystickPulse("x", 0.8, 0.1, 0.2), JoystickPulse("x", 0.5, 0.3, 1.0), JoystickPulse("l", 0.5, 0.2, 3.0)], **how
+        crane(), start, [JoystickPulse("x", 0.8, 0.1, 0.2), JoystickPulse("x", 0.5, 0.3, 1.0), JoystickPulse("l", 0.5, 0.2, 3.0)], **how
     )  # 0.1 + 0.2 > 0.3
     with pytest.raises(OutOfRange, match="start of a push is nan s"):
-        operator(start, [JoystickPulse("x", 0.8, math.nan, 3.0)], **how)
+        operator(crane(), start, [JoystickPulse("x", 0.8, math.nan, 3.0)], **how)
 
 
 # ------------------------------------------------------------------------------------------------------------------ limits

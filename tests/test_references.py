@@ -28,35 +28,43 @@ from cranedyn.references import (
     spline,
     zv,
 )
+from cranedyn.references.motion import Motion
 from cranedyn.references.tabulated import tabulated
 from cranedyn.references.tour import tour
-from tests.helpers import G, crane
+from tests.helpers import crane
 
-START = State(np.array([0.5, 12.0, 0.0, 0.0, 9.0]), np.zeros(5))
-BASE = hold(START)
+CRANE = crane()
+START = CRANE.state(gamma=0.5, x=12.0, l=9.0)
+BASE = hold(CRANE, START)
 PLACE = [0.5, 12.0, 9.0]
 
 
-QUINTIC = spline(START, [(0.0, 14.0, 7.0)], [3.0], at=1.0)
-PUSHES = operator(START, [JoystickPulse("x", 0.5, 1.0, 3.0), JoystickPulse("l", -0.8, 2.0, 0.01)], accelerations=(0.02, 0.4, 0.4))
-LEGS = tour(crane(), [Leg("out", x=12.0), Leg("in", x=10.0)], lambda a, b: plumb(spline(a, [b.q[[0, 1, 4]]], [2.0]), 2.0), dwell=0.5)
+QUINTIC = spline(CRANE, START, [(0.0, 14.0, 7.0)], [3.0], at=1.0)
+PUSHES = operator(CRANE, START, [JoystickPulse("x", 0.5, 1.0, 3.0), JoystickPulse("l", -0.8, 2.0, 0.01)], accelerations=(0.02, 0.4, 0.4))
+
+
+def _plan(start: State, goal: State) -> Motion:
+    return plumb(CRANE, spline(CRANE, start, [goal.q[CRANE.layout.drives]], [2.0]), 2.0)
+
+
+LEGS = tour(CRANE, [Leg("out", x=12.0), Leg("in", x=10.0)], _plan, dwell=0.5)
 
 
 @pytest.mark.parametrize(
     "reference",
     [
         BASE,
-        pulse(BASE, "x", -0.3, at=1.0, width=2.0),
-        ramp(pulse(QUINTIC, "x", -0.3, at=1.0, width=2.0), "l", -1.0, rate=0.5, at=2.0),
-        ramp(lambda t: BASE(t), "gamma", 0.1, rate=0.1, at=1.0),
+        pulse(CRANE, BASE, "x", -0.3, at=1.0, width=2.0),
+        ramp(CRANE, pulse(CRANE, QUINTIC, "x", -0.3, at=1.0, width=2.0), "l", -1.0, rate=0.5, at=2.0),
+        ramp(CRANE, lambda t: BASE(t), "gamma", 0.1, rate=0.1, at=1.0),
         QUINTIC,
-        plumb(QUINTIC, 5.0),
+        plumb(CRANE, QUINTIC, 5.0),
         PUSHES,
-        operator(START, [], accelerations=(0.02, 0.4, 0.4)),
+        operator(CRANE, START, [], accelerations=(0.02, 0.4, 0.4)),
         shaped(PUSHES, ei(), 1.3),
-        shaped_hoisting(PUSHES, zv(), G, 5.0),
+        shaped_hoisting(CRANE, PUSHES, zv(), 5.0),
         LEGS,
-        itinerary(START, [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)], rates=(0.1, 0.5, 0.4), dwell=0.3),
+        itinerary(CRANE, START, [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)], rates=(0.1, 0.5, 0.4), dwell=0.3),
     ],
     ids=[
         "hold",
@@ -82,29 +90,29 @@ def test_many_times_at_once_are_setpoint_as_each_by_itself(reference: Reference)
 
 
 LIMITS = (0.02, 0.4, 0.4)
-LEVEL = operator(START, [JoystickPulse("x", 0.5, 0.0, 3.0), JoystickPulse("gamma", 0.05, 1.0, 4.0)], accelerations=LIMITS)
+LEVEL = operator(CRANE, START, [JoystickPulse("x", 0.5, 0.0, 3.0), JoystickPulse("gamma", 0.05, 1.0, 4.0)], accelerations=LIMITS)
 """Without hoisting the last part of a shaped move comes right at its end."""
 
 RESTING: dict[str, tuple[Reference, float, float, float]] = {
     "hold": (BASE, 0.0, 0.0, 0.0),
-    "pulse": (pulse(BASE, "x", -0.3, at=1.0, width=2.0), 1.0, 3.0, 0.0),
-    "ramp": (ramp(QUINTIC, "l", -1.0, rate=0.5, at=2.0), 1.0, 4.0, 0.0),
+    "pulse": (pulse(CRANE, BASE, "x", -0.3, at=1.0, width=2.0), 1.0, 3.0, 0.0),
+    "ramp": (ramp(CRANE, QUINTIC, "l", -1.0, rate=0.5, at=2.0), 1.0, 4.0, 0.0),
     "spline": (QUINTIC, 1.0, 4.0, 0.0),
     "operator": (PUSHES, 1.0, 5.25, 0.0),
     "shaped": (shaped(PUSHES, ei(), 1.3), 1.0, 6.55, 0.0),
-    "shaped hoisting": (shaped_hoisting(PUSHES, zv(), G, 5.25), 0.0, 10.0, 0.0),
-    "shaped level": (shaped_hoisting(LEVEL, zv(), G, 7.5), 0.0, 12.0, 0.0),
-    "motion": (plumb(QUINTIC, 5.0, 0.02), 1.0, 5.0, 0.02),
-    "flat": (flat(crane(), crane().state(), crane().state(gamma=0.2, x=13.0, l=8.0), 8.0, period=0.02), 0.0, 8.0, 0.02),
+    "shaped hoisting": (shaped_hoisting(CRANE, PUSHES, zv(), 5.25), 0.0, 10.0, 0.0),
+    "shaped level": (shaped_hoisting(CRANE, LEVEL, zv(), 7.5), 0.0, 12.0, 0.0),
+    "motion": (plumb(CRANE, QUINTIC, 5.0, 0.02), 1.0, 5.0, 0.02),
+    "flat": (flat(CRANE, CRANE.state(), CRANE.state(gamma=0.2, x=13.0, l=8.0), 8.0, period=0.02), 0.0, 8.0, 0.02),
 }
 """References that jump at multiples of 5 ms only; when they begin to move, when they have arrived, and time between rows, 0 without [s]."""
 
-CUT_SHORT = (plumb(ramp(BASE, "x", 0.5, rate=0.1, at=1.0), 3.0, 0.02), 0.98, 3.0, 0.02)
+CUT_SHORT = (plumb(CRANE, ramp(CRANE, BASE, "x", 0.5, rate=0.1, at=1.0), 3.0, 0.02), 0.98, 3.0, 0.02)
 """Its velocity jumps within the rows."""
 
 ENDLESS: dict[str, tuple[Reference, float]] = {
     "itinerary": (
-        itinerary(START, [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)], rates=(0.1, 0.5, 0.4), dwell=0.5),
+        itinerary(CRANE, START, [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)], rates=(0.1, 0.5, 0.4), dwell=0.5),
         0.0,
     ),
     "tour": (LEGS, 5e-3),
@@ -145,21 +153,21 @@ def test_hold_stays_where_the_drives_are(t: float) -> None:
 
 def test_hold_does_not_follow_the_state_it_was_made_from() -> None:
     state = State(np.array([0.0, 5.0, 0.0, 0.0, 15.0]), np.zeros(5))
-    reference = hold(state)
+    reference = hold(CRANE, state)
     state.q[:] = 0.0
     assert reference(1.0).position.tolist() == [0.0, 5.0, 15.0]
 
 
 @pytest.mark.parametrize(("t", "x"), [(0.0, 12.0), (1.999, 12.0), (2.0, 13.0), (4.499, 13.0), (4.5, 12.0), (100.0, 12.0)])
 def test_a_pulse_steps_aside_at_its_start_and_back_at_its_end(t: float, x: float) -> None:
-    setpoint = pulse(BASE, "x", 1.0, at=2.0, width=2.5)(t)
+    setpoint = pulse(CRANE, BASE, "x", 1.0, at=2.0, width=2.5)(t)
     assert setpoint.position.tolist() == [0.5, x, 9.0]
     assert not setpoint.velocity.any()
 
 
 @pytest.mark.parametrize(("drive", "i"), [("gamma", 0), ("x", 1), ("l", 2)])
 def test_pulse_and_ramp_move_the_drive_that_is_named_and_no_other(drive: str, i: int) -> None:
-    for reference in (pulse(BASE, drive, -0.25, at=1.0, width=1.0), ramp(BASE, drive, -0.25, rate=1.0, at=1.0)):
+    for reference in (pulse(CRANE, BASE, drive, -0.25, at=1.0, width=1.0), ramp(CRANE, BASE, drive, -0.25, rate=1.0, at=1.0)):
         moved = reference(1.999).position - PLACE
         assert moved[i] == pytest.approx(-0.25, abs=1e-12)
         assert np.delete(moved, i).tolist() == [0.0, 0.0]
@@ -170,7 +178,7 @@ def test_pulse_and_ramp_move_the_drive_that_is_named_and_no_other(drive: str, i:
     [(0.0, 9.0, 0.0), (29.9, 9.0, 0.0), (30.0, 9.0, -0.5), (32.0, 8.0, -0.5), (33.9, 7.05, -0.5), (34.0, 7.0, 0.0), (99.0, 7.0, 0.0)],
 )
 def test_a_ramp_moves_at_its_rate_from_its_start_until_it_is_there(t: float, l: float, rate: float) -> None:  # noqa: E741
-    setpoint = ramp(BASE, "l", -2.0, rate=0.5, at=30.0)(t)
+    setpoint = ramp(CRANE, BASE, "l", -2.0, rate=0.5, at=30.0)(t)
     assert setpoint.position[2] == pytest.approx(l, abs=1e-12)
     assert setpoint.velocity.tolist() == [0.0, 0.0, rate]
     assert not setpoint.acceleration.any()
@@ -178,30 +186,32 @@ def test_a_ramp_moves_at_its_rate_from_its_start_until_it_is_there(t: float, l: 
 
 @given(st.floats(-5, 5), st.floats(0.1, 2), st.floats(0, 10), st.floats(0, 30))
 def test_a_ramp_is_the_integral_of_its_velocity(by: float, rate: float, at: float, t: float) -> None:
-    reference, h = ramp(BASE, "x", by, rate=rate, at=at), 1e-7
+    reference, h = ramp(CRANE, BASE, "x", by, rate=rate, at=at), 1e-7
     if min(abs(t - at), abs(t - at - abs(by) / rate)) > 2 * h:  # not over a corner
         slope = (reference(t + h).position[1] - reference(t - h).position[1]) / (2 * h)
         assert slope == pytest.approx(reference(t).velocity[1], abs=1e-6)  # rounding 1e-15/1e-7
 
 
 def test_references_add_up() -> None:
-    both = pulse(ramp(ramp(BASE, "x", 2.0, rate=1.0, at=0.0), "x", 1.0, rate=1.0, at=1.0), "gamma", 0.1, at=0.0, width=9.0)
+    both = pulse(
+        CRANE, ramp(CRANE, ramp(CRANE, BASE, "x", 2.0, rate=1.0, at=0.0), "x", 1.0, rate=1.0, at=1.0), "gamma", 0.1, at=0.0, width=9.0
+    )
     assert both(1.5).position.tolist() == pytest.approx([0.6, 14.0, 9.0], abs=1e-12)
     assert both(1.5).velocity.tolist() == [0.0, 2.0, 0.0]
 
 
 def test_a_ramp_of_no_length_does_nothing() -> None:
-    reference = ramp(BASE, "x", 0.0, rate=1.0, at=1.0)
+    reference = ramp(CRANE, BASE, "x", 0.0, rate=1.0, at=1.0)
     assert [reference(t).position.tolist() for t in (0.0, 1.0, 2.0)] == [PLACE] * 3
     assert not reference(1.0).velocity.any()
 
 
 def _pulse(**changes: Any) -> Reference:
-    return pulse(BASE, **{"drive": "x", "amplitude": 1.0, "at": 1.0, "width": 1.0, **changes})
+    return pulse(CRANE, BASE, **{"drive": "x", "amplitude": 1.0, "at": 1.0, "width": 1.0, **changes})
 
 
 def _ramp(**changes: Any) -> Reference:
-    return ramp(BASE, **{"drive": "x", "by": 1.0, "at": 1.0, "rate": 1.0, **changes})
+    return ramp(CRANE, BASE, **{"drive": "x", "by": 1.0, "at": 1.0, "rate": 1.0, **changes})
 
 
 @pytest.mark.parametrize("make", [_pulse, _ramp])
@@ -226,3 +236,10 @@ def test_passive_joints_cannot_be_asked_for(make: Any, drive: str) -> None:
 def test_numbers_that_make_no_move_are_refused(make: Any, changes: dict[str, float], sentence: str) -> None:
     with pytest.raises(OutOfRange, match=sentence):
         make(**changes)
+
+
+@pytest.mark.parametrize("drives", [[], [0, 0], [0.5], [5], [-1], [math.nan]])
+def test_a_motion_without_drives_of_its_own_is_refused(drives: list[float]) -> None:
+    rows = np.zeros((2, 5))
+    with pytest.raises(OutOfRange, match="drives of a motion"):
+        Motion(0.1, rows, rows, rows, np.array(drives))

@@ -14,12 +14,12 @@ from scipy.integrate import solve_ivp
 
 from cranedyn.analysis.swing import fit_swing
 from cranedyn.controllers import follow, hold_controller
-from cranedyn.data.trajectory import COLUMNS, Trajectory
+from cranedyn.data.trajectory import QUANTITIES, Trajectory
 from cranedyn.dynamics import pinocchio as dynamics
-from cranedyn.dynamics.integrators import Acceleration, Integrator
+from cranedyn.dynamics.integrators import Acceleration, Add, Integrator
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, big_crane, constant, crane, extrapolated, flow, locked, moved
@@ -42,7 +42,7 @@ def _by_hand(c: Crane, controller: Callable, reference: Callable, start: State, 
         effort = np.clip(controller(t, State(q, v), reference(t)), -c.effort_limit, c.effort_limit)
         rows.append(np.concatenate([q, v, effort]))
         for _ in range(steps):
-            v = v + dt * pin.aba(c.model, c.data, q, v, dynamics.full(effort) - c.damping * v)
+            v = v + dt * pin.aba(c.model, c.data, q, v, dynamics.full(c, effort) - c.damping * v)
             q = q + dt * v
     return rows
 
@@ -50,7 +50,7 @@ def _by_hand(c: Crane, controller: Callable, reference: Callable, start: State, 
 def test_the_loop_is_sample_hold_velocities_positions() -> None:
     c = crane(**DAMPED, trolley_effort=2e4)
     start = c.state(x=12, phi=0.2, theta=-0.1, gamma_dot=0.02)
-    reference = pulse(ramp(hold(start), "gamma", 0.1, rate=0.1, at=0.1), "x", 0.2, at=0.3, width=0.4)
+    reference = pulse(c, ramp(c, hold(c, start), "gamma", 0.1, rate=0.1, at=0.1), "x", 0.2, at=0.3, width=0.4)
     brake = hold_controller(c)
     found = simulate(c, brake, reference, start=start, duration=1.0, dt=1e-3, control_period=5e-3)
     expected = np.array(_by_hand(c, brake, reference, start, 200, 5, 1e-3))
@@ -71,7 +71,7 @@ def test_the_controller_is_asked_once_per_period_at_the_instant_that_is_logged()
 
     ticks: list[float] = []
     start = c.state(phi=0.1)
-    reference = ramp(hold(start), "x", 1.0, rate=1.0, at=0.0)
+    reference = ramp(c, hold(c, start), "x", 1.0, rate=1.0, at=0.0)
     found = simulate(c, controller, reference, start=start, duration=0.1, dt=5e-4, control_period=1e-2, progress=ticks.append)
     assert [t for t, *_ in seen] == ticks == found.t.tolist() == [k * 1e-2 for k in range(11)]
     assert np.array([z for _, z, _ in seen]).tolist() == np.hstack([found.q, found.v]).tolist()
@@ -91,7 +91,7 @@ def test_the_same_run_twice_is_the_same_to_the_bit() -> None:
     c = crane()
     start = c.state(phi=0.1, theta=0.05)
     one, two = (_held(c, start=start, duration=2.0) for _ in range(2))
-    assert all(getattr(one, name).tobytes() == getattr(two, name).tobytes() for name in COLUMNS)
+    assert all(getattr(one, name).tobytes() == getattr(two, name).tobytes() for name in QUANTITIES)
     assert start.q.tolist() == [0.0, 10.0, 0.1, 0.05, 15.0]
 
 
@@ -123,9 +123,9 @@ def test_a_controller_may_answer_with_a_buffer_of_its_own() -> None:
 
 
 def test_another_integrator_takes_its_place() -> None:
-    def explicit(acceleration: Acceleration, model: pin.Model, q: np.ndarray, u: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    def explicit(acceleration: Acceleration, faster: Add, further: Add, q: Any, u: Any, steps: int) -> tuple[Any, Any]:
         for _ in range(steps):
-            q, u = pin.integrate(model, q, u), u + acceleration(q, u)
+            q, u = further(q, u), faster(u, acceleration(q, u))
         return q, u
 
     c, dt = big_crane(), 5e-3
@@ -218,7 +218,7 @@ def test_efforts_returned_by_prescribed_motion_reproduce_the_motion_through_effo
     run = {"start": c.state(phi=0.05, theta=-0.03), "duration": 4.0, "dt": period, "control_period": period}
     given = simulate(c, lambda t, state, setpoint: np.array([0.05, 0.5, -0.3]) * math.cos(2.0 * t), drive="motion", **run)
     played = simulate(c, lambda t, state, setpoint: given.effort[round(t / period)], **run)
-    assert (np.ptp(given.q, axis=0)[DRIVES] > [0.02, 0.2, 0.1]).all()
+    assert (np.ptp(given.q, axis=0)[c.layout.drives] > [0.02, 0.2, 0.1]).all()
     # rounding of 1e-16 · 1e6 N m in the efforts, integrated twice by drives that nothing holds, over 4000 steps
     assert_allclose(played.q, given.q, atol=1e-9)
     assert_allclose(played.v, given.v, atol=1e-9)
@@ -227,8 +227,8 @@ def test_efforts_returned_by_prescribed_motion_reproduce_the_motion_through_effo
 def test_motion_drives_reach_the_velocity_that_is_asked() -> None:
     c = crane()
     start = c.state()
-    reference = ramp(hold(start), "x", 2.0, rate=0.5, at=1.0)
-    found = simulate(c, follow(reference), reference, start=start, duration=6.0, drive="motion")
+    reference = ramp(c, hold(c, start), "x", 2.0, rate=0.5, at=1.0)
+    found = simulate(c, follow(c, reference), reference, start=start, duration=6.0, drive="motion")
     setpoint = [reference(t).velocity[1] for t in found.t]
     assert_allclose(found.v[:, 1], setpoint, atol=1e-12)  # rounding
     assert found.q[-1, 1] == pytest.approx(12.0, abs=1e-10)  # as far as asked
@@ -274,10 +274,10 @@ def test_under_a_constant_force_the_ledger_closes_to_rounding() -> None:
 def test_what_the_ledger_leaves_open_halves_with_the_step(drive: Any) -> None:
     c = crane(**DAMPED)
     start = c.state(phi=0.15, theta=0.05)
-    reference = ramp(ramp(hold(start), "x", 2.0, rate=0.8, at=0.5), "gamma", 0.1, rate=0.05, at=1.0)
+    reference = ramp(c, ramp(c, hold(c, start), "x", 2.0, rate=0.8, at=0.5), "gamma", 0.1, rate=0.05, at=1.0)
 
     def run(dt: float) -> Trajectory:
-        controller = hold_controller(c, gravity=G) if drive == "effort" else follow(reference, dt)
+        controller = hold_controller(c, gravity=G) if drive == "effort" else follow(c, reference, dt)
         return simulate(c, controller, reference, start=start, duration=4.0, dt=dt, control_period=dt, drive=drive)
 
     coarse, fine = (run(dt) for dt in (2e-3, 1e-3))
@@ -391,7 +391,7 @@ def test_a_run_that_diverges_says_when_and_where_and_keeps_what_it_has() -> None
     assert not abs(error.value) < 1e6
     assert error.trajectory is not None
     assert 0 < len(error.trajectory) == round(error.t / 5e-3)
-    assert all(np.isfinite(getattr(error.trajectory, name)).all() for name in COLUMNS)
+    assert all(np.isfinite(getattr(error.trajectory, name)).all() for name in QUANTITIES)
 
 
 def _interrupt(*_: object) -> Any:
@@ -402,7 +402,7 @@ def _interrupt(*_: object) -> Any:
 def test_ctrl_c_keeps_what_was_recorded(where: str) -> None:
     c = crane()
     start = c.start
-    arguments: dict[str, Any] = {"controller": hold_controller(c, gravity=G), "reference": hold(start), "progress": lambda t: None}
+    arguments: dict[str, Any] = {"controller": hold_controller(c, gravity=G), "reference": hold(c, start), "progress": lambda t: None}
     usual = arguments[where]
     arguments[where] = lambda t, *more: usual(t, *more) if t < 0.05 else _interrupt()
     with pytest.raises(RunError, match=r"Interrupted at t = 0.050 s") as caught:
@@ -418,4 +418,8 @@ def test_ctrl_c_at_once_keeps_an_empty_record() -> None:
         simulate(crane(), _interrupt, duration=1.0)
     kept = caught.value.trajectory
     assert kept is not None
-    assert [getattr(kept, name).shape for name in COLUMNS] == [(0,) if len(c) == 1 else (0, len(c)) for c in COLUMNS.values()]
+    columns = crane().layout.columns()
+    assert kept.columns == columns
+    assert [getattr(kept, name).shape for name in QUANTITIES] == [
+        (0,) if len(columns[name]) == 1 else (0, len(columns[name])) for name in QUANTITIES
+    ]

@@ -13,10 +13,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cranedyn.data.trajectory import COLUMNS, Trajectory, read, read_columns
+from cranedyn.data.trajectory import QUANTITIES, Trajectory, read, read_columns
 from cranedyn.errors import DataError
-from tests.helpers import files
+from tests.helpers import crane, files
 
+COLUMNS = crane().layout.columns()
 WIDTHS = {name: len(columns) for name, columns in COLUMNS.items()}
 
 
@@ -25,7 +26,9 @@ def _made(numbers: np.ndarray) -> Trajectory:
     edges = np.cumsum([0, *WIDTHS.values()])
     parts = {name: numbers[:, a:b] for name, a, b in zip(WIDTHS, edges, edges[1:], strict=False)}
     return Trajectory(
-        **{name: part[:, 0] if WIDTHS[name] == 1 else part for name, part in parts.items()}, parameters={"dt_s": 0.1, "drive": "effort"}
+        **{name: part[:, 0] if WIDTHS[name] == 1 else part for name, part in parts.items()},
+        columns=COLUMNS,
+        parameters={"dt_s": 0.1, "drive": "effort"},
     )
 
 
@@ -41,7 +44,7 @@ def made() -> Trajectory:
 
 
 def _bits(trajectory: Trajectory) -> list[bytes]:
-    return [np.ascontiguousarray(getattr(trajectory, name)).tobytes() for name in COLUMNS]
+    return [np.ascontiguousarray(getattr(trajectory, name)).tobytes() for name in QUANTITIES]
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
@@ -84,7 +87,7 @@ def test_rows_are_counted_and_cut(made: Trajectory) -> None:
     ordered = _made(np.sort(np.random.default_rng(0).normal(size=(7, WIDTH)), axis=0))
     late = ordered.since(ordered.t[3])
     assert (len(ordered), len(late)) == (7, 4)
-    assert [getattr(late, name).tolist() for name in COLUMNS] == [getattr(ordered, name)[3:].tolist() for name in COLUMNS]
+    assert [getattr(late, name).tolist() for name in QUANTITIES] == [getattr(ordered, name)[3:].tolist() for name in QUANTITIES]
     assert late.parameters == ordered.parameters
     assert ordered.state(-1).q.tolist() == ordered.q[6].tolist()
     assert ordered.state(2).v.tolist() == ordered.v[2].tolist()
@@ -94,13 +97,14 @@ def test_the_ledger_of_a_part_starts_at_its_first_row(made: Trajectory) -> None:
     n = 5
     whole = _made(np.zeros((n, WIDTH)))
     ledger = Trajectory(
-        **{name: getattr(whole, name) for name in COLUMNS}
+        **{name: getattr(whole, name) for name in QUANTITIES}
         | {
             "t": np.arange(n) * 1.0,
             "energy": np.array([10.0, 11.0, 13.0, 16.0, 20.0]),
             "work": np.outer([0.0, 2.0, 5.0, 9.0, 14.0], [1.0, 2.0, -2.0]),
             "dissipated": np.array([0.0, 1.0, 2.0, 3.0, 4.5]),
-        }
+        },
+        columns=COLUMNS,
     )
     assert ledger.unexplained.tolist() == [0.0, 0.0, 0.0, 0.0, 0.5]
     assert ledger.since(2.0).unexplained.tolist() == [0.0, 0.0, 0.5]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,8 +12,8 @@ from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller
 from cranedyn.disturbances import wind
-from cranedyn.dynamics.pinocchio import outside_effort, payload_position, payload_velocity, pivot_position, pivot_velocity
-from cranedyn.errors import OutOfRange
+from cranedyn.dynamics.pinocchio import outside_effort, point_positions, point_velocities
+from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, crane, locked, quickly, states
@@ -24,14 +25,12 @@ POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_
 def test_a_force_does_the_work_of_its_way(state: State) -> None:
     # virtual work: J is the derivative of the places; complex steps are not for Pinocchio, so central differences, O(h²) = 1e-10
     force, h = np.array([[1.0, -2.0, 3.0], [-4.0, 5.0, 6.0]]), 1e-5
-    found = outside_effort(crane().model, crane().data, state.q, force)
+    assert crane().layout.points == ("payload", "trolley")
+    found = outside_effort(crane().points, crane().model, crane().data, state.q, force)
     for i, e in enumerate(np.eye(5)):
-        strategies = [
-            (place(crane(), state.q + h * e) - place(crane(), state.q - h * e)) / (2 * h) for place in (payload_position, pivot_position)
-        ]
-        assert_allclose(found[i], sum(f @ way for f, way in zip(force, strategies, strict=True)), atol=1e-6 * 30.0)
-    velocities = payload_velocity(crane(), state), pivot_velocity(crane(), state)
-    assert_allclose(found @ state.v, sum(f @ v for f, v in zip(force, velocities, strict=True)), rtol=1e-9, atol=1e-9)
+        paths = (point_positions(crane(), state.q + h * e) - point_positions(crane(), state.q - h * e)) / (2 * h)
+        assert_allclose(found[i], (force * paths).sum(), atol=1e-6 * 30.0)
+    assert_allclose(found @ state.v, (force * point_velocities(crane(), state)).sum(), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize(("force", "coordinate", "sign"), [((0.0, 1000.0, 0.0), 2, 1.0), ((1000.0, 0.0, 0.0), 3, -1.0)])
@@ -41,14 +40,19 @@ def test_a_steady_push_is_rest_at_the_closed_form_angle(force: tuple[float, ...]
     angle = sign * math.atan(1000.0 / (1000.0 * G))
     q = c.state(x=10.0, l=15.0).q.copy()
     q[coordinate] = angle
-    run = simulate(c, locked, start=State(q, np.zeros(5)), duration=10.0, drive="motion", disturbance=wind.constant_force(force))
+    run = simulate(c, locked, start=State(q, np.zeros(5)), duration=10.0, drive="motion", disturbance=wind.constant_force(c, payload=force))
     assert_allclose(run.q, np.tile(q, (len(run), 1)), atol=1e-9)  # rest, to rounding
 
 
 def test_a_push_that_comes_at_once_swings_the_load_to_twice_its_rest() -> None:
     c = crane(**POINT)
     run = quickly(
-        c, locked, start=c.state(x=10.0, l=15.0), duration=20.0, drive="motion", disturbance=wind.constant_force((0.0, 1000.0, 0.0))
+        c,
+        locked,
+        start=c.state(x=10.0, l=15.0),
+        duration=20.0,
+        drive="motion",
+        disturbance=wind.constant_force(c, payload=(0.0, 1000.0, 0.0)),
     )
     # in the tilted field g_eff the load is a pendulum released at rest atan(F/mg) off its middle, whatever the amplitude
     assert run["phi_rad"].max() == pytest.approx(2.0 * math.atan(1.0 / G), abs=2e-5)  # half a step of lead: ω dt/2 of the amplitude
@@ -56,7 +60,7 @@ def test_a_push_that_comes_at_once_swings_the_load_to_twice_its_rest() -> None:
 
 def test_the_work_of_a_push_is_in_the_ledger_and_what_it_leaves_open_halves_with_the_step() -> None:
     c = crane(**POINT)
-    constant_force = wind.constant_force((300.0, 800.0, -200.0), (100.0, 500.0, 0.0))
+    constant_force = wind.constant_force(c, payload=(300.0, 800.0, -200.0), trolley=(100.0, 500.0, 0.0))
     start = c.state(x=10.0, l=15.0, phi=0.1, theta=-0.05)
     coarse, fine = (
         simulate(c, hold_controller(c, gravity=G), start=start, duration=10.0, dt=dt, control_period=5e-3, disturbance=constant_force)
@@ -68,7 +72,7 @@ def test_the_work_of_a_push_is_in_the_ledger_and_what_it_leaves_open_halves_with
 
 
 def test_a_force_on_the_trolley_is_what_the_drive_must_give_less() -> None:
-    run = simulate(crane(), locked, duration=0.1, drive="motion", disturbance=wind.constant_force(trolley=(0.0, -700.0, 0.0)))
+    run = simulate(crane(), locked, duration=0.1, drive="motion", disturbance=wind.constant_force(crane(), trolley=(0.0, -700.0, 0.0)))
     assert_allclose(run["F_x_N"], -700.0, atol=1e-9)  # outward along -Y; rounding
 
 
@@ -146,8 +150,9 @@ def test_turbulence_has_its_intensity_at_every_time_however_long_the_step(ratio:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: wind.constant_force((1.0, 2.0), (0.0, 0.0)), "three numbers each"),
-        (lambda: wind.constant_force((math.nan, 0.0, 0.0)), "force is nan"),
+        (lambda: wind.constant_force(crane(), payload=(1.0, 2.0)), r"force on the payload is an array of shape \(2,\); .* shape \(3,\)"),
+        (lambda: wind.constant_force(crane(), trolley=(math.nan, 0.0, 0.0)), "force on the trolley is nan"),
+        (lambda: wind.constant_force(crane(), payload=1.0), "payload is 1.0; allowed is a sequence of numbers"),  # type: ignore[arg-type]
         (lambda: wind.steady(math.inf), "wind speed is inf"),
         (lambda: wind.cosine_gust(wind.steady(1.0), 1.0, at=0.0, lasts=0.0), "duration of the gust is 0"),
         (lambda: wind.turbulence(wind.steady(1.0), -0.1, np.random.default_rng(0), duration=1.0), "turbulence intensity is -0.1"),
@@ -157,3 +162,15 @@ def test_turbulence_has_its_intensity_at_every_time_however_long_the_step(ratio:
 def test_impossible_winds_are_refused(make: object, words: str) -> None:
     with pytest.raises(OutOfRange, match=words):
         make()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: wind.constant_force(crane(), hook=(0.0, 0.0, 1.0)),
+        lambda: wind.wind(crane(), wind.steady(1.0), direction=0.0, hook_area=1.0),
+    ],
+)
+def test_a_point_that_the_crane_has_not_is_refused(make: Callable[[], object]) -> None:
+    with pytest.raises(UnknownName, match="There is no point 'hook'; there are payload, trolley"):
+        make()

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller
-from cranedyn.data.trajectory import COLUMNS, Trajectory
+from cranedyn.data.trajectory import QUANTITIES, Trajectory
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.interfaces import EngineName, Setpoint, State
@@ -21,7 +21,7 @@ from tests.helpers import FAST, G, big_crane, constant, crane, locked
 def outward(validity: str) -> Trajectory:
     """The trolley is asked to go 2 m beyond the tip of the jib."""
     start = crane().state(x=10.0, l=15.0)
-    reference = ramp(hold(start), "x", 14.0, rate=1.5, at=1.0)
+    reference = ramp(crane(), hold(crane(), start), "x", 14.0, rate=1.5, at=1.0)
     return simulate(crane(), hold_controller(crane(), gravity=G), reference, start=start, duration=20.0, validity=validity)  # type: ignore[arg-type]
 
 
@@ -68,7 +68,7 @@ def test_a_buffer_pushes_but_never_pulls() -> None:
 
 def test_a_buffer_at_the_end_of_the_cable_holds_the_load_whose_rope_stays_taut() -> None:
     start = crane().state(l=23.0)
-    reference = ramp(hold(start), "l", 4.0, rate=1.0, at=0.5)
+    reference = ramp(crane(), hold(crane(), start), "l", 4.0, rate=1.0, at=0.5)
     run = simulate(crane(), hold_controller(crane(), gravity=G), reference, start=start, duration=15.0, validity="buffers")
     # the drive lets down with 30 kN/m beyond 26.4 m, against (20 rad/s)² times the load of 1 t: 0.6 m off its aim less 0.04 m
     assert 26.4 < run["l_m"][-1] < 26.5
@@ -80,13 +80,13 @@ def test_a_buffer_at_the_end_of_the_cable_holds_the_load_whose_rope_stays_taut()
 def test_a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the_load(engine: EngineName) -> None:
     start = crane().state(l=3.6)
     brake = hold_controller(crane(), gravity=G)
-    gentle = ramp(hold(start), "l", -0.6, rate=0.2, at=0.5)
+    gentle = ramp(crane(), hold(crane(), start), "l", -0.6, rate=0.2, at=0.5)
     run = simulate(crane(), brake, gentle, start=start, duration=20.0, validity="buffers", engine=engine)
     # the drive pulls with 30 kN/m above its aim of 3 m, the buffer pushes with (20 rad/s)² times the load of 1 t below 3.4 m
     assert run["l_m"][-1] == pytest.approx((3.0 * 3e4 + 3.4 * 4e5) / (3e4 + 4e5), abs=1e-6)
     assert run["valid"].all()
     # at 1 m/s the damper alone pushes with 20 kN, the hoist pulls with 10 kN
-    fast = ramp(hold(crane().state(l=6.0)), "l", -3.0, rate=1.0, at=0.5)
+    fast = ramp(crane(), hold(crane(), crane().state(l=6.0)), "l", -3.0, rate=1.0, at=0.5)
     how = {"start": crane().state(l=6.0), "duration": 5.0}
     with pytest.raises(RunError, match="the rope would have to push") as caught:
         simulate(crane(), brake, fast, validity="buffers", engine=engine, **how)
@@ -104,7 +104,7 @@ def test_a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the
 
 
 def test_buffers_are_for_drives_that_take_efforts() -> None:
-    with pytest.raises(OutOfRange, match="watch is buffers"):
+    with pytest.raises(OutOfRange, match="validity is buffers"):
         simulate(crane(), locked, duration=1.0, drive="motion", validity="buffers")
 
 
@@ -117,7 +117,7 @@ def test_a_rope_that_would_have_to_push_stops_the_run() -> None:
 def test_a_load_on_the_ground_stops_the_run_when_it_gets_there() -> None:
     low = crane(pivot_height=27.0, hoist_max=30.0)
     start = low.state(l=26.0)
-    reference = ramp(hold(start), "l", 2.0, rate=0.5, at=0.0)
+    reference = ramp(low, hold(low, start), "l", 2.0, rate=0.5, at=0.0)
     with pytest.raises(RunError, match="below the ground") as caught:
         simulate(low, hold_controller(low, gravity=G), reference, start=start, duration=10.0)
     assert caught.value.trajectory is not None
@@ -132,7 +132,7 @@ def test_a_swing_beyond_the_jib_stops_the_run() -> None:
 
 
 @pytest.mark.parametrize("where", [0, 100, 101, 199, 200, 1999, 2000])
-def test_no_row_escapes_the_watch(where: int) -> None:
+def test_no_row_escapes_the_look_at_validity(where: int) -> None:
     def slack_once(t: float, *_: object) -> np.ndarray:
         return np.array([0.0, 0.0, 5.0 if round(t / 5e-3) == where else -1000.0 * G])
 
@@ -157,9 +157,10 @@ def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> Non
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"validity": "ignore"}, "watch is ignore"),
-        ({"start": (np.zeros(5), np.full(5, np.nan))}, "gamma among the rates at the start is nan"),
-        ({"start": (np.zeros(4), np.zeros(5))}, r"coordinates at the start is an array of shape \(4,\)"),
+        ({"validity": "ignore"}, "validity is ignore"),
+        ({"start": (np.zeros(5), np.full(5, np.nan))}, "rate 1 of 5 at the start is nan; allowed is a finite number"),
+        ({"start": (np.zeros(4), np.zeros(5))}, "start is a state of 4 coordinates and 5 rates; allowed is as many of each"),
+        ({"start": (np.zeros(4), np.zeros(4))}, "start is a state of 4 coordinates; allowed is one of 5: gamma, x, phi, theta, l"),
         ({"start": "rest"}, "start is 'rest'"),
         ({"since": math.nan}, "time at the start is nan"),
         ({"duration": 1e5}, r"s at most: its \d+ rows would take"),
@@ -190,7 +191,7 @@ def test_a_motion_that_costs_no_finite_effort_keeps_a_finite_record(force: float
     with pytest.raises(RunError) as caught:
         simulate(crane(), locked, duration=1.0, drive="motion", validity="mark", disturbance=disturbance)
     assert caught.value.trajectory is not None
-    assert all(np.isfinite(getattr(caught.value.trajectory, name)).all() for name in COLUMNS)
+    assert all(np.isfinite(getattr(caught.value.trajectory, name)).all() for name in QUANTITIES)
 
 
 def test_a_huge_command_is_cut_to_the_limit_and_a_missing_one_is_named() -> None:
@@ -214,7 +215,7 @@ def test_a_controller_cannot_change_the_state_it_is_given(part: str, first: floa
     assert caught.value.trajectory is not None and len(caught.value.trajectory) == round(first / 5e-3)
 
 
-def test_a_controller_cannot_change_what_it_is_told_is_wanted() -> None:
+def test_a_controller_cannot_change_the_setpoint_it_is_given() -> None:
     def meddling(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         setpoint.position[1] += 1.0
         return np.zeros(3)
