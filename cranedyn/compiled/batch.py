@@ -18,6 +18,7 @@ from cranedyn.compiled.door import Loop
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.compiled.step import check_rule
+from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, number, whole, within
 from cranedyn.interfaces import Controller, Drive, Reference, State
@@ -63,11 +64,11 @@ class Batch:
 
 @checked
 def simulate_batch(
-    crane: Crane | Sequence[Crane],
+    crane: Crane | Cranes | Sequence[Crane],
     controller: Controller | Sequence[Controller],
     reference: Reference | Sequence[Reference] | None = None,
     *,
-    start: State | Sequence[State],
+    start: State | Sequence[State] | None = None,
     since: float = 0.0,
     duration: float,
     dt: float = 5e-4,
@@ -87,11 +88,11 @@ def simulate_batch(
     kept once.
 
     Args:
-        crane: One crane or n.
+        crane: One crane or n, or `Cranes` of `cranedyn.dynamics.cranes.load_cranes`.
         controller: One or n, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`. Those with a memory begin with what they remember,
             and are left as they are.
         reference: One or n; None holds the drives where they start.
-        start: One state, n states, or one with n rows.
+        start: One state, n states, or one with n rows; None for where each crane starts.
         since: Time at the start [s].
         duration: How long to run [s].
         dt: Physics step [s].
@@ -122,6 +123,7 @@ def simulate_batch(
     after = _instant(residual_from, since, clock)
     every = min(whole("record", record, 0), clock.periods + 1)
     workers = None if threads is None else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
+    start = inputs.begin(crane) if start is None else start
     cranes = inputs.count(crane=crane, controller=controller, reference=reference, start=start)
     rows = clock.periods // every + 1 if every else 0
     which, distinct = inputs.distinct(crane, cranes)

@@ -12,6 +12,7 @@ import pinocchio as pin
 from cranedyn.compiled.door import accelerations
 from cranedyn.compiled.kernel import Kernel, Recipe, kernel
 from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import follow_drives, full, outside_effort
 from cranedyn.dynamics.plant import Topology, numbers
@@ -22,7 +23,7 @@ _CHECKED, _REMEMBERED = 16, 4096
 _MAKING = threading.Lock()
 
 
-def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarray]:
+def compiled(cranes: Sequence[Crane] | Cranes, recipe: Recipe) -> tuple[Kernel, np.ndarray]:
     """Code for cranes that differ in numbers only, and the numbers in which they do, shape (n, m).
 
     It is compared with Pinocchio for each of the first 16 of them: the code is the same for all. Threads that ask at the same time wait for
@@ -31,7 +32,7 @@ def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarra
     Raises:
         ModelError: If the code does not do what Pinocchio does.
     """
-    rows = np.array([numbers(crane) for crane in cranes])
+    rows = cranes.numbers if isinstance(cranes, Cranes) else np.array([numbers(crane) for crane in cranes])
     varied = (rows != rows[0]).any(axis=0)
     constants = np.where(varied, np.nan, rows[0])
     own = np.ascontiguousarray(rows[:, varied])

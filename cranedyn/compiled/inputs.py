@@ -11,6 +11,7 @@ from cranedyn.arrays import finite
 from cranedyn.compiled.call import Sizes, size
 from cranedyn.compiled.tables import Table, aim, law, shortened, table
 from cranedyn.controllers.affine import Affine, form
+from cranedyn.dynamics.cranes import Cranes
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
@@ -60,7 +61,12 @@ def _length(value: Any) -> int | None:
             return len(value.q) if np.ndim(value.q) == 2 else None
         except ValueError:  # rows of different lengths
             return None
-    return len(value) if isinstance(value, Sequence) and not isinstance(value, str | bytes) else None
+    return len(value) if isinstance(value, Sequence | Cranes) and not isinstance(value, str | bytes) else None
+
+
+def begin(crane: Crane | Cranes | Sequence[Crane]) -> State | list[State]:
+    """Where cranes start if nothing else is said."""
+    return crane.start if isinstance(crane, Crane | Cranes) else [one.start for one in crane]
 
 
 def starts(start: State | Sequence[State], cranes: int, joints: int) -> State:
@@ -126,7 +132,7 @@ def control(crane: Crane, controller: Any, reference: Any, start: State, times: 
     return Control(table(laws, np.array(law_of_pair)[pair_of]), table(aims, pair_of), np.array(integrals)[pair_of], integrates)
 
 
-def _references(crane: Crane, reference: Any, start: State, taken: int) -> tuple[np.ndarray, list[Reference]]:
+def _references(crane: Crane, reference: Any, start: State, taken: int) -> tuple[np.ndarray, Sequence[Reference]]:
     """Which of the references each crane has, and these; where there is none, one hold for each place at which drives start."""
     if reference is not None:
         return distinct(reference, len(start.q))
@@ -143,8 +149,10 @@ def _references(crane: Crane, reference: Any, start: State, taken: int) -> tuple
     return which, [hold(crane, State(start.q[i], start.v[i])) for i in firsts.values()]
 
 
-def distinct(value: Any, cranes: int) -> tuple[np.ndarray, list[Any]]:
+def distinct(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
     """Which of the different objects each crane has, shape (n,), and these."""
+    if isinstance(value, Cranes):
+        return np.arange(cranes), value
     if _length(value) is None:
         return np.broadcast_to(0, cranes), [value]
     found = {id(one): one for one in value}
@@ -152,14 +160,14 @@ def distinct(value: Any, cranes: int) -> tuple[np.ndarray, list[Any]]:
     return np.array([number[id(one)] for one in value]), list(found.values())
 
 
-def one_layout(cranes: Sequence[Crane]) -> Layout:
+def one_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
     """The layout of all cranes.
 
     Raises:
         OutOfRange: If one has another than the first: other joints, drives or points.
     """
     layout = cranes[0].layout
-    for crane in cranes:
+    for crane in () if isinstance(cranes, Cranes) else cranes:
         if crane.layout != layout:
             joints = ", ".join(joint.name for joint in crane.layout.joints)
             raise OutOfRange("joints of a crane", joints, "those of the first crane of the batch")

@@ -70,8 +70,9 @@ class Stops:
     @classmethod
     def of(cls, crane: Crane) -> Stops:
         """Those of a crane: they make each drive, with what hangs on it, swing at 20 rad/s with half of critical damping."""
-        drives = crane.layout.drives
-        inertia = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[drives]
+        drives, q = crane.layout.drives, crane.start.q.copy()
+        q[crane.layout.passive] = 0.0
+        inertia = np.diag(pin.crba(crane.model, crane.data, q))[drives]
         return cls(
             drives, crane.lower[drives], crane.upper[drives], _STOP_FREQUENCY**2 * inertia, 2.0 * _STOP_DAMPING * _STOP_FREQUENCY * inertia
         )
