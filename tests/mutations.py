@@ -106,8 +106,8 @@ MUTATIONS = (
     Mutation(
         "the limits of the drives are not kept",
         "cranedyn/dynamics/drives.py",
-        "return command.clip(-self._most, self._most)",
-        "return command",
+        "command if inside else command.clip(-self._most, self._most)",
+        "command",
         ("simulate",),
     ),
     Mutation(
