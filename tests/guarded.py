@@ -213,8 +213,9 @@ def _common(rng: np.random.Generator) -> tuple[Any, dict[str, Any], Callable[[],
     from cranedyn.references import hold
 
     if not _CRANES:
-        _CRANES.extend([load_crane(), load_crane(payload_mass=700.0)])
-    crane, period = _CRANES[0], 1e-2
+        _CRANES.extend([[load_crane(**more), load_crane(payload_mass=700.0, **more)] for more in ({}, {"hook_mass": 200.0})])
+    cranes, period = _CRANES[rng.random() < 0.2], 1e-2
+    crane = cranes[0]
     buffers = bool(rng.random() < 0.2)
     how: dict[str, Any] = {
         "control_period": period,
@@ -223,41 +224,44 @@ def _common(rng: np.random.Generator) -> tuple[Any, dict[str, Any], Callable[[],
         "duration": period * int(rng.integers(1, 40)),
     }
     often = float(rng.choice([0.0, 0.02, 0.2]))
-    brake, still = hold_controller(crane), hold(crane.start)
+    brake, still = hold_controller(crane), hold(crane)
 
     def controller() -> Any:
         return _Odd(brake, rng, often) if rng.random() < 0.7 else brake
 
     reference = None if rng.random() < 0.3 else _Elsewhere(still, rng, often)
-    return crane, how | {"buffers": buffers, "often": often}, controller, reference
+    return cranes, how | {"buffers": buffers, "often": often}, controller, reference
 
 
-_CRANES: list[Any] = []
-_ROBOTS: list[Any] = []
+_CRANES: list[list[Any]] = []
+"""Two of five joints, and two of seven with a hook."""
+
+_ROBOTS: dict[int, Any] = {}
 
 
 def _batch(rng: np.random.Generator) -> Call:
     from cranedyn.compiled.batch import simulate_batch
     from cranedyn.interfaces import State
 
-    crane, how, controller, reference = _common(rng)
+    cranes, how, controller, reference = _common(rng)
     often, n = how.pop("often"), int(rng.integers(1, 20))
-    q = np.tile(crane.start.q, (n, 1)) + rng.uniform(-0.1, 0.1, (n, 5))
-    how["start"] = State(_maybe(rng, q, often), _maybe(rng, np.zeros((n, 5)), often))
+    joints, points = cranes[0].layout.n, len(cranes[0].points)
+    q = np.tile(cranes[0].start.q, (n, 1)) + rng.uniform(-0.1, 0.1, (n, joints))
+    how["start"] = State(_maybe(rng, q, often), _maybe(rng, np.zeros((n, joints)), often))
     if rng.random() < 0.3:
-        how["force"] = _maybe(rng, rng.normal(size=(n, int(rng.integers(1, 9)), 6)), often)
-        how["sensor_offset"] = _maybe(rng, np.zeros((n, 10)), often)
+        how["force"] = _maybe(rng, rng.normal(size=(n, int(rng.integers(1, 9)), 3 * points)), often)
+        how["sensor_offset"] = _maybe(rng, np.zeros((n, 2 * joints)), often)
     else:
         how["record"] = int(rng.choice([0, 1, 3, 10**30]))
     one = rng.random() < 0.5
-    controllers, cranes = controller() if one else [controller() for _ in range(n)], crane if one else [_CRANES[i % 2] for i in range(n)]
-    return lambda: simulate_batch(cranes, controllers, reference, **how, threads=int(rng.integers(1, 4)))
+    controllers, several = (controller(), cranes[0]) if one else ([controller() for _ in range(n)], [cranes[i % 2] for i in range(n)])
+    return lambda: simulate_batch(several, controllers, reference, **how, threads=int(rng.integers(1, 4)))
 
 
 def _run(rng: np.random.Generator) -> Call:
     from cranedyn.simulation.simulate import simulate
 
-    crane, how, controller, reference = _common(rng)
+    (crane, _), how, controller, reference = _common(rng)
     buffers = how.pop("buffers"), how.pop("often")
     how |= {"validity": "buffers" if buffers[0] else "mark", "start": crane.state(phi=0.1), "engine": "compiled"}
     one = controller()
@@ -269,11 +273,12 @@ def _run(rng: np.random.Generator) -> Call:
 def _rows(rng: np.random.Generator) -> Call:
     from cranedyn.compiled.model import forward_dynamics
 
-    if not _ROBOTS:
-        _ROBOTS.append(forward_dynamics(_CRANES[0].model if _CRANES else _common(rng)[0].model))
-    n = int(rng.integers(0, 30))
-    parts = [_maybe(rng, rng.normal(size=(n, 5)), 0.2) for _ in range(3)]
-    return lambda: _ROBOTS[0](*parts)
+    crane = _common(rng)[0][0]
+    joints, n = crane.layout.n, int(rng.integers(0, 30))
+    if joints not in _ROBOTS:
+        _ROBOTS[joints] = forward_dynamics(crane.model)
+    parts = [_maybe(rng, rng.normal(size=(n, joints)), 0.2) for _ in range(3)]
+    return lambda: _ROBOTS[joints](*parts)
 
 
 def _numbers(found: Any) -> list[np.ndarray]:

@@ -36,11 +36,17 @@ MUTATIONS = (
     Mutation(
         "the inertia of the upper structure stands at the wrong axis",
         URDF,
-        """iyy="${0.02 * float('$(arg slewing_inertia)')}" izz="$(arg slewing_inertia)\"""",
-        """iyy="$(arg slewing_inertia)" izz="${0.02 * float('$(arg slewing_inertia)')}\"""",
+        'iyy="${0.02 * of_upper}" izz="${of_upper}"',
+        'iyy="${of_upper}" izz="${0.02 * of_upper}"',
         ("crane", "dynamics"),
     ),
-    Mutation("the payload has no rotational inertia", URDF, 'inertia="$(arg payload_inertia)"', 'inertia="0.0"', ("dynamics",)),
+    Mutation(
+        "the payload has no rotational inertia",
+        URDF,
+        'ixx="$(arg payload_ixx)" iyy="$(arg payload_iyy)" izz="$(arg payload_izz)"',
+        'ixx="0.0" iyy="0.0" izz="0.0"',
+        ("dynamics",),
+    ),
     Mutation(
         "Coriolis and centrifugal forces are missing",
         "cranedyn/dynamics/drives.py",
@@ -58,9 +64,16 @@ MUTATIONS = (
     Mutation(
         "joint damping is ignored where motion is prescribed",
         "cranedyn/dynamics/pinocchio.py",
-        "resisting = pin.rnea(model, data, q, v, a) + damping * v",
-        "resisting = pin.rnea(model, data, q, v, a)",
+        "needed = pin.rnea(model, data, q, v, a) - joint",
+        "needed = pin.rnea(model, data, q, v, a)",
         ("dynamics", "simulate"),
+    ),
+    Mutation(
+        "dampers push the way a joint moves",
+        "cranedyn/dynamics/joint_forces.py",
+        "resisting = -(self.damping * v)",
+        "resisting = self.damping * v",
+        ("dynamics",),
     ),
     Mutation(
         "gravity is a thousandth too strong",
@@ -72,8 +85,8 @@ MUTATIONS = (
     Mutation(
         "explicit Euler takes the place of semi-implicit",
         "cranedyn/dynamics/integrators.py",
-        "        u = add(model, u, acceleration(q, u))\n        q = integrate(model, q, u)",
-        "        q, u = integrate(model, q, u), u + acceleration(q, u)",
+        "        v = speed_up(v, acceleration(q, v))\n        q = move(q, v)",
+        "        q, v = move(q, v), speed_up(v, acceleration(q, v))",
         ("integrator",),
     ),
     Mutation(
@@ -86,9 +99,8 @@ MUTATIONS = (
     Mutation(
         "a command acts one control period late",
         "cranedyn/dynamics/drives.py",
-        "(self._dt2 * self._effort).tolist()\n        return command, self._effort",
-        "(self._dt2 * getattr(self, '_before', self._effort)).tolist()\n"
-        "        self._before = self._effort\n        return command, self._effort",
+        "self._dt2 * self._effort\n        return command, self._effort",
+        "self._dt2 * getattr(self, '_before', self._effort)\n        self._before = self._effort\n        return command, self._effort",
         ("simulate", "linear"),
     ),
     Mutation(
@@ -101,8 +113,8 @@ MUTATIONS = (
     Mutation(
         "the two swings have each other's inertia where motion is prescribed",
         "cranedyn/dynamics/pinocchio.py",
-        "(m12 * open_theta - m22 * open_phi)",
-        "(m12 * open_theta - m11 * open_phi)",
+        "(m12 * open_j - m22 * open_i)",
+        "(m12 * open_j - m11 * open_i)",
         ("dynamics",),
     ),
     Mutation(
@@ -113,22 +125,32 @@ MUTATIONS = (
         ("simulate",),
     ),
     Mutation(
-        "a force on the payload acts on the trolley", "cranedyn/dynamics/pinocchio.py", "force[0] @ load", "force[0] @ pivot", ("wind",)
+        "a force on the payload acts on the trolley",
+        "cranedyn/dynamics/pinocchio.py",
+        "part @ jacobian for part, jacobian in zip(force, ",
+        "part @ jacobian for part, jacobian in zip(force[::-1], ",
+        ("wind",),
     ),
-    Mutation("buffers pull", "cranedyn/dynamics/drives.py", "np.where(push * beyond < 0.0, push, 0.0)", "push", ("watch",)),
+    Mutation(
+        "buffers pull",
+        "cranedyn/dynamics/joint_forces.py",
+        "return chosen(pushing * beyond < 0.0, pushing, 0.0)",
+        "return pushing",
+        ("validity",),
+    ),
     Mutation(
         "the rope may push",
         "cranedyn/dynamics/validity.py",
-        "yield _Condition(JOINTS[4].name, tension, tension > 0.0,",
-        "yield _Condition(JOINTS[4].name, tension, tension > -np.inf,",
-        ("watch",),
+        'yield Bound(layout.role("hoist", "The rope"), tension, 0.0,',
+        'yield Bound(layout.role("hoist", "The rope"), tension, -math.inf,',
+        ("validity",),
     ),
     Mutation(
         "the load feels nothing of the buffer at the shortest cable",
         "cranedyn/dynamics/drives.py",
-        "        beyond = length - min(max(length, self._lower[2]), self._upper[2])",
-        "        beyond = length - min(length, self._upper[2])",
-        ("watch",),
+        "return float(self._stops.effort(*state)[self._hoist])",
+        "return min(float(self._stops.effort(*state)[self._hoist]), 0.0)",
+        ("validity",),
     ),
     Mutation(
         "an integrator goes by the period of its table",
@@ -168,8 +190,8 @@ MUTATIONS = (
     Mutation(
         "the Riccati sweep forgets the cost of effort on the way",
         "cranedyn/controllers/riccati.py",
-        "effort_weight + push @ b[k]",
-        "0.5 * effort_weight + push @ b[k]",
+        "effort_weight + input_cost @ b[k]",
+        "0.5 * effort_weight + input_cost @ b[k]",
         ("control",),
     ),
     Mutation(
@@ -182,7 +204,7 @@ MUTATIONS = (
     Mutation(
         "a flat path takes the load for a point",
         "cranedyn/references/flat.py",
-        "inertia = (crane.payload_inertia + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass",
+        "inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass",
         "inertia = 0.0",
         ("control",),
     ),
@@ -209,19 +231,37 @@ MUTATIONS = (
     ),
     Mutation(
         "compiled cranes have no joint damping",
-        "cranedyn/compiled/plant.py",
-        "pushes=pushes) + self.damping * v",
-        "pushes=pushes)",
+        "cranedyn/dynamics/plant.py",
+        "external_forces=external) - self.joint.effort(q, v)",
+        "external_forces=external)",
         ("compiled",),
     ),
     Mutation(
-        "compiled forces act on the wrong body", "cranedyn/compiled/plant.py", "_PIVOT, _LOAD = 2, 4", "_PIVOT, _LOAD = 2, 3", ("compiled",)
+        "compiled forces act on the wrong body",
+        "cranedyn/dynamics/plant.py",
+        "ExternalForce(body, lever, force) for body",
+        "ExternalForce(min(body, 3), lever, force) for body",
+        ("compiled",),
     ),
     Mutation(
-        "compiled buffers pull",
-        "cranedyn/compiled/plant.py",
-        "pushes.append(code.chosen(push * beyond < 0.0, push, 0.0))",
-        "pushes.append(push)",
+        "compiled buffers push outwards",
+        "cranedyn/dynamics/plant.py",
+        "resisting[drives] - self.stops.effort(q, v)",
+        "resisting[drives] + self.stops.effort(q, v)",
+        ("compiled",),
+    ),
+    Mutation(
+        "compiled buffers do half of their work",
+        "cranedyn/compiled/step.py",
+        "work = work + 0.5 * dt *",
+        "work = work + 0.25 * dt *",
+        ("compiled",),
+    ),
+    Mutation(
+        "a stepping rule that looks at numbers becomes code all the same",
+        "cranedyn/compiled/engine.py",
+        "        check_rule(setting.integrator)\n",
+        "",
         ("compiled",),
     ),
     Mutation(
@@ -248,15 +288,15 @@ MUTATIONS = (
     Mutation(
         "compiled RK4 gives way to small steps too late",
         "cranedyn/compiled/step.py",
-        "rough = code.either(plant.beyond(q), plant.beyond(there))",
-        "rough = plant.beyond(q)",
+        "rough = code.either(*plant.stops.beyond(before[0]), *plant.stops.beyond(smooth[0]))",
+        "rough = code.either(*plant.stops.beyond(before[0]))",
         ("compiled",),
     ),
     Mutation(
         "RK4 weighs its accelerations wrongly",
         "cranedyn/dynamics/integrators.py",
-        "u = u + (a1 + 2.0 * (a2 + a3) + a4) / 6.0",
-        "u = u + (a1 + a2 + a3 + 3.0 * a4) / 6.0",
+        "v = speed_up(v, (a1 + 2.0 * (a2 + a3) + a4) / 6.0)",
+        "v = speed_up(v, (a1 + a2 + a3 + 3.0 * a4) / 6.0)",
         ("compiled",),
     ),
     Mutation(

@@ -58,8 +58,9 @@ def _starts(count: int) -> State:
 
 
 def _references(count: int) -> list[Reference]:
-    starts = _starts(count)
-    return [ramp(crane(), hold(crane(), State(starts.q[i], starts.v[i])), "xl"[i % 2], 0.2, rate=0.3 + 0.05 * i, at=0.1) for i in range(count)]
+    c, starts = crane(), _starts(count)
+    held = [hold(c, State(*rows)) for rows in zip(*starts, strict=True)]
+    return [ramp(c, still, "xl"[i % 2], 0.2, rate=0.3 + 0.05 * i, at=0.1) for i, still in enumerate(held)]
 
 
 @cache

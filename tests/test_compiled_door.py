@@ -25,7 +25,7 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 
 from cranedyn.compiled import checked, door
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.compiled.call import AIM, FORCE, LAW, ROW, STATE, SUMMARY, size
+from cranedyn.compiled.call import Sizes, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop
 from cranedyn.compiled.kernel import Recipe
@@ -36,7 +36,7 @@ from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.data.trajectory import COLUMNS, Trajectory
+from cranedyn.data.trajectory import QUANTITIES, Trajectory
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import CraneError, Misshapen, OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
@@ -66,7 +66,7 @@ class _Answering(Hold):
     """A hold whose common form is made by somebody else."""
 
     def __init__(self, answer: Callable[[Affine], Any]) -> None:
-        super().__init__(*_parts(hold_controller(crane())))
+        super().__init__(crane(), *_parts(hold_controller(crane())))
         object.__setattr__(self, "_answer", answer)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Any:
@@ -92,15 +92,15 @@ def _parts(brake: Hold) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         ("integral_gain", np.ones((3, 1)), "an array of shape (3, 1)", "one of shape (3,)"),
         ("limit", np.ones(4), "an array of shape (4,)", "one of shape (3,)"),
         ("feed_forward", np.zeros((0, 3)), "an array of 0 rows", f"one of 1 to {ROWS}"),
-        ("feed_forward", np.zeros(3), "an array of shape (3,)", "one of shape (n, 3)"),
+        ("feed_forward", np.zeros(3), "an array of shape (3,)", "one of shape (rows, 3)"),
         ("feed_forward", np.zeros((ROWS + 1, 3)), f"an array of {ROWS + 1} rows", f"one of 1 to {ROWS}"),
         ("gain", None, "no array of numbers but NoneType", "an array of shape (1, 3, 10)"),
         ("gain", np.zeros((2, 3, 10)), "an array of shape (2, 3, 10)", "one of shape (1, 3, 10)"),
         ("gain", np.zeros((1, 10, 3)), "an array of shape (1, 10, 3)", "one of shape (1, 3, 10)"),
         ("setpoint", np.zeros((0, 10)), "an array of 0 rows", f"one of 1 to {ROWS}"),
-        ("setpoint", np.zeros((ROWS, 9)), f"an array of shape ({ROWS}, 9)", "one of shape (m, 10)"),
+        ("setpoint", np.zeros((ROWS, 9)), f"an array of shape ({ROWS}, 9)", "one of shape (rows, 10)"),
         ("setpoint", np.zeros((ROWS + 1, 10)), f"an array of {ROWS + 1} rows", f"one of 1 to {ROWS}"),
-        ("setpoint", [[0.0], [1.0, 2.0]], "no array of numbers but list", "an array of shape (m, 10)"),
+        ("setpoint", [[0.0], [1.0, 2.0]], "no array of numbers but list", "an array of shape (rows, 10)"),
     ],
 )
 def test_a_common_form_that_is_not_as_it_should_be_is_refused_by_name(
@@ -141,7 +141,7 @@ class _Table:
 
     def __init__(self, answer: Callable[[np.ndarray], Any]) -> None:
         self.at = answer
-        self._still = hold(crane().start)
+        self._still = hold(crane())
 
     def __call__(self, t: float) -> Setpoint:
         return self._still(t)
@@ -155,13 +155,16 @@ def _setpoint(shape: tuple[int, ...]) -> Callable[[np.ndarray], Setpoint]:
 @pytest.mark.parametrize(
     ("answer", "sentence"),
     [
-        (_setpoint((ROWS, 2)), rf"position that the reference wants is an array of shape \({ROWS}, 2\); .* \({ROWS}, 3\)"),
+        (_setpoint((ROWS, 2)), rf"position of the setpoint is an array of shape \({ROWS}, 2\); .* \({ROWS}, 3\)"),
         (_setpoint((2, 3)), r"is an array of shape \(2, 3\)"),
         (_setpoint((ROWS + 1, 3)), rf"is an array of shape \({ROWS + 1}, 3\)"),
         (_setpoint((0, 3)), r"is an array of shape \(0, 3\)"),
         (_setpoint((3,)), r"is an array of shape \(3,\)"),
-        (lambda times: Setpoint(*[np.zeros((len(times), 3))] * 2, None), "acceleration that .* is no array of numbers but NoneType"),
-        (lambda times: None, "answer of the reference is None; allowed is a Wanted: position, velocity, acceleration"),
+        (
+            lambda times: Setpoint(*[np.zeros((len(times), 3))] * 2, None),
+            "acceleration of the setpoint is no array of numbers but NoneType",
+        ),
+        (lambda times: None, "answer of the reference is None; allowed is a Setpoint: position, velocity, acceleration"),
         (lambda times: np.zeros((3, len(times), 3)), "answer of the reference is an array"),
     ],
 )
@@ -198,7 +201,7 @@ def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(way: Callab
         times[0] += 1.0
         return _setpoint((len(times), 3))(times)
 
-    controller = hold_controller(crane()) if what == "times of the reference" else Meddling(*_parts(hold_controller(crane())))
+    controller = hold_controller(crane()) if what == "times of the reference" else Meddling(crane(), *_parts(hold_controller(crane())))
     try:
         found = way(controller, _Table(meddling) if what == "times of the reference" else None)
     except (ValueError, RunError) as error:
@@ -220,6 +223,8 @@ def test_only_the_door_takes_addresses_and_calls_compiled_code() -> None:
 
 
 _LANES, _CRANES, _PERIODS = 8, 11, 20
+_SIZES = Sizes.of(crane().layout)
+_LAW, _AIM, _FORCE = (size(parts) for parts in (_SIZES.law, _SIZES.aim, _SIZES.force))
 _RECIPE = Recipe(
     _LANES,
     "effort",
@@ -241,14 +246,14 @@ def _loop(**changed: Any) -> Loop:
     starts = np.zeros((groups, 3, _LANES), dtype=np.int64)
     starts[:, 0] = 3
     memory = {
-        "state": np.zeros((groups, size(STATE), _LANES)),
+        "state": np.zeros((groups, size(_SIZES.state), _LANES)),
         "numbers": np.ones((groups, code.varied, _LANES)),
         "offset": np.zeros((groups, 10, _LANES)),
         "starts": starts,
-        "summary": np.zeros((groups, size(SUMMARY), _LANES)),
-        "log": np.zeros((groups, (_PERIODS + 1) * size(ROW), _LANES)),
+        "summary": np.zeros((groups, size(_SIZES.summary), _LANES)),
+        "log": np.zeros((groups, (_PERIODS + 1) * size(_SIZES.row), _LANES)),
     }
-    law, aim, force = np.zeros((6, size(LAW))), np.zeros((4, size(AIM))), np.zeros((1, size(FORCE)))
+    law, aim, force = np.zeros((6, _LAW)), np.zeros((4, _AIM)), np.zeros((1, _FORCE))
     tables = [Table(law, 3, starts[0, 0]), Table(aim, 4, starts[0, 1]), Table(force, 1, starts[0, 2])]
     for i, name in enumerate(("law", "aim", "force")):
         tables[i] = changed.pop(name, tables[i])
@@ -296,9 +301,9 @@ def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name
     [
         {"starts": np.full((2, 3, _LANES), 4, dtype=np.int64)},
         {"starts": np.full((2, 3, _LANES), -1, dtype=np.int64)},
-        {"law": Table(np.zeros((2, size(LAW))), 3, np.zeros(1, int))},
-        {"aim": Table(np.zeros((4, size(AIM))), 5, np.zeros(1, int))},
-        {"aim": Table(np.zeros((0, size(AIM))), 0, np.zeros(1, int))},
+        {"law": Table(np.zeros((2, _LAW)), 3, np.zeros(1, int))},
+        {"aim": Table(np.zeros((4, _AIM)), 5, np.zeros(1, int))},
+        {"aim": Table(np.zeros((0, _AIM)), 0, np.zeros(1, int))},
         {"force": Table(np.zeros((1, 5)), 1, np.zeros(1, int))},
         {"force": Table(np.full((1, 6), math.nan), 1, np.zeros(1, int))},
         {"offset": np.full((2, 10, _LANES), math.inf)},
@@ -378,14 +383,14 @@ def _everything(integrator: Any, dt: float, drive: Any, buffers: bool) -> list[b
     """What a run alone in blocks, a run under Python and a batch record."""
     c = crane(trolley_max=10.05)
     start = c.state(phi=0.15, theta=-0.1, x_dot=0.3)
-    brake = hold_controller(c) if drive == "effort" else Hold(np.ones(3), np.ones(3))
+    brake = hold_controller(c) if drive == "effort" else Hold(c, np.ones(3), np.ones(3), np.zeros(3))
     clock: dict[str, Any] = {"duration": 0.3, "dt": dt, "control_period": 2e-2, "integrator": integrator, "drive": drive}
-    reference = ramp(hold(start), "x", 0.2, rate=0.3, at=0.1)
+    reference = ramp(c, hold(c, start), "x", 0.2, rate=0.3, at=0.1)
     found: list[bytes] = []
     for controller in (brake, lambda t, state, setpoint: brake(t, state, setpoint)):
         how: dict[str, Any] = {"validity": "buffers" if buffers else "mark", "engine": "compiled"}
         run = simulate(c, controller, reference, start=start, **clock, **how)
-        found += [getattr(run, name).tobytes() for name in COLUMNS]
+        found += [getattr(run, name).tobytes() for name in QUANTITIES]
     starts = State(np.tile(start.q, (9, 1)) + 0.01 * np.arange(9)[:, None], np.zeros((9, 5)))
     batch = simulate_batch(c, brake, reference, start=starts, buffers=buffers, record=1, force=np.full((3, 6), 9.0), **clock)
     return found + [
@@ -411,8 +416,10 @@ def test_integrals_are_the_same_in_pieces(monkeypatch: pytest.MonkeyPatch) -> No
     table = Tracking(1e-2, np.zeros((1, 3)) - [0.0, 0.0, 9810.0], np.zeros((1, 3, 10)), np.zeros((1, 10)))
 
     def integral() -> tuple[float, bytes]:
-        controller = HoistIntegral(table, 2e3, 1.2e4)
-        run = simulate(crane(), controller, hold(crane().state(l=15.2)), duration=0.3, dt=1e-3, control_period=1e-2, engine="compiled")
+        controller = HoistIntegral(crane(), table, 2e3, 1.2e4)
+        run = simulate(
+            crane(), controller, hold(crane(), crane().state(l=15.2)), duration=0.3, dt=1e-3, control_period=1e-2, engine="compiled"
+        )
         return controller.integral, run.q.tobytes()
 
     whole = integral()

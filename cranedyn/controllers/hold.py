@@ -61,9 +61,10 @@ class Hold:
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Efforts [N m or N], shape (m,)."""
-        q, v = state.q.tolist(), state.v.tolist()
-        each = zip(setpoint.position.tolist(), self._plain, strict=True)  # type: ignore[attr-defined]
-        return np.array([always + k_p * (aim - q[i]) - k_d * v[i] for aim, (i, always, k_p, k_d) in each])
+        q, v, efforts = state.q.tolist(), state.v.tolist(), []
+        for (i, always, k_p, k_d), aim in zip(self._plain, setpoint.position.tolist(), strict=True):  # type: ignore[attr-defined]
+            efforts.append(always + k_p * (aim - q[i]) - k_d * v[i])  # a loop is quicker than a comprehension of so few
+        return np.array(efforts)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """The common form, see `cranedyn.controllers.affine`."""

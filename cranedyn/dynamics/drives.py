@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from operator import le
+
 import numpy as np
 import pinocchio as pin
 
@@ -85,10 +87,8 @@ class Limits:
 
     def cut(self, command: np.ndarray) -> np.ndarray:
         """A command within the limits, shape (m,)."""
-        for effort, most in zip(command.tolist(), self._plain, strict=True):
-            if not -most <= effort <= most:
-                return command.clip(-self._most, self._most)
-        return command
+        inside = all(map(le, map(abs, command.tolist()), self._plain))
+        return command if inside else command.clip(-self._most, self._most)
 
 
 class EffortDrives:

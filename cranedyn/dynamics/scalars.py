@@ -12,7 +12,28 @@ import numpy as np
 
 
 class Rows(np.ndarray):
-    """One quantity in many rows, as an element of an array of objects: it knows sine and cosine as symbols do."""
+    """One quantity in many rows, as an element of an array of objects: it knows sine and cosine as symbols do.
+
+    As in code, nothing is multiplied by the numbers 0 or 1, or added to 0, which would be most of the work.
+    """
+
+    def __mul__(self, other: Any) -> Any:
+        """The product."""
+        if type(other) is float and other in (0.0, 1.0):
+            return self if other else 0.0
+        return super().__mul__(other)
+
+    __rmul__ = __mul__
+
+    def __add__(self, other: Any) -> Any:
+        """The sum."""
+        return self if type(other) is float and other == 0.0 else super().__add__(other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        """The difference."""
+        return self if type(other) is float and other == 0.0 else super().__sub__(other)
 
     def sin(self) -> np.ndarray:
         """Sine of each."""

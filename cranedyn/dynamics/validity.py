@@ -147,7 +147,7 @@ def _of_rows(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, buff
     if crane.layout.has("hoist"):
         cable = crane.layout.role("hoist", "The rope")
         tension = crane.damping[cable] * v[:, cable] - hoist
-    return bounds(crane.layout, crane.lower, crane.upper, q.T, tension, np.asarray(height), buffers=buffers)
+    return bounds(crane.layout, crane.lower, crane.upper, q.T, tension, np.broadcast_to(height, q.shape[:1]), buffers=buffers)
 
 
 def _tree(crane: Crane) -> rigid_body.Bodies:

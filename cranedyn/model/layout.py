@@ -80,12 +80,12 @@ class Layout:
     joints: tuple[Joint, ...]
     points: tuple[str, ...]
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of coordinates."""
         return len(self.joints)
 
-    @property
+    @cached_property
     def m(self) -> int:
         """Number of drives."""
         return len(self.drives)
