@@ -12,6 +12,7 @@ from cranedyn.arguments import checked
 from cranedyn.arrays import shaped
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.dynamics.linearisation import feedback_gain
+from cranedyn.errors import number
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 
@@ -86,6 +87,7 @@ def hold_controller(
     Raises:
         OutOfRange: If there is not one finite gain for each drive.
     """
+    number("gravity", gravity, "m/s²")
     moved = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[crane.layout.drives].tolist()
     roles = [joint.role for joint in crane.layout.driven]
     if stiffness is None:

@@ -88,8 +88,6 @@ def simulate(
         raise OutOfRange("validity", validity, "stop or mark, or buffers where the drives take efforts")
     buffers = validity == "buffers"
     layout, state = crane.layout, State.checked("start", crane.start) if start is None else start
-    if state.q.shape != (layout.n,):
-        raise OutOfRange("start", f"a state of {state.q.size} coordinates", f"one of {layout.n}: {', '.join(layout.symbols)}")
     number("time at the start", since, "s", "-1e9 to 1e9")
     log = Log(crane, since, control_period, clock.periods + 1, integrator.lead * dt)
     moving = _engine(engine)(Setting(crane, clock, drive, disturbance is not None, buffers, integrator), state)
