@@ -335,6 +335,7 @@ def _rescaled(variant: int, units: Units) -> Crane:
     values = {
         name: _factor(POWERS[known.unit], units) * float(VARIANTS[variant].get(name, float(known.default)))
         for name, known in arguments().items()
+        if name in VARIANTS[variant] or "$(" not in known.default  # what follows from other arguments follows them
     }
     return load_crane(gravity=_factor((0, 1, -2), units) * G, **values)
 
