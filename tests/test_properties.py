@@ -307,6 +307,7 @@ def _answer(what: Callable[[], Trajectory]) -> Trajectory | str:
 POWERS = {
     **{"kg": (1, 0, 0), "kg m^2": (1, 2, 0), "m": (0, 1, 0), "rad": (0, 0, 0), "N m s/rad": (1, 2, -1), "N s/m": (1, 0, -1)},
     **{"N m": (1, 2, -2), "N": (1, 1, -2), "rad/s": (0, 0, -1), "m/s": (0, 1, -1)},
+    **{"N m/rad": (1, 2, -2), "N/m": (1, 0, -2)},
 }
 """Of mass, length and time in the units of the crane's arguments."""
 
