@@ -364,7 +364,7 @@ def _state(**values: float) -> State:
     [
         ({"goal": _state(x=30.0)}, r"x at the goal is 30\.0 m; allowed is 2 to 22"),
         ({"start": _state(l=1.0)}, r"l at the start is 1\.0 m; allowed is 3\.4 to 26\.4"),
-        ({"goal": _state(x=math.nan)}, "x at the goal is nan m"),
+        ({"goal": _state(x=math.nan)}, "coordinate 2 of 5 at the goal is nan; allowed is a finite number"),
         ({"start": _state(phi=0.1)}, "phi at the start is 0.1 rad; allowed is 0: it hangs at rest"),
         ({"goal": _state(x=20.0, x_dot=0.5)}, "x_dot at the goal is 0.5 m/s; allowed is 0: it hangs at rest"),
         ({"goal": _state()}, "goal is the start itself; allowed is another place"),
@@ -387,5 +387,5 @@ def test_what_makes_no_move_is_refused_before_the_search(changes: dict[str, Any]
 
 
 def test_limits_that_are_not_positive_are_refused() -> None:
-    with pytest.raises(CraneError, match=r"acceleration limit of trolley is 0\.0 m/s²; allowed is > 0"):
+    with pytest.raises(CraneError, match=r"acceleration limit is 0\.0 per s²; allowed is > 0"):
         Limits((1.0, 1.0, 1.0), (1.0, 0.0, 1.0))
