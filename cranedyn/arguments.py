@@ -12,7 +12,7 @@ from contextlib import suppress
 from functools import cache, wraps
 from numbers import Real
 from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Protocol, TypeVar, Union, get_args, get_origin, get_type_hints, runtime_checkable
 
 import numpy as np
 
@@ -36,14 +36,32 @@ _WORDS = {
 }
 
 
+@runtime_checkable
+class OfCrane(Protocol):
+    """What belongs to cranes of some layout."""
+
+    def check_fits(self, name: str, layout: Any) -> None:
+        """Return if it is of such a crane.
+
+        Args:
+            name: Which argument it is, for the sentence.
+            layout: Of the crane, see `cranedyn.model.layout.Layout`.
+
+        Raises:
+            OutOfRange: If it is not.
+        """
+
+
 def checked(taker: _Any) -> _Any:
     """Have the arguments of a function, or those that a class is made with, held against their annotations at every call.
 
     Numbers arrive as floats and arrays as arrays of floats, also where any name may be given one (``**numbers: float``). A callable must
     take as many arguments as its annotation says. A class can say itself what may stand for it, by a class method ``checked(name, value)``.
 
+    What is of one kind of crane only, as states and motions are, is held against the argument named ``crane``, see `OfCrane`.
+
     The function then raises:
-        OutOfRange: If an argument is of another kind.
+        OutOfRange: If an argument is of another kind, or of another crane.
     """
     if isinstance(taker, type):
         taker.__init__ = checked(taker.__init__)  # type: ignore[misc]
@@ -73,6 +91,10 @@ def checked(taker: _Any) -> _Any:
             as_given &= holder[name] is value
         if as_given:
             right.add(asked)
+        if (layout := getattr(given.arguments.get("crane"), "layout", None)) is not None:
+            for name, value in given.arguments.items():
+                if isinstance(value, OfCrane):
+                    value.check_fits(name, layout)
         return taker(*given.args, **given.kwargs)
 
     return taking  # type: ignore[return-value]

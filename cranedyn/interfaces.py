@@ -48,6 +48,11 @@ class State(NamedTuple):
             raise OutOfRange(name, f"a state of {state.q.size} coordinates and {state.v.size} rates", "as many of each")
         return state
 
+    def check_fits(self, name: str, layout: Any) -> None:
+        """See `cranedyn.arguments.OfCrane`."""
+        if self.q.size != layout.n:
+            raise OutOfRange(name, f"a state of {self.q.size} coordinates", f"one of {layout.n}: {', '.join(layout.symbols)}")
+
 
 class Setpoint(NamedTuple):
     """Where the drives should be and how they should move.

@@ -21,7 +21,7 @@ import cranedyn.references
 from cranedyn import theory
 from cranedyn.analysis import prediction
 from cranedyn.analysis import swing as analysis
-from cranedyn.arguments import checked, described, of_drives, taken
+from cranedyn.arguments import checked, described, taken
 from cranedyn.arrays import finite
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import follow, hold_controller, lqr, observed, paper_controller, sensed
@@ -29,7 +29,7 @@ from cranedyn.controllers.damped import damped
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.riccati import riccati
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.data.trajectory import COLUMNS, join, read
+from cranedyn.data.trajectory import QUANTITIES, join, read
 from cranedyn.disturbances import wind
 from cranedyn.dynamics import linearisation as linear
 from cranedyn.dynamics.integrators import rk4
@@ -67,8 +67,8 @@ from cranedyn.sweep import cross, grid
 from tests.helpers import crane
 
 C, REST = crane(), crane().start
-BRAKE, STILL = hold_controller(C), hold(REST)
-MOTION = plumb(STILL, 0.1)
+BRAKE, STILL = hold_controller(C), hold(C, REST)
+MOTION = plumb(C, STILL, 0.1)
 RUN = simulate(C, BRAKE, duration=0.01)
 LIMITS = Limits((0.1, 1.0, 1.0), (0.05, 0.5, 0.5))
 T = np.linspace(0.0, 30.0, 600)
@@ -93,38 +93,41 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     ),
     (lambda: simulate(C, BRAKE, duration="0.05"), "duration is '0.05'; allowed is a number."),
     (lambda: simulate(C, BRAKE, duration=0.1, dt=10**5000), "dt is an int; allowed is a number."),
-    (lambda: simulate(C, _short, duration=0.1), "controller is the function _short; allowed is a callable of 3: float, State, Wanted."),
-    (lambda: simulate(C, None, duration=0.1), "controller is None; allowed is a callable of 3: float, State, Wanted."),
-    (lambda: simulate(C, BRAKE, duration=0.1, start=[0, 10, 15]), "start is [0, 10, 15]; allowed is five coordinates and five rates"),
+    (lambda: simulate(C, _short, duration=0.1), "controller is the function _short; allowed is a callable of 3: float, State, Setpoint."),
+    (lambda: simulate(C, None, duration=0.1), "controller is None; allowed is a callable of 3: float, State, Setpoint."),
+    (lambda: simulate(C, BRAKE, duration=0.1, start=[0, 10, 15]), "start is [0, 10, 15]; allowed is coordinates and rates"),
     (lambda: simulate(C, BRAKE, duration=0.1, drive=2), "drive is 2; allowed is effort or motion."),
     (lambda: simulate(C, BRAKE, duration=0.1, disturbance=lambda t: 1), "disturbance is the function <lambda>; allowed is a callable of 2"),
-    (lambda: spline([0, 10, 15], [[0, 12, 15]], [5.0]), "start is [0, 10, 15]; allowed is five coordinates and five rates, all numbers."),
-    (lambda: spline(REST, [[0, 12]], [5.0]), "waypoint is (0.0, 12.0); allowed is three numbers: slew, trolley, hoist."),
+    (lambda: spline(C, [0, 10, 15], [[0, 12, 15]], [5.0]), "start is [0, 10, 15]; allowed is coordinates and rates, all numbers."),
+    (lambda: spline(C, REST, [[0, 12]], [5.0]), "waypoint is (0.0, 12.0); allowed is three numbers: slew, trolley, hoist."),
     (lambda: lqr(C, STILL), "motion is a Still; allowed is a cranedyn.references.motion.Motion."),
     (
         lambda: flat(C, REST, C.state(x=12), 1e15),
         "duration is 1000000000000000.0 s; allowed is 20000 or less: 4000000 rows",
     ),
-    (lambda: plumb(STILL, 1e15), "duration is 1000000000000000.0 s; allowed is 20000"),
+    (lambda: plumb(C, STILL, 1e15), "duration is 1000000000000000.0 s; allowed is 20000"),
     (lambda: optimal(C, REST, C.state(x=12), LIMITS, duration=1e9), "duration is 1000000000.0 s; allowed is 20000 or less"),
     (
         lambda: wind.turbulence(wind.steady(1), 0.1, np.random.default_rng(0), duration=1e15),
         "duration of the turbulence is 1000000",
     ),
     (lambda: tour(C, [Leg("out", x=12), Leg("in", x=10)], lambda a, b: flat(C, a, b, 9.0), dwell=1e12), "dwell is 1000000000000.0 s"),
-    (lambda: follow(None), "reference is None; allowed is a callable of 1: float."),
-    (lambda: pulse(None, "x", 0.1, at=0.0, width=1.0), "base is None; allowed is a callable of 1: float."),
-    (lambda: hold_controller(C, stiffness=(1, 2)), "stiffness is an array of shape (2,); allowed is one of shape (3,)."),
+    (lambda: follow(C, None), "reference is None; allowed is a callable of 1: float."),
+    (lambda: pulse(C, None, "x", 0.1, at=0.0, width=1.0), "base is None; allowed is a callable of 1: float."),
+    (lambda: hold_controller(C, stiffness=(1, 2)), "stiffness is (1.0, 2.0); allowed is three numbers: slew, trolley, hoist."),
     (lambda: hold_controller(C, gravity=math.nan), "gravity is nan m/s²; allowed is a finite number."),
-    (lambda: sensed(BRAKE, rng=1), "rng is 1; allowed is a np.random.Generator, such as np.random.default_rng(1)."),
-    (lambda: sensed(BRAKE, rng=np.random.default_rng(1), delay=10**5000), "delay of the sensors is int that cannot be written out"),
-    (lambda: Motion(0.005, np.zeros((2, 5)), np.zeros((3, 5)), np.zeros((2, 5))), "v of a motion is an array of shape (3, 5); allowed is"),
+    (lambda: sensed(C, BRAKE, rng=1), "rng is 1; allowed is a np.random.Generator, such as np.random.default_rng(1)."),
+    (lambda: sensed(C, BRAKE, rng=np.random.default_rng(1), delay=10**5000), "delay of the sensors is int that cannot be written out"),
+    (
+        lambda: Motion(0.005, np.zeros((2, 5)), np.zeros((3, 5)), np.zeros((2, 5)), C.layout.drives),
+        "v of a motion is an array of shape (3, 5); allowed is",
+    ),
     (
         lambda: Tracking(0.005, np.zeros((2, 3)), np.zeros((2, 3, 9)), np.zeros((2, 10))),
-        "gain is an array of shape (2, 3, 9)",
+        "setpoint is an array of shape (2, 10); allowed is one of shape (2, 9).",
     ),
-    (lambda: Limits((1, 1), (1, 1, 1)), "rate limit is (1.0, 1.0); allowed is three numbers: slew, trolley, hoist."),
-    (lambda: linear.swing_mode(np.eye(3), 0.005, 2), "loop is an array of shape (3, 3); allowed is one of shape (10, 10)."),
+    (lambda: Limits((1, 1), (1, 1, 1)), "acceleration limits is (1.0, 1.0, 1.0) per s²; allowed is one number for each drive."),
+    (lambda: linear.swing_mode(np.eye(3), 0.005, 2), "loop is an array of shape (3, 3); allowed is one of shape (2 n, 2 n)."),
     (lambda: linear.sampled(C, REST, dt=1e-3, control_period=1.5e-3), "control_period is 0.0015 s; allowed is a multiple of dt"),
     (lambda: analysis.fit_swing(T, T[:9]), "swing is an array of shape (9,); allowed is one of shape (600,)."),
     (lambda: analysis.agreement(T, np.full(600, math.nan)), "modelled is nan; allowed is finite."),
@@ -156,6 +159,14 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (
         lambda: theory.rigid_period(10.0, -9.81, 1000.0, 1.0),
         "the answer of rigid_period(10.0, -9.81, 1000.0, 1.0) is not finite; allowed is what has a finite one.",
+    ),
+    (
+        lambda: hold(C, State(np.zeros(4), np.zeros(4))),
+        "state is a state of 4 coordinates; allowed is one of 5: gamma, x, phi, theta, l.",
+    ),
+    (
+        lambda: lqr(C, Motion(0.005, np.zeros((2, 4)), np.zeros((2, 4)), np.zeros((2, 4)), np.array([0, 1]))),
+        "motion is a motion of 4 coordinates, the drives [0, 1]; allowed is one of 5, the drives [0, 1, 4].",
     ),
     (lambda: events(C, None), "run is None; allowed is a cranedyn.data.trajectory.Trajectory."),
     (lambda: C.state(x=10**5000), "x at the start is int that cannot be written out m; allowed is a number."),
@@ -191,35 +202,35 @@ RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
         "engine": "pinocchio",
         "progress": lambda t: None,
     },
-    wind.constant_force: {"payload": (0, 0, 0), "trolley": (0, 0, 0), "at": 0.0},
+    wind.constant_force: {"crane": C, "payload": (0, 0, 0), "trolley": (0, 0, 0), "at": 0.0},
     wind.steady: {"speed": 1.0},
     wind.step_gust: {"base": wind.steady(1.0), "rise": 1.0, "at": 0.0},
     wind.cosine_gust: {"base": wind.steady(1.0), "rise": 1.0, "at": 0.0, "lasts": 1.0},
     wind.turbulence: {"base": wind.steady(1.0), "intensity": 0.1, "rng": np.random.default_rng(0), "duration": 1.0, "step": 0.1},
     wind.wind: {"crane": C, "speed": wind.steady(1.0), "direction": 0.0, "payload_area": 1.0, "trolley_area": 1.0},
     flat: {"crane": C, "start": REST, "goal": C.state(x=12.0), "duration": 10.0, "ramp": 2.0, "period": 0.1},
-    hold: {"state": REST},
-    itinerary: {"start": REST, "legs": [Leg("out", x=12.0), Leg("in", x=10.0)], "rates": (0.1, 1, 1), "dwell": 1.0},
+    hold: {"crane": C, "state": REST},
+    itinerary: {"crane": C, "start": REST, "legs": [Leg("out", x=12.0), Leg("in", x=10.0)], "rates": (0.1, 1, 1), "dwell": 1.0},
     Limits: {"rates": (1, 1, 1), "accelerations": (1, 1, 1)},
     use: {"crane": C, "motion": MOTION, "limits": LIMITS},
     fastest: {"crane": C, "plan": lambda duration: MOTION, "limits": LIMITS},
-    Motion: {"period": 5e-3, "q": MOTION.q, "v": MOTION.v, "a": MOTION.a},
-    plumb: {"reference": STILL, "duration": 0.1, "period": 0.005},
-    operator: {"start": REST, "pulses": [JoystickPulse("x", 0.5, 0.0, 1.0)], "accelerations": (1, 1, 1)},
-    pulse: {"base": STILL, "drive": "x", "amplitude": 0.1, "at": 0.0, "width": 1.0},
-    ramp: {"base": STILL, "drive": "x", "by": 0.1, "rate": 1.0, "at": 1.0},
+    Motion: {"period": 5e-3, "q": MOTION.q, "v": MOTION.v, "a": MOTION.a, "drives": MOTION.drives},
+    plumb: {"crane": C, "reference": STILL, "duration": 0.1, "period": 0.005},
+    operator: {"crane": C, "start": REST, "pulses": [JoystickPulse("x", 0.5, 0.0, 1.0)], "accelerations": (1, 1, 1)},
+    pulse: {"crane": C, "base": STILL, "drive": "x", "amplitude": 0.1, "at": 0.0, "width": 1.0},
+    ramp: {"crane": C, "base": STILL, "drive": "x", "by": 0.1, "rate": 1.0, "at": 1.0},
     zv: {"damping_ratio": 0.0},
     shaped: {"base": STILL, "shaper": zv(), "period": 7.0},
-    shaped_hoisting: {"base": STILL, "shaper": zv(), "gravity": 9.81, "duration": 1.0, "step": 0.1},
+    shaped_hoisting: {"crane": C, "base": STILL, "shaper": zv(), "duration": 1.0, "step": 0.1},
     Shaper: {"fractions": np.array([0, 0.5]), "amplitudes": np.array([0.5, 0.5])},
-    spline: {"start": REST, "waypoints": [[0, 12, 15]], "durations": [5.0], "at": 0.0},
-    shortest: {"start": REST, "waypoints": [[0, 12, 15]], "rates": (1, 1, 1), "accelerations": (1, 1, 1)},
+    spline: {"crane": C, "start": REST, "waypoints": [[0, 12, 15]], "durations": [5.0], "at": 0.0},
+    shortest: {"crane": C, "start": REST, "waypoints": [[0, 12, 15]], "rates": (1, 1, 1), "accelerations": (1, 1, 1)},
     Spline: {"times": np.array([0.0, 1.0]), "points": np.zeros((2, 3))},
     tour: {"crane": C, "legs": [Leg("stay", x=10.0)], "plan": lambda start, goal: MOTION, "dwell": 1.0},
     damped: {"crane": C, "reference": STILL, "ratio": 0.2, "recovery": 0.0, "limits": LIMITS, "control_period": 5e-3},
-    follow: {"reference": STILL, "control_period": 5e-3},
+    follow: {"crane": C, "reference": STILL, "control_period": 5e-3},
     hold_controller: {"crane": C, "stiffness": (1, 1, 1), "damping": (1, 1, 1), "gravity": 9.8},
-    Hold: {"stiffness": np.ones(3), "damping": np.ones(3), "feed_forward": np.zeros(3)},
+    Hold: {"crane": C, "stiffness": np.ones(3), "damping": np.ones(3), "feed_forward": np.zeros(3)},
     Tracking: {"period": 5e-3, "feed_forward": np.zeros((2, 3)), "gain": np.zeros((2, 3, 10)), "setpoint": np.zeros((2, 10))},
     lqr: {"crane": C, "motion": MOTION, "dt": 5e-4, "state_weight": np.eye(10), "effort_weight": np.eye(3), "every": 10},
     observed: {
@@ -233,9 +244,9 @@ RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
     },
     paper_controller: {"crane": C, "motion": MOTION, "gravity": 9.81, "hoist": (1, 1, 1), "every": 10},
     riccati: {"a": np.stack([np.eye(2) / 2] * 3), "b": np.ones((3, 2, 1)), "state_weight": np.eye(2), "effort_weight": np.eye(1)},
-    sensed: {"controller": BRAKE, "delay": 1, "noise": np.ones(10), "rng": np.random.default_rng(0)},
+    sensed: {"crane": C, "controller": BRAKE, "delay": 1, "noise": np.ones(10), "rng": np.random.default_rng(0)},
     linear.sampled: {"crane": C, "state": REST, "effort": np.zeros(3), "dt": 5e-4, "control_period": 5e-3},
-    linear.feedback_gain: {"stiffness": np.ones(3), "damping": np.ones(3)},
+    linear.feedback_gain: {"crane": C, "stiffness": np.ones(3), "damping": np.ones(3)},
     linear.swing_mode: {"loop": linear.sampled(C, REST).a, "period": 5e-3, "coordinate": 2},
     prediction.free_swing: {"crane": C, "hold": BRAKE, "reference": STILL, "start": REST, "since": 1.0, "until": 5.0},
     analysis.fit_swing: {"t": T, "swing": np.cos(T)},
@@ -301,8 +312,8 @@ def test_any_argument_replaced_by_any_thing_is_taken_or_refused_in_a_sentence(fu
 
 FACES = [cranedyn.controllers, cranedyn.references, wind, linear, prediction, analysis]
 PLAIN = {
-    *("along", "tabulated", "setpoint", "smoothstep", "cruise", "recover", "form", "without_integral", "at_drives"),
-    *("stationary", "check_finite", "trolley_plane", "slew_plane"),
+    *("tabulated", "checked_setpoint", "smoothstep", "cruise", "recover", "form", "without_integral", "at_drives"),
+    *("stationary", "check_finite", "trolley_plane", "slew_plane", "leg_target", "place", "places", "at_place", "at_places"),
 }
 """What only other functions of the house call, with what they have checked."""
 
@@ -358,7 +369,7 @@ def test_values_are_described_shortly() -> None:
     [
         (lambda: finite("a", [[1, 2]], ("n", 3), unit="m"), r"^a is an array of shape \(1, 2\); allowed is one of shape \(n, 3\)\.$"),
         (lambda: finite("a", [1, math.inf], (2,)), r"^a is inf; allowed is finite\.$"),
-        (lambda: of_drives("rate", [1, 2, 0], "/s", "> 0"), r"^rate of hoist is 0 m/s; allowed is > 0\.$"),
+        (lambda: C.layout.for_drives("rate", [1, 2, 0], "/s", "> 0"), r"^rate of l is 0 m/s; allowed is > 0\.$"),
         (lambda: taken("a", 1j, float | None), r"^a is 1j; allowed is a number or None\.$"),
         (lambda: number("a", _Stranger()), r"^a is _Stranger that cannot be written out; allowed is a number\.$"),
         (lambda: whole("a", 2**64, 0), r"^a is 18446744073709551616; allowed is a whole number up to 9\.22337e\+18\.$"),
@@ -380,18 +391,18 @@ def _from(t0: float, then: Callable[[], Any], usual: Callable[..., Any]) -> Call
 
 
 BAD_SETPOINTS: dict[str, tuple[Any, str]] = {
-    "none": (None, "answer of the reference is None; allowed is a Wanted: position, velocity, acceleration"),
+    "none": (None, "answer of the reference is None; allowed is a Setpoint: position, velocity, acceleration"),
     "an array": (np.zeros(3), r"answer of the reference is an array"),
-    "two numbers": (Setpoint(*np.zeros((3, 2))), r"position that the reference wants is an array of shape \(2,\)"),
+    "two numbers": (Setpoint(*np.zeros((3, 2))), r"position of the setpoint is an array of shape \(2,\)"),
     "nan": (
         Setpoint(np.array([0.0, math.nan, 15.0]), np.zeros(3), np.zeros(3)),
-        "position that the reference wants is nan; allowed is finite",
+        "position of the setpoint is nan; allowed is finite",
     ),
     "an endless rate": (
         Setpoint(np.zeros(3), np.full(3, math.inf), np.zeros(3)),
-        "velocity that the reference wants is inf; allowed is finite",
+        "velocity of the setpoint is inf; allowed is finite",
     ),
-    "words": (Setpoint("a", "b", "c"), "position that the reference wants is no array of numbers but str"),  # type: ignore[arg-type]
+    "words": (Setpoint("a", "b", "c"), "position of the setpoint is no array of numbers but str"),  # type: ignore[arg-type]
 }
 
 
@@ -421,7 +432,7 @@ def test_an_error_of_whoever_a_run_calls_is_its_cause_and_its_rows_are_kept(who:
         assert isinstance(caught.value.__cause__, KeyError)
         kept = caught.value.trajectory
         assert kept is not None and len(kept) == rows + (who == "progress")  # which is told after the row is logged
-        assert all(np.isfinite(getattr(kept, name)).all() for name in COLUMNS)
+        assert all(np.isfinite(getattr(kept, name)).all() for name in QUANTITIES)
 
 
 def test_a_command_of_complex_numbers_is_refused() -> None:
@@ -440,11 +451,22 @@ def test_every_row_of_a_table_of_setpoints_must_be_there_and_finite() -> None:
         def at(self, times: np.ndarray) -> Setpoint:
             return self.answer
 
-    assert len(plumb(Table(21, 3), 0.1).q) == 21
+    assert len(plumb(C, Table(21, 3), 0.1).q) == 21
     for table in (Table(20, 3), Table(22, 3), Table(21, 2), Table(21, 3, math.nan)):
-        with pytest.raises(OutOfRange, match=r"position that the reference wants is (an array of shape|nan)"):
-            plumb(table, 0.1)
+        with pytest.raises(OutOfRange, match=r"position of the setpoint is (an array of shape|nan)"):
+            plumb(C, table, 0.1)
 
 
 def test_the_fields_of_a_crane_are_those_that_make_it() -> None:
-    assert [one.name for one in fields(C) if one.init] == ["written", "model", "damping", "lower", "upper", "effort_limit", "start"]
+    assert [one.name for one in fields(C) if one.init] == [
+        "layout",
+        "written",
+        "model",
+        "damping",
+        "springs",
+        "lower",
+        "upper",
+        "effort_limit",
+        "start",
+        "points",
+    ]

@@ -20,7 +20,7 @@ STILL = Setpoint(np.array([0.1, 11.0, 14.0]), np.zeros(3), np.zeros(3))
 
 
 def test_hold_pushes_towards_what_is_setpoint_against_the_velocity_and_carries_the_load() -> None:
-    brake = Hold(np.array([10.0, 20.0, 30.0]), np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.0, -500.0]))
+    brake = Hold(crane(), np.array([10.0, 20.0, 30.0]), np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.0, -500.0]))
     state = State(np.array([0.0, 10.0, 0.3, -0.2, 15.0]), np.array([0.5, -0.25, 9.0, 9.0, 2.0]))
     # slew 10·0.1 - 0.5, trolley 20·1 + 2·0.25, hoist -500 - 30·1 - 3·2
     assert_allclose(brake(7.0, state, STILL), [0.5, 20.5, -536.0], rtol=1e-14)  # rounding
@@ -41,10 +41,11 @@ def test_the_velocity_of_the_reference_does_not_enter() -> None:
 
 
 def test_the_published_gain_is_the_default_and_the_weight_is_fed_forward() -> None:
-    assert STIFFNESS[1] == 3.0e5
+    assert list(STIFFNESS) == list(DAMPING) == [joint.role for joint in crane().layout.driven]
+    assert STIFFNESS["trolley"] == 3.0e5
     brake = hold_controller(crane(payload_mass=2000))
-    assert brake.stiffness.tolist() == list(STIFFNESS)
-    assert brake.damping.tolist() == list(DAMPING)
+    assert brake.stiffness.tolist() == list(STIFFNESS.values())
+    assert brake.damping.tolist() == list(DAMPING.values())
     # it believes in standard gravity, whatever the world has
     assert brake.feed_forward.tolist() == [0.0, 0.0, -2000 * 9.80665]
     assert hold_controller(crane(), gravity=9.8).feed_forward[2] == -9800.0
@@ -53,16 +54,16 @@ def test_the_published_gain_is_the_default_and_the_weight_is_fed_forward() -> No
 def test_one_gain_can_be_changed_alone() -> None:
     brake = hold_controller(crane(), stiffness=(1.0, 2.0, 3.0))
     assert brake.stiffness.tolist() == [1.0, 2.0, 3.0]
-    assert brake.damping.tolist() == list(DAMPING)
+    assert brake.damping.tolist() == list(DAMPING.values())
 
 
 @pytest.mark.parametrize("period", [5e-3, 0.1])
 def test_follow_reaches_the_velocity_that_is_setpoint_one_period_later(period: float) -> None:
     start = crane().state(x_dot=0.2, gamma_dot=-0.1)
-    reference = ramp(ramp(hold(start), "x", 5.0, rate=0.8, at=1.0), "l", -2.0, rate=0.5, at=1.0)
-    drives = follow(reference, period)
+    reference = ramp(crane(), ramp(crane(), hold(crane(), start), "x", 5.0, rate=0.8, at=1.0), "l", -2.0, rate=0.5, at=1.0)
+    drives = follow(crane(), reference, period)
     for t in (0.5, 1.0 - period / 2, 2.0):
-        reached = start.v[[0, 1, 4]] + period * drives(t, start, reference(t))
+        reached = start.v[crane().layout.drives] + period * drives(t, start, reference(t))
         assert_allclose(reached, reference(t + period).velocity, atol=1e-15)  # rounding
 
 
@@ -102,7 +103,7 @@ def test_a_row_that_is_met_is_that_row_whatever_the_next_one_holds() -> None:
 
 
 def _integral() -> HoistIntegral:
-    return HoistIntegral(Tracking(5e-3, np.zeros((1, 3)), np.zeros((1, 3, 10)), np.zeros((1, 10))), 1e-9, 1.0)
+    return HoistIntegral(crane(), Tracking(5e-3, np.zeros((1, 3)), np.zeros((1, 3, 10)), np.zeros((1, 10))), 1e-9, 1.0)
 
 
 def _asked(integral: HoistIntegral) -> Controller:
@@ -114,11 +115,11 @@ def _asked(integral: HoistIntegral) -> Controller:
 @pytest.mark.parametrize("engine", ["pinocchio", FAST])
 def test_an_integrator_goes_by_the_period_of_its_loop(period: float, engine: EngineName) -> None:
     c = crane()
-    away = c.state(l=c.start.q[4] - 0.5)  # where it stays: the drives accelerate by 1e-9 of the integral
+    away = c.state(l=c.start.q[c.layout.index("l")] - 0.5)  # where it stays: the drives accelerate by 1e-9 of the integral
     told, asked = _integral(), _integral()
     for controller in (told, _asked(asked)):
         how = {"control_period": period, "engine": engine, "drive": "motion"}
-        simulate(c, controller, hold(c.start), start=away, since=3.0, duration=1.0, **how)
+        simulate(c, controller, hold(c, c.start), start=away, since=3.0, duration=1.0, **how)
     assert told.integral == pytest.approx(0.5 * (1.0 + period), rel=1e-8)  # both ends count
     assert asked.integral == pytest.approx(0.5 * (1.0 + 5e-3), rel=1e-8)  # the first instant as a row of its table
 

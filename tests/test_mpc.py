@@ -15,7 +15,7 @@ from scipy.optimize import lsq_linear
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import lqr, mpc, observed, sensed
-from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT
+from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.controllers.mpc import Predictive
 from cranedyn.controllers.riccati import riccati
 from cranedyn.data.trajectory import Trajectory
@@ -23,11 +23,12 @@ from cranedyn.dynamics.linearisation import sampled
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.references import Motion, flat, plumb, spline
 from tests.helpers import G, crane, quickly
 
 needs_solver = pytest.mark.skipif(importlib.util.find_spec("daqp") is None, reason="daqp is not installed: pip install 'cranedyn[mpc]'")
+Q, R = state_weight_of(crane()), effort_weight_of(crane())
 STILL = Setpoint(np.zeros(3), np.zeros(3), np.zeros(3))
 SIZE = np.array([0.01, 0.05, 0.02, 0.02, 0.05, 0.002, 0.02, 0.02, 0.02, 0.02])
 """Deviations that bring no drive to its limit."""
@@ -35,7 +36,7 @@ SIZE = np.array([0.01, 0.05, 0.02, 0.02, 0.05, 0.002, 0.02, 0.02, 0.02, 0.02])
 
 def at_rest(crane: Crane, **where: float) -> Motion:
     """A motion that is none."""
-    return Motion(5e-3, crane.state(**where).q[None], np.zeros((1, 5)), np.zeros((1, 5)))
+    return Motion(5e-3, crane.state(**where).q[None], np.zeros((1, 5)), np.zeros((1, 5)), crane.layout.drives)
 
 
 def combined(crane: Crane) -> Motion:
@@ -48,7 +49,7 @@ def state_of(z: np.ndarray) -> State:
 
 
 def rates(run: Trajectory) -> np.ndarray:
-    return np.abs(run.v[:, DRIVES]).max(axis=0)
+    return np.abs(run.v[:, crane().layout.drives]).max(axis=0)
 
 
 @needs_solver
@@ -56,8 +57,8 @@ def test_at_rest_without_a_limit_in_reach_it_is_the_stationary_lqr() -> None:
     rest, rng = crane().state(x=10.0, l=15.0), np.random.default_rng(1)
     controller = mpc(crane(), at_rest(crane(), x=10.0, l=15.0))
     model = sampled(crane(), rest, control_period=0.05)
-    p = solve_discrete_are(model.a, model.b, STATE_WEIGHT, EFFORT_WEIGHT)
-    gain = np.linalg.solve(EFFORT_WEIGHT + model.b.T @ p @ model.b, model.b.T @ p @ model.a)
+    p = solve_discrete_are(model.a, model.b, Q, R)
+    gain = np.linalg.solve(R + model.b.T @ p @ model.b, model.b.T @ p @ model.a)
     for k in range(10):
         z = SIZE * rng.normal(size=10)
         efforts = controller(0.05 * k, state_of(np.concatenate(rest) + z), STILL)
@@ -72,7 +73,7 @@ def test_along_a_motion_without_a_limit_in_reach_it_is_the_lqr_of_the_whole_moti
     feed_forward = lqr(crane(), motion).feed_forward
     rows = range(0, 4001, 10)
     models = [sampled(crane(), State(motion.q[k], motion.v[k]), feed_forward[k], control_period=0.05) for k in rows]
-    gain = riccati(np.array([m.a for m in models]), np.array([m.b for m in models]), STATE_WEIGHT, EFFORT_WEIGHT).gain
+    gain = riccati(np.array([m.a for m in models]), np.array([m.b for m in models]), Q, R).gain
     for i in (0, 1, 117, 200, 390, 400, 1000):
         k, z = min(10 * i, 4000), SIZE * rng.normal(size=10)
         efforts = controller(0.05 * i, state_of(np.concatenate([motion.q[k], motion.v[k]]) + z), STILL)
@@ -85,14 +86,14 @@ def test_with_efforts_at_their_limits_it_is_the_optimum_of_bounded_least_squares
     holding = holding_effort(crane(), rest.q)
     controller = mpc(crane(), at_rest(crane(), x=10.0, l=15.0), horizon=n, effort_limit=limit)
     model = sampled(crane(), rest, control_period=0.05)
-    p = solve_discrete_are(model.a, model.b, STATE_WEIGHT, EFFORT_WEIGHT)
+    p = solve_discrete_are(model.a, model.b, Q, R)
     by_start, by_effort = np.eye(10), np.zeros((10, 3 * n))
-    rows, right = [np.kron(np.eye(n), cholesky(EFFORT_WEIGHT))], [np.zeros(3 * n)]
+    rows, right = [np.kron(np.eye(n), cholesky(R))], [np.zeros(3 * n)]
     z = np.array([0.02, 0.1, 0.08, -0.06, 0.1, 0.0, 0.1, 0.02, 0.02, -0.1])
     for k in range(1, n + 1):
         by_start, by_effort = model.a @ by_start, model.a @ by_effort
         by_effort[:, 3 * k - 3 : 3 * k] += model.b
-        root = cholesky(p if k == n else STATE_WEIGHT)
+        root = cholesky(p if k == n else Q)
         rows.append(root @ by_effort)
         right.append(-root @ by_start @ z)
     scale = np.tile(limit, n)
@@ -147,7 +148,7 @@ def test_a_swing_beyond_its_bound_is_no_contradiction_and_is_brought_within() ->
 @needs_solver
 def test_a_swing_limit_holds_on_a_move_that_would_swing_more() -> None:
     start = crane().state(x=10.0, l=15.0)
-    motion = plumb(spline(start, [(0.0, 17.0, 15.0)], [12.0]), 12.0)
+    motion = plumb(crane(), spline(crane(), start, [(0.0, 17.0, 15.0)], [12.0]), 12.0)
     free, kept = (
         np.abs(quickly(crane(), controller, motion, start=start, duration=20.0, validity="mark").q[:, 2]).max()
         for controller in (lqr(crane(), motion), mpc(crane(), motion, swing_limit=0.035))
@@ -168,7 +169,7 @@ def test_the_combined_move_arrives_and_stays_without_swing() -> None:
 @needs_solver
 def test_a_plan_faster_than_the_drives_may_run_is_run_at_their_limits() -> None:
     motion, limit = combined(crane()), np.array([0.055, 0.95, 0.5])
-    assert (np.abs(motion.v[:, DRIVES]).max(axis=0) > 1.1 * limit).all()
+    assert (np.abs(motion.v[:, motion.drives]).max(axis=0) > 1.1 * limit).all()
     run = quickly(crane(), mpc(crane(), motion, rate_limit=limit), motion, start=crane().state(x=10.0, l=15.0), duration=40.0)
     # met; the model is linear and that of the beginning of each 50 ms, in which the plan changes a rate by up to a hundredth of it
     np.testing.assert_allclose(rates(run), limit, rtol=4e-3)
@@ -215,7 +216,7 @@ def test_a_second_run_does_not_begin_with_what_the_first_held() -> None:
 def test_it_works_with_noisy_late_sensors_of_the_drives_alone() -> None:
     motion, start = combined(crane()), crane().state(x=10.0, l=15.0, phi=0.05)
     controller = observed(mpc(crane(), motion, effort_limit=(1e5, 3e3, 1.2e4)), crane(), motion, delay=4)
-    run = quickly(crane(), sensed(controller, delay=4, rng=np.random.default_rng(1)), motion, start=start, duration=40.0)
+    run = quickly(crane(), sensed(crane(), controller, delay=4, rng=np.random.default_rng(1)), motion, start=start, duration=40.0)
     assert swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], G)[0] < 1e-3
 
 
@@ -264,7 +265,7 @@ def test_an_optimisation_that_fails_ends_the_run_and_no_old_command_goes_on() ->
 @needs_solver
 def test_a_state_that_is_not_finite_is_refused() -> None:
     controller = mpc(crane(), at_rest(crane(), x=10.0, l=15.0))
-    with pytest.raises(CraneError, match="theta of the state is nan rad"):
+    with pytest.raises(CraneError, match="coordinate 4 of the state is nan; allowed is a finite number"):
         controller(0.0, State(np.array([0.0, 10.0, 0.0, math.nan, 15.0]), np.zeros(5)), STILL)
 
 
@@ -277,10 +278,10 @@ def test_a_state_that_is_not_finite_is_refused() -> None:
         ({"dt": 3e-4}, "a multiple of dt = 0.0003 s"),
         ({"horizon": 0}, "horizon is 0 periods; allowed is a whole number >= 1"),
         ({"horizon": 2.5}, "horizon"),
-        ({"effort_limit": (1e4, -2.0, 1e4)}, "effort limit of the trolley is -2.0 N; allowed is > 0"),
+        ({"effort_limit": (1e4, -2.0, 1e4)}, "effort limit of x is -2.0 N; allowed is > 0"),
         ({"effort_limit": (1e4, 1e3)}, "three numbers: slew, trolley, hoist"),
-        ({"rate_limit": (0.0, 1.0, 1.0)}, "rate limit of the slew is 0.0 rad/s; allowed is > 0"),
-        ({"rate_limit": (1.0, 1.0, math.inf)}, "rate limit of the hoist"),
+        ({"rate_limit": (0.0, 1.0, 1.0)}, "rate limit of gamma is 0.0 rad/s; allowed is > 0"),
+        ({"rate_limit": (1.0, 1.0, math.inf)}, "rate limit of l is inf m/s"),
         ({"swing_limit": 0.0}, "swing limit is 0.0 rad; allowed is > 0"),
         ({"swing_limit": 2.0}, "swing limit is 2.0 rad"),
         ({"effort_weight": np.zeros((3, 3))}, "effort weight"),

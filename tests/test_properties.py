@@ -18,16 +18,18 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 
-from cranedyn.data.trajectory import COLUMNS, Trajectory, read
+from cranedyn.data.trajectory import QUANTITIES, Trajectory, read
 from cranedyn.disturbances import wind
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import Disturbance, Setpoint, State
-from cranedyn.model.crane import DRIVES, PASSIVE, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.model.description import arguments
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, constant, crane
+
+COLUMNS, DRIVES, PASSIVE = crane().layout.columns(), crane().layout.drives, crane().layout.passive
 
 # --- any crane, any state, any command ---------------------------------------------------------------------------------------------
 
@@ -113,10 +115,15 @@ def quarters(commands: np.ndarray, duration: float) -> Callable[[float, State, S
     return lambda t, state, setpoint: commands[min(int(4.0 * t / duration + 1e-9), 3)]
 
 
+def _force(forces: np.ndarray, at: float = 0.0) -> Disturbance:
+    """On payload and trolley [N], shape (2, 3)."""
+    return wind.constant_force(crane(), payload=forces[0], trolley=forces[1], at=at)
+
+
 def run(case: Case, drive: str, *, duration: float = 0.4, on: Crane | None = None, **changes: object) -> Trajectory:
     """A run of a case, or of another crane in its place, pushed from outside and never stopped; anything changed by name."""
     commands = case.efforts if drive == "effort" else case.accelerations
-    usual = {"start": case.start, "dt": 1e-3, "control_period": 1e-2, "validity": "mark", "disturbance": wind.constant_force(*case.forces)}
+    usual = {"start": case.start, "dt": 1e-3, "control_period": 1e-2, "validity": "mark", "disturbance": _force(case.forces)}
     return simulate(on or case.crane, quarters(commands, duration), duration=duration, drive=drive, **(usual | changes))  # type: ignore[arg-type]
 
 
@@ -140,12 +147,12 @@ kinds = st.sampled_from(["effort", "motion"])
 
 def _columns(trajectory: Trajectory) -> np.ndarray:
     """All numbers of a trajectory, shape (n, 29)."""
-    return np.column_stack([getattr(trajectory, name) for name in COLUMNS])
+    return np.column_stack([getattr(trajectory, name) for name in QUANTITIES])
 
 
 WINDS: dict[str, Callable[[Case], Disturbance | None]] = {
     "none": lambda case: None,
-    "push": lambda case: wind.constant_force(*case.forces, at=0.1),
+    "push": lambda case: _force(case.forces, at=0.1),
     "steady": lambda case: wind.wind(case.crane, wind.steady(12.0), direction=2.0, payload_area=4.0, trolley_area=1.0),
     "gust": lambda case: wind.wind(
         case.crane,
@@ -255,7 +262,7 @@ def test_a_crane_that_starts_turned_makes_the_same_move_turned(case: Case, drive
     turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
     offset = np.array([angle, 0.0, 0.0, 0.0, 0.0])
     straight = run(case, drive)
-    turned = run(case, drive, start=State(case.start.q + offset, case.start.v), disturbance=wind.constant_force(*(case.forces @ turn.T)))
+    turned = run(case, drive, start=State(case.start.q + offset, case.start.v), disturbance=_force(case.forces @ turn.T))
     nudged = run(case, drive, start=State(case.start.q + 1e-9, case.start.v - 1e-9))
     # rounding: 1e-13 of what there is and what becomes of a nudge of 1e-13, times what accelerations lose where a heavy load moves a
     # light trolley: M_ii (M⁻¹)_ii
@@ -300,6 +307,7 @@ def _answer(what: Callable[[], Trajectory]) -> Trajectory | str:
 POWERS = {
     **{"kg": (1, 0, 0), "kg m^2": (1, 2, 0), "m": (0, 1, 0), "rad": (0, 0, 0), "N m s/rad": (1, 2, -1), "N s/m": (1, 0, -1)},
     **{"N m": (1, 2, -2), "N": (1, 1, -2), "rad/s": (0, 0, -1), "m/s": (0, 1, -1)},
+    **{"N m/rad": (1, 2, -2), "N/m": (1, 0, -2)},
 }
 """Of mass, length and time in the units of the crane's arguments."""
 
@@ -328,6 +336,7 @@ def _rescaled(variant: int, units: Units) -> Crane:
     values = {
         name: _factor(POWERS[known.unit], units) * float(VARIANTS[variant].get(name, float(known.default)))
         for name, known in arguments().items()
+        if name in VARIANTS[variant] or "$(" not in known.default  # what follows from other arguments follows them
     }
     return load_crane(gravity=_factor((0, 1, -2), units) * G, **values)
 
@@ -351,7 +360,7 @@ def test_counted_in_other_units_every_crane_moves_the_same_to_the_bit(units: Uni
             control_period=period,
             duration=duration,
             drive=drive,  # type: ignore[arg-type]
-            disturbance=wind.constant_force(*(case.forces * force[:3])),
+            disturbance=_force(case.forces * force[:3]),
             validity="mark",
         )
         for columns in COLUMNS.values():  # a law of physics has no units, and powers of two do not round

@@ -12,8 +12,8 @@ from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import hold_controller, lqr, observed, sensed
 from cranedyn.controllers.linearised import linearised
-from cranedyn.controllers.observer import DISTURBANCE, INITIAL_STD, MEASURED, Observed
-from cranedyn.controllers.sensed import NOISE
+from cranedyn.controllers.observer import Observed, disturbance_of, initial_std_of
+from cranedyn.controllers.sensed import noise_of
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.errors import CraneError
@@ -22,13 +22,15 @@ from cranedyn.model.crane import Crane
 from cranedyn.references import Motion, flat, plumb, spline
 from tests.helpers import G, crane, quickly
 
+MEASURED, NOISE = crane().layout.measured, noise_of(crane())
+DISTURBANCE, INITIAL_STD = disturbance_of(crane()), initial_std_of(crane())
 STILL = Setpoint(np.zeros(3), np.zeros(3), np.zeros(3))
 PERIOD = 5e-3
 
 
 def at_rest(crane: Crane, **where: float) -> Motion:
     """A motion that is none."""
-    return Motion(PERIOD, crane.state(**where).q[None], np.zeros((1, 5)), np.zeros((1, 5)))
+    return Motion(PERIOD, crane.state(**where).q[None], np.zeros((1, 5)), np.zeros((1, 5)), crane.layout.drives)
 
 
 def combined(crane: Crane) -> Motion:
@@ -57,7 +59,7 @@ class Watched:
 
 def test_late_sensors_show_the_first_state_until_the_delay_has_passed_and_then_an_old_one() -> None:
     inner = Watched()
-    late = sensed(inner, delay=3, noise=np.zeros(10), rng=np.random.default_rng(1))
+    late = sensed(crane(), inner, delay=3, noise=np.zeros(10), rng=np.random.default_rng(1))
     states = random_states(8)
     for k, state in enumerate(states):
         late(k * PERIOD, state, STILL)
@@ -67,7 +69,7 @@ def test_late_sensors_show_the_first_state_until_the_delay_has_passed_and_then_a
 @pytest.mark.parametrize("noise", [NOISE, NOISE.tolist(), (NOISE[:5], NOISE[5:])])
 def test_noise_is_white_and_has_the_deviations_asked_for(noise: object) -> None:
     inner, n = Watched(), 20_000
-    noisy = sensed(inner, noise=noise, rng=np.random.default_rng(1))  # type: ignore[arg-type]
+    noisy = sensed(crane(), inner, noise=noise, rng=np.random.default_rng(1))  # type: ignore[arg-type]
     state = crane().state()
     for k in range(n):
         noisy(k * PERIOD, state, STILL)
@@ -83,7 +85,7 @@ def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
     start, motion = crane().state(x=10.0, l=15.0), at_rest(crane(), x=10.0, l=15.0)
 
     def run(seed: int) -> Trajectory:
-        controller = sensed(lqr(crane(), motion), delay=2, rng=np.random.default_rng(seed))
+        controller = sensed(crane(), lqr(crane(), motion), delay=2, rng=np.random.default_rng(seed))
         return quickly(crane(), controller, motion, start=start, duration=0.5)
 
     assert (run(1).command == run(1).command).all()
@@ -93,7 +95,7 @@ def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
 def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says() -> None:
     start, motion = crane().state(x=10.0, l=15.0), at_rest(crane(), x=10.0, l=15.0)
     controller = lqr(crane(), motion)
-    run = quickly(crane(), sensed(controller, rng=np.random.default_rng(5)), motion, start=start, duration=120.0)
+    run = quickly(crane(), sensed(crane(), controller, rng=np.random.default_rng(5)), motion, start=start, duration=120.0)
     model, gain = sampled(crane(), start), controller.gain[0]
     by_noise = model.b @ gain
     covariance = solve_discrete_lyapunov(model.closed(gain), by_noise @ np.diag(NOISE**2) @ by_noise.T)
@@ -105,7 +107,7 @@ def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says(
 
 
 def test_sensors_of_one_run_are_refused_in_another() -> None:
-    used = sensed(hold_controller(crane()), rng=np.random.default_rng(1))
+    used = sensed(crane(), hold_controller(crane()), rng=np.random.default_rng(1))
     quickly(crane(), used, duration=0.1)
     with pytest.raises(CraneError, match="make new ones for each run"):
         quickly(crane(), used, duration=0.1)
@@ -116,8 +118,8 @@ def test_sensors_of_one_run_are_refused_in_another() -> None:
     [
         ({"delay": -1}, "delay of the sensors is -1 control periods; allowed is a whole number >= 0"),
         ({"delay": 1.5}, "a whole number"),
-        ({"noise": np.ones(9)}, "ten numbers"),
-        ({"noise": [[1.0] * 5, [1.0] * 4]}, "ten numbers"),
+        ({"noise": np.ones(9)}, "10 numbers: 5 coordinates, 5 rates"),
+        ({"noise": [[1.0] * 5, [1.0] * 4]}, "10 numbers: 5 coordinates, 5 rates"),
         ({"noise": [*NOISE[:9], -1.0]}, "noise of l_dot is -1.0; allowed is >= 0"),
         ({"noise": [*NOISE[:9], math.nan]}, "noise of l_dot"),
         ({"rng": 1}, "default_rng"),
@@ -125,7 +127,7 @@ def test_sensors_of_one_run_are_refused_in_another() -> None:
 )
 def test_sensors_that_cannot_be_are_refused(given: dict[str, object], words: str) -> None:
     with pytest.raises(CraneError, match=words):
-        sensed(Watched(), **({"rng": np.random.default_rng(1)} | given))  # type: ignore[arg-type]
+        sensed(crane(), Watched(), **({"rng": np.random.default_rng(1)} | given))  # type: ignore[arg-type]
 
 
 # ------------------------------------------------------------------------------------------------------------------ the observer
@@ -226,7 +228,7 @@ def test_an_initial_swing_is_damped_almost_as_well_as_with_a_sensor(swing: str) 
 def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_milliradian(delay: int) -> None:
     motion = combined(crane())
     observer = observed(lqr(crane(), motion), crane(), motion, delay=delay)
-    compared = Compared(observer, sensed(observer, delay=delay, rng=np.random.default_rng(2)))
+    compared = Compared(observer, sensed(crane(), observer, delay=delay, rng=np.random.default_rng(2)))
     run = quickly(crane(), compared, motion, start=crane().state(x=10.0, l=15.0), duration=40.0)
     # five deviations of the swing as the filter says them
     assert compared.swing(2.0) < 5.0 * math.sqrt(np.trace(observer.covariance[2:4, 2:4]))
@@ -237,7 +239,7 @@ def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_m
 def test_a_delay_known_to_the_observer_is_predicted_away(motion_of: Callable[[Crane], Motion]) -> None:
     motion = motion_of(crane())
     observer = observed(lqr(crane(), motion), crane(), motion, delay=6)
-    compared = Compared(observer, sensed(observer, delay=6, noise=np.zeros(10), rng=np.random.default_rng(1)))
+    compared = Compared(observer, sensed(crane(), observer, delay=6, noise=np.zeros(10), rng=np.random.default_rng(1)))
     run = quickly(crane(), compared, motion, start=crane().state(x=10.0, l=15.0, phi=0.05), duration=5.0)
     assert np.abs(run.v[200:, 1]).max() * 6 * PERIOD > 5e-3  # so far the trolley runs meanwhile [m]
     # as without a delay: a hundredth of the swing; and a fiftieth of that way
@@ -303,7 +305,7 @@ def test_an_observer_that_cannot_be_is_refused(given: dict[str, object], words: 
 def test_the_last_row_of_a_motion_has_a_model_of_its_own_wherever_it_falls() -> None:
     whole = combined(crane())
     for n in (21, 24, 30):
-        motion = Motion(PERIOD, whole.q[2000 : 2000 + n], whole.v[2000 : 2000 + n], whole.a[2000 : 2000 + n])
+        motion = Motion(PERIOD, whole.q[2000 : 2000 + n], whole.v[2000 : 2000 + n], whole.a[2000 : 2000 + n], whole.drives)
         found = linearised(crane(), motion, dt=5e-4, every=10)
         for k in (0, 7, 10, 19, n - 1):
             row = k if k == n - 1 else k - k % 10
@@ -315,7 +317,7 @@ def test_the_last_row_of_a_motion_has_a_model_of_its_own_wherever_it_falls() -> 
 # ------------------------------------------------------------------------------------------------------------------ tracking
 
 
-@pytest.mark.parametrize(("place", "name"), [(0, "gamma of"), (3, "theta of"), (5, "gamma_dot of"), (9, "l_dot of")])
+@pytest.mark.parametrize(("place", "name"), [(0, "coordinate 1 of"), (3, "coordinate 4 of"), (5, "rate 1 of"), (9, "rate 5 of")])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(place: int, name: str, value: float) -> None:
     tracking = lqr(crane(), at_rest(crane(), x=10.0, l=15.0))
@@ -326,7 +328,7 @@ def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(place: int, na
 
 
 def test_an_observer_is_asked_at_the_rows_of_its_motion_or_refuses() -> None:
-    motion = plumb(spline(crane().start, [(0.0, 11.0, 15.0)], [4.0]), 4.0)
+    motion = plumb(crane(), spline(crane(), crane().start, [(0.0, 11.0, 15.0)], [4.0]), 4.0)
     late = 1.0 + PERIOD / 2.0
     with pytest.raises(CraneError, match=r"This observer is first asked for t = 1.0025 s; its motion has rows every 0.005 s only"):
         observed(Watched(), crane(), motion)(late, crane().start, STILL)

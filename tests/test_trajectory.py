@@ -192,7 +192,17 @@ def test_a_binary_file_is_refused(tmp_path: Path, ending: str) -> None:
         read_columns(path, ("t_s",))
 
 
-def test_a_trajectory_with_a_column_missing_is_refused(tmp_path: Path, made: Trajectory) -> None:
-    pyarrow.csv.write_csv(made.table().drop_columns(["F_l_N"]), tmp_path / "a.csv")
-    with pytest.raises(DataError, match="has no column F_l_N"):
+@pytest.mark.parametrize("column", [column for columns in COLUMNS.values() for column in columns])
+def test_a_trajectory_with_a_column_missing_is_refused(tmp_path: Path, made: Trajectory, column: str) -> None:
+    pyarrow.csv.write_csv(made.table().drop_columns([column]), tmp_path / "a.csv")
+    with pytest.raises(DataError, match=f"has no column {column};"):
         read(tmp_path / "a.csv")
+
+
+def test_a_file_that_is_no_record_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"theirs\.csv has no column energy_J, dissipated_J, W_force_J, W_buffers_J, valid"):
+        read(_csv(tmp_path, "t_s,a\n0,1\n1,2\n"))
+    lonely = {name: [0.0, 1.0] for name in ("t_s", "energy_J", "dissipated_J", "W_force_J", "W_buffers_J", "valid")}
+    pyarrow.csv.write_csv(pa.table(lonely), tmp_path / "lonely.csv")
+    with pytest.raises(DataError, match="columns of no joint"):
+        read(tmp_path / "lonely.csv")

@@ -165,12 +165,15 @@ def test_impossible_winds_are_refused(make: object, words: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "make",
+    ("make", "words"),
     [
-        lambda: wind.constant_force(crane(), hook=(0.0, 0.0, 1.0)),
-        lambda: wind.wind(crane(), wind.steady(1.0), direction=0.0, hook_area=1.0),
+        (lambda: wind.constant_force(crane(), hook=(0.0, 0.0, 1.0)), "no point 'hook'; there are payload, trolley"),
+        (
+            lambda: wind.wind(crane(), wind.steady(1.0), direction=0.0, hook_area=1.0),
+            "no drag area 'hook_area'; there are payload_area, trolley_area",
+        ),
     ],
 )
-def test_a_point_that_the_crane_has_not_is_refused(make: Callable[[], object]) -> None:
-    with pytest.raises(UnknownName, match="There is no point 'hook'; there are payload, trolley"):
+def test_a_point_that_the_crane_has_not_is_refused(make: Callable[[], object], words: str) -> None:
+    with pytest.raises(UnknownName, match=words):
         make()

@@ -12,6 +12,7 @@ from cranedyn.arguments import checked
 from cranedyn.arrays import shaped
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.dynamics.linearisation import feedback_gain
+from cranedyn.errors import number
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 
@@ -93,6 +94,7 @@ def hold_controller(
         OutOfRange: If there is not one finite gain for each drive.
         UnknownName: If there is no drive of a symbol.
     """
+    number("gravity", gravity, "m/s²")
     moved = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[crane.layout.drives].tolist()
     roles = [joint.role for joint in crane.layout.driven]
     stiff = [STIFFNESS.get(role, FREQUENCY**2 * inertia) for role, inertia in zip(roles, moved, strict=True)]

@@ -23,12 +23,14 @@ EFFORT = {"revolute": 2.0e4, "prismatic": 1.0e3}
 """Efforts beyond the feed-forward that weigh alike, ours [N m or N]."""
 
 
+@checked
 def state_weight_of(crane: Crane) -> np.ndarray:
     """Q for coordinates and rates by Bryson's rule, shape (2 n, 2 n)."""
     errors = np.array([ERROR[joint.kind, joint.driven] for joint in crane.layout.joints])
     return np.diag(1.0 / errors.T.ravel()) ** 2
 
 
+@checked
 def effort_weight_of(crane: Crane) -> np.ndarray:
     """R for the drives by the same rule, shape (m, m)."""
     return np.diag([1.0 / EFFORT[joint.kind] for joint in crane.layout.driven]) ** 2

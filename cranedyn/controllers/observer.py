@@ -28,11 +28,13 @@ INITIAL_STD = {("revolute", True): 1e-3, ("prismatic", True): 0.01, ("revolute",
 """Standard deviations of coordinates and of rates at the start, likewise, ours: the load may swing by 0.1 rad."""
 
 
+@checked
 def disturbance_of(crane: Crane) -> np.ndarray:
     """Standard deviations of the accelerations that the model does not know, shape (n,)."""
     return np.array([DISTURBANCE[joint.kind, joint.driven] for joint in crane.layout.joints])
 
 
+@checked
 def initial_std_of(crane: Crane) -> np.ndarray:
     """Standard deviations of coordinates and rates at the start, shape (2 n,)."""
     return np.tile([INITIAL_STD[joint.kind, joint.driven] for joint in crane.layout.joints], 2)

@@ -21,6 +21,7 @@ GYROSCOPE, GYROSCOPE_RATE = {"rad": 1e-3, "m": 1e-3}, {"rad": 3e-3, "m": 3e-3}
 """The same of passive joints, whose swing is seen by a camera or a gyroscope, if at all: 1 mrad, 3 mrad/s."""
 
 
+@checked
 def noise_of(crane: Crane) -> np.ndarray:
     """Standard deviations of what sensors add to coordinates [rad or m] and rates [per second] of a crane, shape (2 n,)."""
     joints = crane.layout.joints

@@ -34,37 +34,57 @@ _OF_RUN = {
 """Columns that every record has, whatever crane it is of."""
 
 
-def columns_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Which quantity each column of a record is of, by the forms that `cranedyn.model.layout.Layout.columns` gives their names.
+_FORMS = {
+    "v": re.compile(r"(?P<of>.+)_dot_(?P<unit>rad|m)_s"),
+    "setpoint": re.compile(r"(?P<of>.+)_setpoint_(rad|m)"),
+    "command": re.compile(r"[TF]_(?P<of>.+)_command_Nm?"),
+    "force": re.compile(r"(?P<of>.+)_force_[xyz]_N"),
+    "effort": re.compile(r"[TF]_(?P<of>.+)_Nm?"),
+    "work": re.compile(r"W_(?P<of>.+)_J"),
+    "q": re.compile(r"(?P<of>.+)_(?P<unit>rad|m)"),
+}
+"""What the names of all other columns look like, as `cranedyn.model.layout.Layout.columns` gives them; the first that fits tells."""
+
+
+def columns_of(names: Sequence[str], path: str | Path) -> dict[str, tuple[str, ...]]:
+    """Which quantity each column of a record is of; columns of no quantity are left out.
+
+    Args:
+        names: Of the columns.
+        path: Where they stand, for the sentence.
 
     Raises:
-        DataError: If they are not the columns of one record.
+        DataError: If a column is missing that belongs to one that is there.
     """
-    rates = re.compile(r"(.+)_dot_(rad|m)_s")
-    forms = {
-        "setpoint": re.compile(r".+_setpoint_(rad|m)"),
-        "command": re.compile(r"[TF]_.+_command_Nm?"),
-        "force": re.compile(r".+_force_[xyz]_N"),
-        "effort": re.compile(r"[TF]_.+_Nm?"),
-        "work": re.compile(r"W_.+_J"),
-    }
-    known = {name: quantity for quantity, own in _OF_RUN.items() for name in own}
-    for name in names:
-        if name not in known and (match := rates.fullmatch(name)):
-            known |= {name: "v", f"{match[1]}_{match[2]}": "q"}
     found: dict[str, list[str]] = {quantity: [] for quantity in QUANTITIES}
+    known = {name: quantity for quantity, own in _OF_RUN.items() for name in own}
+    units: dict[str, str] = {}
+    parts: dict[str, list[str]] = {quantity: [] for quantity in _FORMS}
     for name in names:
-        quantity = known.get(name) or next((quantity for quantity, form in forms.items() if form.fullmatch(name)), None)
-        if quantity is not None:
+        fits = [(quantity, match) for quantity, form in _FORMS.items() if (match := form.fullmatch(name))]
+        if name in known:
+            found[known[name]].append(name)
+        elif fits:
+            quantity, match = fits[0]
             found[quantity].append(name)
-    counts = {quantity: len(columns) for quantity, columns in found.items()}
-    m = counts["effort"]
-    if not (
-        counts["q"] == counts["v"] > 0 and m == counts["command"] == counts["setpoint"] == counts["work"] > 0 and counts["force"] % 3 == 0
-    ):
-        shown = ", ".join(f"{count} of {quantity}" for quantity, count in counts.items())
-        raise DataError(f"These are not the columns of a whole record: {shown}.")
+            parts[quantity].append(match["of"])
+            units |= {match["of"]: match["unit"]} if quantity in ("q", "v") else {}
+    lacking = [name for name in _belonging(units, parts) if name not in names]
+    if lacking:
+        raise DataError(f"{path} has no column {', '.join(dict.fromkeys(lacking))}; a whole record of these joints has it.")
+    if not (units and parts["effort"]):
+        raise DataError(f"{path} has columns of no joint, or of no drive; a record has them of one each at least.")
     return {quantity: tuple(columns) for quantity, columns in found.items()}
+
+
+def _belonging(units: Mapping[str, str], parts: Mapping[str, Sequence[str]]) -> list[str]:
+    """Columns that a record of such coordinates, drives and points has."""
+    needed = [name for own in _OF_RUN.values() for name in own]
+    needed += [name for of, unit in units.items() for name in (f"{of}_{unit}", f"{of}_dot_{unit}_s")]
+    for of in dict.fromkeys(of for quantity in ("setpoint", "command", "effort", "work") for of in parts[quantity]):
+        unit, effort = ("rad", f"T_{of}{{}}_Nm") if units.get(of) == "rad" else ("m", f"F_{of}{{}}_N")
+        needed += [f"{of}_{unit}", f"{of}_setpoint_{unit}", effort.format("_command"), effort.format(""), f"W_{of}_J"]
+    return needed + [f"{of}_force_{axis}_N" for of in dict.fromkeys(parts["force"]) for axis in "xyz"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +254,7 @@ def read(path: str | Path) -> Trajectory:
     """
     from cranedyn.data.tables import column_names, read_table
 
-    columns = columns_of(column_names(path))
+    columns = columns_of(column_names(path), path)
     found, metadata = read_table(path, [name for own in columns.values() for name in own])
     t = found["t_s"]
     if not (len(t) > 0 and (t[1:] > t[:-1]).all()):

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.arrays import finite, shaped
+from cranedyn.arrays import finite
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.pinocchio import holding_effort, linearise
-from cranedyn.errors import OutOfRange, whole, within
+from cranedyn.errors import Misshapen, OutOfRange, whole, within
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
@@ -110,10 +110,13 @@ def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
     Raises:
         OutOfRange: If the loop has another shape, the period is out of range, or the coordinate does not oscillate.
     """
-    n = len(shaped("loop", loop, ("2 n", "2 n"))) // 2
+    loop = finite("loop", loop, ("2 n", "2 n"))
+    n = len(loop) // 2
+    if loop.shape != (2 * n, 2 * n) or not n:
+        raise Misshapen("loop", f"an array of shape {loop.shape}", "one of shape (2 n, 2 n)")
     if whole("coordinate", coordinate, 0) > n - 1:
         raise OutOfRange("coordinate", coordinate, f"0 to {n - 1}")
-    values, vectors = np.linalg.eig(finite("loop", loop, (2 * n, 2 * n)))
+    values, vectors = np.linalg.eig(loop)
     rates = np.log(values.astype(complex)) / within("period", period, 1e-9, 1e13, "s")
     share = np.abs(vectors[coordinate]) / np.linalg.norm(vectors[:n], axis=0)
     shares = np.where(rates.imag > 1e-3, share, 0.0)

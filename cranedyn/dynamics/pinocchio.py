@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
@@ -78,21 +77,26 @@ def follow_drives(
     if not len(passive):
         return a.copy()
     still_open = inverse_dynamics(model, data, q, v, a, joint, outside)
-    mass = pin.crba(model, data, q)
-    mass = (np.triu(mass) + np.triu(mass, 1).T)[np.ix_(passive, passive)]
-    if not _is_definite(mass):
-        inertias = " and ".join(f"{inertia:g}" for inertia in mass.diagonal())
-        raise OutOfRange("inertia against swing", inertias, "> 0; a load without rotational inertia needs a cable", "kg m²")
-    solved = a.copy()
-    solved[passive] = rigid_body.solve(mass.astype(object), -still_open[passive].astype(object))
+    mass, solved = pin.crba(model, data, q), a.copy()
+    if len(passive) == 2:  # the tower crane's, by determinants: quicker than NumPy's
+        i, j = passive.tolist()
+        m11, m12, m22, open_i, open_j = mass.item(i, i), mass.item(i, j), mass.item(j, j), still_open.item(i), still_open.item(j)
+        determinant = m11 * m22 - m12 * m12
+        if not determinant > 0.0:
+            raise _no_inertia(m11, m22)
+        solved[i], solved[j] = (m12 * open_j - m22 * open_i) / determinant, (m12 * open_i - m11 * open_j) / determinant
+        return solved
+    upper = np.triu(mass[np.ix_(passive, passive)])
+    whole = upper + np.triu(upper, 1).T
+    if not (np.isfinite(whole).all() and np.linalg.eigvalsh(whole)[0] > 0.0):
+        raise _no_inertia(*whole.diagonal().tolist())
+    solved[passive] = -np.linalg.solve(whole, still_open[passive])
     return solved
 
 
-def _is_definite(mass: np.ndarray) -> bool:
-    if len(mass) == 2:  # the tower crane's, quicker than NumPy's
-        (a, c), (_, b) = mass.tolist()
-        return a * b - c * c > 0.0
-    return bool(np.isfinite(mass).all() and np.linalg.eigvalsh(mass)[0] > 0.0)
+def _no_inertia(*inertias: float) -> OutOfRange:
+    shown = " and ".join(f"{inertia:g}" for inertia in inertias)
+    return OutOfRange("inertia against swing", shown, "> 0; a load without rotational inertia needs a cable", "kg m²")
 
 
 def inverse_dynamics(
@@ -122,8 +126,7 @@ def _jacobians(points: Sequence[Point], model: pin.Model, data: pin.Data, q: np.
     found = []
     for _, body, lever in points:
         jacobian = pin.getJointJacobian(model, data, body + 1, pin.LOCAL_WORLD_ALIGNED)
-        arm = data.oMi[body + 1].rotation @ lever
-        found.append(jacobian[:3] + np.cross(jacobian[3:].T, arm).T)
+        found.append(jacobian[:3] - pin.skew(data.oMi[body + 1].rotation @ lever) @ jacobian[3:])
     return found
 
 

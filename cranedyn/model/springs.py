@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +37,7 @@ class Springs:
     rest: np.ndarray
     rope: Rope | None = None
 
-    @property
+    @cached_property
     def any(self) -> bool:
         """Whether there is a spring at all."""
         return self.rope is not None or bool(np.any(self.stiffness != 0.0))

@@ -54,6 +54,13 @@ class Motion:
             raise OutOfRange("drives of a motion", drives, f"different whole numbers from 0 to {n - 1}")
         object.__setattr__(self, "drives", np.array(drives, dtype=int))
 
+    def check_fits(self, name: str, layout: Any) -> None:
+        """See `cranedyn.arguments.OfCrane`."""
+        n, drives = self.q.shape[1], self.drives.tolist()
+        if n != layout.n or drives != layout.drives.tolist():
+            own = f"one of {layout.n}, the drives {layout.drives.tolist()}"
+            raise OutOfRange(name, f"a motion of {n} coordinates, the drives {drives}", own)
+
     @property
     def arrival(self) -> float:
         """When it ends [s]."""
@@ -89,7 +96,7 @@ def plumb(crane: Crane, reference: Reference, duration: float, period: float = 5
     drives = crane.layout.drives
     parts = np.zeros((3, len(times), crane.layout.n))
     parts[0] = crane.start.q
-    parts[:, :, drives] = tabulated(reference, times)
+    parts[:, :, drives] = tabulated(reference, times, crane.layout.m)
     parts[1:, -1] = 0.0
     if crane.springs.any:
         parts[0] = [crane.hanging(q) for q in parts[0]]
@@ -97,6 +104,7 @@ def plumb(crane: Crane, reference: Reference, duration: float, period: float = 5
     return Motion(period, q, v, a, drives)
 
 
+@checked
 def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
     """Drive efforts that a motion costs, by inverse dynamics [N m or N], shape (rows, m)."""
     joint = JointForces.of(crane)

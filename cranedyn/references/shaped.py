@@ -165,7 +165,7 @@ def shaped_hoisting(crane: Crane, base: Reference, shaper: Shaper, duration: flo
     intervals("duration", duration, step)
     within("step of the shaped reference", step, 0.0, duration / 4.0, "s")
     count = round(duration / step)
-    longest = float(tabulated(base, step * np.arange(count + 1)).position[:, hoist].max())
+    longest = float(tabulated(base, step * np.arange(count + 1), crane.layout.m).position[:, hoist].max())
     number("longest cable that the reference wants", longest, "m", "> 0")
     slowest = 2.0 * math.pi * math.sqrt(longest / gravity)
     intervals("duration and swing period", duration + slowest * float(shaper.fractions[-1]), step)

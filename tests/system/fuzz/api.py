@@ -122,9 +122,12 @@ RIGHT: dict[str, str] = {
     "results.folder": "'done'",
     "rows.first": "0",
     "rows.last": "1",
-    **{f"Crane.{name}": f"crane.{name}" for name in ("written", "model", "data", "damping", "lower", "upper", "effort_limit")},
+    **{
+        f"Crane.{name}": f"crane.{name}"
+        for name in ("layout", "written", "model", "damping", "springs", "lower", "upper", "effort_limit", "points")
+    },
     **{f"Tracking.{name}": f"tracking.{name}" for name in ("period", "feed_forward", "gain", "setpoint")},
-    **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a")},
+    **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a", "drives")},
     "HoistIntegral.tracking": "tracking",
     "Shaper.fractions": "(0.0, 0.5)",
     "Shaper.amplitudes": "(0.5, 0.5)",
@@ -205,7 +208,7 @@ RIGHT: dict[str, str] = {
     "np.random.Generator": "np.random.default_rng(1)",
     "np.ndarray": "np.ones(3)",
     "Sequence[float]": "(0.1, 0.1, 0.1)",
-    "Wanted": "still(0.0)",
+    "Setpoint": "still(0.0)",
     "Mapping[str, np.ndarray]": "{'x': [1.0, 2.0]}",
     "Callable[[float], Motion]": "lambda duration: flat(crane, start, goal, duration)",
 }
@@ -297,7 +300,7 @@ def namespace() -> dict[str, Any]:
         "crane": "load_crane()",
         "start": "crane.start",
         "goal": "crane.state(gamma=0.3, x=12.0, l=10.0)",
-        "still": "hold(start)",
+        "still": "hold(crane, start)",
         "law": "hold_controller(crane)",
         "motion": "flat(crane, start, goal, 16.0)",
         "short": "flat(crane, start, crane.state(x=start.q[1] + 0.1), 1.0)",
@@ -306,7 +309,7 @@ def namespace() -> dict[str, Any]:
         "trajectory": "simulate(crane, law, duration=0.1)",
         "run": "Run('r', crane, trajectory)",
         "design": "grid(x=[1.0, 2.0])",
-        "loop": "linear.sampled(crane, crane.state(l=10.0)).closed(feedback_gain((5e5, 3e5, 3e4), (1e6, 5e4, 2e4)))",
+        "loop": "linear.sampled(crane, crane.state(l=10.0)).closed(feedback_gain(crane, (5e5, 3e5, 3e4), (1e6, 5e4, 2e4)))",
         "t": "np.linspace(0.0, 60.0, 1200)",
     }.items():
         names[name] = eval(text, names | {"linear": linear})
@@ -460,13 +463,24 @@ CALLABLES = [
         "Tracking(0.005, 1, 2, 3)",
     ),
     *(
-        "HoistIntegral(tracking, np.nan, 1.0)",
-        "HoistIntegral(tracking, 1.0, -1.0, np.inf)",
-        "HoistIntegral(None, 1.0, 1.0)",
-        "Motion(0.0, 1, 2, 3)",
+        "HoistIntegral(crane, tracking, np.nan, 1.0)",
+        "HoistIntegral(crane, tracking, 1.0, -1.0, np.inf)",
+        "HoistIntegral(crane, None, 1.0, 1.0)",
+        "Motion(0.0, 1, 2, 3, 4)",
     ),
-    *("Motion(0.005, np.zeros((0, 5)), np.zeros((0, 5)), np.zeros((0, 5)))", "Motion(0.005, np.zeros((3, 2)), np.zeros(3), None)"),
-    *("follow(still)", "follow(None)", "tracking", "motion", "observed(tracking, crane, short)", "law.__class__", "mpc(crane, short)"),
+    *(
+        "Motion(0.005, np.zeros((0, 5)), np.zeros((0, 5)), np.zeros((0, 5)), motion.drives)",
+        "Motion(0.005, np.zeros((3, 2)), np.zeros(3), None, [0])",
+    ),
+    *(
+        "follow(crane, still)",
+        "follow(crane, None)",
+        "tracking",
+        "motion",
+        "observed(tracking, crane, short)",
+        "law.__class__",
+        "mpc(crane, short)",
+    ),
     *("[law, law]", "[law] * 3", "[]", "[law, None]", "(still, still)", "[raises()]"),
 ]
 """Where a function of the caller's own is asked for."""

@@ -23,7 +23,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from cranedyn.controllers import hold_controller
-from cranedyn.data.trajectory import COLUMNS, read, read_columns
+from cranedyn.data.trajectory import QUANTITIES, read, read_columns
 from cranedyn.dynamics.pinocchio import acceleration, energy
 from cranedyn.errors import CraneError
 from cranedyn.model.description import describe
@@ -168,7 +168,7 @@ def load(content: bytes, folder: Path, *, whole: bool = False) -> None:
         _finite("energy", np.array(energy(crane, crane.start)))
         if whole:
             run = simulate(crane, hold_controller(crane), duration=0.02, validity="mark")
-            for name in COLUMNS:
+            for name in QUANTITIES:
                 _finite(name, getattr(run, name))
             record(folder / "a.rrd", [Run("r", crane, run)], title="t")
 
