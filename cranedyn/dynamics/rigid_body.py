@@ -274,6 +274,33 @@ def height(tree: Bodies, where: Sequence[Frame], body: int, point: np.ndarray) -
     return found + up @ point
 
 
+def heights(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> np.ndarray:
+    """As `height`, in plain numbers and of many states at once, since it is asked of every row of every run.
+
+    Args:
+        tree: The bodies.
+        q: Coordinates, shape (rows, n).
+        body: The body.
+        point: In the joint's frame [m], shape (3,).
+
+    Returns:
+        Heights [m], shape (rows,).
+    """
+    chain = [body]
+    while (parent := tree.parents[chain[-1]]) >= 0:
+        chain.append(parent)
+    up, found = np.tile([0.0, 0.0, 1.0], (len(q), 1)), np.zeros(len(q))
+    for i in reversed(chain):
+        (along, about), here = tree.axis[i].astype(float), up @ tree.rotation[i].astype(float)
+        found += up @ tree.translation[i].astype(float) + here @ along * q[:, i]
+        up = here
+        if about.any():
+            out, skew = np.outer(about, about), np.array(_skew(about), dtype=float)
+            cosine, sine = np.cos(q[:, i, None]), np.sin(q[:, i, None])
+            up = cosine * (here @ (np.eye(3) - out)) + here @ out + sine * (here @ skew)
+    return found + up @ point
+
+
 def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:
     """A vector of the world in the frame of a joint, shape (3,)."""
     chain = [body]

@@ -11,26 +11,6 @@ from typing import Any
 import numpy as np
 
 
-class Rows(np.ndarray):
-    """One quantity in many rows, as an element of an array of objects: it knows sine and cosine as symbols do."""
-
-    def sin(self) -> np.ndarray:
-        """Sine of each."""
-        return np.sin(self)
-
-    def cos(self) -> np.ndarray:
-        """Cosine of each."""
-        return np.cos(self)
-
-
-def rows(table: np.ndarray) -> np.ndarray:
-    """Columns of a table, shape (n, k), as an array of k objects, each a quantity in n rows."""
-    made = np.empty(table.shape[1], dtype=object)
-    for i, column in enumerate(np.asarray(table, dtype=float).T):
-        made[i] = column.view(Rows)
-    return made
-
-
 def chosen(condition: Any, yes: Any, no: Any) -> Any:
     """One number where a condition holds, another where not.
 

@@ -129,7 +129,7 @@ RIGHT: dict[str, str] = {
     "rows.last": "1",
     **{
         f"Crane.{name}": f"crane.{name}"
-        for name in ("layout", "written", "model", "damping", "springs", "lower", "upper", "effort_limit", "points")
+        for name in ("layout", "written", "model", "damping", "springs", "lower", "upper", "effort_limit", "points", "record")
     },
     **{f"Tracking.{name}": f"tracking.{name}" for name in ("period", "feed_forward", "gain", "setpoint")},
     **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a", "drives")},
@@ -143,6 +143,7 @@ RIGHT: dict[str, str] = {
     "since.t": "0.05",
     "parse_values.pairs": "['payload_mass:=900']",
     "read.path": "'good.csv'",
+    "read_record.path": "'good.parquet'",
     "read_columns.path": "'good.parquet'",
     "read_columns.columns": "('t_s', 'phi_rad')",
     "write.path": "'new.csv'",
