@@ -23,6 +23,7 @@ from cranedyn.analysis import prediction
 from cranedyn.analysis import swing as analysis
 from cranedyn.arguments import checked, described, taken
 from cranedyn.arrays import finite
+from cranedyn.clocks import clocks, intervals
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import follow, hold_controller, lqr, observed, paper_controller, sensed
 from cranedyn.controllers.damped import damped
@@ -61,7 +62,6 @@ from cranedyn.references.limits import Limits, fastest, use
 from cranedyn.references.shaped import Shaper, shaped_hoisting
 from cranedyn.references.spline import Spline
 from cranedyn.references.tour import tour
-from cranedyn.clocks import clocks, intervals
 from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import cross, grid
 from tests.helpers import crane

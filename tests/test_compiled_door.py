@@ -23,6 +23,7 @@ import pytest
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
+from cranedyn.clocks import clocks
 from cranedyn.compiled import checked, door
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.call import Sizes, size
@@ -43,7 +44,6 @@ from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold
 from cranedyn.references.ramp import ramp
-from cranedyn.clocks import clocks
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import ROOT, crane
 

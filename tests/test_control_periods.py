@@ -93,9 +93,9 @@ def test_a_load_heavier_than_believed_ends_where_it_shall_at_any_control_period(
     crane = load_crane()
     heavy = load_crane(payload_mass=1.2 * crane.payload_mass)
     start = heavy.state(gamma=0.0, x=10.0, l=15.01)
-    reference = spline(start, [(0.0, 11.0, 13.0)], [8.0])
-    motion = plumb(reference, 8.0)
-    made = HoistIntegral(lqr(crane, motion), 4e3, float(crane.effort_limit[2]))
+    reference = spline(heavy, start, [(0.0, 11.0, 13.0)], [8.0])
+    motion = plumb(crane, reference, 8.0)
+    made = HoistIntegral(crane, lqr(crane, motion), 4e3, float(crane.effort_limit[2]))
     how = {"start": start, "duration": 20.0, "control_period": period}
     plain = simulate(heavy, replace(made, integral=0.0), motion, **how)
     assert abs(plain["l_m"][-1] - 13.0) < 2e-4  # the integrator takes 2.5 s; 12 s after the arrival e^-4.8 of 2 kN / 1e4 N/m are left

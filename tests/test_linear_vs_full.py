@@ -16,7 +16,6 @@ from cranedyn import theory
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.model.crane import DRIVES
 from experiments import linear_vs_full
 from experiments.linear.model import Drives, Miss, all_rates, dropped, integrate, miss, paper
 from experiments.linear.runs import Case, reaches
@@ -153,11 +152,13 @@ _TERMS = {
 def _two_rows(state: State, excitation: tuple[float, float, float]) -> Trajectory:
     """A state, and what drives that accelerate so make of its rates 20 ms later."""
     later, nothing, h = state.v.copy(), np.zeros((2, 3)), 0.02
-    later[DRIVES] += h * np.array(excitation)
+    later[crane().layout.drives] += h * np.array(excitation)
     q, v = np.stack([state.q, state.q]), np.stack([state.v, later])
     still = np.zeros(2)
+    forces, outside = np.zeros((2, 6)), np.zeros((2, 2))
     return Trajectory(
-        np.array([0.0, h]), q, v, nothing, nothing, nothing, still, nothing, still, np.zeros((2, 6)), np.zeros((2, 2)), still + 1
+        *(np.array([0.0, h]), q, v, nothing, nothing, nothing, still, nothing, still, forces, outside, still + 1),
+        columns=crane().layout.columns(),
     )
 
 

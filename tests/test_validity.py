@@ -5,17 +5,22 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
+from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.interfaces import EngineName, Setpoint, State
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
-from tests.helpers import FAST, G, big_crane, constant, crane, locked
+from tests.helpers import FAST, G, big_crane, constant, crane, locked, states
 
 
 def outward(validity: str) -> Trajectory:
@@ -101,6 +106,26 @@ def test_a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the
 
         batch = simulate_batch(crane(), brake, fast, start=[how["start"]], duration=5.0, buffers=True)
         assert batch.valid_until[0] == pytest.approx(error.t, abs=1e-9)
+
+
+def test_heights_of_many_rows_are_pinocchios_on_an_arm_with_turned_joints() -> None:
+    model, rng = pin.buildSampleModelManipulator(), np.random.default_rng(5)
+    for i in range(1, model.njoints):
+        model.jointPlacements[i] = pin.SE3.Random()
+    data, q, point = model.createData(), rng.normal(size=(20, model.nv)), rng.normal(size=3)
+    expected = np.empty((20, model.nv))
+    for row, one in enumerate(q):
+        pin.forwardKinematics(model, data, one)
+        expected[row] = [data.oMi[i].act(point)[2] for i in range(1, model.njoints)]
+    found = [rigid_body.heights(rigid_body.bodies(model), q, body, point) for body in range(model.nv)]
+    assert_allclose(np.transpose(found), expected, atol=1e-13)  # rounding of heights of some metres
+
+
+@given(st.lists(states, min_size=1, max_size=5))
+def test_heights_of_many_rows_are_those_of_the_payload(found: list[State]) -> None:
+    c, q = crane(), np.array([state.q for state in found])
+    heights = rigid_body.heights(rigid_body.bodies(c.model), q, c.payload.body, c.payload.lever)
+    assert_allclose(heights, [payload_position(c, one)[2] for one in q], atol=1e-13)  # rounding of 45 m
 
 
 def test_buffers_are_for_drives_that_take_efforts() -> None:

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.dynamics.scalars import rows
 from cranedyn.errors import ModelError
 
 _AGREEMENT = 1e-11
@@ -264,14 +265,7 @@ def potential_energy(tree: Bodies, where: Sequence[Frame]) -> Any:
 
 def height(tree: Bodies, where: Sequence[Frame], body: int, point: np.ndarray) -> Any:
     """Height of a point of a body above the origin of the world [m]; the point is given in the joint's frame [m], shape (3,)."""
-    chain = [body]
-    while (parent := tree.parents[chain[-1]]) >= 0:
-        chain.append(parent)
-    up, found = array([0.0, 0.0, 1.0]), 0.0
-    for i in reversed(chain):
-        found = found + up @ where[i].origin
-        up = where[i].rotation.T @ up
-    return found + up @ point
+    return np.broadcast_to(np.asarray(height(tree, frames(tree, rows(q)), body, point), dtype=float), len(q))
 
 
 def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:

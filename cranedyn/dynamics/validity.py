@@ -19,7 +19,6 @@ from cranedyn.arrays import shaped
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.drives import cable_buffers
-from cranedyn.dynamics.scalars import rows
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 
@@ -141,13 +140,12 @@ def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
 def _of_rows(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, buffers: bool) -> Iterator[Bound]:
     q = shaped("q", q, ("rows", crane.layout.n))
     v, hoist = shaped("v", v, q.shape), shaped("hoist", hoist, q.shape[:1])
-    tree = _tree(crane)
-    height = rigid_body.height(tree, rigid_body.frames(tree, rows(q)), crane.payload.body, crane.payload.lever)
+    height = rigid_body.heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
     tension = None
     if crane.layout.has("hoist"):
         cable = crane.layout.role("hoist", "The rope")
         tension = crane.damping[cable] * v[:, cable] - hoist
-    return bounds(crane.layout, crane.lower, crane.upper, q.T, tension, np.broadcast_to(height, q.shape[:1]), buffers=buffers)
+    return bounds(crane.layout, crane.lower, crane.upper, q.T, tension, height, buffers=buffers)
 
 
 def _tree(crane: Crane) -> rigid_body.Bodies:

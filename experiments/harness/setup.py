@@ -14,13 +14,13 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from cranedyn.clocks import clocks
 from cranedyn.data.trajectory import Trajectory, read_columns
 from cranedyn.errors import DataError
 from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Validity
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import parse_values
 from cranedyn.model.load import load_crane
-from cranedyn.clocks import clocks
 from cranedyn.simulation.simulate import simulate
 from experiments.harness.arguments import add_mode
 
