@@ -265,6 +265,28 @@ def potential_energy(tree: Bodies, where: Sequence[Frame]) -> Any:
 
 def height(tree: Bodies, where: Sequence[Frame], body: int, point: np.ndarray) -> Any:
     """Height of a point of a body above the origin of the world [m]; the point is given in the joint's frame [m], shape (3,)."""
+    chain = [body]
+    while (parent := tree.parents[chain[-1]]) >= 0:
+        chain.append(parent)
+    up, found = array([0.0, 0.0, 1.0]), 0.0
+    for i in reversed(chain):
+        found = found + up @ where[i].origin
+        up = where[i].rotation.T @ up
+    return found + up @ point
+
+
+def heights(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> np.ndarray:
+    """As `height`, of many states at once.
+
+    Args:
+        tree: The bodies.
+        q: Coordinates, shape (rows, n).
+        body: The body.
+        point: In the joint's frame [m], shape (3,).
+
+    Returns:
+        Heights [m], shape (rows,).
+    """
     return np.broadcast_to(np.asarray(height(tree, frames(tree, rows(q)), body, point), dtype=float), len(q))
 
 
