@@ -64,7 +64,8 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             raise CraneError("payload_mass is given twice, by --payload-mass and by --set; leave one out.")
         setup = replace(setup, values={**setup.values, "payload_mass": options.payload_mass})
     pace = options.pace if options.pace is not None else (1.0 if options.view or options.serve else None)
-    limits = Limits((options.rate_slew, options.rate_x, options.rate_hoist), TOUR_LIMITS.accelerations)
+    rates = setup.crane.layout.for_drives("rate limit", (options.rate_slew, options.rate_x, options.rate_hoist), "/s", "> 0")
+    limits = Limits(rates.tolist(), TOUR_LIMITS.accelerations)
     tour, controller = CONTROLS[options.control](setup, limits, number("dwell", options.dwell, "s", "> 0"))
     until = math.inf if options.cycles is None else number("cycles", options.cycles, "", "> 0") * tour.duration
     if until < setup.control_period:

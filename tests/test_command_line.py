@@ -50,7 +50,7 @@ def test_a_control_period_that_is_longer_than_a_move_gives_no_shaped_tour() -> N
 
 
 @pytest.mark.parametrize("strategy", [LQR, FLAT, MPC])
-@pytest.mark.parametrize("world", [harness.Setup(1e9, engine=FAST), harness.Setup(values={"damp_slew": 1e12}, engine=FAST)])
+@pytest.mark.parametrize("setup", [harness.Setup(1e9, engine=FAST), harness.Setup(values={"damp_slew": 1e12}, engine=FAST)])
 def test_numbers_too_far_apart_for_a_regulator_are_the_reason_in_the_table_of_the_comparison(strategy: str, setup: harness.Setup) -> None:
     if strategy == MPC:
         pytest.importorskip("daqp")

@@ -55,7 +55,7 @@ def test_the_spline_alone_leaves_what_the_closed_form_says() -> None:
 def test_every_way_on_paper_keeps_the_limits_of_the_drives(setup: harness.Setup, move: Move) -> None:
     for strategy in ("spline alone", FLAT, "operator", "operator, ZVD"):
         plan = STRATEGIES[strategy](setup, move)
-        motion = plan.motion or plumb(plan.reference, plan.arrives + 1.0)
+        motion = plan.motion or plumb(setup.crane, plan.reference, plan.arrives + 1.0)
         shares = use(setup.crane, motion, LIMITS)
         # a trapezoid's acceleration jumps between samples of the spline that shapes it
         assert max(shares.values()) < 1.0 + 1e-6, (strategy, shares)

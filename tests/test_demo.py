@@ -42,7 +42,7 @@ def times(file: Path) -> np.ndarray:
 
 
 def test_the_tour_visits_the_published_targets_and_returns() -> None:
-    tour = itinerary(crane().start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    tour = itinerary(crane(), crane().start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
     arrivals = [tour(stage.arrival).position for stage in tour.stages]
     assert [a[1] for a in arrivals[:4]] == [20.0, 20.0, 20.0, 6.0]
     assert [a[2] for a in arrivals[:4]] == [15.0, 24.0, 10.0, 10.0]
@@ -51,7 +51,7 @@ def test_the_tour_visits_the_published_targets_and_returns() -> None:
 
 
 def test_no_drive_exceeds_its_rate_or_jumps_over_two_cycles() -> None:
-    tour = itinerary(crane().start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    tour = itinerary(crane(), crane().start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
     t = np.arange(0.0, 2 * tour.duration, 0.05)
     position = np.array([tour(s).position for s in t])
     # 1e-9: rounding of the differences
@@ -59,7 +59,7 @@ def test_no_drive_exceeds_its_rate_or_jumps_over_two_cycles() -> None:
 
 
 def test_every_dwell_stands_still_as_long_as_asked_for() -> None:
-    tour = itinerary(crane().start, ARTICLE_TOUR, rates=RATES, dwell=2.5)
+    tour = itinerary(crane(), crane().start, ARTICLE_TOUR, rates=RATES, dwell=2.5)
     for stage in tour.stages:
         assert stage.end - stage.arrival == pytest.approx(2.5)
         np.testing.assert_array_equal(tour(stage.arrival + 0.1).position, tour(stage.end - 0.1).position)
@@ -78,12 +78,12 @@ def test_every_dwell_stands_still_as_long_as_asked_for() -> None:
 )
 def test_an_impossible_tour_is_refused_with_a_sentence(legs: tuple[Leg, ...], rates: tuple[float, ...], dwell: float, words: str) -> None:
     with pytest.raises(harness.CraneError, match=words):
-        itinerary(crane().start, legs, rates=rates, dwell=dwell)
+        itinerary(crane(), crane().start, legs, rates=rates, dwell=dwell)
 
 
 def test_pieces_joined_are_the_run_in_one_go_to_the_bit() -> None:
     setup = harness.Setup()
-    tour = itinerary(setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    tour = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
     joined = join(list(demo.pieces(setup, tour, hold_controller(setup.crane), 3.0)))
     whole = setup.simulate(setup.crane, hold_controller(setup.crane), tour, start=setup.crane.start, duration=3.0, label="")
     # velocities pass through the unit of the step at every seam: one rounding each, 1e-16 of values up to 1, grown over 3 s
@@ -97,7 +97,9 @@ def test_residual_is_the_amplitude_of_a_known_swing() -> None:
     q = np.zeros((4001, 5))
     q[:, 2], q[:, 3] = 0.03 * np.cos(t), 0.04 * np.sin(t)
     empty = np.zeros((4001, 3))
-    run = Trajectory(t, q, 0 * q, empty, empty, empty, 0 * t, empty, 0 * t, np.zeros((4001, 6)), np.zeros((4001, 2)), 0 * t + 1)
+    run = Trajectory(
+        t, q, 0 * q, empty, empty, empty, 0 * t, empty, 0 * t, np.zeros((4001, 6)), np.zeros((4001, 2)), 0 * t + 1, crane().layout.columns()
+    )
     assert residual(run) == pytest.approx(0.05, rel=1e-5)  # 4001 samples meet the tops within 1e-6
 
 
@@ -128,7 +130,7 @@ def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_i
     claims = json.loads((done / "result.json").read_text())["claims"]
     assert [claim["holds"] for claim in claims] == [True, True]
     setup, run = harness.Setup(), read(done / "demo.parquet")
-    tour = itinerary(setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    tour = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
     dwells = Dwells(tour, setup.control_period)
     dwells.add(run.between(0.0, tour.stages[0].end))
     assert [claim.holds for claim in demo._bare(setup, tour, dwells)] == [True, True]
@@ -139,7 +141,7 @@ def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_i
 
 def test_flat_paths_may_leave_what_sampling_makes_of_the_swing_and_no_more() -> None:
     setup = harness.Setup()
-    dwells = Dwells(itinerary(setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0), setup.control_period)
+    dwells = Dwells(itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0), setup.control_period)
     dwells.peak, dwells.shortest = 0.04, 10.0
     most = np.sqrt(setup.gravity / 10.0) * 2.5e-3 * 40.0  # mrad
     for left, holds in ((0.99 * most, True), (1.01 * most, False)):
@@ -194,7 +196,7 @@ def test_a_killed_demo_leaves_a_file_that_opens(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--rate-x", "0"], "rate limit of trolley is 0.0 m/s"),
+        (["--rate-x", "0"], "rate limit of x is 0.0 m/s"),
         (["--dwell", "-1"], "dwell is -1.0 s"),
         (["--cycles", "0"], "cycles is 0.0"),
         (["--pace", "-2", "--cycles", "1"], "pace is -2.0"),
@@ -217,7 +219,7 @@ def test_bad_input_is_one_sentence_and_nothing_written(
 
 def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(tmp_path: Path) -> None:
     setup = harness.Setup()
-    tour = itinerary(setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
+    tour = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
     pieces = list(demo.pieces(setup, tour, hold_controller(setup.crane), 2.0))
     with Live(setup.crane, "demo", title="Live", file=tmp_path / "live.rrd") as live:
         for piece in pieces:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cranedyn.controllers import hold_controller
-from cranedyn.data.trajectory import COLUMNS, Trajectory, join, read
+from cranedyn.data.trajectory import QUANTITIES, Trajectory, join, read
 from cranedyn.references import ARTICLE_TOUR, itinerary
 from experiments import demo, endless, harness
 from experiments.endless import Dwells, Record
@@ -22,7 +22,7 @@ from tests.helpers import FAST, ROOT, files
 from tests.test_demo import RATES, times
 
 WORLD = harness.Setup(engine=FAST)
-TOUR = itinerary(WORLD.crane.start, ARTICLE_TOUR, rates=RATES, dwell=3.0)
+TOUR = itinerary(WORLD.crane, WORLD.crane.start, ARTICLE_TOUR, rates=RATES, dwell=3.0)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_memory_holds_two_parts_at_most_and_the_files_hold_the_rest(
     assert [part.name for part in record.parts[:3]] == ["demo_from_0s.parquet", "demo_from_7s.parquet", "demo_from_14s.parquet"]
     parts = [*map(read, record.parts), record.last()]
     whole = join(pieces)
-    for name in set(COLUMNS) - {"work", "dissipated", "outside"}:
+    for name in set(QUANTITIES) - {"work", "dissipated", "outside"}:
         np.testing.assert_array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name))
     for part in parts:
         assert not part.work[0].any() and not part.outside[0].any() and part.dissipated[0] == 0.0

@@ -29,7 +29,7 @@ from cranedyn import theory
 from cranedyn.analysis.swing import agreement, fit_power_law
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
-from cranedyn.data.trajectory import COLUMNS, Trajectory, read
+from cranedyn.data.trajectory import QUANTITIES, Trajectory, read
 from cranedyn.errors import RunError
 from cranedyn.interfaces import Setpoint
 from cranedyn.model.crane import Crane
@@ -145,7 +145,7 @@ def test_the_report_shows_the_result(name: str, ran: Callable[[str], Ran]) -> No
 def test_csv_and_parquet_hold_the_same_finite_run(name: str, ran: Callable[[str], Ran]) -> None:
     for path in ran(name).folder.glob("*.csv"):
         one, two = read(path), read(path.with_suffix(".parquet"))
-        for array in COLUMNS:
+        for array in QUANTITIES:
             assert getattr(one, array).tobytes() == getattr(two, array).tobytes()
             assert np.isfinite(getattr(one, array)).all()
         assert two.parameters["integrator"] == "semi-implicit Euler"
@@ -216,12 +216,12 @@ def test_a1_meets_the_published_table(ran: Callable[[str], Ran]) -> None:
 
 @pytest.mark.parametrize(
     ("hoist", "fails"),
-    [((STIFFNESS[2], DAMPING[2]), []), ((1e6, 6e4), ["error", "damping ratio"])],
+    [((STIFFNESS["hoist"], DAMPING["hoist"]), []), ((1e6, 6e4), ["error", "damping ratio"])],
     ids=["identified", "stiff"],
 )
 def test_a1_judges_the_damping_ratio_which_a_stiff_hoist_misses(hoist: tuple[float, float], fails: list[str]) -> None:
     setup = harness.Setup(9.8, engine=FAST)
-    stiffness, damping = (*STIFFNESS[:2], hoist[0]), (*DAMPING[:2], hoist[1])
+    stiffness, damping = {"l": hoist[0]}, {"l": hoist[1]}
     cases = [a1.run(setup, length, published=a1.PUBLISHED[length], stiffness=stiffness, damping=damping) for length in (5.0, 20.0)]
     claims = dict(zip(a1.ROUNDING, a1.outcome(setup, cases, cases[0]).claims, strict=False))
     assert all(f"published {column} is met" in claim.sentence for column, claim in claims.items())
@@ -308,7 +308,7 @@ def test_a1_identifies_the_gains_that_made_the_numbers(monkeypatch: pytest.Monke
     outcome = a1_identify.identify(harness.Setup(9.8))
     fitted = [row[1] for row in outcome.tables[-1].rows]
     assert_allclose(fitted, true, rtol=1e-3)  # the fit's own tolerance
-    assert [row[2] for row in outcome.tables[-1].rows] == [DAMPING[1], STIFFNESS[2], DAMPING[2]]
+    assert [row[2] for row in outcome.tables[-1].rows] == [DAMPING["trolley"], STIFFNESS["hoist"], DAMPING["hoist"]]
 
 
 # --- A2 ----------------------------------------------------------------------------------------------------------------------------
@@ -404,7 +404,7 @@ def flipped(tmp_path_factory: pytest.TempPathFactory) -> Crane:
     return load_crane(own, gravity=9.8, check_axes=False)
 
 
-@pytest.mark.parametrize(("drive", "gains"), [("soft", (STIFFNESS[0], DAMPING[0])), ("stiff", a3.STIFF_SLEW)])
+@pytest.mark.parametrize(("drive", "gains"), [("soft", (STIFFNESS["slew"], DAMPING["slew"])), ("stiff", a3.STIFF_SLEW)])
 def test_flipping_the_axis_in_the_xacro_flips_the_sign_of_the_correlation(
     drive: str, gains: tuple[float, float], flipped: Crane, ran: Callable[[str], Ran]
 ) -> None:
@@ -832,7 +832,7 @@ def test_a_run_error_without_a_record_writes_nothing(tmp_path: Path, capsys: pyt
 def test_a_world_runs_on_its_own_clocks_and_numbers() -> None:
     setup = harness.Setup(3.7, {"payload_mass": "700"}, 1e-3, 2e-2)
     assert (setup.crane.gravity, setup.crane.payload_mass) == (3.7, 700.0)
-    assert setup.variant(payload_inertia=0).payload_inertia == 0.0
+    assert not setup.variant(payload_inertia=0).payload_inertia.any()
     found = setup.simulate(setup.crane, hold_controller(setup.crane), None, start=setup.crane.start, duration=0.2, label="x")
     same = simulate(setup.crane, hold_controller(setup.crane), duration=0.2, dt=1e-3, control_period=2e-2)
     assert isinstance(found, Trajectory)

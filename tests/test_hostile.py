@@ -22,7 +22,7 @@ import pytest
 from PIL import Image
 
 from cranedyn.controllers import hold_controller
-from cranedyn.data.trajectory import COLUMNS, join, read, read_columns
+from cranedyn.data.trajectory import join, read, read_columns
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
 from cranedyn.model.description import describe, parse_values
@@ -247,7 +247,7 @@ def test_an_argument_given_twice_is_refused() -> None:
 
 # --- tables ------------------------------------------------------------------------------------------------------------------------
 
-ALL = [column for columns in COLUMNS.values() for column in columns]
+ALL = [column for columns in crane().layout.columns().values() for column in columns]
 
 
 def _table(rows: int = 3, **replaced: pa.Array) -> pa.Table:

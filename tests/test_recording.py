@@ -16,14 +16,14 @@ import pyarrow as pa
 import pytest
 
 from cranedyn.controllers import hold_controller
-from cranedyn.data.trajectory import COLUMNS, Trajectory
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import payload_position, pivot_position
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.plotting.style import COLOURS
 from cranedyn.recording import Run, open_viewer, record, serve
-from cranedyn.recording.series import PLOTS
+from cranedyn.recording.series import plots
 from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import files, python
@@ -44,8 +44,8 @@ def crane() -> Crane:
 @pytest.fixture(scope="module")
 def moving(crane: Crane) -> Trajectory:
     """All three drives move and the load swings both ways."""
-    reference = pulse(hold(crane.start), "x", 1.0, at=0.5, width=2.0)
-    reference = ramp(ramp(reference, "gamma", 0.3, rate=0.2, at=0.5), "l", -2.0, rate=1.0, at=1.0)
+    reference = pulse(crane, hold(crane), "x", 1.0, at=0.5, width=2.0)
+    reference = ramp(crane, ramp(crane, reference, "gamma", 0.3, rate=0.2, at=0.5), "l", -2.0, rate=1.0, at=1.0)
     return simulate(crane, hold_controller(crane), reference, duration=SHORT)
 
 
@@ -82,7 +82,7 @@ def numbers(path: Path, run: str = "") -> tuple[np.ndarray, dict[str, np.ndarray
 def test_every_number_comes_back_to_the_bit(file: Path, crane: Crane, moving: Trajectory):
     times, columns = numbers(file)
     expected = {"energy_J": moving.energy - moving.energy[0], "unexplained_J": moving.unexplained}
-    for name in (name for key in ("q", "v", "setpoint", "effort", "work", "dissipated") for name in COLUMNS[key]):
+    for name in (name for key in ("q", "v", "setpoint", "effort", "work", "dissipated") for name in moving.columns[key]):
         expected[name.replace("_rad", "_deg")] = np.degrees(moving[name]) if "_rad" in name else moving[name]
     for name, limit in zip(("T_gamma_Nm", "F_x_N", "F_l_N"), crane.effort_limit, strict=True):
         expected |= {f"{name}_upper": np.full(len(moving), limit), f"{name}_lower": np.full(len(moving), -limit)}
@@ -92,9 +92,9 @@ def test_every_number_comes_back_to_the_bit(file: Path, crane: Crane, moving: Tr
     np.testing.assert_array_equal(times, np.arange(len(moving)) * 5_000_000)
 
 
-def test_every_curve_has_a_column_and_every_quantity_a_colour_of_its_own(file: Path):
+def test_every_curve_has_a_column_and_every_quantity_a_colour_of_its_own(file: Path, crane: Crane):
     columns = numbers(file)[1]
-    for plot in PLOTS.values():
+    for plot in plots(crane.layout).values():
         for curve in plot.curves:
             assert curve.column in columns and curve.quantity in COLOURS
     quantities = ("gamma", "x", "phi", "theta", "l", "energy", "dissipated", "unexplained", "setpoint")
@@ -173,7 +173,7 @@ def test_a_crane_without_visuals_still_shows_a_payload(crane: Crane, moving: Tra
 
 
 def test_what_is_setpoint_takes_no_rows_while_it_does_not_change(crane: Crane, tmp_path: Path):
-    still = simulate(crane, hold_controller(crane), pulse(hold(crane.start), "x", 0.5, at=0.197, width=0.4), duration=1.0)
+    still = simulate(crane, hold_controller(crane), pulse(crane, hold(crane), "x", 0.5, at=0.197, width=0.4), duration=1.0)
     path = record(tmp_path / "still.rrd", [Run("still", crane, still)], title="Still")
     times, _ = rows(path, "/joints/setpoint", "Transform3D:translation")
     np.testing.assert_array_equal(times, [0, 200_000_000, 600_000_000])
@@ -202,13 +202,13 @@ def test_two_runs_share_the_clock_and_neither_a_frame_nor_an_entity(crane: Crane
     path = record(tmp_path / "two.rrd", [Run("one / two", crane, moving), Run("three", crane, moving.since(2.0))], title="Two")
     moved = [batch["Transform3D:child_frame"] for _, batch in chunks(path) if "Transform3D:child_frame" in batch.schema.names]
     frames = [set(column.flatten().to_pylist()) for column in moved]
-    assert len(frames) == 2 * 8 and len(set.union(*frames)) == len(frames)
+    assert len(frames) == 2 * 9 and len(set.union(*frames)) == len(frames)
     roots = {entity.split("/")[1] for entity, b in chunks(path) if "sim_time" in b.schema.names}
     assert len(roots) == 2
     assert numbers(path, "three")[0][0] == 2_000_000_000
 
 
-def test_the_layout_travels_in_the_file(file: Path):
+def test_the_layout_travels_in_the_file(file: Path, crane: Crane):
     from rerun.chunk import RrdReader
 
     reader = RrdReader(file)
@@ -221,8 +221,8 @@ def test_the_layout_travels_in_the_file(file: Path):
             spans.append(batch["TimeAxis:view_range"].flatten()[0].as_py())
         if "ViewBlueprint:display_name" in batch.schema.names:
             names |= set(batch["ViewBlueprint:display_name"].flatten().to_pylist())
-    assert names == {"Crane", "About", *(plot.title for plot in PLOTS.values())}
-    assert len(spans) == len(PLOTS) and {(span["start"], span["end"]) for span in spans} == {(0, 4_000_000_000)}
+    assert names == {"Crane", "About", *(plot.title for plot in plots(crane.layout).values())}
+    assert len(spans) == len(plots(crane.layout)) and {(span["start"], span["end"]) for span in spans} == {(0, 4_000_000_000)}
 
 
 def test_another_set_of_runs_is_another_application_for_the_viewer(crane: Crane, moving: Trajectory, tmp_path: Path):
@@ -249,8 +249,8 @@ def test_the_words_hold_title_text_parameters_and_the_scale_of_the_arrows(crane:
 def test_seventy_seconds_take_less_than_four_megabytes_and_a_second(crane: Crane, tmp_path: Path):
     from time import perf_counter
 
-    reference = pulse(hold(crane.start), "x", 1.0, at=2.0, width=4.0)
-    reference = ramp(ramp(reference, "gamma", 1.2, rate=0.15, at=10.0), "l", -3.0, rate=0.5, at=14.0)
+    reference = pulse(crane, hold(crane), "x", 1.0, at=2.0, width=4.0)
+    reference = ramp(crane, ramp(crane, reference, "gamma", 1.2, rate=0.15, at=10.0), "l", -3.0, rate=0.5, at=14.0)
     long = simulate(crane, hold_controller(crane), reference, duration=70.0)
     took = []
     for _ in range(3):

@@ -35,7 +35,7 @@ def crane() -> Crane:
 @pytest.fixture(scope="module")
 def moving(crane: Crane) -> Trajectory:
     """The trolley goes out by 4 m at once; at 3 s the load has followed."""
-    return simulate(crane, hold_controller(crane), pulse(hold(crane.start), "x", 4.0, at=0.5, width=10.0), duration=4.0)
+    return simulate(crane, hold_controller(crane), pulse(crane, hold(crane), "x", 4.0, at=0.5, width=10.0), duration=4.0)
 
 
 @pytest.fixture(scope="module")
