@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 import re
 import sys
+import traceback
 from collections.abc import Iterable
 from numbers import Integral
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -28,6 +30,14 @@ def quoted(text: object) -> str:
     """The same as part of a sentence: a plain word as it is, all else cut to a length and between quotation marks that it cannot close."""
     cut = _shortened(str(text), _LONGEST_QUOTE)
     return cut if _PLAIN.fullmatch(cut) else repr(cut)
+
+
+def shown(value: object) -> str:
+    """A value as in Python; what it is if that cannot be said, as of a whole number of more than 4300 digits."""
+    try:
+        return repr(value)
+    except Exception:  # whatever the value of a stranger raises
+        return written_out(value)
 
 
 def _shortened(text: str, length: int) -> str:
@@ -79,6 +89,14 @@ def written_out(value: object) -> str:
         return f"{type(value).__name__} that cannot be written out"
 
 
+def told(error: Exception) -> str:
+    """An error as a sentence; one that is not ours, which a caller's own function may raise, with the place where it was raised."""
+    if isinstance(error, CraneError):
+        return str(error)
+    *_, place = traceback.extract_tb(error.__traceback__)
+    return f"{type(error).__name__} in {place.name}, line {place.lineno} of {Path(place.filename).name}: {written_out(error)}."
+
+
 class Misshapen(OutOfRange):
     """What should be an array is another: of another shape or kind, or none at all."""
 
@@ -94,7 +112,7 @@ class UnknownName(CraneError):
     def __init__(self, kind: str, given: str, known: Iterable[str]) -> None:
         """Keep the values and phrase the sentence."""
         self.given, self.known = given, tuple(known)
-        super().__init__(f"There is no {kind} {given!r}; there are {', '.join(self.known)}.")
+        super().__init__(f"There is no {kind} {shown(given)}; there are {', '.join(self.known)}.")
 
 
 class MissingRole(CraneError):
