@@ -167,8 +167,9 @@ def _sequence(value: Any, kind: Any) -> Any:
         raise TypeError
     if kind is float:
         return tuple(map(_float, value))
-    if get_origin(kind) is collections.abc.Callable and not all(map(callable, value)):
-        raise TypeError
+    if get_origin(kind) is collections.abc.Callable:
+        for one in {id(one): one for one in value}.values():
+            _callable(one, get_args(kind)[0])
     if get_origin(kind) is collections.abc.Sequence:
         return [_sequence(one, get_args(kind)[0]) for one in value]
     if isinstance(kind, type) and not all(isinstance(one, kind) for one in value):
