@@ -266,7 +266,6 @@ def _check_numbers(model: pin.Model, layout: Layout, load: int) -> None:
             raise OutOfRange(f"inertia moved by {joint.name}", inertia.inertia.tolist(), "positive semidefinite", "kg m²")
         if joint.role == "hoist":
             number("shortest cable", low, "m", "> 0")
-    number("payload mass", model.inertias[load + 1].mass, "kg", "> 0")
     number("payload mass", model.inertias[load + 1].mass, "kg", f"{_LIGHTEST:g} to 1e30")
 
 
