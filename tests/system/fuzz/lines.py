@@ -406,7 +406,7 @@ class _Inline:
 
 
 class _Served:
-    address, data = "nowhere", ""
+    address, data, words = "nowhere", "", "Served nowhere."
 
     def __enter__(self) -> _Served:
         return self
