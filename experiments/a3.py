@@ -64,10 +64,10 @@ def paper_model(
     t: np.ndarray, theta: np.ndarray, theta_rate: np.ndarray, excitation: np.ndarray, length: float, gravity: float
 ) -> np.ndarray:
     """Eq. (10) integrated from the first measured state, driven by measured x(t) γ̈(t); shapes (n,)."""
-    drive = make_interp_spline(t, excitation, k=1)
 
     def rates(s: float, y: np.ndarray) -> tuple[float, float]:
-        return y[1], theory.tangential_paper(float(y[0]), length=length, gravity=gravity, excitation=float(drive(s)))
+        here = float(np.interp(s, t, excitation))
+        return y[1], theory.tangential_paper(float(y[0]), length=length, gravity=gravity, excitation=here)
 
     return _integrate(rates, t, [theta[0], theta_rate[0]])[0]
 
