@@ -7,17 +7,19 @@ from __future__ import annotations
 
 import collections.abc
 import inspect
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache, wraps
 from numbers import Real
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from cranedyn.arrays import DOUBLE
-from cranedyn.errors import OutOfRange
+from cranedyn.errors import CraneError, OutOfRange, written_out
 
 _Any = TypeVar("_Any", bound=Callable[..., Any])
 
@@ -116,6 +118,14 @@ def described(value: Any) -> str:
         return f"{'the class' if isinstance(value, type) else 'the function'} {name}"
     kind = type(value).__name__
     return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+
+
+def told(error: Exception) -> str:
+    """An error as a sentence; one that is not ours, which a caller's own function may raise, with the place where it was raised."""
+    if isinstance(error, CraneError):
+        return str(error)
+    *_, place = traceback.extract_tb(error.__traceback__)
+    return f"{type(error).__name__} in {place.name}, line {place.lineno} of {Path(place.filename).name}: {written_out(error)}."
 
 
 def _as(value: Any, kind: Any) -> Any:

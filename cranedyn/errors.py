@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 import re
 import sys
-import traceback
 from collections.abc import Iterable
 from numbers import Integral
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -87,14 +85,6 @@ def written_out(value: object) -> str:
         return str(value)
     except Exception:  # whatever the value of a stranger raises
         return f"{type(value).__name__} that cannot be written out"
-
-
-def told(error: Exception) -> str:
-    """An error as a sentence; one that is not ours, which a caller's own function may raise, with the place where it was raised."""
-    if isinstance(error, CraneError):
-        return str(error)
-    *_, place = traceback.extract_tb(error.__traceback__)
-    return f"{type(error).__name__} in {place.name}, line {place.lineno} of {Path(place.filename).name}: {written_out(error)}."
 
 
 class Misshapen(OutOfRange):

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import described
+from cranedyn.arguments import described, told
 from cranedyn.arrays import finite
-from cranedyn.errors import CraneError, Misshapen, told
+from cranedyn.errors import CraneError, Misshapen
 from cranedyn.interfaces import Reference, Setpoint
 
 _PARTS = ("position", "velocity", "acceleration")
