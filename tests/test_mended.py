@@ -8,6 +8,7 @@ import json
 import re
 import types
 import warnings
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,11 @@ from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller
 from cranedyn.data import files
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.errors import CraneError, OutOfRange, UnknownName
+from cranedyn.dynamics.validity import hoisting
+from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
 from cranedyn.interfaces import Setpoint
+from cranedyn.model.description import describe
+from cranedyn.model.load import load_crane
 from cranedyn.plotting.figures import panels, save
 from cranedyn.recording import Live, Run, record
 from cranedyn.references import hold, pulse, ramp
@@ -289,3 +293,44 @@ def test_a_jib_or_a_load_faster_than_any_crane_is_refused_before_it_is_integrate
 def test_a_record_of_a_crane_is_analysed_as_before(tmp_path: Path) -> None:
     assert a3.main(["--from", str(_signals(tmp_path)), "--out", str(tmp_path / "out")]) == 0
     json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
+
+
+# --- cranes ------------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"joints": True}, "joints is True; allowed is a mapping, such as a dict"),
+        ({"driven": 3.0}, r"driven is 3\.0; allowed is a sequence, each a text or None"),
+        ({"driven": "yaw_joint"}, "driven is 'yaw_joint'; allowed is a sequence, each a text or None"),
+        ({"payload": 3}, "payload is 3; allowed is a text or None"),
+    ],
+)
+def test_what_says_which_joints_a_crane_has_is_held_against_what_it_must_be(given: dict[str, Any], says: str) -> None:
+    with pytest.raises(OutOfRange, match=says):
+        load_crane(**given)
+
+
+def test_dynamics_need_a_damping_or_a_friction_for_parsers_to_be_quiet(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    robot = ET.fromstring(describe())
+    dynamics = next(joint for joint in robot.iterfind("joint") if joint.get("name") == "yaw_joint").find("dynamics")
+    assert dynamics is not None
+    dynamics.attrib = {"armature": "1.0"}
+    (tmp_path / "a.urdf").write_text(ET.tostring(robot, encoding="unicode"), encoding="utf-8")
+    with pytest.raises(ModelError, match=r"The dynamics of joint yaw_joint in .* needs a damping\."):
+        load_crane(tmp_path / "a.urdf")
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("q", [np.zeros(3), np.full(5, np.nan), "abc", None])
+def test_a_crane_is_not_asked_how_it_hangs_at_coordinates_that_are_none(q: Any) -> None:
+    with pytest.raises(OutOfRange, match="coordinates is "):
+        crane().hanging(q)
+
+
+def test_the_force_of_a_hoist_is_taken_from_rows_of_efforts_alone() -> None:
+    assert hoisting(crane(), np.array([[1.0, 2.0, 3.0]])).tolist() == [3.0]
+    for effort in (np.zeros(3), np.zeros((2, 2))):
+        with pytest.raises(OutOfRange, match="effort is an array of shape"):
+            hoisting(crane(), effort)

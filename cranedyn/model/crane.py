@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.arguments import checked
-from cranedyn.arrays import shaped
+from cranedyn.arrays import finite, shaped
 from cranedyn.errors import ModelError, UnknownName, number, within
 from cranedyn.interfaces import State
 from cranedyn.model.layout import Layout
@@ -187,8 +187,9 @@ class Crane:
 
         Raises:
             ModelError: If there is no such place near q within the ranges.
+            OutOfRange: If q is not one finite number for each joint.
         """
-        free, q = self.layout.passive, np.array(q, dtype=float)
+        free, q = self.layout.passive, finite("coordinates", q, (self.layout.n,)).copy()
         data = self.model.createData()
         for _ in range(_NEWTON):
             open_ = (pin.computeGeneralizedGravity(self.model, data, q) - self.springs.effort(q))[free]

@@ -137,7 +137,7 @@ def _armature(robot: ET.Element, names: Sequence[str]) -> np.ndarray:
 
 def _payload(model: pin.Model, name: str | None, path: Path) -> int:
     """The joint that carries the payload, by its place among the coordinates."""
-    names = _names(model)
+    names, name = _names(model), taken("payload", name, str | None)
     if name is not None:
         if name not in names:
             raise UnknownName("moving joint", name, names)
@@ -151,6 +151,7 @@ def _payload(model: pin.Model, name: str | None, path: Path) -> int:
 
 def _driven(robot: ET.Element, names: Sequence[str], given: Sequence[str] | None, path: Path) -> set[str]:
     """Names of the joints that drives move."""
+    given = taken("driven", given, Sequence[str] | None)
     own = {joint.get("name", "") for joint in robot.iterfind("ros2_control/joint") if joint.find("command_interface") is not None}
     if given is not None and own and own != {*given}:
         raise ModelError(
