@@ -32,6 +32,7 @@ from cranedyn.controllers.affine import Affine
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics import linearisation as linear
 from cranedyn.errors import CraneError
+from cranedyn.interfaces import Setpoint
 from cranedyn.recording import Run
 from cranedyn.simulation.simulate import simulate
 from tests.studies import squares
@@ -41,7 +42,7 @@ from tests.system.fuzz.lines import cheap
 PUBLIC = {
     "simulate": ("cranedyn.simulation.simulate",),
     "batch": ("cranedyn.compiled.batch",),
-    "crane": ("cranedyn.model.crane", "cranedyn.model.description"),
+    "crane": ("cranedyn.model.load", "cranedyn.model.crane", "cranedyn.model.description"),
     "controllers": ("cranedyn.controllers", "cranedyn.controllers.damped", "cranedyn.controllers.integral"),
     "references": ("cranedyn.references", "cranedyn.references.limits", "cranedyn.planning.optimal", "cranedyn.references.tour"),
     "linear": ("cranedyn.dynamics.linearisation", "cranedyn.analysis.prediction"),
@@ -57,9 +58,9 @@ PUBLIC = {
 INTERNAL = tuple(
     f"cranedyn.{name}"
     for name in (
-        "arguments arrays clocks command compiled drives dynamics"
-        " engine errors figures files integrator log"
-        " processes rigid_body rows style symbolic tables transcription urdf"
+        "arguments arrays command compiled data.files data.tables dynamics errors interfaces model.springs model.urdf"
+        " planning.transcription plotting model.layout clocks"
+        " simulation.clocks simulation.engine simulation.log simulation.record simulation.stepper"
     ).split()
 )
 """What only our own code calls, in inner loops or with what was checked before; of the packages above, what they do not name as theirs."""
@@ -67,11 +68,16 @@ INTERNAL = tuple(
 NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
 """What would open a window or a port; their arguments are tried on the command line."""
 
+WITHIN = ("bounds", "columns_of")
+"""What only our own code calls, with numbers of any kind or what was checked before."""
+
 HEAVY = {"optimal": 0.03, "mpc": 0.1, "record": 0.1, "Live": 0.1, "sweep": 0.3, "fastest": 0.3, "check": 0.3}
 """How often what takes its time is tried, beside the others."""
 
 
 # --- what is right -----------------------------------------------------------------------------------------------------------------
+
+_PARTS = ("layout", "written", "model", "damping", "springs", "lower", "upper", "effort_limit", "points", "record")
 
 RIGHT: dict[str, str] = {
     # by function and parameter
@@ -122,9 +128,9 @@ RIGHT: dict[str, str] = {
     "results.folder": "'done'",
     "rows.first": "0",
     "rows.last": "1",
-    **{f"Crane.{name}": f"crane.{name}" for name in ("written", "model", "data", "damping", "lower", "upper", "effort_limit")},
+    **{f"Crane.{name}": f"crane.{name}" for name in _PARTS},
     **{f"Tracking.{name}": f"tracking.{name}" for name in ("period", "feed_forward", "gain", "setpoint")},
-    **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a")},
+    **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a", "drives")},
     "HoistIntegral.tracking": "tracking",
     "Shaper.fractions": "(0.0, 0.5)",
     "Shaper.amplitudes": "(0.5, 0.5)",
@@ -135,6 +141,9 @@ RIGHT: dict[str, str] = {
     "since.t": "0.05",
     "parse_values.pairs": "['payload_mass:=900']",
     "read.path": "'good.csv'",
+    "read_record.path": "'good.parquet'",
+    "hanging.q": "start.q",
+    "hoisting.effort": "trajectory.effort",
     "read_columns.path": "'good.parquet'",
     "read_columns.columns": "('t_s', 'phi_rad')",
     "write.path": "'new.csv'",
@@ -207,7 +216,7 @@ RIGHT: dict[str, str] = {
     "np.random.Generator": "np.random.default_rng(1)",
     "np.ndarray": "np.ones(3)",
     "Sequence[float]": "(0.1, 0.1, 0.1)",
-    "Wanted": "still(0.0)",
+    "Setpoint": "still(0.0)",
     "Mapping[str, np.ndarray]": "{'x': [1.0, 2.0]}",
     "Callable[[float], Motion]": "lambda duration: flat(crane, start, goal, duration)",
 }
@@ -290,6 +299,7 @@ def namespace() -> dict[str, Any]:
         "Malformed": Malformed,
         "Pretending": Pretending,
         "Affine": Affine,
+        "Setpoint": Setpoint,
         "Run": Run,
     }
     for modules in PUBLIC.values():
@@ -299,7 +309,7 @@ def namespace() -> dict[str, Any]:
         "crane": "load_crane()",
         "start": "crane.start",
         "goal": "crane.state(gamma=0.3, x=12.0, l=10.0)",
-        "still": "hold(start)",
+        "still": "hold(crane, start)",
         "law": "hold_controller(crane)",
         "motion": "flat(crane, start, goal, 16.0)",
         "short": "flat(crane, start, crane.state(x=start.q[1] + 0.1), 1.0)",
@@ -308,7 +318,7 @@ def namespace() -> dict[str, Any]:
         "trajectory": "simulate(crane, law, duration=0.1)",
         "run": "Run('r', crane, trajectory)",
         "design": "grid(x=[1.0, 2.0])",
-        "loop": "linear.sampled(crane, crane.state(l=10.0)).closed(feedback_gain((5e5, 3e5, 3e4), (1e6, 5e4, 2e4)))",
+        "loop": "linear.sampled(crane, crane.state(l=10.0)).closed(feedback_gain(crane, (5e5, 3e5, 3e4), (1e6, 5e4, 2e4)))",
         "t": "np.linspace(0.0, 60.0, 1200)",
     }.items():
         names[name] = eval(text, names | {"linear": linear})
@@ -427,29 +437,34 @@ CALLABLES = [
         "lambda *a: 1.0",
     ),
     *(
-        "lambda t: Wanted(np.zeros(3), np.zeros(3), None)",
-        "lambda t: Wanted(*np.zeros((3, 2)))",
-        "lambda t: Wanted(*np.full((3, 3), np.nan))",
+        "lambda t: Setpoint(np.zeros(3), np.zeros(3), None)",
+        "lambda t: Setpoint(*np.zeros((3, 2)))",
+        "lambda t: Setpoint(*np.full((3, 3), np.nan))",
     ),
-    *("lambda t: Wanted([0.0, 10.0, 10.0], [0.0] * 3, [0.0] * 3)", "lambda t: np.zeros(3)", "lambda t: (0.0, 1.0, 2.0)", "lambda t: still"),
+    *(
+        "lambda t: Setpoint([0.0, 10.0, 10.0], [0.0] * 3, [0.0] * 3)",
+        "lambda t: np.zeros(3)",
+        "lambda t: (0.0, 1.0, 2.0)",
+        "lambda t: still",
+    ),
     *(
         "Pretending(None)",
-        "Pretending(Wanted(*np.zeros((3, 4, 2))))",
-        "Pretending(Wanted(*np.zeros((3, 1, 3))))",
+        "Pretending(Setpoint(*np.zeros((3, 4, 2))))",
+        "Pretending(Setpoint(*np.zeros((3, 1, 3))))",
         "Pretending(np.zeros(3))",
     ),
     *(
-        "Pretending(Wanted(*np.full((3, 11, 3), np.nan)))",
-        "Pretending(Wanted(*np.zeros((3, 0, 3))))",
+        "Pretending(Setpoint(*np.full((3, 11, 3), np.nan)))",
+        "Pretending(Setpoint(*np.zeros((3, 0, 3))))",
         "Pretending(3)",
         "Pretending((1, 2, 3))",
     ),
     *(
-        "Hold(np.zeros(0), np.zeros(3))",
-        "Hold(None, None)",
-        "Hold(np.full(3, np.nan), np.zeros(3))",
-        "Hold([1, 2], 'x', 3)",
-        "Hold(np.eye(3), np.eye(3))",
+        "Hold(crane, np.zeros(0), np.zeros(3), np.zeros(3))",
+        "Hold(crane, None, None, None)",
+        "Hold(crane, np.full(3, np.nan), np.zeros(3), np.zeros(3))",
+        "Hold(crane, [1, 2], 'x', 3)",
+        "Hold(crane, np.eye(3), np.eye(3), np.zeros(3))",
     ),
     *(
         "Tracking(0.005, np.zeros((0, 3)), np.zeros((0, 3, 10)), np.zeros((0, 10)))",
@@ -462,13 +477,24 @@ CALLABLES = [
         "Tracking(0.005, 1, 2, 3)",
     ),
     *(
-        "HoistIntegral(tracking, np.nan, 1.0)",
-        "HoistIntegral(tracking, 1.0, -1.0, np.inf)",
-        "HoistIntegral(None, 1.0, 1.0)",
-        "Motion(0.0, 1, 2, 3)",
+        "HoistIntegral(crane, tracking, np.nan, 1.0)",
+        "HoistIntegral(crane, tracking, 1.0, -1.0, np.inf)",
+        "HoistIntegral(crane, None, 1.0, 1.0)",
+        "Motion(0.0, 1, 2, 3, 4)",
     ),
-    *("Motion(0.005, np.zeros((0, 5)), np.zeros((0, 5)), np.zeros((0, 5)))", "Motion(0.005, np.zeros((3, 2)), np.zeros(3), None)"),
-    *("follow(still)", "follow(None)", "tracking", "motion", "observed(tracking, crane, short)", "law.__class__", "mpc(crane, short)"),
+    *(
+        "Motion(0.005, np.zeros((0, 5)), np.zeros((0, 5)), np.zeros((0, 5)), motion.drives)",
+        "Motion(0.005, np.zeros((3, 2)), np.zeros(3), None, None)",
+    ),
+    *(
+        "follow(crane, still)",
+        "follow(crane, None)",
+        "tracking",
+        "motion",
+        "observed(tracking, crane, short)",
+        "law.__class__",
+        "mpc(crane, short)",
+    ),
     *("[law, law]", "[law] * 3", "[]", "[law, None]", "(still, still)", "[raises()]"),
 ]
 """Where a function of the caller's own is asked for."""
@@ -594,7 +620,7 @@ def functions(group: str) -> dict[str, Callable[..., Any]]:
             if (
                 not (inspect.isfunction(thing) or inspect.isclass(thing))
                 or not thing.__module__.startswith("cranedyn")
-                or name in NOT_CALLED
+                or name in (*NOT_CALLED, *WITHIN)
             ):
                 continue
             if not hasattr(module, "__all__") and thing.__module__ != module.__name__:
@@ -797,7 +823,8 @@ def _close(answer: Any) -> None:
 
 def unlisted() -> list[str]:
     """Modules that are neither public nor internal."""
-    modules = [module.name for module in pkgutil.walk_packages(cranedyn.__path__, "cranedyn.")]
+    found = pkgutil.walk_packages(cranedyn.__path__, "cranedyn.")
+    modules = [module.name for module in found if not module.ispkg or hasattr(importlib.import_module(module.name), "__all__")]
     public = [name for names in PUBLIC.values() for name in names]
     packages = [name for name in public if hasattr(importlib.import_module(name), "__all__")]
     known = {*public, *INTERNAL}
