@@ -186,8 +186,8 @@ class Crane:
         """Coordinates at rest, shape (n,): the drives where q has them, the passive joints where gravity and springs balance; by Newton's method.
 
         Raises:
-            ModelError: If there is no such place near q within the ranges.
             OutOfRange: If q is not one finite number for each joint.
+            ModelError: If there is no such place near q within the ranges.
         """
         free, q = self.layout.passive, finite("coordinates", q, (self.layout.n,)).copy()
         data = self.model.createData()

@@ -24,7 +24,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from cranedyn.controllers import hold_controller
-from cranedyn.data.trajectory import read, read_columns
+from cranedyn.data.trajectory import QUANTITIES, read, read_columns
 from cranedyn.dynamics.pinocchio import acceleration, energy
 from cranedyn.errors import CraneError
 from cranedyn.model.description import describe
@@ -165,11 +165,11 @@ def load(content: bytes, folder: Path, *, whole: bool = False) -> None:
     crane = load_crane(path)
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        _finite("acceleration", acceleration(crane, crane.start, np.zeros(crane.layout.m)))
+        _finite("acceleration", acceleration(crane, crane.start, np.array([0.0, 0.0, -crane.payload_mass * crane.gravity])))
         _finite("energy", np.array(energy(crane, crane.start)))
         if whole:
             run = simulate(crane, hold_controller(crane), duration=0.02, validity="mark")
-            for name in crane.layout.columns():
+            for name in QUANTITIES:
                 _finite(name, getattr(run, name))
             record(folder / "a.rrd", [Run("r", crane, run)], title="t")
 
