@@ -32,6 +32,7 @@ from cranedyn.controllers.affine import Affine
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics import linearisation as linear
 from cranedyn.errors import CraneError
+from cranedyn.interfaces import Setpoint
 from cranedyn.recording import Run
 from cranedyn.simulation.simulate import simulate
 from tests.studies import squares
@@ -299,6 +300,7 @@ def namespace() -> dict[str, Any]:
         "Malformed": Malformed,
         "Pretending": Pretending,
         "Affine": Affine,
+        "Setpoint": Setpoint,
         "Run": Run,
     }
     for modules in PUBLIC.values():
@@ -436,29 +438,34 @@ CALLABLES = [
         "lambda *a: 1.0",
     ),
     *(
-        "lambda t: Wanted(np.zeros(3), np.zeros(3), None)",
-        "lambda t: Wanted(*np.zeros((3, 2)))",
-        "lambda t: Wanted(*np.full((3, 3), np.nan))",
+        "lambda t: Setpoint(np.zeros(3), np.zeros(3), None)",
+        "lambda t: Setpoint(*np.zeros((3, 2)))",
+        "lambda t: Setpoint(*np.full((3, 3), np.nan))",
     ),
-    *("lambda t: Wanted([0.0, 10.0, 10.0], [0.0] * 3, [0.0] * 3)", "lambda t: np.zeros(3)", "lambda t: (0.0, 1.0, 2.0)", "lambda t: still"),
+    *(
+        "lambda t: Setpoint([0.0, 10.0, 10.0], [0.0] * 3, [0.0] * 3)",
+        "lambda t: np.zeros(3)",
+        "lambda t: (0.0, 1.0, 2.0)",
+        "lambda t: still",
+    ),
     *(
         "Pretending(None)",
-        "Pretending(Wanted(*np.zeros((3, 4, 2))))",
-        "Pretending(Wanted(*np.zeros((3, 1, 3))))",
+        "Pretending(Setpoint(*np.zeros((3, 4, 2))))",
+        "Pretending(Setpoint(*np.zeros((3, 1, 3))))",
         "Pretending(np.zeros(3))",
     ),
     *(
-        "Pretending(Wanted(*np.full((3, 11, 3), np.nan)))",
-        "Pretending(Wanted(*np.zeros((3, 0, 3))))",
+        "Pretending(Setpoint(*np.full((3, 11, 3), np.nan)))",
+        "Pretending(Setpoint(*np.zeros((3, 0, 3))))",
         "Pretending(3)",
         "Pretending((1, 2, 3))",
     ),
     *(
-        "Hold(np.zeros(0), np.zeros(3))",
-        "Hold(None, None)",
-        "Hold(np.full(3, np.nan), np.zeros(3))",
-        "Hold([1, 2], 'x', 3)",
-        "Hold(np.eye(3), np.eye(3))",
+        "Hold(crane, np.zeros(0), np.zeros(3), np.zeros(3))",
+        "Hold(crane, None, None, None)",
+        "Hold(crane, np.full(3, np.nan), np.zeros(3), np.zeros(3))",
+        "Hold(crane, [1, 2], 'x', 3)",
+        "Hold(crane, np.eye(3), np.eye(3), np.zeros(3))",
     ),
     *(
         "Tracking(0.005, np.zeros((0, 3)), np.zeros((0, 3, 10)), np.zeros((0, 10)))",

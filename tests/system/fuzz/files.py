@@ -165,7 +165,7 @@ def load(content: bytes, folder: Path, *, whole: bool = False) -> None:
     crane = load_crane(path)
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        _finite("acceleration", acceleration(crane, crane.start, np.array([0.0, 0.0, -crane.payload_mass * crane.gravity])))
+        _finite("acceleration", acceleration(crane, crane.start, np.zeros(crane.layout.m)))
         _finite("energy", np.array(energy(crane, crane.start)))
         if whole:
             run = simulate(crane, hold_controller(crane), duration=0.02, validity="mark")
