@@ -7,17 +7,19 @@ from __future__ import annotations
 
 import collections.abc
 import inspect
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache, wraps
 from numbers import Real
+from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Protocol, TypeVar, Union, get_args, get_origin, get_type_hints, runtime_checkable
 
 import numpy as np
 
 from cranedyn.arrays import DOUBLE
-from cranedyn.errors import OutOfRange
+from cranedyn.errors import CraneError, OutOfRange, written_out
 
 _Any = TypeVar("_Any", bound=Callable[..., Any])
 
@@ -143,6 +145,14 @@ def described(value: Any) -> str:
     return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
 
+def told(error: Exception) -> str:
+    """An error as a sentence; one that is not ours, which a caller's own function may raise, with the place where it was raised."""
+    if isinstance(error, CraneError):
+        return str(error)
+    *_, place = traceback.extract_tb(error.__traceback__)
+    return f"{type(error).__name__} in {place.name}, line {place.lineno} of {Path(place.filename).name}: {written_out(error)}."
+
+
 def _as(value: Any, kind: Any) -> Any:
     """The value as one kind; an error if it is of another."""
     origin, inner = get_origin(kind), get_args(kind)
@@ -192,8 +202,9 @@ def _sequence(value: Any, kind: Any) -> Any:
         raise TypeError
     if kind is float:
         return tuple(map(_float, value))
-    if get_origin(kind) is collections.abc.Callable and not all(map(callable, value)):
-        raise TypeError
+    if get_origin(kind) is collections.abc.Callable:
+        for one in {id(one): one for one in value}.values():
+            _callable(one, get_args(kind)[0])
     if get_origin(kind) is collections.abc.Sequence:
         return [_sequence(one, get_args(kind)[0]) for one in value]
     if isinstance(kind, type) and not all(isinstance(one, kind) for one in value):

@@ -26,6 +26,14 @@ def quoted(text: object) -> str:
     return cut if _PLAIN.fullmatch(cut) else repr(cut)
 
 
+def shown(value: object) -> str:
+    """A value as in Python; what it is if that cannot be said, as of a whole number of more than 4300 digits."""
+    try:
+        return repr(value)
+    except Exception:  # whatever the value of a stranger raises
+        return written_out(value)
+
+
 def _shortened(text: str, length: int) -> str:
     return text if len(text) <= length else f"{text[: length // 2]} … {text[-length // 2 :]}"
 
@@ -90,7 +98,7 @@ class UnknownName(CraneError):
     def __init__(self, kind: str, given: str, known: Iterable[str]) -> None:
         """Keep the values and phrase the sentence."""
         self.given, self.known = given, tuple(known)
-        super().__init__(f"There is no {kind} {given!r}; there are {', '.join(self.known)}.")
+        super().__init__(f"There is no {kind} {shown(given)}; there are {', '.join(self.known)}.")
 
 
 class MissingRole(CraneError):

@@ -50,7 +50,7 @@ class State(NamedTuple):
 
     def check_fits(self, name: str, layout: Any) -> None:
         """See `cranedyn.arguments.OfCrane`."""
-        if self.q.size != layout.n:
+        if self.q.shape[-1:] != (layout.n,):  # a batch takes one with rows
             raise OutOfRange(name, f"a state of {self.q.size} coordinates", f"one of {layout.n}: {', '.join(layout.symbols)}")
 
 

@@ -17,6 +17,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk, jv, yv
 
 from cranedyn.arguments import checked, described
+from cranedyn.arrays import shaped
 from cranedyn.errors import OutOfRange
 
 _Any = TypeVar("_Any", bound=Callable[..., Any])
@@ -31,7 +32,7 @@ def _answered(form: _Any) -> _Any:
         try:
             with np.errstate(all="ignore"):
                 answer = held(*args, **named)
-            if np.isfinite(answer).all():
+            if math.isfinite(answer) if isinstance(answer, float) else np.isfinite(answer).all():  # the first is much quicker
                 return answer
         except (ArithmeticError, ValueError):  # np.linalg.LinAlgError among them
             pass
@@ -177,13 +178,14 @@ def small_swing(
         slew_rate: Slew rate [rad/s].
         slew_acceleration: Slew acceleration [rad/s²].
     """
+    swing, rates = shaped("swing", swing, (2,)), shaped("rates", rates, (2,))
     (phi, theta), (phi_rate, theta_rate) = swing, rates
     radial = x - length * phi
     radial_rate = x_rate - length_rate * phi - length * phi_rate
     offset, offset_rate = length * theta, length_rate * theta + length * theta_rate
     phi_excitation = x_acceleration - slew_rate**2 * radial + 2.0 * slew_rate * offset_rate + slew_acceleration * offset
     theta_excitation = slew_acceleration * radial + 2.0 * slew_rate * radial_rate + slew_rate**2 * offset
-    return (np.array([phi_excitation, theta_excitation]) - 2.0 * length_rate * np.asarray(rates) - gravity * np.asarray(swing)) / length
+    return (np.array([phi_excitation, theta_excitation]) - 2.0 * length_rate * rates - gravity * swing) / length
 
 
 @_answered
@@ -198,8 +200,8 @@ def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) ->
         m = math.sin(a / 2.0) ** 2
         return float(ellipe(m) - (1.0 - m) * ellipk(m))
 
-    goal = action(amplitude)
-    return np.array([brentq(lambda a, ratio=ratio: action(a) * ratio**1.5 - goal, 1e-9, 3.1) for ratio in np.atleast_1d(lengths) / length])
+    goal, ratios = action(amplitude), np.atleast_1d(shaped("lengths", lengths, (), ("n",))) / length
+    return np.array([brentq(lambda a, ratio=ratio: action(a) * ratio**1.5 - goal, 1e-9, 3.1) for ratio in ratios])
 
 
 @_answered

@@ -28,6 +28,9 @@ RADIUS, LENGTH, PULSE, PULSE_AT, DURATION, ANALYSED_FROM = 20.0, 15.0, 0.05, 5.0
 SMOOTHING = 11
 """Samples in the Savitzky-Golay window (cubic) that turns the slew rate into a slew acceleration; ours, none is published."""
 
+STRONGEST = 1000.0
+"""Largest x γ̈ that a model of the swing is integrated with [m/s²], a hundred times gravity; there is no such crane."""
+
 DIGITS = Agreement(measured=1e-4, modelled=1e-4, correlation=1e-4, rms=1e-5)
 """The last digits of the article's result: half of each is its rounding, half is left for our slew gains, which are round numbers."""
 
@@ -61,10 +64,10 @@ def paper_model(
     t: np.ndarray, theta: np.ndarray, theta_rate: np.ndarray, excitation: np.ndarray, length: float, gravity: float
 ) -> np.ndarray:
     """Eq. (10) integrated from the first measured state, driven by measured x(t) γ̈(t); shapes (n,)."""
-    drive = make_interp_spline(t, excitation, k=1)
 
     def rates(s: float, y: np.ndarray) -> tuple[float, float]:
-        return y[1], theory.tangential_paper(float(y[0]), length=length, gravity=gravity, excitation=float(drive(s)))
+        here = float(np.interp(s, t, excitation))
+        return y[1], theory.tangential_paper(float(y[0]), length=length, gravity=gravity, excitation=here)
 
     return _integrate(rates, t, [theta[0], theta_rate[0]])[0]
 
@@ -143,12 +146,18 @@ def by_paper(
     acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray] = filtered,
     gravity: float = STANDARD_GRAVITY,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Times, measured θ, θ by Eq. (10) and its push x γ̈, from the start of the comparison; from a run or from recorded columns."""
+    """Times, measured θ, θ by Eq. (10) and its push x γ̈, from the start of the comparison; from a run or from recorded columns.
+
+    Raises:
+        DataError: If the record is too short or too coarse, or x γ̈ is beyond `STRONGEST`.
+    """
     late = data["t_s"] >= ANALYSED_FROM
     if np.count_nonzero(late) < 2:
         raise DataError(f"The record ends at {data['t_s'][-1]:g} s; the comparison starts at {ANALYSED_FROM:g} s.")
     t, x, theta, theta_rate, length = (data[name][late] for name in COLUMNS if name != "gamma_dot_rad_s")
     excitation = x * acceleration(data["t_s"], data["gamma_dot_rad_s"])[late]
+    if (strongest := float(np.abs(excitation).max())) > STRONGEST:
+        raise DataError(f"The jib accelerates the trolley sideways by up to {strongest:.3g} m/s²; allowed is up to {STRONGEST:g} m/s².")
     return t, theta, paper_model(t, theta, theta_rate, excitation, float(length.mean()), gravity), excitation
 
 

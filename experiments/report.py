@@ -13,8 +13,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from cranedyn.command import INTERRUPTED, Parser, command
-from cranedyn.data.files import check_writable, digest, make_folder, parse_json, read_bytes, read_text, write_text
+from cranedyn.command import INTERRUPTED, REFUSED, Parser, command
+from cranedyn.data.files import check_writable, digest, parse_json, read_bytes, read_text, reserved, write_text
 from cranedyn.errors import DataError, UnknownName
 from experiments import harness
 from experiments.harness.arguments import add_engine
@@ -158,15 +158,16 @@ def _main(options: argparse.Namespace) -> int:
     for name in options.only:
         if name not in EXPERIMENTS:
             raise UnknownName("experiment", name, EXPERIMENTS)
-    check_writable(folder / "report.html")
-    for name in options.only:
-        if options.again or not _made(folder / name):
-            make_folder(folder)
-            code = importlib.import_module(f"experiments.{name}").main([*EXPERIMENTS[name], *engine, "--out", str(folder / name)])
-            if code == INTERRUPTED:
+    missing = [name for name in options.only if options.again or not _made(folder / name)]
+    for file in (folder / "report.html", *(folder / name / "result.json" for name in missing)):
+        check_writable(file)
+    with reserved(folder):  # it is there for them, and gone again if they leave nothing
+        for name in missing:
+            code = importlib.import_module(f"experiments.{name}").main([*EXPERIMENTS[name], *engine, f"--out={folder / name}"])
+            if code in (INTERRUPTED, REFUSED):
                 return code
             codes.append(code)
-    write_text(folder / "report.html", page([folder / name for name in options.only]))
+        write_text(folder / "report.html", page([folder / name for name in options.only]))
     print(f"Written to {folder / 'report.html'}.")
     return max(codes)
 

@@ -17,7 +17,7 @@ from rich.progress import Progress
 from cranedyn.command import Parser, command
 from cranedyn.data.files import reserved, together
 from cranedyn.errors import number
-from cranedyn.recording.snapshot import animate, snapshot
+from cranedyn.recording.snapshot import animate, film, snapshot
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -47,6 +47,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _pictures(given: argparse.Namespace) -> list[Path]:
     size, whole, paths = tuple(given.size), given.view == "dashboard", []
+    if given.gif:
+        span = number("START", given.gif[0], "s"), number("END", given.gif[1], "s")
+        film(span, given.gif[2], fps=given.fps, size=size)  # judged before a picture is taken
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("pictures", total=None)
 
@@ -56,7 +59,6 @@ def _pictures(given: argparse.Namespace) -> list[Path]:
         if given.times:
             paths += snapshot(given.recording, given.times, given.out, size=size, whole=whole, progress=progress)
         if given.gif:
-            span = number("START", given.gif[0], "s"), number("END", given.gif[1], "s")
             paths.append(animate(given.recording, span, given.gif[2], fps=given.fps, size=size, whole=whole, progress=progress))
     return paths
 

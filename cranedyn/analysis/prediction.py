@@ -14,7 +14,7 @@ from cranedyn.dynamics.linearisation import feedback_gain, sampled, swing_mode
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.tabulated import checked_setpoint
+from cranedyn.references.tabulated import tabulated
 from cranedyn.theory import amplitude_factor, hoist_compliance
 
 _GONE = 300.0
@@ -83,10 +83,8 @@ def free_swing(
     plant = sampled(crane, State(rest, np.zeros(layout.n)), dt=dt, control_period=control_period)
     loop = plant.closed(feedback_gain(crane, hold.stiffness, hold.damping))
     mode = swing_mode(loop, control_period, coordinate=radial)
-    excitations = [
-        hold.stiffness * (checked_setpoint(reference(k * control_period), (layout.m,)).position - start.q[layout.drives])
-        for k in range(round(since / control_period))
-    ]
+    times = control_period * np.arange(round(since / control_period))
+    excitations = hold.stiffness * (tabulated(reference, times, layout.m).position - start.q[layout.drives])
     last = max((k for k, excitation in enumerate(excitations) if excitation.any()), default=0)
     z = np.zeros(2 * layout.n)
     for excitation in excitations[: last + 1]:

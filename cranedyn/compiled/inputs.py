@@ -17,7 +17,7 @@ from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.references import hold
-from cranedyn.references.tabulated import tabulated
+from cranedyn.references.tabulated import owned, tabulated
 
 _LARGEST = 4e9
 """Memory that a batch may take, tables and records among it [byte]."""
@@ -175,7 +175,8 @@ def one_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
 
 
 def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) -> Affine:
-    common = form(controller, times, setpoint, width)
+    with owned("controller"):
+        common = form(controller, times, setpoint, width)
     if common is None:
         raise CraneError(f"{type(controller).__name__} is not affine in the state, or has run before; a batch needs one that is.")
     if lacking := common.lacking():

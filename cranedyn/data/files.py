@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 from cranedyn.errors import DataError, quoted
 
@@ -144,17 +144,35 @@ def _locked(folder: Path) -> int:
             continue  # another writer has just removed it
         except OSError as error:
             raise DataError(f"Cannot write to {folder}: {error.strerror}.") from error
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(lock)
-            raise DataError(f"Cannot write to {folder}: another run is writing there; wait for it, or give another folder.") from None
-        except OSError:
+        outcome = flocked(lock, folder)
+        if outcome in ("ours", "unknown"):
             return lock
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(lock), os.stat(folder)):
-                return lock
         os.close(lock)
+        if outcome == "taken":
+            raise DataError(f"Cannot write to {folder}: another run is writing there; wait for it, or give another folder.")
+
+
+def flocked(file: int, path: Path) -> Literal["ours", "taken", "gone", "unknown"]:
+    """Lock what was opened at a path for this process, and say whether that is done.
+
+    Args:
+        file: Its descriptor; the lock goes with it.
+        path: Its name.
+
+    Returns:
+        "ours" if it is locked now; "taken" if another process has it; "gone" if its name has come to stand for something else since it was
+        opened; "unknown" where the file system knows no locks.
+    """
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return "taken"
+    except OSError:
+        return "unknown"
+    with suppress(FileNotFoundError):
+        if os.path.samestat(os.fstat(file), os.stat(path)):
+            return "ours"
+    return "gone"
 
 
 def remove_empty(folders: Sequence[Path]) -> None:

@@ -131,9 +131,10 @@ def valid(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buff
     return np.logical_and.reduce([bound.holds for bound in _of_rows(crane, q, v, hoist, buffers)])
 
 
+@checked
 def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
     """Force of the hoist among the efforts of the drives in rows [N], shape (rows,); zero without a hoist."""
-    hoist = crane.layout.drive_of("hoist")
+    hoist, effort = crane.layout.drive_of("hoist"), shaped("effort", effort, ("rows", crane.layout.m))
     return np.zeros(len(effort)) if hoist is None else effort[:, hoist]
 
 

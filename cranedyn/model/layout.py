@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cranedyn.arguments import taken
 from cranedyn.errors import MissingRole, ModelError, OutOfRange, UnknownName, number
 
 _COUNTS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
@@ -268,7 +269,7 @@ def roles_of(names: Iterable[str], given: Mapping[str, str] | None) -> dict[str,
     if given is None:
         return {role.joint: part for part, role in ROLES.items() if role.joint in there}
     found: dict[str, str] = {}
-    for part, joint in given.items():
+    for part, joint in taken("joints", given, Mapping[str, str]).items():
         if part not in ROLES:
             raise UnknownName("role", part, ROLES)
         if joint not in there:

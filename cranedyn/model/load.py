@@ -181,7 +181,7 @@ def _armature(robot: ET.Element, names: Sequence[str]) -> np.ndarray:
 
 def _payload(model: pin.Model, name: str | None, path: Path) -> int:
     """The joint that carries the payload, by its place among the coordinates."""
-    names = _names(model)
+    names, name = _names(model), taken("payload", name, str | None)
     if name is not None:
         if name not in names:
             raise UnknownName("moving joint", name, names)
@@ -195,6 +195,7 @@ def _payload(model: pin.Model, name: str | None, path: Path) -> int:
 
 def _driven(robot: ET.Element, names: Sequence[str], given: Sequence[str] | None, path: Path) -> set[str]:
     """Names of the joints that drives move."""
+    given = taken("driven", given, Sequence[str] | None)
     own = {joint.get("name", "") for joint in robot.iterfind("ros2_control/joint") if joint.find("command_interface") is not None}
     if given is not None and own and own != {*given}:
         raise ModelError(
@@ -315,7 +316,6 @@ def _check_numbers(model: pin.Model, layout: Layout, load: int) -> None:
             raise OutOfRange(f"inertia moved by {joint.name}", inertia.inertia.tolist(), "positive semidefinite", "kg m²")
         if joint.role == "hoist":
             number("shortest cable", low, "m", "> 0")
-    number("payload mass", model.inertias[load + 1].mass, "kg", "> 0")
     number("payload mass", model.inertias[load + 1].mass, "kg", f"{_LIGHTEST:g} to 1e30")
 
 

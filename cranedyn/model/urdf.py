@@ -179,7 +179,7 @@ def _check_joint(joint: ET.Element, where: str) -> None:
     if kind in _TYPES[:2] and joint.find("limit") is None:
         raise ModelError(f"The {where} is {kind} and has no limit.")
     dynamics = joint.find("dynamics")
-    if dynamics is not None and not dynamics.keys() & _NUMBERS["dynamics"].keys():
+    if dynamics is not None and not {*dynamics.keys()} & {"damping", "friction"}:
         raise ModelError(f"The dynamics of {where} needs a damping.")
 
 

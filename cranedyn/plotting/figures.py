@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,9 @@ def save(figure: Figure, path: str | Path) -> Path:
     Raises:
         DataError: If the file cannot be written.
     """
-    with mpl.rc_context(_STYLE), written(path) as file:
-        figure.savefig(file, dpi=130)
+    picture = io.BytesIO()  # given a path, the library leaves the file open where Ctrl-C comes meanwhile
+    with mpl.rc_context(_STYLE):
+        figure.savefig(picture, format="png", dpi=130)
+    with written(path) as draft:
+        draft.write_bytes(picture.getvalue())
     return Path(path)

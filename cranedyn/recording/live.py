@@ -14,7 +14,7 @@ from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
 from cranedyn.recording.dashboard import dashboard
 from cranedyn.recording.record import check_enabled, describe
-from cranedyn.recording.run import Run
+from cranedyn.recording.run import Run, utf8
 from cranedyn.recording.scene import PATH_SECONDS, Scene, looks
 from cranedyn.recording.series import log_series, table
 
@@ -44,7 +44,7 @@ class Live:
             DataError: If the file cannot be written.
             CraneError: If Rerun is switched off in the environment.
         """
-        self._crane, self._name, self._title, self._text = crane, name, title, text
+        self._crane, self._name, self._title, self._text = crane, name, utf8(title), utf8(text)
         check_enabled()
         self._recording = rr.RecordingStream("cranedyn-live", send_properties=False)
         self._file = None if file is None else Path(file)

@@ -16,7 +16,7 @@ from cranedyn.data.files import written
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, DataError, OutOfRange, printable, quoted
 from cranedyn.recording.dashboard import dashboard
-from cranedyn.recording.run import Run
+from cranedyn.recording.run import Run, utf8
 from cranedyn.recording.scene import PATH_SECONDS, Scene, looks
 from cranedyn.recording.series import Table, log_series, table
 
@@ -49,7 +49,7 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
         DataError: If the file cannot be written.
         CraneError: If Rerun is switched off in the environment.
     """
-    path = Path(path)
+    path, title, text = Path(path), utf8(title), utf8(text)
     _check(path, runs)
     check_enabled()
     tables = [_finite_table(run) for run in runs]

@@ -32,6 +32,10 @@ class Run:
     trajectory: Trajectory
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
+    def __post_init__(self) -> None:
+        """Have a name that can be written."""
+        object.__setattr__(self, "name", utf8(self.name))
+
     def entity(self, *parts: str) -> str:
         """Path of an entity of this run."""
         return rr.new_entity_path([self.name, *parts])
@@ -39,6 +43,11 @@ class Run:
     def frame(self, name: str) -> str:
         """Name of a coordinate frame of this run, from the name of a link."""
         return f"{self.name}: {name}"
+
+
+def utf8(text: str) -> str:
+    """A text with what UTF-8 cannot write escaped, as in names of files that are not text."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def clock(t: np.ndarray) -> list[rr.TimeColumn]:

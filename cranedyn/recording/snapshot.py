@@ -6,6 +6,7 @@ import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image, ImageOps
@@ -53,8 +54,7 @@ def snapshot(
     with _pictures(recording, times, size, whole) as pictures:
         for name, picture in zip(names, pictures, strict=True):
             path = make_folder(Path(folder)) / name
-            with written(path) as draft:
-                picture.save(draft, "PNG")
+            _write(path, picture, "PNG")
             found.append(path)
             if progress is not None:
                 progress(len(found))
@@ -89,6 +89,34 @@ def animate(
         DataError: If the recording cannot be read or the GIF cannot be written.
         CraneError: If there is no viewer, or no driver for it.
     """
+    path, times = Path(path), film(span, path, fps=fps, size=size)
+    shown = np.diff(np.round(100 * np.append(times - times[0], span[1] - span[0] + 1 / fps)))
+    frames: list[Image.Image] = []
+    with _pictures(Path(recording), times.tolist(), size, whole) as pictures:
+        for picture in pictures:
+            frames.append(picture.quantize(palette=frames[0], dither=Image.Dither.NONE) if frames else picture.quantize(128))
+            if progress is not None:
+                progress(len(frames))
+    _write(path, frames[0], "GIF", save_all=True, append_images=frames[1:], duration=(10 * shown).astype(int).tolist(), loop=0)
+    return path
+
+
+def _write(path: Path, picture: Image.Image, kind: str, **more: Any) -> None:
+    """Write a picture; given a path itself, the library leaves the file open where Ctrl-C comes meanwhile."""
+    whole = io.BytesIO()
+    picture.save(whole, kind, **more)
+    with written(path) as draft:
+        draft.write_bytes(whole.getvalue())
+
+
+@checked
+def film(span: tuple[float, float], path: str | Path, *, fps: float = 10.0, size: tuple[int, int] = (640, 480)) -> np.ndarray:
+    """When the pictures of a GIF are taken [s], shape (n,), judged before any is: what `animate` is given must make one.
+
+    Raises:
+        OutOfRange: For a span that is empty, a rate or a size that is not allowed, or too many pictures.
+        DataError: If the GIF cannot be written there.
+    """
     path = Path(path)
     if path.suffix != ".gif":
         raise DataError(f"Cannot write {path}: the ending must be .gif.")
@@ -102,17 +130,7 @@ def animate(
             "number of pictures", f"{count:.0f}", f"{_MOST_PIXELS // (width * height):.0f} or fewer of {width} x {height} pixels"
         )
     check_writable(path)
-    times = np.linspace(start, end, int(count))
-    shown = np.diff(np.round(100 * np.append(times - start, end - start + 1 / rate)))
-    frames: list[Image.Image] = []
-    with _pictures(Path(recording), times.tolist(), size, whole) as pictures:
-        for picture in pictures:
-            frames.append(picture.quantize(palette=frames[0], dither=Image.Dither.NONE) if frames else picture.quantize(128))
-            if progress is not None:
-                progress(len(frames))
-    with written(path) as draft:
-        frames[0].save(draft, "GIF", save_all=True, append_images=frames[1:], duration=(10 * shown).astype(int).tolist(), loop=0)
-    return path
+    return np.linspace(start, end, int(count))
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import OutOfRange, number, quoted
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 
@@ -36,7 +36,7 @@ def leg_target(crane: Crane, leg: Leg, here: np.ndarray) -> np.ndarray:
     """
     target = here.copy()
     for symbol, value in leg.targets.items():
-        target[crane.layout.drive(symbol)] = number(f"{symbol} of leg {leg.name!r}", value)
+        target[crane.layout.drive(symbol)] = number(f"{symbol} of leg {quoted(leg.name)}", value)
     return target
 
 
@@ -148,7 +148,9 @@ def itinerary(crane: Crane, start: State, legs: Sequence[Leg], *, rates: Sequenc
     here, t = start.q[crane.layout.drives], 0.0
     for leg in legs:
         target = leg_target(crane, leg, here)
-        arrival = t + float(np.max(np.abs(target - here) / limits))
+        with np.errstate(over="ignore"):
+            lasts = float(np.max(np.abs(target - here) / limits))
+        arrival = t + number(f"time that leg {quoted(leg.name)} takes at these rates", lasts, "s")
         stages.append(Stage(leg, here, target, t, arrival, arrival + dwell))
         here, t = target, arrival + dwell
     if not stages or t == 0.0:

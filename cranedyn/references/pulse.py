@@ -10,7 +10,7 @@ from cranedyn.arguments import checked
 from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
-from cranedyn.references.tabulated import tabulated
+from cranedyn.references.tabulated import checked_setpoint, tabulated
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +30,12 @@ class Pulse:
 
     def __call__(self, t: float) -> Setpoint:
         """The setpoint at a time [s]."""
-        setpoint = self.base(t)
+        setpoint = checked_setpoint(self.base(t), self.step.shape)
         return setpoint._replace(position=setpoint.position + self.step) if self.first <= t < self.last else setpoint
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (n, m) each."""
-        setpoint = tabulated(self.base, times)
+        setpoint = tabulated(self.base, times, len(self.step))
         aside = (self.first <= times) & (times < self.last)
         return setpoint._replace(position=setpoint.position + np.outer(aside, self.step))
 

@@ -11,7 +11,7 @@ from cranedyn.arguments import checked
 from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
-from cranedyn.references.tabulated import tabulated
+from cranedyn.references.tabulated import checked_setpoint, tabulated
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Ramp:
 
     def __call__(self, t: float) -> Setpoint:
         """The setpoint at a time [s]."""
-        setpoint = self.base(t)
+        setpoint = checked_setpoint(self.base(t), self.rates.shape)
         if t < self.first:
             return setpoint
         moved = setpoint._replace(position=setpoint.position + (min(t, self.last) - self.first) * self.rates)
@@ -39,7 +39,7 @@ class Ramp:
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (n, m) each."""
-        setpoint = tabulated(self.base, times)
+        setpoint = tabulated(self.base, times, len(self.rates))
         gone, moving = np.clip(times, self.first, self.last) - self.first, (self.first <= times) & (times < self.last)
         position, velocity = setpoint.position + np.outer(gone, self.rates), setpoint.velocity + np.outer(moving, self.rates)
         return Setpoint(position, velocity, setpoint.acceleration)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import described
+from cranedyn.arguments import described, told
 from cranedyn.arrays import finite
-from cranedyn.errors import Misshapen
+from cranedyn.errors import CraneError, Misshapen
 from cranedyn.interfaces import Reference, Setpoint
 
 _PARTS = ("position", "velocity", "acceleration")
@@ -59,13 +61,32 @@ def tabulated(reference: Reference, times: np.ndarray, drives: int | None = None
     Raises:
         Misshapen: If it answers with anything but arrays of that shape.
         OutOfRange: If a number is not finite.
+        CraneError: If it raises an error, which is then its cause.
     """
     columns = "m" if drives is None else drives
     at_once = getattr(reference, "at", None)
-    if at_once is not None:
-        return checked_setpoint(at_once(times), (len(times), columns))
-    rows = [checked_setpoint(reference(t), (columns,)) for t in times.tolist()]
+    with owned("reference"):
+        if at_once is not None:
+            return checked_setpoint(at_once(times), (len(times), columns))
+        rows = [checked_setpoint(reference(t), (columns,)) for t in times.tolist()]
+    if not rows:
+        return Setpoint(*np.empty((3, 0, drives or 0)))
     return Setpoint(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))
+
+
+@contextmanager
+def owned(whose: str) -> Iterator[None]:
+    """Where a caller's own function is asked: what it raises becomes a sentence that says where.
+
+    Raises:
+        CraneError: If it raises anything else; that is its cause.
+    """
+    try:
+        yield
+    except CraneError:
+        raise
+    except Exception as error:
+        raise CraneError(f"The {whose} raised {told(error)}") from error
 
 
 class Tabulating(ABC):

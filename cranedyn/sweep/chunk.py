@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pyarrow as pa
 
-from cranedyn.errors import CraneError, DataError
+from cranedyn.errors import CraneError, DataError, shown
 from cranedyn.sweep.design import RESERVED
 from cranedyn.sweep.sources import digest, sources
 
@@ -35,7 +35,7 @@ def name_of(study: Study) -> str:
         spec = getattr(sys.modules["__main__"], "__spec__", None)
         module = spec.name if spec else None
     if not (callable(study) and module and name.isidentifier()):
-        raise CraneError(f"A study must be a function at the top of a module that workers can import; {study!r} is not.")
+        raise CraneError(f"A study must be a function at the top of a module that workers can import; {shown(study)} is not.")
     return f"{module}:{name}"
 
 
@@ -117,7 +117,7 @@ def _table(found: object, count: int, parameters: set[str]) -> pa.Table:
     for name, values in found.items():
         if not isinstance(name, str) or name in parameters or name in RESERVED:
             raise DataError(
-                f"The study returned a column {name!r}; allowed is any name that no parameter has, but not {', '.join(RESERVED)}."
+                f"The study returned a column {shown(name)}; allowed is any name that no parameter has, but not {', '.join(RESERVED)}."
             )
         columns[name] = _column(name, values, count)
         if columns[name].dtype.kind == "f":

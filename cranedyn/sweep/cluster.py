@@ -22,7 +22,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pyarrow as pa
 
-from cranedyn.errors import CraneError, DataError
+from cranedyn.errors import CraneError, DataError, shown, written_out
 from cranedyn.sweep.chunk import DIED, evaluate
 from cranedyn.sweep.pool import Rows
 
@@ -214,16 +214,18 @@ def _check_security(scheduler: str, security: Security | None) -> None:
     from distributed.security import Security
 
     if security is not None and not isinstance(security, Security):
-        raise CraneError(f"security is {security!r}; allowed is a distributed.security.Security.")
+        raise CraneError(f"security is {shown(security)}; allowed is a distributed.security.Security.")
     try:
         context = (security or Security()).get_connection_args("client")["ssl_context"]
     except (OSError, ValueError, TypeError) as error:
         raise DataError(f"The certificates for TLS cannot be used: {error}.") from error
-    encrypted = str(scheduler).startswith("tls://")
+    encrypted = written_out(scheduler).startswith("tls://")
     if encrypted and context is None:
         raise CraneError(f"The scheduler at {scheduler} needs certificates for TLS; give them, see docs/sweeps.md.")
     if security is not None and not encrypted:
-        raise CraneError(f"Certificates have no effect on {scheduler}; the address of a scheduler with TLS begins with tls://.")
+        raise CraneError(
+            f"Certificates have no effect on {written_out(scheduler)}; the address of a scheduler with TLS begins with tls://."
+        )
 
 
 def _check_address(scheduler: str) -> None:
@@ -240,7 +242,7 @@ def _check_address(scheduler: str) -> None:
     if not (
         host and port and parts.scheme in ("tcp", "tls") and "@" not in parts.netloc and scheduler == f"{parts.scheme}://{parts.netloc}"
     ):
-        raise CraneError(f"The address of a scheduler is {scheduler!r}; allowed is one like tcp://127.0.0.1:8786.")
+        raise CraneError(f"The address of a scheduler is {shown(scheduler)}; allowed is one like tcp://127.0.0.1:8786.")
     greeting = _greeting(scheduler, (host, port), 8 if parts.scheme == "tcp" else 0)
     if parts.scheme == "tcp" and (len(greeting) < 8 or int.from_bytes(greeting, "little") > _LONGEST_GREETING):
         raise CraneError(f"No Dask scheduler answers at {scheduler}: what listens there is something else.")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number
+from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number, shown
 from cranedyn.sweep.limits import check_memory, whole
 
 RESERVED = ("case", "error")
@@ -155,8 +155,8 @@ def _range(name: str, given: Any) -> tuple[float, float]:
 
 
 def _column(name: str, given: Values) -> np.ndarray:
-    if not name or not name.isprintable() or name in RESERVED:
-        raise CraneError(f"A parameter cannot be called {name!r}; allowed is any word but {' and '.join(RESERVED)}.")
+    if not isinstance(name, str) or not name or not name.isprintable() or name in RESERVED:
+        raise CraneError(f"A parameter cannot be called {shown(name)}; allowed is any word but {' and '.join(RESERVED)}.")
     values = np.array(given, dtype=float) if isinstance(given, np.ndarray) and given.dtype.kind in "biuf" else _listed(name, given)
     if values.ndim != 1:
         raise OutOfRange(f"shape of {name}", values.shape, "one row of values")

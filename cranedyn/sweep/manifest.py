@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -15,8 +14,8 @@ from functools import cached_property
 from importlib import metadata
 from pathlib import Path
 
-from cranedyn.data.files import make_folder, read_text, written
-from cranedyn.errors import CraneError, DataError
+from cranedyn.data.files import flocked, make_folder, parse_json, read_text, written
+from cranedyn.errors import CraneError, DataError, shown
 from cranedyn.sweep.sources import changed
 
 MANIFEST, LOCK, PART = "_sweep.json", ".lock", "part-{:06d}.parquet"
@@ -77,7 +76,7 @@ def as_folder(given: str | Path) -> Path:
         DataError: If it cannot be one.
     """
     if not isinstance(given, (str, os.PathLike)) or not str(given) or "\0" in str(given):
-        raise DataError(f"The folder of a sweep is {given!r}; allowed is a path.")
+        raise DataError(f"The folder of a sweep is {shown(given)}; allowed is a path.")
     return Path(given)
 
 
@@ -100,7 +99,7 @@ def read_manifest(folder: Path) -> Manifest:
         raise DataError(f"{folder} holds no sweep: there is no {MANIFEST} in it.")
     text = read_text(path)
     try:
-        found = json.loads(text)
+        found = parse_json(text)
         checksum = found.pop("checksum")
         manifest = Manifest(**{**found, "parameters": tuple(found["parameters"])})
         if not (_sound(manifest) and manifest.checksum == checksum):
@@ -206,12 +205,7 @@ def _locked(folder: Path) -> Iterator[None]:
     try:
         if not stat.S_ISREG(os.fstat(file).st_mode):
             raise DataError(f"Cannot sweep in {folder}: {LOCK} in it is no file.")
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            mine = os.path.samestat(os.fstat(file), os.stat(path))  # not one that a refused sweep has just removed
-        except OSError:
-            mine = False
-        if not mine:
+        if flocked(file, path) in ("taken", "gone"):  # gone with a refused sweep, which has just removed it
             raise DataError(f"Cannot sweep in {folder}: another process is sweeping there.")
         yield
     finally:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import pyarrow as pa
 
 from cranedyn.arguments import taken
-from cranedyn.errors import CraneError, within
+from cranedyn.errors import CraneError, shown, within
 from cranedyn.sweep.chunk import Study, failed, joined, name_of
 from cranedyn.sweep.cluster import Cluster
 from cranedyn.sweep.design import Design
@@ -96,7 +96,7 @@ def sweep(
         KeyboardInterrupt: After Ctrl-C, with a sentence that says what is done.
     """
     if not isinstance(design, Design):
-        raise CraneError(f"design is {design!r}; allowed is a Design, of which grid, sampled and cross make some.")
+        raise CraneError(f"design is {shown(design)}; allowed is a Design, of which grid, sampled and cross make some.")
     progress = taken("progress", progress, Callable[[Progress], None] | None)
     pool_of = _pool(workers, scheduler, security, limit)
     size = max(1, min(_LARGEST, -(-len(design) // _PARTS))) if chunk is None else whole("chunk", chunk, 1)

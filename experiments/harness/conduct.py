@@ -58,6 +58,8 @@ def _ran(experiment: Experiment, options: argparse.Namespace) -> Outcome:
     document = read_document(options.document, options.experiment) if hasattr(options, "document") else None
     with reporting() as reporter:
         outcome = with_events(experiment(options, setup_of(options, reporter)))
+    if document is not None:
+        document.filled(outcome.tables)  # what it asks for is there, or nothing is written
     _write(outcome, options)
     if document is not None:
         document.write(outcome.tables)

@@ -49,13 +49,21 @@ class Document:
         Raises:
             DataError: If the file cannot be written, or a block asks for a table that is not there.
         """
+        write_text(self.path, self.filled(tables))
+
+    def filled(self, tables: Sequence[Table]) -> str:
+        """The text with tables where those of the same titles were.
+
+        Raises:
+            DataError: If a block asks for a table that is not there.
+        """
 
         def filled(block: re.Match[str]) -> str:
             if block["experiment"] != self.experiment:
                 return block[0]
             return "\n".join([block[1], *(f"{table.markdown()}\n" for table in self._asked(block, tables)), block[5]])
 
-        write_text(self.path, _BLOCK.sub(filled, self.text))
+        return _BLOCK.sub(filled, self.text)
 
     def stale(self, tables: Sequence[Table], *, part: bool = False, rounding: float = 0.0) -> list[str]:
         """Where it shows something else than tables made anew, a sentence each.

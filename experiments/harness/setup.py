@@ -24,7 +24,8 @@ from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from experiments.harness.arguments import add_mode
 
-_LARGEST, _LONGEST_GAP = 1e6, 0.5
+_LARGEST, _FASTEST, _LONGEST_GAP = 1e6, 10.0, 0.5
+"""Of what was recorded elsewhere: largest number in any unit, fastest angle [rad/s], and longest time from row to row [s]."""
 
 _BEAT = 0.5
 """How much time passes in a run before its progress is shown again [s]."""
@@ -209,15 +210,16 @@ def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
     """Columns of a file recorded elsewhere, time `t_s` and the cable length `l_m` among them.
 
     Raises:
-        DataError: As `read_columns`, if a cable is shorter than a millimetre, a number is beyond a million of its unit, or
-            rows are more than half a second apart.
+        DataError: As `read_columns`, if a cable is shorter than a millimetre, an angle changes by more than 10 rad/s, any other number is
+            beyond a million of its unit, or rows are more than half a second apart.
     """
     data = read_columns(file, columns)
     for name, values in data.items():
-        low = 1e-3 if name == "l_m" else -_LARGEST
+        high = _FASTEST if name.endswith("_rad_s") else _LARGEST
+        low = 1e-3 if name == "l_m" else -high
         for extreme in (values.min(), values.max()):
-            if not low <= extreme <= _LARGEST:
-                raise DataError(f"{file}: {name} is {extreme:g} in some row; allowed is {low:g} to {_LARGEST:g}.")
+            if not low <= extreme <= high:
+                raise DataError(f"{file}: {name} is {extreme:g} in some row; allowed is {low:g} to {high:g}.")
     if (gap := np.diff(data["t_s"]).max()) > _LONGEST_GAP:
         raise DataError(f"{file}: t_s leaves a gap of {gap:g} s; allowed are {_LONGEST_GAP:g} s from row to row.")
     return data

@@ -16,6 +16,7 @@ from functools import cache
 from pathlib import Path
 from random import Random
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pyarrow as pa
@@ -164,7 +165,7 @@ def load(content: bytes, folder: Path, *, whole: bool = False) -> None:
     crane = load_crane(path)
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        _finite("acceleration", acceleration(crane, crane.start, np.array([0.0, 0.0, -crane.payload_mass * crane.gravity])))
+        _finite("acceleration", acceleration(crane, crane.start, np.zeros(crane.layout.m)))
         _finite("energy", np.array(energy(crane, crane.start)))
         if whole:
             run = simulate(crane, hold_controller(crane), duration=0.02, validity="mark")
@@ -409,7 +410,11 @@ def _result(content: bytes, which: int, folder: Path) -> str:
     place.mkdir()
     (place / "a.png").write_bytes(_PICTURE)
     (place / "result.json").write_bytes(content)
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as err:
+    with (
+        patch.object(a1, "main", lambda argv: 1),  # where a file that it lists is missing, it is made again
+        redirect_stdout(io.StringIO()),
+        redirect_stderr(io.StringIO()) as err,
+    ):
         code = report.main(["--out", str(folder), "--only", "a1"])
     page = folder / "report.html"
     if code == 2 and (page.exists() or not re.fullmatch(r"error: [^\n]+\.\n", err.getvalue())):

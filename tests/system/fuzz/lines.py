@@ -232,7 +232,7 @@ class _Words:
             return str(rng.choice(list(action.choices)))
         if ":=" in shown:
             name = rng.choice(sorted(settings()))
-            pair = f"{name}:={self._number(float(settings()[name].default))}"
+            pair = f"{name}:={self._number(_usual(name))}"
             return pair if rng.random() > 0.1 * self._odd else rng.choice([name, pair.replace(":=", "="), f":={name}", f"{name}:=", "x:=1"])
         if any(word in shown for word in ("FILE", "DIR", "RECORDING")):
             return rng.choice(FILES) if rng.random() < self._odd else rng.choice(GOOD_FILES)
@@ -256,6 +256,14 @@ class _Words:
 def settings() -> dict[str, Argument]:
     """The numbers of the crane that can be set."""
     return arguments()
+
+
+def _usual(name: str) -> float:
+    """The default of a number of the crane; 1 where that is another number's."""
+    try:
+        return float(settings()[name].default)
+    except ValueError:
+        return 1.0
 
 
 @cache
@@ -406,7 +414,7 @@ class _Inline:
 
 
 class _Served:
-    address, data = "nowhere", ""
+    address, data, words = "nowhere", "", "Served nowhere."
 
     def __enter__(self) -> _Served:
         return self
