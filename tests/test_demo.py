@@ -71,9 +71,9 @@ def test_every_dwell_stands_still_as_long_as_asked_for() -> None:
     [
         ((Leg("away", x=15.0),), RATES, 6.0, "end of the tour"),
         ((), RATES, 6.0, "tour is empty"),
-        (ARTICLE_TOUR, (0.08, 0.0, 0.8), 6.0, "rate of trolley is 0.0 m/s"),
+        (ARTICLE_TOUR, (0.08, 0.0, 0.8), 6.0, "rate of x is 0.0 m/s"),
         (ARTICLE_TOUR, RATES, -1.0, "dwell is -1.0 s"),
-        ((Leg("nowhere", x=float("nan")), Leg("back", x=10.0)), RATES, 6.0, "target of leg 'nowhere'"),
+        ((Leg("nowhere", x=float("nan")), Leg("back", x=10.0)), RATES, 6.0, "x of leg nowhere is nan"),
     ],
 )
 def test_an_impossible_tour_is_refused_with_a_sentence(legs: tuple[Leg, ...], rates: tuple[float, ...], dwell: float, words: str) -> None:
@@ -134,7 +134,7 @@ def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_i
     dwells = Dwells(tour, setup.control_period)
     dwells.add(run.between(0.0, tour.stages[0].end))
     assert [claim.holds for claim in demo._bare(setup, tour, dwells)] == [True, True]
-    monkeypatch.setattr(demo, "DAMPING", (0.0, 4.0 * demo.DAMPING[1], 0.0))
+    monkeypatch.setattr(demo, "DAMPING", {"trolley": 4.0 * demo.DAMPING["trolley"]})
     dwells.rows = [Dwell("leg", 0.0, 100.0, 9.0)]  # 9 mm at the hook count as settled
     assert [claim.holds for claim in demo._bare(setup, tour, dwells)] == [False, False]
 

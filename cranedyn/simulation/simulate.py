@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-import traceback
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
-from cranedyn.arguments import checked
+from cranedyn.arguments import checked, told
 from cranedyn.clocks import Timed, clocks
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.validity import first_event
-from cranedyn.errors import CraneError, OutOfRange, RunError, number, written_out
+from cranedyn.errors import CraneError, OutOfRange, RunError, number
 from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Validity
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold
@@ -154,14 +152,6 @@ def simulate(
             raise
         look_back()
         joint, value = (error.joint, error.value) if isinstance(error, RunError) else ("", float("nan"))
-        sentence = str(error) if isinstance(error, RunError) else f"At t = {t:.4g} s: {_told(error)}"
+        sentence = str(error) if isinstance(error, RunError) else f"At t = {t:.4g} s: {told(error)}"
         raise RunError(sentence, t=t, joint=joint, value=value, trajectory=recorded()) from error
     return recorded()
-
-
-def _told(error: Exception) -> str:
-    """An error as a sentence; one that is not ours, which a controller may raise, with the place where it was raised."""
-    if isinstance(error, CraneError):
-        return str(error)
-    *_, place = traceback.extract_tb(error.__traceback__)
-    return f"{type(error).__name__} in {place.name}, line {place.lineno} of {Path(place.filename).name}: {written_out(error)}."
