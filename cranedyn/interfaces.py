@@ -50,7 +50,7 @@ class State(NamedTuple):
 
     def check_fits(self, name: str, layout: Any) -> None:
         """See `cranedyn.arguments.OfCrane`."""
-        if self.q.shape[-1:] != (layout.n,):  # a batch takes one with rows
+        if isinstance(self.q, np.ndarray) and self.q.shape[-1:] != (layout.n,):  # a batch takes one with rows, and looks at it itself
             raise OutOfRange(name, f"a state of {self.q.size} coordinates", f"one of {layout.n}: {', '.join(layout.symbols)}")
 
 

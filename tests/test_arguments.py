@@ -469,4 +469,5 @@ def test_the_fields_of_a_crane_are_those_that_make_it() -> None:
         "effort_limit",
         "start",
         "points",
+        "record",
     ]
