@@ -39,8 +39,8 @@ _WORDS = {
 def checked(taker: _Any) -> _Any:
     """Have the arguments of a function, or those that a class is made with, held against their annotations at every call.
 
-    Numbers arrive as floats and arrays as arrays of floats. A callable must take as many arguments as its annotation says. A class can say
-    itself what may stand for it, by a class method ``checked(name, value)``.
+    Numbers arrive as floats and arrays as arrays of floats, so do those of further names (``**numbers: float``). A callable must take as many
+    arguments as its annotation says. A class can say itself what may stand for it, by a class method ``checked(name, value)``.
 
     The function then raises:
         OutOfRange: If an argument is of another kind.
@@ -50,6 +50,7 @@ def checked(taker: _Any) -> _Any:
         return taker
     signature = inspect.signature(taker)
     kinds = cache(lambda: get_type_hints(taker))
+    by_name = next((name for name, one in signature.parameters.items() if one.kind is one.VAR_KEYWORD), "")
     right = set[tuple[Any, ...]]()
 
     @wraps(taker)
@@ -64,10 +65,12 @@ def checked(taker: _Any) -> _Any:
         except TypeError:  # one is missing or unknown, which Python says best
             return taker(*args, **named)
         as_given = None not in axes
-        for name in given.arguments.keys() & kinds().keys():
-            value = given.arguments[name]
-            given.arguments[name] = taken(name, value, kinds()[name])
-            as_given &= given.arguments[name] is value
+        parts = [(given.arguments, name, name) for name in given.arguments.keys() & kinds().keys() - {by_name}]
+        parts += [(given.arguments[by_name], name, by_name) for name in given.arguments.get(by_name, ())]
+        for holder, name, parameter in parts:
+            value = holder[name]
+            holder[name] = taken(name, value, kinds()[parameter])
+            as_given &= holder[name] is value
         if as_given:
             right.add(asked)
         return taker(*given.args, **given.kwargs)
@@ -179,7 +182,8 @@ def _sequence(value: Any, kind: Any) -> Any:
 def _tuple(value: Any, kinds: Any) -> tuple[Any, ...]:
     if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray):
         raise TypeError
-    return tuple(_as(one, kind) for one, kind in zip(value, kinds, strict=True))
+    each = kinds[:1] * len(value) if kinds[-1] is Ellipsis else kinds
+    return tuple(_as(one, kind) for one, kind in zip(value, each, strict=True))
 
 
 def _callable(value: Any, arguments: Any) -> Any:
@@ -203,6 +207,8 @@ def _words(kind: Any) -> str:
     if origin is collections.abc.Callable:
         names = "" if inner[0] is Ellipsis else f" of {len(inner[0])}: {', '.join(getattr(one, '__name__', str(one)) for one in inner[0])}"
         return f"a callable{names}"
+    if origin is tuple and inner[-1] is Ellipsis:
+        return f"a sequence, each {_words(inner[0])}"
     if origin is tuple:
         return f"{len(inner)} of {' and '.join(sorted(set(map(_words, inner))))}"
     kind = origin or kind

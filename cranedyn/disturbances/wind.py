@@ -44,7 +44,9 @@ def constant_force(crane: Crane, *, at: float = 0.0, **forces: Sequence[float]) 
     """
     given = np.zeros((len(crane.points), 3))
     for name, force in forces.items():
-        given[_point(crane, name)] = finite(f"force on the {name}", force, (3,), unit="N")
+        if name not in crane.layout.points:
+            raise UnknownName("point", name, crane.layout.points)
+        given[crane.layout.points.index(name)] = finite(f"force on the {name}", force, (3,), unit="N")
     first, none = number("start of the force", at, "s"), np.zeros_like(given)
     return lambda t, state: given if t >= first else none
 
@@ -124,20 +126,14 @@ def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Dis
     """
     angle = number("direction of the wind", direction, "rad")
     along = np.array([math.cos(angle), math.sin(angle), 0.0])
-    each = np.zeros((len(crane.points), 1))
+    points, each = crane.layout.points, np.zeros((len(crane.points), 1))
     for name, area in areas.items():
-        point = name.removesuffix("_area")
-        each[_point(crane, point)] = number(f"drag area of the {point}", area, "m²", ">= 0")
+        if name not in (known := [f"{point}_area" for point in points]):
+            raise UnknownName("drag area", name, known)
+        each[known.index(name)] = number(f"drag area of the {name.removesuffix('_area')}", area, "m²", ">= 0")
 
     def disturbance(t: float, state: State) -> np.ndarray:
         relative = speed(t) * along - point_velocities(crane, state)
         return 0.5 * AIR_DENSITY * each * np.linalg.norm(relative, axis=1)[:, None] * relative
 
     return disturbance
-
-
-def _point(crane: Crane, name: str) -> int:
-    names = crane.layout.points
-    if name not in names:
-        raise UnknownName("point", name, names)
-    return names.index(name)

@@ -275,7 +275,7 @@ def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path)
 
     The articulated-body algorithm, which goes through other numbers, must accelerate the crane under all its efforts as that matrix does.
     """
-    data, none = model.createData(), np.zeros(5)
+    data, none = model.createData(), np.zeros(layout.n)
     mass = np.triu(pin.crba(model, data, q))
     mass += np.triu(mass, 1).T
     own = np.diag(mass)

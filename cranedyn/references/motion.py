@@ -49,6 +49,10 @@ class Motion:
             )
         if not len(self.q):
             raise OutOfRange("motion", "one of no row", "one row or more")
+        drives, n = finite("drives of a motion", self.drives, ("m",)).tolist(), self.q.shape[1]
+        if len({*drives} & {*range(n)}) < max(1, len(drives)):
+            raise OutOfRange("drives of a motion", drives, f"different whole numbers from 0 to {n - 1}")
+        object.__setattr__(self, "drives", np.array(drives, dtype=int))
 
     @property
     def arrival(self) -> float:

@@ -85,7 +85,7 @@ class Log:
     def fresh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates, rates and what holds the load of the rows not looked at before."""
         rows = slice(self._looked, self._rows)
-        return self._q[rows], self._v[rows], self._effort[rows, 2] + self._stop_force[rows]
+        return self._q[rows], self._v[rows], hoisting(self._crane, self._effort[rows]) + self._stop_force[rows]
 
     def looked_at(self) -> None:
         """Have all rows looked at."""
