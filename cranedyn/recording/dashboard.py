@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 
 from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.plotting.style import rgb
+from cranedyn.recording.extent import extent
 from cranedyn.recording.run import TIMELINE, Run
 from cranedyn.recording.scene import BACKGROUND
 from cranedyn.recording.series import Table, plot, plots
@@ -81,12 +82,26 @@ def _scene(runs: Sequence[Run]) -> rrb.Spatial3DView:
 
 
 def _eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
-    """Where the scene is seen from: square to the middle of the sector that the jibs sweep, far enough for every crane to be seen whole.
+    """Where the scene is seen from."""
+    return _jib_eye(runs) if all(run.crane.layout.has("slew") for run in runs) else _box_eye(runs)
+
+
+def _box_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
+    """From a corner above the box about all cranes, whatever they are, far enough for every one to be seen whole."""
+    boxes = np.array([extent(run) for run in runs])
+    low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+    sideways = np.array([-0.45, -0.9, 0.0]) if high[0] - low[0] > high[1] - low[1] else np.array([0.9, -0.45, 0.0])
+    target = (low + high) / 2.0
+    position = target + 0.8 * np.linalg.norm(high - low) * (sideways + np.array([0.0, 0.0, 0.4]))
+    return rrb.EyeControls3D(position=position, look_target=target, eye_up=np.array([0.0, 0.0, 1.0]))
+
+
+def _jib_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
+    """Where tower cranes are seen from: square to the middle of the sector that the jibs sweep, far enough for every crane to be seen whole.
 
     Cranes that stand in a row across their jibs are seen from the side of the tips instead, so that none hides another.
     """
-    jibs = [(run, run.crane.layout) for run in runs if run.crane.layout.has("slew")]
-    slew = [run.trajectory.q[:, layout.role("slew", "The view")] for run, layout in jibs] or [np.zeros(1)]
+    slew = [run.trajectory.q[:, run.crane.layout.role("slew", "The view")] for run in runs]
     middle = (np.min(np.concatenate(slew)) + np.max(np.concatenate(slew))) / 2
     along, across = np.array([np.sin(middle), -np.cos(middle), 0.0]), np.array([np.cos(middle), np.sin(middle), 0.0])
     height = max(point_positions(run.crane, run.crane.start.q)[:, 2].max() for run in runs)

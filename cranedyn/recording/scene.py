@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import rerun as rr
 from rerun.urdf import UrdfTree
+from scipy.spatial.transform import Rotation
 
 from cranedyn.dynamics.pinocchio import payload_orientation, point_positions
 from cranedyn.errors import printable
@@ -206,8 +207,9 @@ def _move_setpoint(recording: rr.RecordingStream, run: Run, times: _Times) -> No
     q[:, crane.layout.drives] = times.setpoint[rows]
     ends, n = _ends(run, q), len(q)
     turned = np.array([payload_orientation(crane, row) for row in q])
+    foot = ends[:, -1] - Rotation.from_quat(turned).apply(crane.payload.lever)  # the shape stands in the frame of the link
     moved = rr.Transform3D.columns(
-        translation=ends[:, -1], quaternion=turned, parent_frame=[times.ground] * n, child_frame=[run.frame("setpoint")] * n
+        translation=foot, quaternion=turned, parent_frame=[times.ground] * n, child_frame=[run.frame("setpoint")] * n
     )
     recording.send_columns(run.entity("joints", "setpoint"), clock(times.t[rows]), moved)
     recording.send_columns(run.entity("scene", "setpoint", "cable"), clock(times.t[rows]), rr.LineStrips3D.columns(strips=list(ends)))

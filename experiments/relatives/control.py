@@ -166,5 +166,7 @@ def _lanes(crane: Crane, regulator: Controller, motion: Motion, start: State) ->
     worst = 0.0
     for i in (0, _COPIES - 1):
         alone = simulate(crane, regulator, motion, start=starts[i], engine="compiled", **times)  # type: ignore[arg-type]
-        worst = max(worst, *(float(np.abs(a - b[-1]).max()) for a, b in zip((many.end.q[i], many.end.v[i]), (alone.q, alone.v), strict=True)))
+        worst = max(
+            worst, *(float(np.abs(a - b[-1]).max()) for a, b in zip((many.end.q[i], many.end.v[i]), (alone.q, alone.v), strict=True))
+        )
     return worst

@@ -123,7 +123,9 @@ def _locked(name: str, mode: str, crane: Crane, closed: float, allowed: float = 
     k = int(np.argmin(np.abs(modes.frequencies - closed)))
     q = crane.start.q.copy()
     q[modes.passive] += _SMALL * modes.shapes[:, k] / np.abs(modes.shapes[:, k]).max()
-    signal = _signal(crane, locked(crane), State(q, crane.start.v), "motion", lambda rows: (rows - modes.rest)[:, modes.passive] @ modes.weights[k])
+    signal = _signal(
+        crane, locked(crane), State(q, crane.start.v), "motion", lambda rows: (rows - modes.rest)[:, modes.passive] @ modes.weights[k]
+    )
     linear = float(modes.frequencies[k])
     return Frequency(name, mode, closed, linear, _frequency(signal), _stepped(linear), allowed)
 

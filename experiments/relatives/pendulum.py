@@ -107,7 +107,11 @@ def shaping() -> list[Left]:
         run = _run(crane, follow(crane, reference, _PERIOD), reference, end + 0.5, drive="motion")
         goal = rest_at(crane, x=float(run["x_m"][-1]))
         amounts = left(crane, goal, run, end)
-        closed = [theory.convolved_zv(mode, modes) * alone for mode, alone in zip((slow, fast), found[0][2:4], strict=True)] if found else [None, None]
+        closed = (
+            [theory.convolved_zv(mode, modes) * alone for mode, alone in zip((slow, fast), found[0][2:4], strict=True)]
+            if found
+            else [None, None]
+        )
         found.append(Left(name, end, *amounts, *closed, run))
     return found
 

@@ -57,7 +57,15 @@ def _pickups() -> Iterator[Jump]:
         closed = theory.pickup_factor(speed, omega, crane.gravity)
         hoisted = ramp(crane, hold(crane, start), "l", -speed, rate=speed, at=-0.5)
         run = simulate(
-            crane, follow(crane, hoisted, _DT), hoisted, start=start, duration=0.4, dt=_DT, control_period=_DT, drive="motion", validity="mark"
+            crane,
+            follow(crane, hoisted, _DT),
+            hoisted,
+            start=start,
+            duration=0.4,
+            dt=_DT,
+            control_period=_DT,
+            drive="motion",
+            validity="mark",
         )
         assert float(np.ptp(run["l_dot_m_s"])) < 1e-6, "the drum turns evenly"
         found = float(_tension(crane, run["rope_stretch_m"], run["l_m"]).max()) / (crane.payload_mass * crane.gravity)
@@ -69,7 +77,10 @@ def _pickups() -> Iterator[Jump]:
 def _drops() -> Iterator[Jump]:
     for whole, left in ((1000.0, 800.0), (1000.0, 500.0)):
         before, after = (ROPE.crane(payload_mass=mass, **POINT) for mass in (whole, left))
-        start = moved(after, rope_stretch=float(before.start.q[before.layout.index("rope_stretch")] - after.start.q[after.layout.index("rope_stretch")]))
+        start = moved(
+            after,
+            rope_stretch=float(before.start.q[before.layout.index("rope_stretch")] - after.start.q[after.layout.index("rope_stretch")]),
+        )
         run = simulate(after, locked(after), start=start, duration=1.0, dt=_DT, control_period=_DT, drive="motion", validity="mark")
         tension = _tension(after, run["rope_stretch_m"], run["l_m"]) / (left * after.gravity)
         closed, allowed = theory.drop_factor(whole - left, left), (_bounce(after) * _DT) ** 2
