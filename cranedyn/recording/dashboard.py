@@ -97,7 +97,7 @@ def _box_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
 
 
 def _jib_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
-    """Where tower cranes are seen from: square to the middle of the sector that the jibs sweep, far enough for every crane to be seen whole.
+    """Where tower cranes are seen from: square to the middle of the sector of the jibs, far enough for every one to be seen whole.
 
     Cranes that stand in a row across their jibs are seen from the side of the tips instead, so that none hides another.
     """

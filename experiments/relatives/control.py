@@ -95,18 +95,23 @@ def control(relative: Relative) -> Control:
     goal = State(motion.q[-1], motion.v[-1])
     drive = crane.layout.drive("x")
     weight = sum(float(body.mass) for body in list(crane.model.inertias)[crane.layout.index("phi") + 1 :]) * crane.gravity
+    blown, missing = _blown(crane)
     return Control(
         relative,
         2.0 * weight * SWING / float(brake.stiffness[drive]),
         float(np.abs(held["x_m"] - held["x_m"][0]).max()),
-        *(swing_left(crane, crane.start, made) for made in (held, damped, seen, ahead)),
+        swing_left(crane, crane.start, held),
+        swing_left(crane, crane.start, damped),
+        swing_left(crane, crane.start, seen),
+        swing_left(crane, crane.start, ahead),
         _predicted(crane, regulator, start),
         float((np.abs(ahead.effort) / crane.effort_limit).max()),
         motion.arrival,
         swing_left(crane, goal, move, motion.arrival),
         _sampling(crane, goal, motion),
         max(use(crane, motion, relative.limits).values()),
-        *_blown(crane),
+        blown,
+        missing,
         _lanes(crane, regulator, rest, start),
         move,
     )

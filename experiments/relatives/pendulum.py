@@ -107,12 +107,10 @@ def shaping() -> list[Left]:
         run = _run(crane, follow(crane, reference, _PERIOD), reference, end + 0.5, drive="motion")
         goal = rest_at(crane, x=float(run["x_m"][-1]))
         amounts = left(crane, goal, run, end)
-        closed = (
-            [theory.convolved_zv(mode, modes) * alone for mode, alone in zip((slow, fast), found[0][2:4], strict=True)]
-            if found
-            else [None, None]
-        )
-        found.append(Left(name, end, *amounts, *closed, run))
+        closed: list[float | None] = [None, None]
+        if found:
+            closed = [theory.convolved_zv(mode, modes) * alone for mode, alone in zip((slow, fast), found[0][2:4], strict=True)]
+        found.append(Left(name, end, amounts[0], amounts[1], closed[0], closed[1], run))
     return found
 
 
@@ -129,7 +127,8 @@ def moves() -> Iterator[Left]:
         tracking = lqr(of, motion, dt=_DT)
         controller = tracking if of is crane else Unaware(tracking, known)
         run = _run(crane, controller, motion, _whole(motion.arrival + _AFTER))
-        yield Left(name, motion.arrival, *left(crane, rest_at(crane, x=_at(crane, "x") + WAY), run, motion.arrival), None, None, run)
+        slow, fast = left(crane, rest_at(crane, x=_at(crane, "x") + WAY), run, motion.arrival)
+        yield Left(name, motion.arrival, slow, fast, None, None, run)
 
 
 def one_pendulum() -> Crane:
