@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from experiments import harness
-from experiments.relatives import claims, modes, pendulum, rope, tables
+from experiments.relatives import claims, modes, pendulum, robots, rope, tables
 from experiments.relatives.agreement import DURATION, agreement
 from experiments.relatives.catalogue import RELATIVES, crane_of
 from experiments.relatives.control import AREA, GUST, SWING, WAY, control
@@ -34,6 +34,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         controlled.append(control(relative))
         done(3 + len(RELATIVES) + i)
     shaped, moved, growth = pendulum.shaping(), list(pendulum.moves()), pendulum.growth()
+    others = robots.robots()
     return harness.Outcome(
         tables=[
             tables.frequencies(found),
@@ -42,6 +43,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             tables.control(controlled),
             tables.left("Double pendulum: shaped moves of an operator", shaped, _SHAPED),
             tables.left(f"Double pendulum: {pendulum.WAY:g} m of the trolley", moved, tables.unaware(growth)),
+            tables.robots(others),
         ],
         claims=[
             *claims.of_frequencies(found),
@@ -49,6 +51,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             *claims.of_agreement(agreed),
             *claims.of_control(controlled),
             *claims.of_pendulum(shaped, moved, growth),
+            *claims.of_robots(others),
         ],
         parameters={"swing_rad": SWING, "way_m": WAY, "wind_m_s": GUST, "drag_area_m2": AREA, "duration_s": DURATION},
         trajectories={relative.name.replace(" ", "_"): each.run for relative, each in zip(RELATIVES, agreed, strict=True)}

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from experiments import harness
-from experiments.relatives import modes, pendulum, rope
+from experiments.relatives import modes, pendulum, robots, rope
 from experiments.relatives.agreement import OPEN, ROUNDING, Agreement
 from experiments.relatives.control import Control
 
@@ -127,4 +128,19 @@ def of_pendulum(shaped: Sequence[pendulum.Left], moved: Sequence[pendulum.Left],
             f"least time leaves {unaware.slow / least.slow:.0f} and {unaware.fast / least.fast:.0f} times as much in the two modes.",
             growth[0] < 0.0 and unaware.slow > least.slow and unaware.fast > least.fast,
         ),
+    ]
+
+
+def of_robots(found: Sequence[robots.Robot]) -> list[harness.Claim]:
+    """Integrators and compiled engine are general."""
+    engines = max(max(r.engines.values()) for r in found)
+    orders = {rule.name: [r.order(rule) for r in found] for rule in (semi_implicit_euler, rk4)}
+    shown = ", ".join(f"{name} {min(some):.3f} to {max(some):.3f}" for name, some in orders.items())
+    off = max(abs(order - whole) for some, whole in zip(orders.values(), (1.0, 4.0), strict=True) for order in some)
+    return [
+        harness.Claim(
+            f"{len(found)} robots move as well: both engines agree to {engines:.0e} (allowed {robots.ROUNDING:.0e}), and what the ledger leaves "
+            f"open falls with the order of the rule: {shown} (within {robots.ORDER:g} of 1 and 4).",
+            engines < robots.ROUNDING and off < robots.ORDER,
+        )
     ]

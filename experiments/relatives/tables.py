@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from experiments import harness
 from experiments.relatives import modes, pendulum, rope
 from experiments.relatives.agreement import DURATION, Agreement
 from experiments.relatives.catalogue import HOOK, crane_of, rest_at
 from experiments.relatives.control import AREA, GUST, SWING, WAY, Control
+from experiments.relatives.robots import STEP, Robot
 
 
 def frequencies(found: Sequence[modes.Frequency]) -> harness.Table:
@@ -132,3 +134,24 @@ def unaware(growth: tuple[float, float]) -> str:
         f"{growth[0]:+.4f} 1/s or faster; under that of five joints one has {growth[1]:+.4f} 1/s"
         + (": through the slew it stirs up the fast mode across the jib, which it does not see." if growth[1] > 0.0 else ".")
     )
+
+
+def robots(found: Sequence[Robot]) -> harness.Table:
+    """Robots that are no cranes."""
+    columns = [
+        ("robot", ""),
+        ("joints", "d"),
+        ("driven", "d"),
+        ("Pinocchio - code", ".0e"),
+        ("open, Euler [J]", ".1e"),
+        ("order", ".3f"),
+        ("open, RK4 [J]", ".1e"),
+        ("order ", ".3f"),
+    ]
+    rules = (semi_implicit_euler, rk4)
+    rows = [
+        (r.name, r.joints, r.driven, max(r.engines.values()), *(part for rule in rules for part in (r.open[rule.name][0], r.order(rule))))
+        for r in found
+    ]
+    note = f"Half a second under hold in steps of {1e3 * STEP:g} ms; what the ledger leaves open, and the power of the step with which it falls."
+    return harness.Table("Robots of example-robot-data, loaded as cranes", columns, rows, note)
