@@ -23,7 +23,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     from cranedyn.recording import Run
 
     done = setup.reporter.count("cranes", 4 + 2 * len(RELATIVES))
-    found, jumps = modes.frequencies(), rope.jumps()
+    found, jumps = modes.frequencies(setup.engine), rope.jumps(setup.engine)
     done(2)
     agreed = []
     for i, relative in enumerate(RELATIVES):
@@ -31,10 +31,11 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         done(3 + i)
     controlled = []
     for i, relative in enumerate(RELATIVES):
-        controlled.append(control(relative))
+        controlled.append(control(relative, setup.engine))
         done(3 + len(RELATIVES) + i)
-    shaped, moved, growth = pendulum.shaping(), list(pendulum.moves()), pendulum.growth()
+    shaped, moved, growth = pendulum.shaping(setup.engine), list(pendulum.moves(setup.engine)), pendulum.growth()
     others = robots.robots()
+    done(4 + 2 * len(RELATIVES))
     return harness.Outcome(
         tables=[
             tables.frequencies(found),
@@ -53,7 +54,14 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             *claims.of_pendulum(shaped, moved, growth),
             *claims.of_robots(others),
         ],
-        parameters={"swing_rad": SWING, "way_m": WAY, "wind_m_s": GUST, "drag_area_m2": AREA, "duration_s": DURATION},
+        parameters={
+            "swing_rad": SWING,
+            "way_m": WAY,
+            "wind_m_s": GUST,
+            "drag_area_m2": AREA,
+            "duration_s": DURATION,
+            "engine": setup.engine,
+        },
         trajectories={relative.name.replace(" ", "_"): each.run for relative, each in zip(RELATIVES, agreed, strict=True)}
         | {"double_pendulum_unaware": moved[-1].run},
         recording=[

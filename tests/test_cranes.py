@@ -15,17 +15,20 @@ from cranedyn.controllers import follow
 from cranedyn.controllers.observer import disturbance_of, initial_std_of
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.linearisation import free_modes
-from cranedyn.dynamics.pinocchio import energy, holding_effort, linearise, rope_tension
+from cranedyn.dynamics.pinocchio import energy, holding_effort, linearise, payload_position, rope_tension
 from cranedyn.errors import ModelError, OutOfRange, RunError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY
+from cranedyn.recording import Run, record
+from cranedyn.recording.extent import extent
 from cranedyn.references import hold, ramp
 from cranedyn.references.shaped import zv
 from cranedyn.simulation.simulate import simulate
 from experiments import cranes
 from experiments.oracles.reading import locked
-from experiments.relatives.catalogue import BEND, HOOK, JIB, POINT, RELATIVES, ROPE, TWIST, Relative, crane_of, moved
+from experiments.relatives.catalogue import BEND, BRIDGE, HOOK, JIB, POINT, RELATIVES, ROPE, TWIST, Relative, crane_of, moved
 from tests.helpers import ROOT, big_crane, crane
+from tests.rrd import numbers, rows
 
 each = pytest.mark.parametrize("relative", RELATIVES, ids=[relative.name for relative in RELATIVES])
 
@@ -179,6 +182,52 @@ def test_forces_in_steps_are_the_same_forces() -> None:
     state = moved(c, rope_stretch=0.01, rope_stretch_dot=0.2, phi_dot=0.1)
     joint = JointForces.of(c)
     assert_allclose(joint.in_steps(dt).effort(state.q, dt * state.v), dt * dt * joint.effort(*state), rtol=1e-14)
+
+
+# --- the recordings ------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], Path]:
+    """Cranes of two layouts in one recording."""
+    runs = []
+    for relative in (HOOK, BRIDGE):
+        c = crane_of(relative)
+        start = moved(c, **{c.layout.symbols[i]: 0.1 for i in c.swings})
+        runs.append(Run(relative.name, c, simulate(c, locked(c), start=start, duration=0.5, drive="motion"), (0.0, 0.0, 0.0)))
+    return runs, record(tmp_path_factory.mktemp("pictures") / "two.rrd", runs, title="t")
+
+
+def test_cranes_of_several_layouts_stand_in_one_recording_each_with_its_own_columns(pictures: tuple[list[Run], Path]) -> None:
+    runs, path = pictures
+    for run in runs:
+        _, found = numbers(path, run.name.replace(" ", r"\ "))
+        assert {joint.symbol for joint in run.crane.layout.joints} <= {name.rpartition("_")[0] for name in found}
+
+
+def test_a_joint_may_be_called_radial_and_keeps_its_name_in_degrees(pictures: tuple[list[Run], Path]) -> None:
+    (hooked, _), path = pictures
+    _, found = numbers(path, hooked.name.replace(" ", r"\ "))
+    assert_allclose(found["sling_radial_deg"], np.degrees(hooked.trajectory["sling_radial_rad"]))
+    assert_allclose(found["sling_radial_dot_deg_s"], np.degrees(hooked.trajectory["sling_radial_dot_rad_s"]))
+
+
+def test_the_outline_of_the_setpoint_hangs_where_the_slung_load_hangs_at_rest(pictures: tuple[list[Run], Path]) -> None:
+    (hooked, _), path = pictures
+    _, place = rows(path, f"{hooked.name.replace(' ', chr(92) + ' ')}/joints/setpoint", "Transform3D:translation")
+    body = np.array([0.0, 0.0, -5.0])  # the load's shape in the frame of its link, a sling below the hook
+    assert_allclose(place[0] + body, payload_position(hooked.crane, hooked.crane.start.q), atol=1e-5)  # float32
+
+
+@each
+def test_all_that_can_be_seen_of_a_crane_is_in_its_box(relative: Relative) -> None:
+    c = crane_of(relative)
+    run = Run("one", c, simulate(c, locked(c), duration=0.005, drive="motion"), (7.0, 0.0, 0.0))
+    low, high = extent(run)
+    place = payload_position(c, c.start.q) + np.array([7.0, 0.0, 0.0])
+    assert (low < place).all() and (place < high).all()
+    assert low[2] == pytest.approx(0.0, abs=0.5)
+    assert np.linalg.norm(high - low) > 30.0
 
 
 # --- the examples --------------------------------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ def extent(run: Run) -> np.ndarray:
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
     found = [point_positions(run.crane, q)]
-    for link, of_link in shapes(run.crane.urdf).items():
+    for link, of_link in shapes(run.crane.urdf, run.meshes).items():
         place = data.oMf[model.getFrameId(link, pin.FrameType.BODY)]
         found += [np.array([place.act(corner) for corner in _corners(shape)]) for shape in of_link]
     points = np.concatenate(found) + run.offset
@@ -29,8 +29,9 @@ def extent(run: Run) -> np.ndarray:
 def _corners(shape: Shape) -> np.ndarray:
     """Two opposite corners of a box about a shape in the frame of its link, along its axes [m], shape (2, 3)."""
     size = shape.size
-    half = {"box": 0.5 * np.array([*size, 0.0, 0.0][:3]), "sphere": np.full(3, size[0])}.get(shape.kind)
-    if half is None:
-        half = np.array([size[0], size[0], size[-1] / 2.0])
+    if shape.kind == "sphere":
+        half = np.full(3, size[0])
+    else:
+        half = np.array([size[0], size[0], size[1] / 2.0]) if shape.kind == "cylinder" else np.array(size) / 2.0
     reach = np.abs(Rotation.from_euler("xyz", shape.rpy).as_matrix()) @ half
     return np.array([shape.centre - reach, shape.centre + reach])

@@ -142,7 +142,7 @@ def _log_links(recording: rr.RecordingStream, run: Run, tree: UrdfTree, look: Lo
         if joint.name not in moving:
             recording.log(run.entity("joints", joint.name), joint.compute_transform(0.0, clamp=False), static=True)
     payload = _child(tree, run.crane.layout.joints[run.crane.payload.body].name)
-    by_link = shapes(run.crane.urdf)
+    by_link = shapes(run.crane.urdf, run.meshes)
     by_link[payload] = by_link[payload] or [Shape("box", (1.0, 1.0, 1.0))]
     body = max(by_link[payload], key=lambda shape: math.prod(shape.size))
     painted = (*(c / 255 for c in rgb(look.colour)), 1.0)
@@ -173,7 +173,7 @@ def _log_styles(recording: rr.RecordingStream, run: Run, look: Look, ground: str
     } | ({} if trolley is None else {"swing": (run.frame(trolley), arrows)})
     for name, (frame, style) in styles.items():
         recording.log(f"{run.entity('scene')}/{name}", rr.CoordinateFrame(frame), style, static=True)
-    outline = replace(body, colour=(0.3, 0.3, 0.3, 0.5))
+    outline = replace(body, kind="box" if body.mesh else body.kind, mesh=None, colour=(0.3, 0.3, 0.3, 0.5))
     log_shapes(recording, run.entity("scene", "setpoint"), run.frame("setpoint"), [outline], "transparentfillmajorwireframe")
 
 

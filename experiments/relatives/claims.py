@@ -139,8 +139,8 @@ def of_robots(found: Sequence[robots.Robot]) -> list[harness.Claim]:
     off = max(abs(order - whole) for some, whole in zip(orders.values(), (1.0, 4.0), strict=True) for order in some)
     return [
         harness.Claim(
-            f"{len(found)} robots move as well: both engines agree to {engines:.0e} (allowed {robots.ROUNDING:.0e}), and what the ledger leaves "
-            f"open falls with the order of the rule: {shown} (within {robots.ORDER:g} of 1 and 4).",
+            f"{len(found)} robots move as well: both engines agree to {engines:.0e} (allowed {robots.ROUNDING:.0e}), and what the ledger "
+            f"leaves open falls with the order of the rule: {shown} (within {robots.ORDER:g} of 1 and 4).",
             engines < robots.ROUNDING and off < robots.ORDER,
         )
     ]

@@ -17,7 +17,7 @@ from cranedyn.disturbances.wind import steady, wind
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.linearisation import free_modes, sampled
 from cranedyn.dynamics.pinocchio import point_positions
-from cranedyn.interfaces import Controller, State
+from cranedyn.interfaces import Controller, EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.planning.optimal import optimal
 from cranedyn.references import hold
@@ -78,24 +78,24 @@ class Control(NamedTuple):
     run: Trajectory
 
 
-def control(relative: Relative) -> Control:
-    """All of it, on one crane."""
+def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
+    """All of it, on one crane, by an engine."""
     crane = crane_of(relative)
     start = moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
     rest = plumb(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD)
     regulator = lqr(crane, rest, dt=_DT)
 
     def run(controller: Controller) -> Trajectory:
-        return simulate(crane, controller, rest, start=start, duration=DURATION, dt=_DT, control_period=_PERIOD)
+        return simulate(crane, controller, rest, start=start, duration=DURATION, dt=_DT, control_period=_PERIOD, engine=engine)
 
     brake = hold_controller(crane)
     held, damped, seen = run(brake), run(regulator), run(observed(regulator, crane, rest, dt=_DT))
     ahead = run(mpc(crane, rest, dt=_DT, period=10 * _PERIOD, horizon=20))
-    motion, move = _least_time(relative, crane)
+    motion, move = _least_time(relative, crane, engine)
     goal = State(motion.q[-1], motion.v[-1])
     drive = crane.layout.drive("x")
     weight = sum(float(body.mass) for body in list(crane.model.inertias)[crane.layout.index("phi") + 1 :]) * crane.gravity
-    blown, missing = _blown(crane)
+    blown, missing = _blown(crane, engine)
     return Control(
         relative,
         2.0 * weight * SWING / float(brake.stiffness[drive]),
@@ -125,7 +125,7 @@ def swing_left(crane: Crane, goal: State, run: Trajectory, since: float | None =
     return float((reach @ modes.amplitudes(run.q[row : row + 1], run.v[row : row + 1])[0]).max())
 
 
-def _least_time(relative: Relative, crane: Crane) -> tuple[Motion, Trajectory]:
+def _least_time(relative: Relative, crane: Crane, engine: EngineName) -> tuple[Motion, Trajectory]:
     """Plan, and run under LQR."""
     x = float(crane.start.q[crane.layout.index("x")])
     goal = rest_at(crane, x=x + WAY)
@@ -133,7 +133,7 @@ def _least_time(relative: Relative, crane: Crane) -> tuple[Motion, Trajectory]:
     motion = optimal(crane, crane.start, goal, relative.limits, ramp=1.0, still=still, period=_PERIOD)
     tracking = lqr(crane, motion, dt=_DT)
     duration = _PERIOD * round((motion.arrival + 1.0) / _PERIOD)
-    return motion, simulate(crane, tracking, motion, duration=duration, dt=_DT, control_period=_PERIOD)
+    return motion, simulate(crane, tracking, motion, duration=duration, dt=_DT, control_period=_PERIOD, engine=engine)
 
 
 def _sampling(crane: Crane, goal: State, motion: Motion) -> float:
@@ -154,10 +154,12 @@ def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
     return float((reach @ modes.amplitudes(crane.start.q[None] + q, v[None])[0]).max())
 
 
-def _blown(crane: Crane) -> tuple[float, float]:
+def _blown(crane: Crane, engine: EngineName) -> tuple[float, float]:
     """A steady wind across: how far the load goes, and the share of the wind's work that is missing from the ledger."""
     breeze = wind(crane, steady(GUST), direction=0.0, payload_area=AREA)
-    run = simulate(crane, hold_controller(crane), disturbance=breeze, duration=4.0, dt=_PERIOD, control_period=_PERIOD, integrator=rk4)
+    run = simulate(
+        crane, hold_controller(crane), disturbance=breeze, duration=4.0, dt=_PERIOD, control_period=_PERIOD, integrator=rk4, engine=engine
+    )
     away = point_positions(crane, run.q[-1])[0] - point_positions(crane, run.q[0])[0]
     return float(np.linalg.norm(away)), float(np.abs(run.unexplained).max() / np.abs(run["W_force_J"]).max())
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from cranedyn import theory
 from cranedyn.controllers import Hold
 from cranedyn.dynamics.linearisation import free_modes
 from cranedyn.dynamics.pinocchio import holding_effort, linearise
-from cranedyn.interfaces import State
+from cranedyn.interfaces import Drive, EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.simulation.simulate import simulate
 from experiments.oracles.reading import locked
@@ -54,12 +55,16 @@ class Frequency(NamedTuple):
         return abs(self.linear - self.closed) < self.allowed and abs(self.simulated - self.stepped) < EXACT
 
 
-def frequencies() -> list[Frequency]:
-    """All frequencies."""
-    return [*_hooks(), *_ropes(), *_twists(), *_bends(), *_bridges()]
+Measured = Callable[..., Frequency]
+"""A frequency once the engine of its run is known."""
 
 
-def _hooks() -> Iterator[Frequency]:
+def frequencies(engine: EngineName = "pinocchio") -> list[Frequency]:
+    """All frequencies, the runs by an engine."""
+    return [made(engine=engine) for part in (_hooks, _ropes, _twists, _bends, _bridges) for made in part()]
+
+
+def _hooks() -> Iterator[Measured]:
     cases = [(15.0, 5.0, 300.0, 2000.0), (40.0, 4.0, 500.0, 5000.0), (20.0, 10.0, 1000.0, 1000.0)]
     for cable, sling, hook, load in cases:
         crane = HOOK.crane(
@@ -67,13 +72,13 @@ def _hooks() -> Iterator[Frequency]:
         )
         name = f"hook: l = {cable:g} + {sling:g} m, {hook:g} + {load:g} kg"
         for mode, closed in zip(("slow", "fast"), theory.double_pendulum(cable, sling, hook, load, crane.gravity), strict=True):
-            yield _locked(name, mode, crane, closed)
+            yield partial(_locked, name, mode, crane, closed)
 
 
-def _ropes() -> Iterator[Frequency]:
+def _ropes() -> Iterator[Measured]:
     crane = ROPE.crane(**POINT)
     length = float(crane.start.q[crane.layout.index("l")])
-    yield _locked(ROPE.name, "bounce", crane, theory.rope_bounce(crane_ea(crane), length, crane.payload_mass))
+    yield partial(_locked, ROPE.name, "bounce", crane, theory.rope_bounce(crane_ea(crane), length, crane.payload_mass))
 
 
 def crane_ea(crane: Crane) -> float:
@@ -82,7 +87,7 @@ def crane_ea(crane: Crane) -> float:
     return float(crane.springs.rope.stiffness)
 
 
-def _twists() -> Iterator[Frequency]:
+def _twists() -> Iterator[Measured]:
     """By the 2 × 2 model: with a trolley whose mass counts in the 1e6 kg m², and with one that comes on top of them."""
     at: dict[str, float] = {"trolley_init": 20.0, "hoist_init": 15.0, "payload_mass": 2000.0, "trolley_inertia": 0.0, **POINT}
     inertia, trolley, radius = 1e6, 500.0, 20.0
@@ -90,10 +95,10 @@ def _twists() -> Iterator[Frequency]:
         crane = TWIST.crane(slewing_inertia=own, trolley_mass=trolley, **at)
         forms = theory.twisting_tower(own, 2e7, radius, 15.0, 2000.0, crane.gravity, trolley)
         for mode, closed in zip(("slow", "fast"), forms, strict=True):
-            yield _locked(f"twist: J = 1e6 kg m², {name}", mode, crane, closed)
+            yield partial(_locked, f"twist: J = 1e6 kg m², {name}", mode, crane, closed)
 
 
-def _bends() -> Iterator[Frequency]:
+def _bends() -> Iterator[Measured]:
     height, mass, length = 28.0, 1000.0, 15.0
     crane = BEND.crane(trolley_inertia=0.0, **POINT)
     above = crane.trolley_mass + 3000.0
@@ -101,36 +106,41 @@ def _bends() -> Iterator[Frequency]:
     forms = theory.bending_tower(inertia, 1e8, above * height, height, length, mass, crane.gravity)
     lean = float(crane.start.q[crane.layout.index("tower_bend_x")])
     for mode, closed in zip(("slow", "fast"), forms, strict=True):
-        yield _locked(BEND.name, f"across the jib, {mode}", crane, closed, closed * lean**2)
+        yield partial(_locked, BEND.name, f"across the jib, {mode}", crane, closed, closed * lean**2)
     crane = JIB.crane(trolley_inertia=0.0, **POINT)
     droop = float(crane.start.q[crane.layout.index("jib_bend")])
     closed = theory.bending_jib(4e7, 4e5, 10.0, mass + crane.trolley_mass)
-    yield _locked(JIB.name, "up and down", crane, closed, closed * droop**2)
+    yield partial(_locked, JIB.name, "up and down", crane, closed, closed * droop**2)
 
 
-def _bridges() -> Iterator[Frequency]:
+def _bridges() -> Iterator[Measured]:
     crane = BRIDGE.crane(**POINT)
     length = float(crane.start.q[crane.layout.index("l")])
-    yield _locked(BRIDGE.name, "drives locked", crane, math.sqrt(crane.gravity / length))
+    yield partial(_locked, BRIDGE.name, "drives locked", crane, math.sqrt(crane.gravity / length))
     for symbol, what, carried in (("phi", "trolley rolls freely", 1500.0), ("theta", "bridge rolls freely", 13500.0)):
         closed = 2.0 * math.pi / theory.rolling_period(length, crane.gravity, crane.payload_mass, carried)
-        yield _rolling(crane, symbol, what, closed)
+        yield partial(_rolling, crane, symbol, what, closed)
 
 
-def _locked(name: str, mode: str, crane: Crane, closed: float, allowed: float = EXACT) -> Frequency:
+def _locked(name: str, mode: str, crane: Crane, closed: float, allowed: float = EXACT, *, engine: EngineName) -> Frequency:
     """A mode with the drives locked, that whose frequency is nearest to the closed form."""
     modes = free_modes(crane, crane.start)
     k = int(np.argmin(np.abs(modes.frequencies - closed)))
     q = crane.start.q.copy()
     q[modes.passive] += _SMALL * modes.shapes[:, k] / np.abs(modes.shapes[:, k]).max()
     signal = _signal(
-        crane, locked(crane), State(q, crane.start.v), "motion", lambda rows: (rows - modes.rest)[:, modes.passive] @ modes.weights[k]
+        crane,
+        locked(crane),
+        State(q, crane.start.v),
+        "motion",
+        lambda rows: (rows - modes.rest)[:, modes.passive] @ modes.weights[k],
+        engine,
     )
     linear = float(modes.frequencies[k])
     return Frequency(name, mode, closed, linear, _frequency(signal), _stepped(linear), allowed)
 
 
-def _rolling(crane: Crane, symbol: str, what: str, closed: float) -> Frequency:
+def _rolling(crane: Crane, symbol: str, what: str, closed: float, *, engine: EngineName) -> Frequency:
     """A swing while no drive is held but the hoist's load."""
     holding = holding_effort(crane, crane.start.q)
     by_q = linearise(crane, crane.start, holding)[0][:, : crane.layout.n]
@@ -138,11 +148,13 @@ def _rolling(crane: Crane, symbol: str, what: str, closed: float) -> Frequency:
     linear = float(np.sqrt(squares[np.argmin(np.abs(squares - closed**2))]))
     none, i = np.zeros(crane.layout.m), crane.layout.index(symbol)
     free = Hold(crane, none, none, holding)
-    signal = _signal(crane, free, moved(crane, **{symbol: _SMALL}), "effort", lambda rows: rows[:, i])
+    signal = _signal(crane, free, moved(crane, **{symbol: _SMALL}), "effort", lambda rows: rows[:, i], engine)
     return Frequency(BRIDGE.name, what, closed, linear, _frequency(signal), _stepped(linear))
 
 
-def _signal(crane: Crane, controller: Hold, start: State, drive: str, read: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def _signal(
+    crane: Crane, controller: Hold, start: State, drive: Drive, read: Callable[[np.ndarray], np.ndarray], engine: EngineName
+) -> np.ndarray:
     run = simulate(
         crane,
         controller,
@@ -150,8 +162,9 @@ def _signal(crane: Crane, controller: Hold, start: State, drive: str, read: Call
         duration=_PERIOD * _ROWS,
         dt=_DT,
         control_period=_PERIOD,
-        drive=drive,  # type: ignore[arg-type]
+        drive=drive,
         validity="mark",
+        engine=engine,
     )
     return read(run.q)
 

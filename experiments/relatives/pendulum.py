@@ -14,7 +14,7 @@ from cranedyn.controllers.lqr import lqr
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import free_modes, sampled
-from cranedyn.interfaces import Controller, Reference, Setpoint, State
+from cranedyn.interfaces import Controller, EngineName, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.optimal import optimal
@@ -88,7 +88,7 @@ def sampling(run: Trajectory) -> float:
     return of_sampling(crane.gravity, length, _PERIOD, float(np.abs(run.q[:, crane.swings]).max()))
 
 
-def shaping() -> list[Left]:
+def shaping(engine: EngineName = "pinocchio") -> list[Left]:
     """An operator's slow move of the trolley as it is, and shaped for no, one or both modes."""
     crane = crane_of(HOOK)
     slow, fast = theory.double_pendulum(_at(crane, "l"), 5.0, 300.0, 2000.0, crane.gravity)
@@ -104,7 +104,7 @@ def shaping() -> list[Left]:
     for name, modes in plans.items():
         reference = shaped(base, zv(), [2.0 * np.pi / mode for mode in modes]) if modes else base
         end = _whole(3.0 + NUDGE / 0.5 + sum(np.pi / mode for mode in modes))
-        run = _run(crane, follow(crane, reference, _PERIOD), reference, end + 0.5, drive="motion")
+        run = _run(crane, follow(crane, reference, _PERIOD), reference, end + 0.5, drive="motion", engine=engine)
         goal = rest_at(crane, x=float(run["x_m"][-1]))
         amounts = left(crane, goal, run, end)
         closed: list[float | None] = [None, None]
@@ -114,7 +114,7 @@ def shaping() -> list[Left]:
     return found
 
 
-def moves() -> Iterator[Left]:
+def moves(engine: EngineName = "pinocchio") -> Iterator[Left]:
     """Four metres of the trolley, with the whole model, and with that of a load on one cable."""
     crane, simple = crane_of(HOOK), one_pendulum()
     known = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
@@ -126,7 +126,7 @@ def moves() -> Iterator[Left]:
     ):
         tracking = lqr(of, motion, dt=_DT)
         controller = tracking if of is crane else Unaware(tracking, known)
-        run = _run(crane, controller, motion, _whole(motion.arrival + _AFTER))
+        run = _run(crane, controller, motion, _whole(motion.arrival + _AFTER), engine=engine)
         slow, fast = left(crane, rest_at(crane, x=_at(crane, "x") + WAY), run, motion.arrival)
         yield Left(name, motion.arrival, slow, fast, None, None, run)
 

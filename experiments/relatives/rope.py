@@ -10,6 +10,7 @@ import numpy as np
 
 from cranedyn import theory
 from cranedyn.controllers import follow
+from cranedyn.interfaces import EngineName
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
@@ -43,12 +44,12 @@ class Jump(NamedTuple):
         return abs(self.found - self.closed) < self.allowed
 
 
-def jumps() -> list[Jump]:
-    """All of them."""
-    return [*_pickups(), *_drops()]
+def jumps(engine: EngineName = "pinocchio") -> list[Jump]:
+    """All of them, by an engine."""
+    return [*_pickups(engine), *_drops(engine)]
 
 
-def _pickups() -> Iterator[Jump]:
+def _pickups(engine: EngineName) -> Iterator[Jump]:
     """The load still stands, the rope just carries it, the drum already turns: the load rises by what the rope is too short."""
     crane = ROPE.crane(**POINT)
     length, omega = _length(crane), _bounce(crane)
@@ -66,6 +67,7 @@ def _pickups() -> Iterator[Jump]:
             control_period=_DT,
             drive="motion",
             validity="mark",
+            engine=engine,
         )
         assert float(np.ptp(run["l_dot_m_s"])) < 1e-6, "the drum turns evenly"
         found = float(_tension(crane, run["rope_stretch_m"], run["l_m"]).max()) / (crane.payload_mass * crane.gravity)
@@ -74,14 +76,16 @@ def _pickups() -> Iterator[Jump]:
         yield Jump(f"picked up at {speed:g} m/s", closed, found, allowed, "strain at rest; shorter cable at the peak; (ω dt)²")
 
 
-def _drops() -> Iterator[Jump]:
+def _drops(engine: EngineName) -> Iterator[Jump]:
     for whole, left in ((1000.0, 800.0), (1000.0, 500.0)):
         before, after = (ROPE.crane(payload_mass=mass, **POINT) for mass in (whole, left))
         start = moved(
             after,
             rope_stretch=float(before.start.q[before.layout.index("rope_stretch")] - after.start.q[after.layout.index("rope_stretch")]),
         )
-        run = simulate(after, locked(after), start=start, duration=1.0, dt=_DT, control_period=_DT, drive="motion", validity="mark")
+        run = simulate(
+            after, locked(after), start=start, duration=1.0, dt=_DT, control_period=_DT, drive="motion", validity="mark", engine=engine
+        )
         tension = _tension(after, run["rope_stretch_m"], run["l_m"]) / (left * after.gravity)
         closed, allowed = theory.drop_factor(whole - left, left), (_bounce(after) * _DT) ** 2
         part = f"{whole - left:g} of {whole:g} kg dropped"

@@ -149,9 +149,12 @@ def robots(found: Sequence[Robot]) -> harness.Table:
         ("order ", ".3f"),
     ]
     rules = (semi_implicit_euler, rk4)
-    rows = [
+    rows: list[tuple[float | str | None, ...]] = [
         (r.name, r.joints, r.driven, max(r.engines.values()), *(part for rule in rules for part in (r.open[rule.name][0], r.order(rule))))
         for r in found
     ]
-    note = f"Half a second under hold in steps of {1e3 * STEP:g} ms; what the ledger leaves open, and the power of the step with which it falls."
+    note = (
+        f"Half a second under hold in steps of {1e3 * STEP:g} ms; what the ledger leaves open, and the power of the step with which "
+        "that falls."
+    )
     return harness.Table("Robots of example-robot-data, loaded as cranes", columns, rows, note)
