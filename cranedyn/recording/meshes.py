@@ -61,7 +61,7 @@ def _mesh(visual: Any, named: Any, colours: dict[str, Any], folder: Path) -> Mes
     if kind not in _KINDS:
         raise DataError(f"The mesh {quoted(named.filename)} is of the kind {quoted(kind)}; drawn are {', '.join(_KINDS)}.")
     try:
-        body = trimesh.load(io.BytesIO(read_bytes(path, _LARGEST)), file_type=kind, force="mesh", skip_materials=True)
+        body: Any = trimesh.load(io.BytesIO(read_bytes(path, _LARGEST)), file_type=kind, force="mesh", skip_materials=True)
         body.apply_transform(np.diag([*np.broadcast_to(1.0 if named.scale is None else named.scale, 3), 1.0]))
         body.apply_transform(np.eye(4) if visual.origin is None else visual.origin)
         found = np.array(body.vertices), np.array(body.faces), np.array(body.vertex_normals)

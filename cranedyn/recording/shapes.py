@@ -102,7 +102,7 @@ def _shape(visual: ET.Element, colours: dict[str | None, str]) -> Shape | None:
     geometry, origin, material = visual.find("geometry/*"), visual.find("origin"), visual.find("material")
     if geometry is None or geometry.tag not in _SIZES:
         return None
-    given: dict[str, tuple[float, ...]] = {}
+    given: dict[str, Any] = {}
     if origin is not None:
         given |= {"centre": _floats(origin.get("xyz", "0 0 0")), "rpy": _floats(origin.get("rpy", "0 0 0"))}
     if material is not None:
