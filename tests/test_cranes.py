@@ -15,7 +15,7 @@ from cranedyn.controllers import follow
 from cranedyn.controllers.observer import disturbance_of, initial_std_of
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.linearisation import free_modes
-from cranedyn.dynamics.pinocchio import energy, holding_effort, linearise, payload_position, rope_tension
+from cranedyn.dynamics.pinocchio import acceleration, energy, holding_effort, linearise, payload_position, rope_tension
 from cranedyn.errors import ModelError, OutOfRange, RunError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY
@@ -100,6 +100,21 @@ def test_a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs(
     away = moved(c, **{c.layout.symbols[i]: 0.01 for i in c.layout.passive})
     stored = float(c.springs.energy(away.q)) if c.springs.any else 0.0
     assert energy(c, away) == pytest.approx(float(pin.computeMechanicalEnergy(c.model, c.data, *away)) + stored, rel=1e-15)
+
+
+@each
+def test_the_linear_crane_has_its_springs(relative: Relative) -> None:
+    """By central differences, good to about 1e-16/h + h² with h = 1e-5, of accelerations of some k/m."""
+    c, h = crane_of(relative), 1e-5
+    effort, n = holding_effort(c, c.start.q), c.layout.n
+    by_state, _ = linearise(c, c.start, effort)
+
+    def slope(way: np.ndarray) -> np.ndarray:
+        there, back = (acceleration(c, State(c.start.q + step * way[:n], step * way[n:]), effort) for step in (h, -h))
+        return (there - back) / (2.0 * h)
+
+    expected = np.array([slope(way) for way in np.eye(2 * n)]).T
+    assert_allclose(by_state, expected, atol=1e-6 * np.abs(expected).max())
 
 
 def test_a_rope_stretches_by_its_load_over_its_stiffness_at_its_length() -> None:

@@ -126,7 +126,8 @@ def moves(engine: EngineName = "pinocchio") -> Iterator[Left]:
     ):
         tracking = lqr(of, motion, dt=_DT)
         controller = tracking if of is crane else Unaware(tracking, known)
-        run = _run(crane, controller, motion, _whole(motion.arrival + _AFTER), engine=engine)
+        setpoints = motion.__call__  # of the drives, which both cranes have; the motion itself is of one crane
+        run = _run(crane, controller, setpoints, _whole(motion.arrival + _AFTER), engine=engine)
         slow, fast = left(crane, rest_at(crane, x=_at(crane, "x") + WAY), run, motion.arrival)
         yield Left(name, motion.arrival, slow, fast, None, None, run)
 
