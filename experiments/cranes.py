@@ -34,6 +34,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         controlled.append(control(relative, setup.engine))
         done(3 + len(RELATIVES) + i)
     shaped, moved, growth = pendulum.shaping(setup.engine), list(pendulum.moves(setup.engine)), pendulum.growth()
+    stirred = pendulum.stirred(setup.engine)
     others = robots.robots()
     done(4 + 2 * len(RELATIVES))
     return harness.Outcome(
@@ -51,7 +52,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             *claims.of_jumps(jumps),
             *claims.of_agreement(agreed),
             *claims.of_control(controlled),
-            *claims.of_pendulum(shaped, moved, growth),
+            *claims.of_pendulum(shaped, moved, growth, stirred),
             *claims.of_robots(others),
         ],
         parameters={

@@ -24,7 +24,7 @@ from cranedyn.references.operator import JoystickPulse, operator
 from cranedyn.references.shaped import shaped, zv
 from cranedyn.references.spline import spline
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import HOOK, POINT, crane_of, rest_at
+from experiments.relatives.catalogue import HOOK, POINT, crane_of, moved, rest_at
 from experiments.scenarios.moves import of_sampling
 
 WAY, LASTS = 4.0, 9.0
@@ -147,6 +147,17 @@ def growth() -> tuple[float, float]:
     radii = (np.abs(np.linalg.eigvals(loop.closed(each))).max() for each in (_regulator(crane).gain[-1], gain))
     aware, unaware = (float(np.log(radius) / _PERIOD) for radius in radii)
     return aware, unaware
+
+
+def stirred(engine: EngineName = "pinocchio") -> float:
+    """Growth rate of the fast mode in a run under the LQR of five joints [1/s], from a small swing of the sling across the jib."""
+    crane, simple = crane_of(HOOK), one_pendulum()
+    known = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
+    start = moved(crane, sling_tangential=1e-3)
+    run = simulate(crane, Unaware(_regulator(simple), known), start=start, duration=30.0, dt=_DT, control_period=_PERIOD, engine=engine)
+    later = run.since(15.0)
+    fast = np.hypot(*free_modes(crane, crane.start).amplitudes(later.q, later.v)[:, 2:].T)
+    return float(np.polyfit(later.t, np.log(fast), 1)[0])
 
 
 def _regulator(crane: Crane) -> Tracking:
