@@ -7,7 +7,7 @@ numbers, and where it has no finite answer.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import Any, TypeVar
 
@@ -303,3 +303,145 @@ def quintic_residual(distance: float, duration: float, length: float, gravity: f
     w = omega * duration
     shape = w**2 * math.sin(w / 2.0) + 6.0 * w * math.cos(w / 2.0) - 12.0 * math.sin(w / 2.0)
     return abs(distance) / (duration * length * omega) * abs(120.0 * shape / w**4)
+
+
+@_answered
+def double_pendulum(cable: float, sling: float, hook: float, load: float, gravity: float) -> tuple[float, float]:
+    """Small swings of a point load slung below a point hook, whose trolley stands still: slow and fast [rad/s].
+
+    ω² = (g/2) [(1 + R)(1/l₁ + 1/l₂) ∓ √((1 + R)² (1/l₁ + 1/l₂)² - 4 (1 + R)/(l₁ l₂))] with R the load's mass over the hook's
+    (Singhose, Kim & Kenison, J. Dyn. Sys. Meas. Control 130, 2008).
+
+    Args:
+        cable: l₁, pivot to hook [m].
+        sling: l₂, hook to load [m].
+        hook: Its mass [kg].
+        load: Its mass [kg].
+        gravity: g [m/s²].
+    """
+    heavier = 1.0 + load / hook
+    half = heavier * (1.0 / cable + 1.0 / sling) / 2.0
+    # product of both roots over the larger, since the difference of nearly equal numbers would lose digits
+    fast = half + math.sqrt(half**2 - heavier / (cable * sling))
+    return math.sqrt(gravity * heavier / (cable * sling) / fast), math.sqrt(gravity * fast)
+
+
+@_answered
+def rope_bounce(stiffness: float, length: float, mass: float) -> float:
+    """How fast a load bounces on a rope whose drum stands still [rad/s]: √(k/m) with k = EA/l of the cable, without its own mass.
+
+    Args:
+        stiffness: EA, Young's modulus times the cross-section [N].
+        length: Cable length l [m].
+        mass: m of the load [kg].
+    """
+    return math.sqrt(stiffness / (length * mass))
+
+
+@_answered
+def pickup_factor(speed: float, frequency: float, gravity: float) -> float:
+    """Largest tension of a rope over the load's weight when the load is picked up at a hoisting speed: 1 + v ω/g.
+
+    The load leaves the ground when the rope carries its weight, while the rope still shortens at v: it swings by v/ω about that
+    stretch, an undamped oscillator of one mass.
+
+    Args:
+        speed: v [m/s].
+        frequency: ω of the bounce [rad/s].
+        gravity: g [m/s²].
+    """
+    return 1.0 + speed * frequency / gravity
+
+
+@_answered
+def drop_factor(dropped: float, left: float) -> float:
+    """Largest distance of the tension of a rope from the weight of the load left, over it, when a part is dropped at once.
+
+    That part's share of the static load that is left: the rope is stretched for both, and the load left swings about its own stretch.
+    So the tension lies between 1 - this and 1 + this times the weight left.
+
+    Args:
+        dropped: Mass of the part [kg].
+        left: Mass of the load left [kg].
+    """
+    return dropped / left
+
+
+@_answered
+def twisting_tower(
+    inertia: float, torsion: float, radius: float, length: float, mass: float, gravity: float, trolley: float = 0.0
+) -> tuple[float, float]:
+    """A tower that twists and the tangential swing of a point load below its jib, slew drive and trolley locked: slow and fast [rad/s].
+
+    M = [[J + (M_t + m) x², -m x l], [-m x l, m l²]], K = diag(k, m g l), for the twist and the swing θ, by Lagrange: the load moves by
+    x ψ - l θ across the jib.
+
+    Args:
+        inertia: J of the upper structure about the slew axis [kg m²].
+        torsion: k of the tower [N m/rad].
+        radius: Trolley radius x [m].
+        length: Cable length l [m].
+        mass: m of the load [kg].
+        gravity: g [m/s²].
+        trolley: Mass M_t of the trolley as a point [kg].
+    """
+    pull = mass * gravity * length
+    return _two_modes(inertia + (trolley + mass) * radius**2, mass * radius * length, mass * length**2, torsion, pull)
+
+
+@_answered
+def bending_tower(
+    inertia: float, stiffness: float, moment: float, height: float, length: float, mass: float, gravity: float
+) -> tuple[float, float]:
+    """A tower that bends at its foot across the jib and the tangential swing of a point load, drives locked: slow and fast [rad/s].
+
+    M = [[I + m h², -m h l], [-m h l, m l²]], K = diag(k - (S + m h) g, m g l), for the bend and the load's angle from the vertical, by
+    Lagrange: the load moves by h ψ - l α, and all that stands above the foot pushes it further over.
+
+    Args:
+        inertia: I of all but the load about the foot [kg m²].
+        stiffness: k of the foot [N m/rad].
+        moment: S, masses of all but the load times their heights above the foot [kg m].
+        height: h of the pivot above the foot [m].
+        length: Cable length l [m].
+        mass: m of the load [kg].
+        gravity: g [m/s²].
+    """
+    stiff = stiffness - (moment + mass * height) * gravity
+    return _two_modes(inertia + mass * height**2, mass * height * length, mass * length**2, stiff, mass * gravity * length)
+
+
+def _two_modes(first: float, coupling: float, second: float, stiff: float, pull: float) -> tuple[float, float]:
+    """Slow and fast frequency [rad/s] of M = [[first, -coupling], [-coupling, second]] and K = diag(stiff, pull)."""
+    square, middle, last = first * second - coupling**2, first * pull + second * stiff, stiff * pull
+    fast = (middle + math.sqrt(middle**2 - 4.0 * square * last)) / (2.0 * square)
+    return math.sqrt(last / square / fast), math.sqrt(fast)
+
+
+@_answered
+def bending_jib(stiffness: float, inertia: float, radius: float, mass: float) -> float:
+    """How fast a jib that bends down at its root bounces with what hangs on it [rad/s]: √(k/(I + m x²)), for a small droop.
+
+    The load follows the pivot's height and feels nothing of it sideways, but for what the droop at rest, squared, adds.
+
+    Args:
+        stiffness: k of the root [N m/rad].
+        inertia: I of the jib about its root [kg m²].
+        radius: Trolley radius x [m].
+        mass: m of trolley and load together [kg].
+    """
+    return math.sqrt(stiffness / (inertia + mass * radius**2))
+
+
+@_answered
+def convolved_zv(frequency: float, modes: Sequence[float]) -> float:
+    """Share of an undamped swing that zero-vibration shapers for several modes, convolved, leave of it: Π |cos(π ω/(2 ω_i))|.
+
+    Each shaper is two halves, half a period of its mode apart, and the transfer functions of convolved shapers multiply (Singer &
+    Seering, J. Dyn. Sys. Meas. Control 112, 1990; Singhose, Kim & Kenison 2008 for double pendulums).
+
+    Args:
+        frequency: ω of the swing [rad/s].
+        modes: ω_i that the shapers are made for [rad/s].
+    """
+    return float(np.prod([abs(math.cos(math.pi * frequency / (2.0 * mode))) for mode in modes]))

@@ -28,6 +28,7 @@ EXPERIMENTS = {
     "validate": [],
     "linear_vs_full": [],
     "b1": [],
+    "cranes": [],
     "compare": [],
     "sweep": [],
     "demo": ["--cycles", "1", "--control", "flat"],

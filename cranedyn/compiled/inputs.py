@@ -132,13 +132,13 @@ def control(crane: Crane, controller: Any, reference: Any, start: State, times: 
     return Control(table(laws, np.array(law_of_pair)[pair_of]), table(aims, pair_of), np.array(integrals)[pair_of], integrates)
 
 
-def _references(crane: Crane, reference: Any, start: State, taken: int) -> tuple[np.ndarray, Sequence[Reference]]:
+def _references(crane: Crane, reference: Any, starts: State, taken: int) -> tuple[np.ndarray, Sequence[Reference]]:
     """Which of the references each crane has, and these; where there is none, one hold for each place at which drives start."""
     if reference is not None:
-        return distinct(reference, len(start.q))
-    drives = start.q[:, crane.layout.drives]
+        return distinct(reference, len(starts.q))
+    drives = starts.q[:, crane.layout.drives]
     if (drives == drives[0]).all():
-        return distinct(hold(crane, State(start.q[0], start.v[0])), len(start.q))
+        return distinct(hold(crane, State(starts.q[0], starts.v[0])), len(starts.q))
     firsts: dict[bytes, int] = {}
     for i, place in enumerate(map(np.ndarray.tobytes, drives)):
         if place not in firsts:
@@ -146,7 +146,7 @@ def _references(crane: Crane, reference: Any, start: State, taken: int) -> tuple
             fit("number of places at which drives start", f"{len(firsts)} or more", taken + _PAIR * len(firsts))
     number = {place: row for row, place in enumerate(firsts)}
     which = np.fromiter((number[place.tobytes()] for place in drives), int, len(drives))
-    return which, [hold(crane, State(start.q[i], start.v[i])) for i in firsts.values()]
+    return which, [hold(crane, State(starts.q[i], starts.v[i])) for i in firsts.values()]
 
 
 def distinct(value: Any, cranes: int) -> tuple[np.ndarray, Any]:

@@ -6,7 +6,7 @@ The load pulls at trolley, jib and hoist. What that pull does is in the model; s
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,13 +31,19 @@ INITIAL_STD = {("revolute", True): 1e-3, ("prismatic", True): 0.01, ("revolute",
 @checked
 def disturbance_of(crane: Crane) -> np.ndarray:
     """Standard deviations of the accelerations that the model does not know, shape (n,)."""
-    return np.array([DISTURBANCE[joint.kind, joint.driven] for joint in crane.layout.joints])
+    return _each(crane, DISTURBANCE)
 
 
 @checked
 def initial_std_of(crane: Crane) -> np.ndarray:
     """Standard deviations of coordinates and rates at the start, shape (2 n,)."""
-    return np.tile([INITIAL_STD[joint.kind, joint.driven] for joint in crane.layout.joints], 2)
+    return np.tile(_each(crane, INITIAL_STD), 2)
+
+
+def _each(crane: Crane, table: Mapping[tuple[str, bool], float]) -> np.ndarray:
+    """A number for each joint, shape (n,); a joint that a spring holds is as quiet as one that a drive holds."""
+    elastic = crane.springs.stiffness > 0.0
+    return np.array([table[joint.kind, joint.driven or bool(held)] for joint, held in zip(crane.layout.joints, elastic, strict=True)])
 
 
 @dataclass(eq=False)

@@ -14,6 +14,7 @@ import pinocchio as pin
 from cranedyn.dynamics.rigid_body import array
 from cranedyn.dynamics.scalars import chosen, clipped
 from cranedyn.model.crane import Crane
+from cranedyn.model.layout import Layout
 from cranedyn.model.springs import Rope, Springs
 
 _STOP_FREQUENCY, _STOP_DAMPING = 20.0, 0.5
@@ -48,6 +49,29 @@ class JointForces:
         """Generalized forces at coordinates q and rates v, shape (n,)."""
         resisting = -(self.damping * v)
         return resisting if self.springs is None else resisting + self.springs.effort(q)
+
+
+def rope_tension(layout: Layout, damping: np.ndarray, springs: Springs | None, q: np.ndarray, v: np.ndarray, hoist: Any) -> Any:
+    """Tension of the rope [N]: what stretches it, or where it does not stretch what the hoist pulls; None without a hoist.
+
+    The hoist joint lies along the rope, so its generalized force is the force along the rope: the drive's, less damping. Of a rope that
+    stretches it is the force on drum and rope together.
+
+    Args:
+        layout: Joints of the crane.
+        damping: Of the joints [N m s/rad or N s/m], shape (n,).
+        springs: What is elastic; None for nothing.
+        q: Coordinates, n numbers or rows of them.
+        v: Their rates, likewise.
+        hoist: Force of the hoist, with that of the buffers at the ends of the cable [N].
+    """
+    if springs is not None and springs.rope is not None:
+        stretch, length, stiffness = springs.rope
+        return stiffness * q[stretch] / q[length] + damping[stretch] * v[stretch]
+    if not layout.has("hoist"):
+        return None
+    joint = layout.role("hoist", "The rope")
+    return damping[joint] * v[joint] - hoist
 
 
 @dataclass(frozen=True, eq=False)

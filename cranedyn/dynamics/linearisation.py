@@ -8,12 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
+import scipy
 
 from cranedyn.arguments import checked
-from cranedyn.arrays import finite
+from cranedyn.arrays import finite, shaped
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.pinocchio import holding_effort, linearise
-from cranedyn.errors import Misshapen, OutOfRange, whole, within
+from cranedyn.errors import Misshapen, ModelError, OutOfRange, whole, within
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
@@ -76,6 +78,62 @@ def feedback_gain(crane: Crane, stiffness: np.ndarray, damping: np.ndarray) -> n
     gain[range(layout.m), layout.drives] = finite("stiffness", stiffness, (layout.m,))
     gain[range(layout.m), layout.n + layout.drives] = finite("damping", damping, (layout.m,))
     return gain
+
+
+@dataclass(frozen=True, eq=False)
+class FreeModes:
+    """How the p passive joints swing about a rest while the drives are locked, undamped, the slowest first.
+
+    Attributes:
+        frequencies: [rad/s], shape (p,).
+        shapes: Column k holds the passive joints in mode k [rad or m], scaled to a modal mass of 1, shape (p, p).
+        weights: Row k tells how much of mode k a deviation of the passive joints holds, shape (p, p).
+        rest: Coordinates about which they swing, shape (n,).
+        passive: Where the passive joints stand among the coordinates, shape (p,).
+    """
+
+    frequencies: np.ndarray
+    shapes: np.ndarray
+    weights: np.ndarray
+    rest: np.ndarray
+    passive: np.ndarray
+
+    @checked
+    def amplitudes(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Amplitude of each mode in small motions, shape (rows, p), of coordinates and rates, shape (rows, n) each.
+
+        Times the column of `shapes` it is the amplitude in each passive joint.
+        """
+        q, v = shaped("q", q, ("rows", len(self.rest))), shaped("v", v, q.shape)
+        away = (q - self.rest)[:, self.passive] @ self.weights.T
+        return np.hypot(away, v[:, self.passive] @ self.weights.T / self.frequencies)
+
+
+@checked
+def free_modes(crane: Crane, state: State) -> FreeModes:
+    """Frequencies and shapes of the passive joints with the drives locked, from K x = ω² M x.
+
+    K are the second derivatives of the energy of gravity and springs, M is the mass matrix, both of the passive joints alone.
+
+    Args:
+        crane: The crane.
+        state: Where it hangs at rest; its rates do not enter.
+
+    Raises:
+        ModelError: If a passive joint has no inertia there, or would fall instead of swinging.
+    """
+    free, q, data = crane.layout.passive, state.q, crane.data
+    block = np.ix_(free, free)
+    stiffness = (pin.computeGeneralizedGravityDerivatives(crane.model, data, q) + crane.springs.tangent(q))[block]
+    mass = np.triu(pin.crba(crane.model, data, q))
+    mass = (mass + np.triu(mass, 1).T)[block]
+    try:
+        squares, shapes = scipy.linalg.eigh((stiffness + stiffness.T) / 2.0, mass)
+    except np.linalg.LinAlgError:
+        raise ModelError(f"At {q.tolist()} a passive joint of this crane has no inertia of its own, so it has no frequency.") from None
+    if not (squares > 0.0).all():
+        raise ModelError(f"At {q.tolist()} the passive joints of this crane would fall, not swing: ω² = {float(squares.min()):g} /s².")
+    return FreeModes(np.sqrt(squares), shapes, shapes.T @ mass, q.copy(), free)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.dynamics import joint_forces
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
@@ -171,13 +172,11 @@ def payload_velocity(crane: Crane, state: State) -> np.ndarray:
 def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
     """Tension of the rope [N]; at zero or below a real rope would be slack.
 
-    The hoist joint lies along the rope, so its generalized force is the force along the rope: the drive's, less damping.
-
     Raises:
         MissingRole: If no joint is a hoist.
     """
     hoist = crane.layout.role("hoist", "The tension of the rope")
-    return float(crane.damping[hoist] * state.v[hoist] - full(crane, effort)[hoist])
+    return float(joint_forces.rope_tension(crane.layout, crane.damping, crane.springs, *state, full(crane, effort)[hoist]))
 
 
 def holding_effort(crane: Crane, q: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.dynamics import rigid_body
-from cranedyn.dynamics.joint_forces import JointForces, Stops
+from cranedyn.dynamics.joint_forces import JointForces, Stops, rope_tension
 from cranedyn.dynamics.rigid_body import Bodies, ExternalForce, array
 from cranedyn.dynamics.scalars import clipped
 from cranedyn.dynamics.validity import bounds
@@ -124,10 +124,8 @@ class Plant:
 
     def conditions(self, q: np.ndarray, v: np.ndarray, hoist_force: Any) -> list[Any]:
         """What must be true for the model to hold under a force of the hoist and of the buffers of the cable, as comparisons."""
-        layout, tension = self.topology.layout, None
-        if layout.has("hoist"):
-            hoist = layout.role("hoist", "The rope")
-            tension = self.joint.damping[hoist] * v[hoist] - hoist_force
+        layout = self.topology.layout
+        tension = rope_tension(layout, self.joint.damping, self.joint.springs, q, v, hoist_force)
         height = rigid_body.height(self.tree, rigid_body.frames(self.tree, q), self.topology.bodies[0], self.levers[0])
         found = bounds(layout, self.lower, self.upper, q, tension, height, buffers=self.buffers)
         return [condition for bound in found for condition in bound.conditions]

@@ -19,6 +19,7 @@ from cranedyn.arrays import shaped
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.drives import cable_buffers
+from cranedyn.dynamics.joint_forces import rope_tension
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 
@@ -142,10 +143,7 @@ def _of_rows(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, buff
     q = shaped("q", q, ("rows", crane.layout.n))
     v, hoist = shaped("v", v, q.shape), shaped("hoist", hoist, q.shape[:1])
     height = rigid_body.heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
-    tension = None
-    if crane.layout.has("hoist"):
-        cable = crane.layout.role("hoist", "The rope")
-        tension = crane.damping[cable] * v[:, cable] - hoist
+    tension = rope_tension(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
     return bounds(crane.layout, crane.lower, crane.upper, q.T, tension, height, buffers=buffers)
 
 

@@ -213,7 +213,7 @@ class Layout:
 
         Raises:
             MissingRole: If no joint plays one of these parts.
-            ModelError: If there are joints that play none of them, or these follow each other in another order.
+            ModelError: If there are joints that play none of them, these follow each other in another order, or drives move others.
         """
         found = tuple(self.role(role, user) for role in ROLES)
         if further := [joint.name for joint in self.joints if not joint.role]:
@@ -221,6 +221,8 @@ class Layout:
         if found != tuple(range(len(ROLES))):
             shown = ", ".join(joint.role for joint in self.joints)
             raise ModelError(f"{user} is made for {', '.join(ROLES)} in this order; this crane has {shown}.")
+        if (driven := [joint.role for joint in self.driven]) != ["slew", "trolley", "hoist"]:
+            raise ModelError(f"{user} is made for drives of slew, trolley and hoist; in this one they move {', '.join(driven)}.")
         return found
 
     def columns(self) -> dict[str, tuple[str, ...]]:

@@ -279,7 +279,7 @@ def _springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
     ``<ropeStiffness>`` is EA [N]; it stands at the joint that is the stretch of the rope, whose length is the joint in the role hoist.
     """
     names = [joint.name for joint in layout.joints]
-    stiffness, rest, rope = np.zeros(layout.n), np.zeros(layout.n), None
+    stiffness, rest, rope, seen = np.zeros(layout.n), np.zeros(layout.n), None, set[tuple[str, int]]()
     for tag in robot.iterfind("gazebo"):
         found = {part.tag: (part.text or "").strip() for part in tag if part.tag in ("springStiffness", "springReference", "ropeStiffness")}
         if not found:
@@ -289,6 +289,10 @@ def _springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
             raise UnknownName("moving joint", name, names)
         i = names.index(name)
         joint = layout.joints[i]
+        for part in found:
+            if (part, i) in seen or len(tag.findall(part)) > 1:
+                raise ModelError(f"{path} gives {part} of {name} twice; allowed is once.")
+            seen.add((part, i))
         each = "N m/rad" if joint.kind == "revolute" else "N/m"
         if "springStiffness" in found:
             stiffness[i] = number(f"spring stiffness of {name}", found["springStiffness"], each, ">= 0")

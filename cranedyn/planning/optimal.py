@@ -18,7 +18,8 @@ from scipy.interpolate import PPoly
 from cranedyn.arguments import checked
 from cranedyn.clocks import intervals
 from cranedyn.dynamics import symbolic
-from cranedyn.dynamics.pinocchio import holding_effort, linearise, payload_position, prescribed_acceleration
+from cranedyn.dynamics.linearisation import free_modes
+from cranedyn.dynamics.pinocchio import holding_effort, payload_position, prescribed_acceleration
 from cranedyn.dynamics.symbolic import ca
 from cranedyn.errors import OutOfRange, number, within
 from cranedyn.interfaces import State
@@ -173,12 +174,9 @@ def _moving(crane: Crane, start: State, goal: State, still: Sequence[str] | None
 
 def _periods(move: _Move) -> tuple[float, float]:
     """The longest and the shortest period of the passive joints with the drives at rest, at either end [s]."""
-    crane, free = move.crane, move.crane.layout.passive
-    found = []
-    for end in (move.start, move.goal):
-        by_state, _ = linearise(crane, end, holding_effort(crane, end.q))
-        found.append(np.sqrt(np.abs(np.linalg.eigvals(by_state[np.ix_(free, free)]))))
-    rates = np.concatenate(found)
+    if not len(move.crane.layout.passive):
+        return 0.0, math.inf
+    rates = np.concatenate([free_modes(move.crane, end).frequencies for end in (move.start, move.goal)])
     return 2.0 * math.pi / float(rates.min()), 2.0 * math.pi / float(rates.max())
 
 

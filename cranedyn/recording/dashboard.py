@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 
 from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.plotting.style import rgb
+from cranedyn.recording.extent import extent
 from cranedyn.recording.run import TIMELINE, Run
 from cranedyn.recording.scene import BACKGROUND
 from cranedyn.recording.series import Table, plot, plots
@@ -16,11 +17,13 @@ from cranedyn.recording.series import Table, plot, plots
 
 def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
     """The layout for these runs and what is recorded of them; without tables, for runs that are only beginning."""
-    busiest = _busiest_drive(runs)
-    layout = runs[0].crane.layout
-    there = plots(layout)
-    drives = [plot(joint.symbol, runs, tables) for joint in layout.driven]
-    efforts = [plot(column.rpartition("_")[0], runs, tables) for column in layout.columns()["effort"]]
+    layouts = [run.crane.layout for run in runs]
+    there = {name for layout in layouts for name in plots(layout)}
+    symbols = list(dict.fromkeys(joint.symbol for layout in layouts for joint in layout.driven))
+    columns = list(dict.fromkeys(column for layout in layouts for column in layout.columns()["effort"]))
+    busiest = _busiest_drive(runs, symbols)
+    drives = [plot(symbol, runs, tables) for symbol in symbols]
+    efforts = [plot(column.rpartition("_")[0], runs, tables) for column in columns]
     efforts.insert(0, efforts.pop(busiest))
     efforts += [plot(name, runs, tables) for name in ("speeds", "angular speeds") if name in there]
     passive = [plot(name, runs, tables) for name in ("swing", "stretch") if name in there]
@@ -47,12 +50,15 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
     )
 
 
-def _busiest_drive(runs: Sequence[Run]) -> int:
-    """The drive that moves furthest, angles counted along the arc at the reach of the crane."""
-    layout = runs[0].crane.layout
-    arm = np.array([_reach(runs[0]) if joint.kind == "revolute" else 1.0 for joint in layout.driven])
-    travel = [np.ptp(run.trajectory.q[:, layout.drives], axis=0) * arm for run in runs]
-    return int(np.argmax(np.max(travel, axis=0)))
+def _busiest_drive(runs: Sequence[Run], symbols: Sequence[str]) -> int:
+    """Which of the drives moves furthest, angles counted along the arc at the reach of the crane."""
+    travel = dict.fromkeys(symbols, 0.0)
+    for run in runs:
+        for joint in run.crane.layout.driven:
+            arm = _reach(run) if joint.kind == "revolute" else 1.0
+            way = float(np.ptp(run.trajectory.coordinates(joint.symbol))) * arm
+            travel[joint.symbol] = max(travel[joint.symbol], way)
+    return list(travel.values()).index(max(travel.values()))
 
 
 def _reach(run: Run) -> float:
@@ -76,12 +82,26 @@ def _scene(runs: Sequence[Run]) -> rrb.Spatial3DView:
 
 
 def _eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
-    """Where the scene is seen from: square to the middle of the sector that the jibs sweep, far enough for every crane to be seen whole.
+    """Where the scene is seen from."""
+    return _jib_eye(runs) if all(run.crane.layout.has("slew") for run in runs) else _box_eye(runs)
+
+
+def _box_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
+    """From a corner above the box about all cranes, whatever they are, far enough for every one to be seen whole."""
+    boxes = np.array([extent(run) for run in runs])
+    low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
+    sideways = np.array([-0.45, -0.9, 0.0]) if high[0] - low[0] > high[1] - low[1] else np.array([0.9, -0.45, 0.0])
+    target = (low + high) / 2.0
+    position = target + 0.8 * np.linalg.norm(high - low) * (sideways + np.array([0.0, 0.0, 0.4]))
+    return rrb.EyeControls3D(position=position, look_target=target, eye_up=np.array([0.0, 0.0, 1.0]))
+
+
+def _jib_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
+    """Where tower cranes are seen from: square to the middle of the sector of the jibs, far enough for every one to be seen whole.
 
     Cranes that stand in a row across their jibs are seen from the side of the tips instead, so that none hides another.
     """
-    layout = runs[0].crane.layout
-    slew = [run.trajectory.q[:, layout.role("slew", "The view")] for run in runs] if layout.has("slew") else [np.zeros(1)]
+    slew = [run.trajectory.q[:, run.crane.layout.role("slew", "The view")] for run in runs]
     middle = (np.min(np.concatenate(slew)) + np.max(np.concatenate(slew))) / 2
     along, across = np.array([np.sin(middle), -np.cos(middle), 0.0]), np.array([np.cos(middle), np.sin(middle), 0.0])
     height = max(point_positions(run.crane, run.crane.start.q)[:, 2].max() for run in runs)

@@ -80,7 +80,7 @@ def describe(runs: Sequence[Run], title: str, text: str) -> str:
         "its setpoint is. The arrows under the trolley "
         f"point where it hangs off the plumb line, orange along the jib and blue across it, {looks(runs)[0].arrow:g} m for a degree."
     )
-    if any("<mesh" in run.crane.urdf for run in runs):
+    if any("<mesh" in run.crane.urdf and run.meshes is None for run in runs):
         scene += " Meshes of the URDF are not drawn."
     beyond = "\n".join(f"- {printable(run.name)}, {at:.3f} s: {words}" for run in runs for at, words in _beyond(run))
     warning = f"**Where the model does not hold:**\n\n{beyond}" if beyond else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import rerun as rr
@@ -25,12 +26,14 @@ class Run:
         crane: The crane.
         trajectory: What it did.
         offset: Where its foot stands in the scene [m]; cranes with the same offset are drawn into each other.
+        meshes: Folder in which the files of the meshes of its URDF lie, and which none of them leaves; None draws no meshes.
     """
 
     name: str
     crane: Crane
     trajectory: Trajectory
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    meshes: Path | None = None
 
     def __post_init__(self) -> None:
         """Have a name that can be written."""

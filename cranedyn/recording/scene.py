@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import rerun as rr
 from rerun.urdf import UrdfTree
+from scipy.spatial.transform import Rotation
 
 from cranedyn.dynamics.pinocchio import payload_orientation, point_positions
 from cranedyn.errors import printable
@@ -141,7 +142,7 @@ def _log_links(recording: rr.RecordingStream, run: Run, tree: UrdfTree, look: Lo
         if joint.name not in moving:
             recording.log(run.entity("joints", joint.name), joint.compute_transform(0.0, clamp=False), static=True)
     payload = _child(tree, run.crane.layout.joints[run.crane.payload.body].name)
-    by_link = shapes(run.crane.urdf)
+    by_link = shapes(run.crane.urdf, run.meshes)
     by_link[payload] = by_link[payload] or [Shape("box", (1.0, 1.0, 1.0))]
     body = max(by_link[payload], key=lambda shape: math.prod(shape.size))
     painted = (*(c / 255 for c in rgb(look.colour)), 1.0)
@@ -172,7 +173,7 @@ def _log_styles(recording: rr.RecordingStream, run: Run, look: Look, ground: str
     } | ({} if trolley is None else {"swing": (run.frame(trolley), arrows)})
     for name, (frame, style) in styles.items():
         recording.log(f"{run.entity('scene')}/{name}", rr.CoordinateFrame(frame), style, static=True)
-    outline = replace(body, colour=(0.3, 0.3, 0.3, 0.5))
+    outline = replace(body, kind="box" if body.mesh else body.kind, mesh=None, colour=(0.3, 0.3, 0.3, 0.5))
     log_shapes(recording, run.entity("scene", "setpoint"), run.frame("setpoint"), [outline], "transparentfillmajorwireframe")
 
 
@@ -206,8 +207,9 @@ def _move_setpoint(recording: rr.RecordingStream, run: Run, times: _Times) -> No
     q[:, crane.layout.drives] = times.setpoint[rows]
     ends, n = _ends(run, q), len(q)
     turned = np.array([payload_orientation(crane, row) for row in q])
+    foot = ends[:, -1] - Rotation.from_quat(turned).apply(crane.payload.lever)  # the shape stands in the frame of the link
     moved = rr.Transform3D.columns(
-        translation=ends[:, -1], quaternion=turned, parent_frame=[times.ground] * n, child_frame=[run.frame("setpoint")] * n
+        translation=foot, quaternion=turned, parent_frame=[times.ground] * n, child_frame=[run.frame("setpoint")] * n
     )
     recording.send_columns(run.entity("joints", "setpoint"), clock(times.t[rows]), moved)
     recording.send_columns(run.entity("scene", "setpoint", "cable"), clock(times.t[rows]), rr.LineStrips3D.columns(strips=list(ends)))

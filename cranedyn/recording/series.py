@@ -5,6 +5,7 @@ All columns stand in one component of one entity: an entity for each plot makes 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -18,6 +19,9 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.layout import Joint, Layout
 from cranedyn.plotting.style import colour_of, mixed, rgb
 from cranedyn.recording.run import Run, clock
+
+_RADIANS = re.compile(r"_rad(?=$|_s$)")
+"""The unit at the end of a column's name; a joint may be called radial."""
 
 Table = dict[str, np.ndarray]
 """Columns by name, shape (n,) each."""
@@ -105,7 +109,8 @@ def table(run: Run, start_energy: float | None = None) -> Table:
     trajectory, columns, names = run.trajectory, {}, run.trajectory.columns
     start = trajectory.energy[0] if start_energy is None else start_energy
     for name in (name for key in ("q", "v", "setpoint", "effort", "work", "dissipated", *_outside(trajectory)) for name in names[key]):
-        columns[name.replace("_rad", "_deg")] = np.degrees(trajectory[name]) if "_rad" in name else trajectory[name]
+        degrees = _RADIANS.sub("_deg", name)
+        columns[degrees] = trajectory[name] if degrees == name else np.degrees(trajectory[name])
     columns |= {"energy_J": trajectory.energy - start, "unexplained_J": trajectory.ledger - start}
     for name, limit in zip(names["effort"], run.crane.effort_limit, strict=True):
         columns |= {f"{name}_lower": np.full(len(trajectory), -limit), f"{name}_upper": np.full(len(trajectory), limit)}
@@ -125,25 +130,27 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
 
 
 def plot(name: str, runs: Sequence[Run], tables: Sequence[Table], title: str = "") -> rrb.TimeSeriesView:
-    """The view of one plot: the same curves of each run, paler for later runs; the legend names a run at its curve on top.
+    """The view of one plot: its curves of each run whose crane has it, paler for later runs; the legend names a run at its curve on top.
 
     Without tables the axes find their own ranges, as they must while a run is under way.
     """
-    shown = plots(runs[0].crane.layout)[name]
+    kinds = [plots(run.crane.layout).get(name) for run in runs]
+    some = [(run, kind) for run, kind in zip(runs, kinds, strict=True) if kind is not None]
+    columns = [(kind, of_run) for kind, of_run in zip(kinds, tables, strict=False) if kind is not None]
     overrides: dict[Any, Any] = {}
-    for i, run in enumerate(runs):
-        labels = [curve.label for curve in shown.curves]
+    for i, (run, kind) in enumerate(some):
+        labels = [curve.label for curve in kind.curves]
         if len(runs) > 1:
             labels[-1] += f" · {run.name}"
-        paler = 0.7 * i / max(len(runs) - 1, 1)
-        overrides[run.entity("numbers")] = [_line(curve, label, paler) for curve, label in zip(shown.curves, labels, strict=True)]
+        paler = 0.7 * i / max(len(some) - 1, 1)
+        overrides[run.entity("numbers")] = [_line(curve, label, paler) for curve, label in zip(kind.curves, labels, strict=True)]
     return rrb.TimeSeriesView(
-        name=title or shown.title,
+        name=title or some[0][1].title,
         origin="/",
         contents=[f"+ {path}" for path in overrides],
         overrides=overrides,
         axis_x=rrb.TimeAxis(view_range=_whole_time(runs)) if tables else None,
-        axis_y=rrb.ScalarAxis(range=_span(shown, tables)) if tables else None,
+        axis_y=rrb.ScalarAxis(range=_span(columns)) if tables else None,
         plot_legend=rrb.PlotLegend(corner="RightTop"),
     )
 
@@ -164,16 +171,17 @@ def _whole_time(runs: Sequence[Run]) -> rr.TimeRange:
     return rr.TimeRange(start=boundary(seconds=float(first)), end=boundary(seconds=float(last)))
 
 
-def _span(shown: Plot, tables: Sequence[Table]) -> tuple[float, float]:
+def _span(columns: Sequence[tuple[Plot, Table]]) -> tuple[float, float]:
     """Range of the axis: what the drives and the load do, out to a round number that the axis names if one is near, and a margin.
 
     The limit of a drive appears in the margin when an effort comes near it.
     """
-    values = [columns[curve.column] for columns in tables for curve in shown.curves if curve.quantity != "limit"]
+    values = [of_run[curve.column] for shown, of_run in columns for curve in shown.curves if curve.quantity != "limit"]
     low, high = float(min(v.min() for v in values)), float(max(v.max() for v in values))
-    span = max(high - low, shown.least)
+    least = columns[0][0].least
+    span = max(high - low, least)
     step = 10.0 ** np.floor(np.log10(span))
     below, above = step * np.floor(low / step), step * np.ceil(high / step)
     low, high = (below if low - below < 0.2 * span else low), (above if above - high < 0.2 * span else high)
-    margin = max(0.05 * span, (shown.least - (high - low)) / 2)
+    margin = max(0.05 * span, (least - (high - low)) / 2)
     return low - margin, high + margin

@@ -88,7 +88,8 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: floa
     rows = period * np.arange(last + 1)
     place, v, a = (curve.derivative(order)(rows) for order in range(3))
     place[::each] = q[_MARGIN:][: len(rows[::each])]
-    v[[0, -1]] = a[[0, -1]] = 0.0
+    for rates in (v, a):
+        rates[[0, -1]] = 0.0
     return Motion(period, place, v, a, crane.layout.drives)
 
 

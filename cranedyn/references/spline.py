@@ -33,7 +33,7 @@ class Spline:
 
     def __post_init__(self) -> None:
         """Build the polynomials."""
-        times, points = finite("times", self.times, ("n",), unit="s"), finite("points", self.points, (self.times.size, 3))
+        times, points = finite("times", self.times, ("n",), unit="s"), finite("points", self.points, (self.times.size, "m"))
         if len(times) < 2 or not (np.diff(times) > 0.0).all():
             raise OutOfRange("times", described(times), "two or more that increase", "s")
         rest = np.zeros_like(points)

@@ -95,6 +95,7 @@ def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> fl
 
 def powers(setup: harness.Setup, site: Site, crane: Crane) -> list[float]:
     """With which power of the cable a free swing changes when it is hoisted slowly: in the plant, and by Eq. (8)."""
+    swings = ("phi", "theta")
     first, last = DEEP * site.height, HIGH * site.height
     start = crane.state(l=first, phi=SWING)
     duration = 15.0 / 8.0 * (first - last) / site.hoist[0]
@@ -104,6 +105,6 @@ def powers(setup: harness.Setup, site: Site, crane: Crane) -> list[float]:
         Job("", start, spline(crane, start, [(0.0, start.q[crane.layout.index("x")], last)], [duration]), duration),
         f"{site.name}: slow hoisting",
     )
-    ends = (np.concatenate([run.q[-1, 2:4], run.v[-1, 2:4]]), integrate(run, paper, setup.gravity)[-1])
+    ends = (np.concatenate([run.coordinates(*swings)[-1], run.rates(*swings)[-1]]), integrate(run, paper, setup.gravity)[-1])
     amplitudes = [swing_amplitude(end[None, :2], end[None, 2:], last, setup.gravity)[0] for end in ends]
     return [math.log(amplitude / SWING) / math.log(last / first) for amplitude in amplitudes]

@@ -1,0 +1,81 @@
+"""Cranes of other topology: hook and slung load, rope, tower and jib that give, overhead crane; what is made for any crane, on each."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from experiments import harness
+from experiments.relatives import claims, modes, pendulum, robots, rope, tables
+from experiments.relatives.agreement import DURATION, agreement
+from experiments.relatives.catalogue import RELATIVES, crane_of
+from experiments.relatives.control import AREA, GUST, SWING, WAY, control
+
+_SHAPED = f"Trolley at {pendulum.NUDGE:g} m/s; closed: by the swing that the move leaves unshaped."
+
+SITES = ((0.0, 0.0), (40.0, 0.0), (80.0, 0.0), (0.0, -60.0), (40.0, -60.0), (75.0, -40.0))
+"""Where the cranes stand in the recording [m]."""
+
+
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+    """All cranes: frequencies, ropes, agreement, control, and the double pendulum."""
+    from cranedyn.recording import Run
+
+    done = setup.reporter.count("cranes", 4 + 2 * len(RELATIVES))
+    found, jumps = modes.frequencies(setup.engine), rope.jumps(setup.engine)
+    done(2)
+    agreed = []
+    for i, relative in enumerate(RELATIVES):
+        agreed.append(agreement(relative))
+        done(3 + i)
+    controlled = []
+    for i, relative in enumerate(RELATIVES):
+        controlled.append(control(relative, setup.engine))
+        done(3 + len(RELATIVES) + i)
+    shaped, moved, growth = pendulum.shaping(setup.engine), list(pendulum.moves(setup.engine)), pendulum.growth()
+    stirred = pendulum.stirred(setup.engine)
+    others = robots.robots()
+    done(4 + 2 * len(RELATIVES))
+    return harness.Outcome(
+        tables=[
+            tables.frequencies(found),
+            tables.jumps(jumps),
+            tables.agreement(agreed),
+            tables.control(controlled),
+            tables.left("Double pendulum: shaped moves of an operator", shaped, _SHAPED),
+            tables.left(f"Double pendulum: {pendulum.WAY:g} m of the trolley", moved, tables.unaware(growth)),
+            tables.robots(others),
+        ],
+        claims=[
+            *claims.of_frequencies(found),
+            *claims.of_jumps(jumps),
+            *claims.of_agreement(agreed),
+            *claims.of_control(controlled),
+            *claims.of_pendulum(shaped, moved, growth, stirred),
+            *claims.of_robots(others),
+        ],
+        parameters={
+            "swing_rad": SWING,
+            "way_m": WAY,
+            "wind_m_s": GUST,
+            "drag_area_m2": AREA,
+            "duration_s": DURATION,
+            "engine": setup.engine,
+        },
+        trajectories={relative.name.replace(" ", "_"): each.run for relative, each in zip(RELATIVES, agreed, strict=True)}
+        | {"double_pendulum_unaware": moved[-1].run},
+        recording=[
+            Run(each.relative.name, crane_of(each.relative), each.run, (*site, 0.0)) for site, each in zip(SITES, agreed, strict=True)
+        ],
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    made = harness.parser("cranes", "Cranes of other topology: closed forms, three engines, energy, and control on each.")
+    return harness.conduct(made, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,80 @@
+"""The cranes: each the tower crane with an argument more, or a xacro of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
+from cranedyn.model.description import XACRO
+from cranedyn.model.load import load_crane
+from cranedyn.references.limits import Limits
+
+OVERHEAD = XACRO.with_name("overhead_crane.urdf.xacro")
+"""The xacro of the overhead crane."""
+
+POINT: dict[str, Any] = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
+"""A point load on a massless, frictionless rope, in either xacro."""
+
+
+@dataclass(frozen=True)
+class Relative:
+    """A crane that is not the tower crane of five joints.
+
+    Attributes:
+        name: What it is called.
+        values: Numbers of the xacro that make it.
+        overhead: Whether the xacro is that of the overhead crane.
+        rates: Limits of the rates of its drives [rad/s or m/s].
+        accelerations: Of their accelerations [rad/s² or m/s²].
+    """
+
+    name: str
+    values: dict[str, Any] = field(hash=False)
+    overhead: bool = False
+    rates: tuple[float, ...] = (0.1, 1.0, 0.5)
+    accelerations: tuple[float, ...] = (0.05, 0.5, 0.3)
+
+    def crane(self, **values: Any) -> Crane:
+        """The crane, with some more numbers changed."""
+        return load_crane(OVERHEAD if self.overhead else None, **{**self.values, **values})
+
+    @property
+    def limits(self) -> Limits:
+        """What its drives may do."""
+        return Limits(self.rates, self.accelerations)
+
+
+HOOK = Relative("hook and slung load", {"hook_mass": 300.0, "payload_mass": 2000.0, "sling_length": 5.0, **POINT})
+ROPE = Relative("rope that stretches", {"rope_stiffness": 3e6})
+TWIST = Relative("tower that twists", {"tower_twist_stiffness": 2e7})
+BEND = Relative("tower that bends", {"tower_bend_stiffness": 1e8})
+JIB = Relative("jib that bends", {"jib_bend_stiffness": 4e7})
+BRIDGE = Relative("overhead crane", {}, True, (1.6, 0.8, 0.4), (0.3, 0.3, 0.2))
+RELATIVES = (HOOK, ROPE, TWIST, BEND, JIB, BRIDGE)
+"""All of them."""
+
+
+@cache
+def crane_of(relative: Relative) -> Crane:
+    """The crane as it stands in the catalogue, loaded once."""
+    return relative.crane()
+
+
+def moved(crane: Crane, **away: float) -> State:
+    """The crane hanging at rest where it starts, then some joints moved by so much, by their symbols, or rates set ("_dot")."""
+    q, v = crane.start.q.copy(), crane.start.v.copy()
+    for name, by in away.items():
+        symbol = name.removesuffix("_dot")
+        (q if symbol == name else v)[crane.layout.index(symbol)] += by
+    return State(q, v)
+
+
+def rest_at(crane: Crane, **at: float) -> State:
+    """The crane hanging at rest with drives at other places, by their symbols."""
+    q = crane.start.q.copy()
+    for symbol, place in at.items():
+        q[crane.layout.index(symbol)] = place
+    return State(crane.hanging(q), 0.0 * q)

@@ -1,0 +1,98 @@
+"""Robots of example-robot-data loaded as cranes: the same integrators and the same compiled engine move them."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.controllers import hold_controller
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
+from cranedyn.interfaces import EngineName, State
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.references import hold
+from cranedyn.simulation.simulate import simulate
+
+ROBOTS = {
+    "ur5_joint_limited_robot.urdf": ("wrist_3_joint", 4),
+    "so100.urdf": ("gripper", 4),
+    "finger_edu.urdf": ("finger_middle_to_lower_joint", 2),
+    "bolt.urdf": ("FR_KFE", 3),
+}
+"""Files, the joint that carries the last body, and how many of the joints, the first, are driven; the others hang."""
+
+ROUNDING = 1e-12
+"""Between engines in half a second [rad, per second]: light links amplify rounding of 1e-16 by their mass matrix's condition, some 1e3."""
+
+ORDER = 0.1
+"""How far a measured order may be from 1 of semi-implicit Euler and 4 of RK4: what the next power of a step of 1 ms changes."""
+
+STEP = 1e-3
+"""The coarser of two steps [s]."""
+
+
+class Robot(NamedTuple):
+    """What one robot shows.
+
+    Attributes:
+        name: Which.
+        joints: How many.
+        driven: How many of them are driven.
+        engines: Largest difference of compiled code and Pinocchio, by stepping rule [rad, per second].
+        open: Energy that the ledger leaves open at a step and at half of it, by stepping rule, at most [J].
+    """
+
+    name: str
+    joints: int
+    driven: int
+    engines: dict[str, float]
+    open: dict[str, tuple[float, float]]
+
+    def order(self, rule: Integrator) -> float:
+        """Power of the step with which the open energy falls."""
+        coarse, fine = self.open[rule.name]
+        return float(np.log2(coarse / fine))
+
+
+def robots() -> list[Robot]:
+    """All of them."""
+    return [_robot(name, payload, driven) for name, (payload, driven) in ROBOTS.items()]
+
+
+def robot(name: str) -> Path:
+    """Where the URDF of a robot is."""
+    return Path(str(next(file for file in metadata.files("example-robot-data") or [] if file.name == name).locate()))
+
+
+def _robot(name: str, payload: str, driven: int) -> Robot:
+    joints = _joints(robot(name))
+    crane = load_crane(robot(name), payload=payload, driven=joints[:driven])
+    engines, left = dict[str, float](), dict[str, tuple[float, float]]()
+    for rule in (semi_implicit_euler, rk4):
+        runs = [_moved(crane, rule, engine, STEP) for engine in ("pinocchio", "compiled")]
+        engines[rule.name] = max(float(np.abs(a - b).max()) for a, b in zip(*((run.q, run.v) for run in runs), strict=True))
+        left[rule.name] = _open(runs[1]), _open(_moved(crane, rule, "compiled", STEP / 2.0))
+    return Robot(name.removesuffix(".urdf"), crane.layout.n, driven, engines, left)
+
+
+def _joints(path: Path) -> list[str]:
+    return list(pin.buildModelFromUrdf(str(path)).names)[1:]
+
+
+def _open(run: Trajectory) -> float:
+    return float(np.abs(run.unexplained).max())
+
+
+def _moved(crane: Crane, rule: Integrator, engine: EngineName, dt: float) -> Trajectory:
+    """Half a second under hold, pushed away from where it stands."""
+    rng = np.random.default_rng(5)
+    start = State(crane.start.q, rng.normal(size=crane.layout.n))
+    brake, reference = hold_controller(crane), hold(crane, crane.start)
+    return simulate(
+        crane, brake, reference, start=start, duration=0.5, dt=dt, control_period=5e-3, validity="mark", integrator=rule, engine=engine
+    )

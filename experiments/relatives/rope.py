@@ -1,0 +1,105 @@
+"""A rope that stretches: a load picked up at a speed, and a part of the load dropped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from cranedyn import theory
+from cranedyn.controllers import follow
+from cranedyn.interfaces import EngineName
+from cranedyn.model.crane import Crane
+from cranedyn.references import hold, ramp
+from cranedyn.simulation.simulate import simulate
+from experiments.oracles.reading import locked
+from experiments.relatives.catalogue import POINT, ROPE, moved
+from experiments.relatives.modes import crane_ea
+
+_DT = 5e-4
+
+
+class Jump(NamedTuple):
+    """Largest tension over the weight that hangs.
+
+    Attributes:
+        what: What happens.
+        closed: By the closed form.
+        found: In a run.
+        allowed: Between them.
+        why: Where that comes from.
+    """
+
+    what: str
+    closed: float
+    found: float
+    allowed: float
+    why: str
+
+    @property
+    def holds(self) -> bool:
+        """Whether they agree."""
+        return abs(self.found - self.closed) < self.allowed
+
+
+def jumps(engine: EngineName = "pinocchio") -> list[Jump]:
+    """All of them, by an engine."""
+    return [*_pickups(engine), *_drops(engine)]
+
+
+def _pickups(engine: EngineName) -> Iterator[Jump]:
+    """The load still stands, the rope just carries it, the drum already turns: the load rises by what the rope is too short."""
+    crane = ROPE.crane(**POINT)
+    length, omega = _length(crane), _bounce(crane)
+    for speed in (0.05, 0.2, 0.5):
+        start = moved(crane, l_dot=-speed, rope_stretch_dot=speed)
+        closed = theory.pickup_factor(speed, omega, crane.gravity)
+        hoisted = ramp(crane, hold(crane, start), "l", -speed, rate=speed, at=-0.5)
+        run = simulate(
+            crane,
+            follow(crane, hoisted, _DT),
+            hoisted,
+            start=start,
+            duration=0.4,
+            dt=_DT,
+            control_period=_DT,
+            drive="motion",
+            validity="mark",
+            engine=engine,
+        )
+        assert float(np.ptp(run["l_dot_m_s"])) < 1e-6, "the drum turns evenly"
+        found = float(_tension(crane, run["rope_stretch_m"], run["l_m"]).max()) / (crane.payload_mass * crane.gravity)
+        strain, shorter = crane.payload_mass * crane.gravity / crane_ea(crane), math.pi / 2.0 * speed / (omega * length)
+        allowed = (closed - 1.0) * (strain + shorter) + (omega * _DT) ** 2
+        yield Jump(f"picked up at {speed:g} m/s", closed, found, allowed, "strain at rest; shorter cable at the peak; (ω dt)²")
+
+
+def _drops(engine: EngineName) -> Iterator[Jump]:
+    for whole, left in ((1000.0, 800.0), (1000.0, 500.0)):
+        before, after = (ROPE.crane(payload_mass=mass, **POINT) for mass in (whole, left))
+        start = moved(
+            after,
+            rope_stretch=float(before.start.q[before.layout.index("rope_stretch")] - after.start.q[after.layout.index("rope_stretch")]),
+        )
+        run = simulate(
+            after, locked(after), start=start, duration=1.0, dt=_DT, control_period=_DT, drive="motion", validity="mark", engine=engine
+        )
+        tension = _tension(after, run["rope_stretch_m"], run["l_m"]) / (left * after.gravity)
+        closed, allowed = theory.drop_factor(whole - left, left), (_bounce(after) * _DT) ** 2
+        part = f"{whole - left:g} of {whole:g} kg dropped"
+        yield Jump(f"{part}, at most", 1.0 + closed, float(tension.max()), allowed, "(ω dt)²")
+        yield Jump(f"{part}, at least", 1.0 - closed, float(tension.min()), allowed, "(ω dt)²")
+
+
+def _tension(crane: Crane, stretch: np.ndarray, length: np.ndarray) -> np.ndarray:
+    return crane_ea(crane) * stretch / length
+
+
+def _length(crane: Crane) -> float:
+    return float(crane.start.q[crane.layout.index("l")])
+
+
+def _bounce(crane: Crane) -> float:
+    return theory.rope_bounce(crane_ea(crane), _length(crane), crane.payload_mass)
