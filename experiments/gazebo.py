@@ -71,9 +71,9 @@ class Pair:
 def pairs(setup: harness.Setup) -> dict[str, Pair]:
     """Every recording with its run made here, by name."""
     length, stiffness, damping, _ = a1.SOFT
-    soft = {"stiffness": (STIFFNESS[0], stiffness, STIFFNESS[2]), "damping": (DAMPING[0], damping, DAMPING[2])}
+    stiff, damped = (STIFFNESS[0], stiffness, STIFFNESS[2]), (DAMPING[0], damping, DAMPING[2])
     runs = {f"a1_l{length:g}": a1.run(setup, length).trajectory for length in a1.PUBLISHED}
-    runs |= {"a1_soft": a1.run(setup, length, **soft).trajectory, "a2": a2.run(setup), "a3": a3.run(setup)}
+    runs |= {"a1_soft": a1.run(setup, length, stiffness=stiff, damping=damped).trajectory, "a2": a2.run(setup), "a3": a3.run(setup)}
     return {name: Pair(name, read_columns(RECORDINGS / f"{name}.parquet", COLUMNS), run) for name, run in runs.items()}
 
 
@@ -131,7 +131,7 @@ def _swings(free: Sequence[Pair]) -> harness.Table:
 def _hoisting(pair: Pair) -> harness.Table:
     p = a2.PUBLISHED
     rows: list[tuple[float | str | None, ...]] = []
-    for name, data in (("Gazebo", pair.there), ("here", pair.here)):
+    for name, data in (("Gazebo", dict(pair.there)), ("here", pair.here)):
         r = a2.read(data["t_s"], data["phi_rad"], data["l_m"])
         mean, worst, last = 100.0 * float(r.errors.mean()), 100.0 * r.worst, float(r.amplitudes[-1])
         rows.append((name, mean, worst, r.everywhere.exponent, r.section.exponent, last))
@@ -150,7 +150,7 @@ def _hoisting(pair: Pair) -> harness.Table:
 
 def _slewing(pair: Pair) -> harness.Table:
     p, rows = a3.PUBLISHED, []
-    for name, data in (("Gazebo", pair.there), ("here", {c: pair.here[c] for c in a3.COLUMNS})):
+    for name, data in (("Gazebo", dict(pair.there)), ("here", {c: pair.here[c] for c in a3.COLUMNS})):
         found = agreement(*a3.by_paper(data)[1:3])
         rows.append((name, found.measured, found.correlation, found.rms))
     rows.append(("article", p.measured, p.correlation, p.rms))

@@ -30,7 +30,7 @@ SOLVERS = {"world": {"type": "world"}, "quick": {"type": "quick", "iters": "50"}
 def export(
     folder: str | Path, program: Program, *, solver: str = "world", erp: float = 0.8, every: int = 1, overwritten: bool = False
 ) -> Path:
-    """Write a run for Gazebo Classic 11; ``run.sh`` in the folder makes it there and leaves ``log.csv`` with columns as `--from` reads them.
+    """Write a run for Gazebo Classic 11; ``run.sh`` in the folder makes it there and leaves ``log.csv``, with the columns of a trajectory.
 
     Args:
         folder: Where; it must not be there yet.
@@ -63,7 +63,7 @@ def export(
         "target": positions if law.integral_gain.any() else positions[:1],
         "integral": np.stack([law.integral_gain, np.minimum(law.limit, np.finfo(float).max), law.integral]),
     }
-    model = _model(robot, moving)
+    model = _model(robot)
     model.append(_plugin(program, moving, every, overwritten))
     with new_folder(folder) as draft:
         shutil.copytree(_TEMPLATES, draft, dirs_exist_ok=True)
@@ -76,8 +76,11 @@ def export(
     return folder
 
 
-def _model(robot: ET.Element, moving: Sequence[Joint]) -> ET.Element:
-    """The URDF as Gazebo takes it: fixed to the world, an inertial in every link, nothing of ROS."""
+def _model(robot: ET.Element) -> ET.Element:
+    """The URDF as Gazebo takes it: fixed to the world, an inertial in every link, nothing of ROS.
+
+    Dampers and springs stay as they are by default there: forces at the rate before the step, as in the semi-implicit Euler here.
+    """
     for tag in robot.findall("ros2_control"):
         robot.remove(tag)
     fixed = {joint.find("child").get("link", "") for joint in robot.iterfind("joint[@type='fixed']")}  # type: ignore[union-attr]
@@ -96,9 +99,6 @@ def _model(robot: ET.Element, moving: Sequence[Joint]) -> ET.Element:
             inertial = ET.SubElement(link, "inertial")
             ET.SubElement(inertial, "mass", value="1")
             ET.SubElement(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
-    for one in moving:
-        tag = ET.SubElement(robot, "gazebo", reference=one.name)
-        ET.SubElement(tag, "implicitSpringDamper").text = "true"
     return robot
 
 

@@ -30,9 +30,7 @@ class _Asking(harness.Setup):
     """A setup in which an experiment gets no further than to say what it wants to run."""
 
     def simulate(self, crane: Any, controller: Any, reference: Any, *, start: Any, duration: float, **others: Any) -> NoReturn:
-        raise _Asked(
-            Program(crane, controller, reference, start, duration, self.dt, self.control_period, others.get("drive", "effort"))
-        )
+        raise _Asked(Program(crane, controller, reference, start, duration, self.dt, self.control_period, others.get("drive", "effort")))
 
 
 def program(name: str, setup: harness.Setup, *, length: float | None = None, strategy: str | None = None) -> Program:
@@ -60,10 +58,12 @@ def program(name: str, setup: harness.Setup, *, length: float | None = None, str
     try:
         if name == "a1":
             a1.run(asking, along)
-        elif name == "swing":
-            energy.run(asking, asking.crane, energy.SWING, along, energy.AUDIT)
+        elif name == "a2":
+            a2.run(asking)
+        elif name == "a3":
+            a3.run(asking)
         else:
-            {"a2": a2.run, "a3": a3.run}[name](asking)
+            energy.run(asking, asking.crane, energy.SWING, along, energy.AUDIT)
     except _Asked as asked:
         return asked.program
     raise AssertionError(name)  # every experiment runs something
