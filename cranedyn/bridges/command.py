@@ -9,22 +9,16 @@ from importlib import import_module
 from pathlib import Path
 
 from cranedyn.command import Parser, command
-from cranedyn.model.crane import STANDARD_GRAVITY, Crane
-from cranedyn.model.description import parse_values
-from cranedyn.model.load import load_crane
+from cranedyn.model.crane import STANDARD_GRAVITY
 
 DOORS = {
     "gazebo": "cranedyn.bridges.gazebo",
+    "mjcf": "cranedyn.bridges.mjcf",
 }
 """Doors by name: a module with `TARGET`, `add_arguments(parser)` and `run(options)`, whose first line of documentation says what it is.
 
-`run` writes to `options.target` and returns it; `loaded(options)` is the crane that the command line describes.
+`run` writes to `options.target` and returns it; `cranedyn.bridges.joints.loaded(options)` is the crane that the command line describes.
 """
-
-
-def loaded(options: argparse.Namespace) -> Crane:
-    """The crane that the command line describes."""
-    return load_crane(options.urdf, gravity=options.gravity, **parse_values(options.values))  # type: ignore[arg-type]
 
 
 def parser() -> argparse.ArgumentParser:

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from argparse import Namespace
 from typing import NamedTuple
 
 from cranedyn.errors import ModelError, quoted
 from cranedyn.interfaces import COORDINATES, UNITS
 from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.description import parse_values
+from cranedyn.model.load import load_crane
 from cranedyn.model.urdf import parse
+
+
+def loaded(options: Namespace) -> Crane:
+    """The crane that the command line describes."""
+    return load_crane(options.urdf, gravity=options.gravity, **parse_values(options.values))  # type: ignore[arg-type]
 
 
 class Joint(NamedTuple):
