@@ -36,7 +36,7 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any, Any]:
 
 
 def test_joints_damping_ranges_gravity_start_and_drives_are_those_of_the_crane(engine: Any) -> None:
-    mujoco, model, data = engine
+    _, model, _ = engine
     c = crane(**DAMPING)
     assert [model.joint(i).name for i in range(model.njnt)] == list(c.model.names)[1:]
     assert model.dof_damping.tolist() == c.damping.tolist()

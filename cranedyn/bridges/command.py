@@ -13,6 +13,7 @@ from cranedyn.model.crane import STANDARD_GRAVITY
 
 DOORS = {
     "gazebo": "cranedyn.bridges.gazebo",
+    "mcap": "cranedyn.bridges.mcap",
     "mjcf": "cranedyn.bridges.mjcf",
 }
 """Doors by name: a module with `TARGET`, `add_arguments(parser)` and `run(options)`, whose first line of documentation says what it is.

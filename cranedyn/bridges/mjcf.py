@@ -98,7 +98,7 @@ class _Tree:
         for visual in self.links[link].iterfind("visual"):
             self._geom(body, visual)
         for child, joint in self.children.get(link, []):
-            inner = ET.SubElement(body, "body", name=child, **_place(joint))
+            inner = ET.SubElement(body, "body", {"name": child, **_place(joint)})
             name = joint.get("name", "")
             if name in self.moving:
                 inner.append(_joint(self.moving[name]))
@@ -117,7 +117,7 @@ class _Tree:
             colour = next((m.find("color") for m in visual.iterfind("material")), None)
             named = next((m.get("name", "") for m in visual.iterfind("material")), "")
             rgba = colour.get("rgba", "") if colour is not None else self.colours.get(named, "")
-            ET.SubElement(body, "geom", **looks, **_place(visual), **({"rgba": rgba} if rgba else {}))
+            ET.SubElement(body, "geom", {**looks, **_place(visual), **({"rgba": rgba} if rgba else {})})
 
 
 def _place(element: ET.Element) -> dict[str, str]:
@@ -131,7 +131,7 @@ def _joint(joint: Joint) -> ET.Element:
     limits = {"range": f"{joint.lower!r} {joint.upper!r}", "damping": repr(joint.damping)}
     spring = {"stiffness": repr(joint.stiffness), "springref": repr(joint.rest)} if joint.stiffness else {}
     kind = "hinge" if joint.unit == "rad" else "slide"
-    return ET.Element("joint", name=joint.name, type=kind, axis=joint.axis, **limits, **spring)
+    return ET.Element("joint", {"name": joint.name, "type": kind, "axis": joint.axis, **limits, **spring})
 
 
 def _inertial(inertial: ET.Element) -> ET.Element:
@@ -147,7 +147,8 @@ def _inertial(inertial: ET.Element) -> ET.Element:
     diagonal = not np.any(tensor - np.diag(np.diag(tensor)))
     kept = np.diag(tensor) if diagonal else tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     name = "diaginertia" if diagonal else "fullinertia"
-    return ET.Element("inertial", pos=place.get("pos", "0 0 0"), mass=mass.get("value", ""), **{name: " ".join(map(repr, kept.tolist()))})
+    entries = {"pos": place.get("pos", "0 0 0"), "mass": mass.get("value", ""), name: " ".join(map(repr, kept.tolist()))}
+    return ET.Element("inertial", entries)
 
 
 def add_arguments(made: argparse.ArgumentParser) -> None:
