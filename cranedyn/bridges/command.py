@@ -15,6 +15,7 @@ DOORS = {
     "gazebo": "cranedyn.bridges.gazebo",
     "mcap": "cranedyn.bridges.mcap",
     "mjcf": "cranedyn.bridges.mjcf",
+    "ros2": "cranedyn.bridges.ros2",
 }
 """Doors by name: a module with `TARGET`, `add_arguments(parser)` and `run(options)`, whose first line of documentation says what it is.
 

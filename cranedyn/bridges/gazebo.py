@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.bridges.joints import Joint, check_heavy, described, joints
+from cranedyn.bridges.joints import Joint, check_heavy, described, grounded, joints
 from cranedyn.bridges.programs import Program
 from cranedyn.bridges.target import new_folder
 from cranedyn.errors import DataError, OutOfRange, UnknownName, whole
@@ -63,43 +63,21 @@ def export(
         "target": positions if law.integral_gain.any() else positions[:1],
         "integral": np.stack([law.integral_gain, np.minimum(law.limit, np.finfo(float).max), law.integral]),
     }
-    model = _model(robot)
+    model = grounded(robot, "Gazebo")
+    for tag in model.findall("ros2_control"):
+        model.remove(tag)
     model.append(_plugin(program, moving, every, overwritten))
+    place = world(program.crane.gravity, program.dt, solver, erp)
+    ET.SubElement(ET.SubElement(place[0], "include"), "uri").text = "model://crane"
     with new_folder(folder) as draft:
         shutil.copytree(_TEMPLATES, draft, dirs_exist_ok=True)
         (draft / "models" / "crane").mkdir(parents=True)
         _xml(draft / "models" / "crane" / "model.urdf", model)
         _xml(draft / "models" / "crane" / "model.config", _config())
-        _xml(draft / "world.sdf", _world(program, solver, erp))
+        _xml(draft / "world.sdf", place)
         for name, rows in tables.items():
             _table(draft / f"{name}.csv", rows)
     return folder
-
-
-def _model(robot: ET.Element) -> ET.Element:
-    """The URDF as Gazebo takes it: fixed to the world, an inertial in every link, nothing of ROS.
-
-    Dampers and springs stay as they are by default there: forces at the rate before the step, as in the semi-implicit Euler here.
-    """
-    for tag in robot.findall("ros2_control"):
-        robot.remove(tag)
-    fixed = {joint.find("child").get("link", "") for joint in robot.iterfind("joint[@type='fixed']")}  # type: ignore[union-attr]
-    children = {joint.find("child").get("link", "") for joint in robot.iterfind("joint")}  # type: ignore[union-attr]
-    (root,) = [link.get("name", "") for link in robot.iterfind("link") if link.get("name") not in children]
-    if root != "world":
-        if robot.find("link[@name='world']") is not None:
-            raise DataError(f"The crane has a link world that is not its root, {root}; Gazebo hangs a model on the link world.")
-        robot.insert(0, ET.Element("link", name="world"))
-        joint = ET.SubElement(robot, "joint", name="fixed_to_the_world", type="fixed")
-        ET.SubElement(joint, "parent", link="world")
-        ET.SubElement(joint, "child", link=root)
-        fixed.add(root)
-    for link in robot.iterfind("link"):  # without an inertial Gazebo leaves out a link and all that it carries, silently
-        if link.get("name") in fixed and link.find("inertial") is None:
-            inertial = ET.SubElement(link, "inertial")
-            ET.SubElement(inertial, "mass", value="1")
-            ET.SubElement(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
-    return robot
 
 
 def _plugin(program: Program, moving: Sequence[Joint], every: int, overwritten: bool) -> ET.Element:
@@ -120,12 +98,13 @@ def _plugin(program: Program, moving: Sequence[Joint], every: int, overwritten: 
     return tag
 
 
-def _world(program: Program, solver: str, erp: float) -> ET.Element:
+def world(gravity: float, dt: float, solver: str, erp: float) -> ET.Element:
+    """An empty world of Gazebo Classic: gravity [m/s²], physics step [s], one of `SOLVERS`, ODE's error reduction."""
     sdf = ET.Element("sdf", version="1.6")
-    world = ET.SubElement(sdf, "world", name="crane")
-    ET.SubElement(world, "gravity").text = f"0 0 {-program.crane.gravity!r}"
-    physics = ET.SubElement(world, "physics", type="ode")
-    ET.SubElement(physics, "max_step_size").text = repr(program.dt)
+    place = ET.SubElement(sdf, "world", name="crane")
+    ET.SubElement(place, "gravity").text = f"0 0 {-gravity!r}"
+    physics = ET.SubElement(place, "physics", type="ode")
+    ET.SubElement(physics, "max_step_size").text = repr(dt)
     ET.SubElement(physics, "real_time_update_rate").text = "0"  # as fast as it goes
     ode = ET.SubElement(physics, "ode")
     chosen = ET.SubElement(ode, "solver")
@@ -134,7 +113,6 @@ def _world(program: Program, solver: str, erp: float) -> ET.Element:
     constraints = ET.SubElement(ode, "constraints")
     ET.SubElement(constraints, "cfm").text = "0"
     ET.SubElement(constraints, "erp").text = repr(erp)
-    ET.SubElement(ET.SubElement(world, "include"), "uri").text = "model://crane"
     return sdf
 
 

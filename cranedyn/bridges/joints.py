@@ -126,3 +126,38 @@ def check_heavy(crane: Crane, robot: ET.Element, door: str) -> None:
         numbers = [float(part.get(key, "0")) for part in masses for key in ("value", "ixx", "iyy", "izz") if part.get(key) is not None]
         if len(numbers) != 4 or min(numbers) <= 0.0:
             raise ModelError(f"The link {quoted(name)} has no mass or no inertia, with which {door} drops it; allowed are numbers > 0.")
+
+
+def grounded(robot: ET.Element, door: str) -> ET.Element:
+    """A URDF, changed so that Gazebo takes all of it: its root is the link ``world``, and what is fixed to that has an inertial.
+
+    Without an inertial Gazebo leaves out a link and all that it carries, silently; of a link that cannot move any will do.
+
+    Raises:
+        ModelError: If another link than the root has that name.
+    """
+    ends = [(joint.get("type"), _end(joint, "parent"), _end(joint, "child")) for joint in robot.iterfind("joint")]
+    links = {link.get("name", ""): link for link in robot.iterfind("link")}
+    (root,) = links.keys() - {child for *_, child in ends}
+    still = {root}
+    while more := {child for kind, parent, child in ends if parent in still and kind == "fixed"} - still:
+        still |= more
+    if root != "world":
+        if "world" in links:
+            raise ModelError(f"The crane has a link world that is not its root, {quoted(root)}; {door} hangs a crane on that link.")
+        robot.insert(0, ET.Element("link", name="world"))
+        joint = ET.SubElement(robot, "joint", name="fixed_to_the_world", type="fixed")
+        ET.SubElement(joint, "parent", link="world")
+        ET.SubElement(joint, "child", link=root)
+    for name in still - {"world"}:
+        if links[name].find("inertial") is None:
+            inertial = ET.SubElement(links[name], "inertial")
+            ET.SubElement(inertial, "mass", value="1")
+            ET.SubElement(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
+    return robot
+
+
+def _end(joint: ET.Element, tag: str) -> str:
+    """The link at an end of a joint."""
+    end = joint.find(tag)
+    return "" if end is None else end.get("link", "")
