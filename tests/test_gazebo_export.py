@@ -18,7 +18,7 @@ import experiments.a1
 import experiments.a2
 import experiments.a3
 import experiments.energy
-from cranedyn.bridges import gazebo
+from cranedyn.bridges import gazebo, ros2
 from cranedyn.bridges.command import main
 from cranedyn.bridges.programs import Program
 from cranedyn.controllers import hold_controller
@@ -247,3 +247,26 @@ def test_in_gazebo_damping_does_not_reach_a_swing_whose_rates_are_overwritten(in
     world = replace(SETUP, gravity=9.8)
     logs = [in_gazebo(programs.program("swing", replace(world, values={"damp_swing": d})), True).read_bytes() for d in (0, 1, 2e5)]
     assert logs[0] == logs[1] == logs[2]
+
+
+@with_gazebo
+def test_gazebo_s_own_parser_takes_the_package_for_ros_whole(tmp_path: Path) -> None:
+    package = ros2.export(tmp_path / "package" if _HERE else Path(_ROOT, "tmp", f"cranedyn-{secrets.token_hex(4)}"), load_crane())
+    inside, place = ([], package) if _HERE else (["chroot", _ROOT], Path("/", package.relative_to(_ROOT)))
+    try:
+        for world in ("crane.sdf", "classic.sdf"):
+            done = subprocess.run([*inside, "gz", "sdf", "-k", place / "worlds" / world], capture_output=True, text=True, check=False)
+            assert (done.stdout.strip(), done.stderr) == ("Check complete", "")
+        done = subprocess.run([*inside, "gz", "sdf", "-p", place / "urdf" / "crane.urdf"], capture_output=True, text=True, check=False)
+        model = ET.fromstring(done.stdout)
+        masses = [float(mass.text or "nan") for mass in model.iterfind(".//link/inertial/mass")]
+        assert masses == [1.0, 3000.0, 500.0, 50.0, 50.0, 1000.0]
+        assert [joint.get("type") for joint in model.iterfind(".//joint")][1:] == [
+            "revolute",
+            "prismatic",
+            "revolute",
+            "revolute",
+            "prismatic",
+        ]
+    finally:
+        shutil.rmtree(package, ignore_errors=True)

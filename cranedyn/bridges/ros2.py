@@ -13,7 +13,7 @@ from cranedyn.arguments import checked
 from cranedyn.bridges.gazebo import world
 from cranedyn.bridges.joints import Joint, check_heavy, described, grounded, joints, loaded
 from cranedyn.bridges.target import new_folder
-from cranedyn.errors import DataError
+from cranedyn.errors import DataError, number
 from cranedyn.model.crane import Crane
 
 TARGET = "DIR"
@@ -60,9 +60,11 @@ def export(folder: str | Path, crane: Crane, *, name: str = "crane_description",
     Raises:
         DataError: If something stands there, it cannot be written, or the name is none that ROS allows.
         ModelError: If the crane has a link without mass or inertia, a mesh, or a rope that stretches.
+        OutOfRange: If the step is not positive.
     """
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
         raise DataError(f"A package of ROS cannot be called {name!r}; allowed are small letters, digits and single underlines.")
+    number("dt", dt, "s", "> 0")
     robot = grounded(described(crane), "ROS")
     check_heavy(crane, robot, "Gazebo")
     moving = joints(crane, robot)
