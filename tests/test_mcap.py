@@ -164,6 +164,26 @@ def test_a_bag_of_another_robot_is_a_sentence(
     assert not (tmp_path / "out").exists()
 
 
+def test_what_a_file_says_of_its_own_messages_is_not_looked_at(file: Path, tmp_path: Path) -> None:
+    """Parsers of definitions make Python of them and run it."""
+    from mcap.writer import CompressionType, Writer
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    state, header, stamp = (store.types[name] for name in (bags.TYPE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
+    with (tmp_path / "odd.mcap").open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.LZ4)
+        writer.start("ros2")
+        schema = writer.register_schema(bags.TYPE, "ros2msg", b"float64[] position\nint32 __import__('os').abort()\n\xff")
+        channel = writer.register_channel("/joint_states", "cdr", schema)
+        for k in (1, 0):  # out of order, as recorders may write
+            at = header(stamp=stamp(sec=k, nanosec=0), frame_id="")
+            one = state(header=at, name=["hoist_joint"], position=np.array([15.0 + k]), velocity=np.zeros(0), effort=np.zeros(0))
+            writer.add_message(channel, k, bytes(store.serialize_cdr(one, bags.TYPE)), k)
+        writer.finish()
+    found = bags.read_columns(tmp_path / "odd.mcap", ["t_s", "l_m"])
+    assert (found["t_s"].tolist(), found["l_m"].tolist()) == ([0.0, 1.0], [15.0, 16.0])
+
+
 def test_rates_that_a_recording_lacks_are_a_sentence(tmp_path: Path) -> None:
     path = bag(tmp_path / "one.bag", ["yaw_joint", "hoist_joint"], rows=3)
     with pytest.raises(CraneError, match=r"has no velocity of yaw_joint in its message 1; gamma_dot_rad_s needs one\."):

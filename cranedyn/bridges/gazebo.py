@@ -71,6 +71,7 @@ def export(
     ET.SubElement(ET.SubElement(place[0], "include"), "uri").text = "model://crane"
     with new_folder(folder) as draft:
         shutil.copytree(_TEMPLATES, draft, dirs_exist_ok=True)
+        (draft / "run.sh").chmod(0o755)
         (draft / "models" / "crane").mkdir(parents=True)
         _xml(draft / "models" / "crane" / "model.urdf", model)
         _xml(draft / "models" / "crane" / "model.config", _config())
