@@ -99,6 +99,8 @@ def test_a_plugin_that_overwrites_the_passive_rates_is_a_damper_and_takes_what_t
     assert ours[0] == pytest.approx(100.0 / 5e-4 / (2.0 * math.sqrt(225500.0 * 9800.0 * 15.0)), rel=0.0225 / 8)  # A²/8
     assert ours[2] == pytest.approx(theirs[2], abs=0.01)
     rows = [f"| {name} | {row[0]:.4f} | {row[1]:.4f} | {row[2]:.2f} |" for name, row in ratios.items() if name[:4] in ("here", "Gaze")]
+    told = f"| {theirs[0]:.4f}, {theirs[2]:.2f} J | {ours[0]:.4f}, {ours[2]:.2f} J |"
+    assert missing([told], "README.md") == []
     assert missing([*rows, f"{dampings[1.0][0]:.2f} J are"], "docs/findings.md") == []
 
 
