@@ -22,9 +22,12 @@ from cranedyn.bridges import gazebo, ros2
 from cranedyn.bridges.command import main
 from cranedyn.bridges.programs import Program
 from cranedyn.controllers import hold_controller
+from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory, read_columns
 from cranedyn.errors import CraneError
 from cranedyn.model.load import load_crane
+from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
 from experiments import harness
 from experiments.scenarios import programs
@@ -80,13 +83,20 @@ def test_the_plugin_puts_joints_where_they_start_and_limits_the_drives_only(a1: 
     assert limited == ["yaw_joint", "trolley_joint", "hoist_joint"]
 
 
-def test_the_tables_are_the_controller_to_the_bit(a1: Path) -> None:
-    program = programs.program("a1", replace(SETUP, gravity=9.8))
-    law, _ = program.tables("Gazebo")
-    gain = np.loadtxt(a1 / "gain.csv", delimiter=",", ndmin=2)
-    setpoint = np.loadtxt(a1 / "setpoint.csv", delimiter=",", ndmin=2)
-    assert gain.tobytes() == law.gain.reshape(1, -1).tobytes()
-    assert setpoint.tobytes() == law.setpoint.tobytes()
+def test_the_tables_are_the_controller_to_the_bit(tmp_path: Path) -> None:
+    rng, crane = np.random.default_rng(1), SETUP.crane
+    tracking = Tracking(5e-3, rng.normal(size=(7, 3)), rng.normal(size=(7, 3, 10)), rng.normal(size=(7, 10)))
+    controller = HoistIntegral(tracking, 1.0 / 3.0, 1e5, integral=0.1)
+    reference = ramp(hold(crane.start), "l", 1.0 / 3.0, rate=1.0 / 7.0, at=0.0)
+    folder = gazebo.export(tmp_path / "out", Program(crane, controller, reference, crane.start, 0.05))
+    shapes = {"feed_forward": (7, 3), "gain": (7, 3, 10), "setpoint": (7, 10)}
+    for name, shape in shapes.items():
+        found = np.loadtxt(folder / f"{name}.csv", delimiter=",", ndmin=2).reshape(shape)
+        assert found.tobytes() == getattr(tracking, name).tobytes()
+    target = np.loadtxt(folder / "target.csv", delimiter=",")
+    assert target.tolist() == [reference(k * 5e-3).position.tolist() for k in range(11)]
+    gain, limit, value = np.loadtxt(folder / "integral.csv", delimiter=",").tolist()
+    assert (gain, limit[2], value) == ([0.0, 0.0, 1.0 / 3.0], 1e5, [0.0, 0.0, 0.1])
 
 
 def test_the_world_is_the_articles_unless_asked_otherwise(a1: Path, tmp_path: Path) -> None:

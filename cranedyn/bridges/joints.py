@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from argparse import Namespace
 from typing import NamedTuple
 
-from cranedyn.errors import ModelError, quoted
+from cranedyn.errors import ModelError, number, quoted
 from cranedyn.interfaces import COORDINATES, UNITS
 from cranedyn.model.crane import DRIVES, Crane
 from cranedyn.model.description import parse_values
@@ -108,7 +108,8 @@ def joints(crane: Crane, robot: ET.Element) -> tuple[Joint, ...]:
 
 def _tag(robot: ET.Element, joint: str, tag: str) -> float:
     """A number that the URDF gives a joint in a tag of Gazebo's, 0 if it does not."""
-    return float(next((element.text or "0" for element in robot.iterfind(f"gazebo[@reference='{joint}']/{tag}")), "0"))
+    texts = (one.findtext(tag) for one in robot.iterfind("gazebo") if one.get("reference") == joint)
+    return number(f"{tag} of {quoted(joint)}", next((text for text in texts if text is not None), 0.0))
 
 
 def check_heavy(crane: Crane, robot: ET.Element, door: str) -> None:
