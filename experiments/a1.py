@@ -162,7 +162,7 @@ def budget(crane: Crane, length: float, amplitude: float, brake: Hold) -> dict[s
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run all cases, or analyse files recorded elsewhere."""
     if options.files:
-        return _from_files(options.files, setup.crane)
+        return _from_files(options.files, options.joints, setup.crane)
     if options.identify:
         from experiments.a1_identify import identify
 
@@ -243,12 +243,12 @@ def _within(misses: Sequence[float], allowed: Sequence[float]) -> tuple[bool, st
     return miss < most, f"{100 * miss:.4f} % where {100 * most:.4f} % are allowed"
 
 
-def _from_files(files: Sequence[str], crane: Crane) -> harness.Outcome:
+def _from_files(files: Sequence[str], joints: Sequence[str], crane: Crane) -> harness.Outcome:
     from experiments.a1_tables import pendulums
 
     rows = []
     for file in files:
-        data = harness.recorded(file, COLUMNS)
+        data = harness.recorded(file, COLUMNS, joints)
         late = data["t_s"] >= FIT_FROM
         with harness.analysing(file):
             fit, length = fit_swing(data["t_s"][late], data["phi_rad"][late]), float(data["l_m"][late].mean())

@@ -140,6 +140,10 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     from cranedyn.recording import Run
 
     swing, length = number("swing", options.swing, "rad", f"{LEAST_SWING:g} to {math.pi / 2:.4f}"), options.length
+    if getattr(options, "overwritten", False):
+        from experiments.energy_overwritten import experiment as overwritten
+
+        return overwritten(setup, swing, length)
     cranes = {d: setup.variant(damp_swing=d) for d in DAMPINGS}
     crane = cranes[1.0]
     audits = {d: run(setup, c, swing, length, AUDIT) for d, c in cranes.items()}
@@ -287,6 +291,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     harness.add_setup(made, "damp_swing", "hoist_init")
     made.add_argument("--swing", type=float, default=SWING, metavar="PHI", help="radial swing at the start [rad]")
     made.add_argument("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
+    made.add_argument("--overwritten", action="store_true", help="what a plugin that overwrites the passive rates does to the swing")
     return harness.conduct(made, experiment, argv)
 
 

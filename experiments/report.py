@@ -24,6 +24,7 @@ EXPERIMENTS = {
     "a2": ["--gravity", "9.8"],
     "a3": ["--gravity", "9.8"],
     "energy": [],
+    "gazebo": [],
     "mass_ratio": [],
     "validate": [],
     "linear_vs_full": [],

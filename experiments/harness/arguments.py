@@ -80,6 +80,8 @@ def _check_effect(made: argparse.ArgumentParser, options: argparse.Namespace) ->
             for name in given:
                 if name not in (mode, "out", "document", *uses):
                     raise DataError(f"{flags[name]} has no effect beside {flags[mode]}; leave it out.")
+    if "joints" in given and not any(Path(file).suffix in (".mcap", ".bag") for file in options.files or ()):
+        raise DataError("--joints has no effect without --from and an .mcap or .bag file; leave it out.")
     if "port" in given and not options.serve:
         raise DataError("--port has no effect without --serve; leave it out.")
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -16,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from cranedyn.clocks import clocks
 from cranedyn.data.trajectory import Trajectory, read_columns
-from cranedyn.errors import DataError
+from cranedyn.errors import DataError, quoted
 from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Validity
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import parse_values
@@ -59,9 +60,11 @@ def add_setup(made: argparse.ArgumentParser, *fixed: str) -> None:
 
 def add_files(made: argparse.ArgumentParser, columns: Sequence[str], *uses: str) -> None:
     """Add the argument for files recorded elsewhere, and say which others their analysis uses."""
-    add_mode(made, "files", *uses)
-    text = f"analyse CSV or Parquet files with columns {', '.join(columns)} instead of simulating"
+    add_mode(made, "files", *uses, "joints")
+    text = f"analyse files with columns {', '.join(columns)} instead of simulating: CSV, Parquet, or .mcap and .bag with joint states"
     made.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=text)
+    named = "names of joints in .mcap and .bag files, where they are not those of this crane"
+    made.add_argument("--joints", nargs="+", default=[], metavar="l=NAME", help=named)
 
 
 @dataclass(frozen=True)
@@ -206,14 +209,19 @@ def setup_of(options: argparse.Namespace, reporter: ProgressReporter) -> Setup:
     return Setup(options.gravity, values, options.dt, options.control_period, options.validity, options.engine, reporter)
 
 
-def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
+def recorded(file: str, columns: Sequence[str], joints: Sequence[str] = ()) -> dict[str, np.ndarray]:
     """Columns of a file recorded elsewhere, time `t_s` and the cable length `l_m` among them.
+
+    Args:
+        file: CSV, Parquet, or a recording of ROS (.mcap, .bag).
+        columns: Their names.
+        joints: Names of joints in a recording of ROS, such as ``l=hoist``.
 
     Raises:
         DataError: As `read_columns`, if a cable is shorter than a millimetre, an angle changes by more than 10 rad/s, any other number is
             beyond a million of its unit, or rows are more than half a second apart.
     """
-    data = read_columns(file, columns)
+    data = _of_ros(file, columns, joints) if Path(file).suffix in (".mcap", ".bag") else read_columns(file, columns)
     for name, values in data.items():
         high = _FASTEST if name.endswith("_rad_s") else _LARGEST
         low = 1e-3 if name == "l_m" else -high
@@ -223,6 +231,19 @@ def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
     if (gap := np.diff(data["t_s"]).max()) > _LONGEST_GAP:
         raise DataError(f"{file}: t_s leaves a gap of {gap:g} s; allowed are {_LONGEST_GAP:g} s from row to row.")
     return data
+
+
+def _of_ros(file: str, columns: Sequence[str], joints: Sequence[str]) -> dict[str, np.ndarray]:
+    """Columns from the joint states of a recording."""
+    from cranedyn.bridges import bags
+
+    names: dict[str, str] = {}
+    for pair in joints:
+        symbol, mark, name = pair.partition("=")
+        if not mark or not name or symbol in names:
+            raise DataError(f"{quoted(pair)} among --joints is not of the form l=NAME, each coordinate once.")
+        names[symbol] = name
+    return bags.read_columns(file, columns, names)
 
 
 @contextmanager

@@ -1,0 +1,155 @@
+"""MCAP: a run as ROS 2 messages, for Foxglove, PlotJuggler, RViz and rosbag2: joints, frames, setpoints, and the robot's description."""
+
+from __future__ import annotations
+
+import argparse
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.arguments import checked
+from cranedyn.bridges.joints import Joint, described, joints, loaded
+from cranedyn.bridges.target import new_file
+from cranedyn.data.trajectory import Trajectory, read
+from cranedyn.errors import DataError, OutOfRange
+from cranedyn.model.crane import Crane
+
+TARGET = "FILE"
+
+FRAME_PERIOD = 0.02
+"""Least time between messages of frames [s]; joints have a message at every row."""
+
+TYPES = {
+    "/joint_states": "sensor_msgs/msg/JointState",
+    "/joint_setpoints": "sensor_msgs/msg/JointState",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/robot_description": "std_msgs/msg/String",
+}
+"""Topics by their usual names, with the types of their messages."""
+
+Message = tuple[str, int, dict[str, Any]]
+"""Topic, time [ns], message."""
+
+
+def check_installed() -> None:
+    """Return if the extra is installed.
+
+    Raises:
+        DataError: If it is not.
+    """
+    for module, package in (("mcap_ros2", "mcap-ros2-support"), ("rosbags", "rosbags")):
+        if find_spec(module) is None:
+            raise DataError(f"{package} is not installed: pip install 'cranedyn[mcap]'.")
+
+
+@checked
+def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
+    """Write a run as MCAP.
+
+    ``/joint_states`` has all moving joints by their names in the URDF, with position, velocity and effort, of the drives the effort that
+    acted, 0 for passive joints. ``/joint_setpoints`` has the drives with position wanted and effort commanded. ``/tf`` has a frame for each
+    moving link, 20 ms apart or more; ``/tf_static`` and ``/robot_description`` stand at the first time. Times are those of the run, from 0
+    on, in the header, as log time and as publish time.
+
+    Args:
+        file: Where; it must not be there yet, and its ending must be .mcap.
+        crane: The crane that made the run.
+        trajectory: The run.
+
+    Raises:
+        DataError: If the extra ``mcap`` is not installed, the ending is another, something stands there, or it cannot be written.
+        ModelError: If the crane has a mesh or a rope that stretches.
+        OutOfRange: If the run has no row, or begins before time 0.
+    """
+    check_installed()
+    from mcap_ros2.writer import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    file = Path(file)
+    if file.suffix != ".mcap":
+        raise DataError(f"Cannot write {file}: the ending must be .mcap.")
+    if not len(trajectory) or trajectory.t[0] < 0.0:
+        first = trajectory.t[0] if len(trajectory) else "that of no row"
+        raise OutOfRange("time at the start of a run in MCAP", first, "0 or later: times there have no sign", "s")
+    robot = described(crane)
+    known = get_typestore(Stores.ROS2_HUMBLE)
+    with new_file(file) as draft, draft.open("wb") as stream:
+        writer = Writer(stream)
+        schemas = {name: writer.register_msgdef(name, known.generate_msgdef(name, ros_version=2)[0]) for name in set(TYPES.values())}
+        for topic, time, message in _messages(crane, robot, trajectory):
+            writer.write_message(topic, schemas[TYPES[topic]], message, log_time=time, publish_time=time)
+        writer.finish()
+    return file
+
+
+def _messages(crane: Crane, robot: ET.Element, run: Trajectory) -> Iterator[Message]:
+    moving = joints(crane, robot)
+    driven = [joint for joint in moving if joint.driven]
+    names, drives = [joint.name for joint in moving], [joint.name for joint in driven]
+    times = np.rint(1e9 * run.t).astype(int).tolist()
+    efforts = np.zeros_like(run.q)
+    efforts[:, [moving.index(joint) for joint in driven]] = run.effort
+    frames, fixed = _frames(robot, moving)
+    yield "/robot_description", times[0], {"data": crane.urdf}
+    yield "/tf_static", times[0], {"transforms": [frame.at(times[0], 0.0) for frame in fixed]}
+    shown = -np.inf
+    for k, time in enumerate(times):
+        state = {"name": names, "position": run.q[k].tolist(), "velocity": run.v[k].tolist(), "effort": efforts[k].tolist()}
+        yield "/joint_states", time, {"header": _header(time), **state}
+        setpoint = {"name": drives, "position": run.setpoint[k].tolist(), "velocity": [], "effort": run.command[k].tolist()}
+        yield "/joint_setpoints", time, {"header": _header(time), **setpoint}
+        if run.t[k] > shown + FRAME_PERIOD - 1e-9:
+            shown = run.t[k]
+            yield "/tf", time, {"transforms": [frame.at(time, value) for frame, value in zip(frames, run.q[k].tolist(), strict=True)]}
+
+
+def _header(time: int, frame: str = "") -> dict[str, Any]:
+    return {"stamp": {"sec": time // 10**9, "nanosec": time % 10**9}, "frame_id": frame}
+
+
+class _Frame:
+    """The frame of a link in that of its parent."""
+
+    def __init__(self, element: ET.Element, joint: Joint | None) -> None:
+        """Take a joint of the URDF, and what is known of it if it moves."""
+        self.parent, self.child = (element.find(tag).get("link", "") for tag in ("parent", "child"))  # type: ignore[union-attr]
+        origin = element.find("origin")
+        xyz, rpy = ("0 0 0" if origin is None else origin.get(name, "0 0 0") for name in ("xyz", "rpy"))
+        self.place = np.array([float(word) for word in xyz.split()])
+        self.turn = pin.rpy.rpyToMatrix(np.array([float(word) for word in rpy.split()]))
+        axis = np.array([float(word) for word in ("1 0 0" if joint is None else joint.axis).split()])
+        self.axis, self.turns = axis / np.linalg.norm(axis), joint is not None and joint.unit == "rad"
+
+    def at(self, time: int, value: float) -> dict[str, Any]:
+        """The transform at a time [ns] and a coordinate [rad or m]."""
+        slide = np.zeros(3) if self.turns else value * self.axis
+        x, y, z = (self.place + self.turn @ slide).tolist()
+        turned = self.turn @ pin.AngleAxis(value if self.turns else 0.0, self.axis).matrix()
+        i, j, k, w = pin.Quaternion(turned).coeffs().tolist()
+        rotation = {"x": i, "y": j, "z": k, "w": w}
+        transform = {"translation": {"x": x, "y": y, "z": z}, "rotation": rotation}
+        return {"header": _header(time, self.parent), "child_frame_id": self.child, "transform": transform}
+
+
+def _frames(robot: ET.Element, moving: Sequence[Joint]) -> tuple[list[_Frame], list[_Frame]]:
+    """Frames of the moving joints, in their order, and of the fixed ones."""
+    elements = {element.get("name", ""): element for element in robot.iterfind("joint")}
+    frames = [_Frame(elements.pop(joint.name), joint) for joint in moving]
+    return frames, [_Frame(element, None) for element in elements.values()]
+
+
+def add_arguments(made: argparse.ArgumentParser) -> None:
+    """What its command line takes beside the file and the crane."""
+    made.add_argument("--trajectory", required=True, metavar="FILE", help="the run, a .csv or .parquet file as experiments write")
+
+
+def run(options: argparse.Namespace) -> Path:
+    """Write what the command line asks for."""
+    check_installed()
+    return export(options.target, loaded(options), read(options.trajectory))

@@ -1,0 +1,161 @@
+"""MuJoCo: the crane as an MJCF file, with damping, springs, limits, actuators of the drives, looks, and its start as a keyframe."""
+
+from __future__ import annotations
+
+import argparse
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.arguments import checked
+from cranedyn.bridges.joints import Joint, check_heavy, described, joints, loaded
+from cranedyn.bridges.target import new_file
+from cranedyn.errors import DataError, number
+from cranedyn.model.crane import Crane
+
+TARGET = "FILE"
+
+_SHAPES = {"box": "box", "cylinder": "cylinder", "sphere": "sphere"}
+
+
+@checked
+def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
+    """Write a crane as MuJoCo loads it.
+
+    Its step is that of `simulate`: semi-implicit Euler with damping at the rates before the step. Each drive is a motor that takes its
+    effort [N m or N] as control, within the drive's limits; passive joints have none. Joint ranges act where a joint leaves them. The
+    keyframe ``start`` is where the crane starts; MuJoCo's own zero lies outside of the ranges.
+
+    Args:
+        file: Where; it must not be there yet, and its ending must be .xml.
+        crane: The crane.
+        dt: Physics step [s].
+
+    Raises:
+        DataError: If the ending is another, something stands there, or it cannot be written.
+        ModelError: If the crane has a moving link without mass or inertia, a mesh, or a rope that stretches.
+        OutOfRange: If the step is not positive.
+    """
+    file = Path(file)
+    if file.suffix != ".xml":
+        raise DataError(f"Cannot write {file}: the ending of an MJCF file must be .xml.")
+    robot = described(crane)
+    check_heavy(crane, robot, "MuJoCo")
+    root = mjcf(crane, robot, number("dt", dt, "s", "> 0"))
+    ET.indent(root)
+    text = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+    with new_file(file) as draft:
+        draft.write_bytes(text)
+    return file
+
+
+def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
+    """The crane as MJCF, from its URDF as XML; physics step in s."""
+    root = ET.Element("mujoco", model=robot.get("name", "crane"))
+    # angles in radians, roll pitch yaw about fixed axes; what has no inertial has no mass
+    ET.SubElement(root, "compiler", angle="radian", eulerseq="XYZ", inertiafromgeom="false", autolimits="true")
+    option = ET.SubElement(root, "option", timestep=repr(dt), gravity=f"0 0 {-crane.gravity!r}", integrator="Euler")
+    ET.SubElement(option, "flag", eulerdamp="disable")
+    colours = {m.get("name", ""): c.get("rgba", "") for m in robot.iterfind("material") for c in m.iterfind("color")}
+    moving = joints(crane, robot)
+    _Tree(robot, moving, colours).grow(ET.SubElement(root, "worldbody"))
+    actuators = ET.SubElement(root, "actuator")
+    for joint in moving:
+        if joint.driven:
+            limits = f"{-joint.effort!r} {joint.effort!r}"
+            ET.SubElement(actuators, "motor", name=joint.name.removesuffix("_joint"), joint=joint.name, ctrlrange=limits)
+    keyframe = ET.SubElement(root, "keyframe")
+    ET.SubElement(keyframe, "key", name="start", qpos=" ".join(repr(joint.start) for joint in moving))
+    return root
+
+
+class _Tree:
+    """Links and joints of a URDF as nested bodies."""
+
+    def __init__(self, robot: ET.Element, moving: tuple[Joint, ...], colours: Mapping[str, str]) -> None:
+        self.links = {link.get("name", ""): link for link in robot.iterfind("link")}
+        self.moving = {joint.name: joint for joint in moving}
+        self.colours = colours
+        self.children: dict[str, list[tuple[str, ET.Element]]] = {}
+        below = set()
+        for joint in robot.iterfind("joint"):
+            parent, child = (joint.find(tag).get("link", "") for tag in ("parent", "child"))  # type: ignore[union-attr]
+            self.children.setdefault(parent, []).append((child, joint))
+            below.add(child)
+        (self.root,) = self.links.keys() - below
+
+    def grow(self, world: ET.Element) -> None:
+        """Hang the root, or what hangs on a root of the name world, into the world."""
+        if self.root == "world":
+            self._fill(world, self.root)
+        else:
+            self._fill(ET.SubElement(world, "body", name=self.root), self.root)
+
+    def _fill(self, body: ET.Element, link: str) -> None:
+        for visual in self.links[link].iterfind("visual"):
+            self._geom(body, visual)
+        for child, joint in self.children.get(link, []):
+            inner = ET.SubElement(body, "body", {"name": child, **_place(joint)})
+            name = joint.get("name", "")
+            if name in self.moving:
+                inner.append(_joint(self.moving[name]))
+            inertial = self.links[child].find("inertial")
+            if inertial is not None:
+                inner.append(_inertial(inertial))
+            self._fill(inner, child)
+
+    def _geom(self, body: ET.Element, visual: ET.Element) -> None:
+        for shape in visual.iterfind("geometry/*"):
+            if shape.tag == "box":
+                size = [float(word) / 2.0 for word in shape.get("size", "").split()]
+            else:
+                size = [float(shape.get("radius", "0")), *([float(shape.get("length", "0")) / 2.0] if shape.tag == "cylinder" else [])]
+            looks = {"type": _SHAPES[shape.tag], "size": " ".join(map(repr, size)), "contype": "0", "conaffinity": "0", "group": "2"}
+            colour = next((m.find("color") for m in visual.iterfind("material")), None)
+            named = next((m.get("name", "") for m in visual.iterfind("material")), "")
+            rgba = colour.get("rgba", "") if colour is not None else self.colours.get(named, "")
+            ET.SubElement(body, "geom", {**looks, **_place(visual), **({"rgba": rgba} if rgba else {})})
+
+
+def _place(element: ET.Element) -> dict[str, str]:
+    """Where the URDF's origin puts something."""
+    origin = element.find("origin")
+    found = {} if origin is None else {"pos": origin.get("xyz", ""), "euler": origin.get("rpy", "")}
+    return {name: " ".join(text.split()) for name, text in found.items() if text}
+
+
+def _joint(joint: Joint) -> ET.Element:
+    limits = {"range": f"{joint.lower!r} {joint.upper!r}", "damping": repr(joint.damping)}
+    spring = {"stiffness": repr(joint.stiffness), "springref": repr(joint.rest)} if joint.stiffness else {}
+    kind = "hinge" if joint.unit == "rad" else "slide"
+    return ET.Element("joint", {"name": joint.name, "type": kind, "axis": joint.axis, **limits, **spring})
+
+
+def _inertial(inertial: ET.Element) -> ET.Element:
+    """Mass and inertia; a turned inertia is turned back, since MJCF takes a full one in the body's axes only."""
+    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    assert mass is not None and inertia is not None  # the URDF was checked
+    place = _place(inertial)
+    i = {name: float(inertia.get(name, "0")) for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")}
+    tensor = np.array([[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]], [i["ixz"], i["iyz"], i["izz"]]])
+    if rpy := place.pop("euler", ""):
+        turn = pin.rpy.rpyToMatrix(np.array([float(word) for word in rpy.split()]))
+        tensor = turn @ tensor @ turn.T
+    diagonal = not np.any(tensor - np.diag(np.diag(tensor)))
+    kept = np.diag(tensor) if diagonal else tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    name = "diaginertia" if diagonal else "fullinertia"
+    entries = {"pos": place.get("pos", "0 0 0"), "mass": mass.get("value", ""), name: " ".join(map(repr, kept.tolist()))}
+    return ET.Element("inertial", entries)
+
+
+def add_arguments(made: argparse.ArgumentParser) -> None:
+    """What its command line takes beside the file and the crane."""
+    made.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
+
+
+def run(options: argparse.Namespace) -> Path:
+    """Write what the command line asks for."""
+    return export(options.target, loaded(options), dt=options.dt)

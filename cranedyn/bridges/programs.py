@@ -1,0 +1,70 @@
+"""A run to be made by another program: a crane, where it starts, and its controller as a table that needs no Python."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.controllers.affine import Affine, form
+from cranedyn.errors import DataError, OutOfRange
+from cranedyn.interfaces import Controller, Drive, Reference, State
+from cranedyn.model.crane import Crane
+from cranedyn.references import hold
+from cranedyn.references.tabulated import tabulated
+from cranedyn.simulation.clocks import Clocks, Timed, clocks
+
+
+@dataclass(frozen=True)
+class Program:
+    """A run as `cranedyn.simulation.simulate.simulate` takes it.
+
+    Attributes:
+        crane: The crane.
+        controller: What commands the drives; it must be affine in the state.
+        reference: Where the drives should be; None holds them where they start.
+        start: Where the crane starts.
+        duration: How long to run [s].
+        dt: Physics step [s].
+        control_period: Time between control instants [s].
+        drive: How the drives take commands.
+    """
+
+    crane: Crane
+    controller: Controller
+    reference: Reference | None
+    start: State
+    duration: float
+    dt: float = 5e-4
+    control_period: float = 5e-3
+    drive: Drive = "effort"
+
+    @property
+    def clock(self) -> Clocks:
+        """How it is divided."""
+        return clocks(self.duration, self.dt, self.control_period)
+
+    def tables(self, door: str) -> tuple[Affine, np.ndarray]:
+        """The controller in its common form, and the positions that the drives should have, shape (n, drives).
+
+        Args:
+            door: Where it goes, for the sentence.
+
+        Raises:
+            DataError: If the controller is not affine.
+            OutOfRange: If the drives follow prescribed motion, or the common form holds a number that is not finite.
+        """
+        if self.drive != "effort":
+            raise OutOfRange(f"drive of a run in {door}", self.drive, "effort: another engine's joints take forces")
+        clock = self.clock
+        times = clock.period * np.arange(clock.periods + 1)
+        positions = tabulated(hold(self.start) if self.reference is None else self.reference, times)[0]
+        if isinstance(self.controller, Timed):
+            self.controller.run_begins(0.0, clock.period)
+        law = form(self.controller, times, positions)
+        if law is None:
+            name = type(self.controller).__name__
+            raise DataError(f"The controller {name} is not affine in the state; {door} runs tables, not Python.")
+        if lacking := law.lacking():
+            raise OutOfRange(f"{lacking} of the controller", "not finite in some row", "finite numbers")
+        return law, positions

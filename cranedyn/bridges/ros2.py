@@ -1,0 +1,167 @@
+"""ROS 2: the crane as a description package for ament, with launch files, RViz, ros2_control and a world for gz sim."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+
+from cranedyn.arguments import checked
+from cranedyn.bridges.gazebo import world
+from cranedyn.bridges.joints import Joint, check_heavy, described, grounded, joints, loaded
+from cranedyn.bridges.target import new_folder
+from cranedyn.errors import DataError, number
+from cranedyn.model.crane import Crane
+
+TARGET = "DIR"
+
+RATE = 200
+"""Of the controllers [Hz], as in the article."""
+
+_TEMPLATES = Path(__file__).with_name("templates") / "ros2"
+
+_NEEDED = (
+    "controller_manager",
+    "effort_controllers",
+    "gz_ros2_control",
+    "joint_state_broadcaster",
+    "joint_state_publisher_gui",
+    "robot_state_publisher",
+    "ros_gz_bridge",
+    "ros_gz_sim",
+    "rviz2",
+)
+"""Packages with which the launch files run."""
+
+_SYSTEMS = {
+    "gz-sim-physics-system": "gz::sim::systems::Physics",
+    "gz-sim-user-commands-system": "gz::sim::systems::UserCommands",
+    "gz-sim-scene-broadcaster-system": "gz::sim::systems::SceneBroadcaster",
+}
+"""What a world of gz sim needs to move, to take models, and to be seen."""
+
+
+@checked
+def export(folder: str | Path, crane: Crane, *, name: str = "crane_description", dt: float = 5e-4) -> Path:
+    """Write a description package.
+
+    Only the drives have command interfaces; the passive joints have states, position and velocity, so that nothing overwrites their
+    swing. Initial values put every joint into its range. No comment and no mesh is in the URDF; gravity acts on all links.
+
+    Args:
+        folder: Where; it must not be there yet.
+        crane: The crane.
+        name: Of the package.
+        dt: Physics step of the worlds [s].
+
+    Raises:
+        DataError: If something stands there, it cannot be written, or the name is none that ROS allows.
+        ModelError: If the crane has a link without mass or inertia, a mesh, or a rope that stretches.
+        OutOfRange: If the step is not positive.
+    """
+    if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
+        raise DataError(f"A package of ROS cannot be called {name!r}; allowed are small letters, digits and single underlines.")
+    number("dt", dt, "s", "> 0")
+    robot = grounded(described(crane), "ROS")
+    check_heavy(crane, robot, "Gazebo")
+    moving = joints(crane, robot)
+    for tag in robot.findall("ros2_control"):
+        robot.remove(tag)
+    robot.extend([_control(moving), _plugin()])
+    folder = Path(folder)
+    with new_folder(folder) as draft:
+        shutil.copytree(_TEMPLATES, draft, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+        cmake = draft / "CMakeLists.txt"
+        cmake.write_text(cmake.read_text().replace("@NAME@", name))
+        for part in ("config", "urdf", "worlds"):
+            (draft / part).mkdir()
+        (draft / "config" / "controllers.yaml").write_text(_controllers([joint.name for joint in moving if joint.driven]))
+        trees = {"package.xml": _package(name), "urdf/crane.urdf": robot, "worlds/crane.sdf": _gz_world(crane, dt)}
+        trees["worlds/classic.sdf"] = world(crane.gravity, dt, "world", 0.8)
+        for path, tree in trees.items():
+            ET.indent(tree)
+            (draft / path).write_bytes(ET.tostring(tree, encoding="utf-8", xml_declaration=True))
+    return folder
+
+
+def _control(moving: Sequence[Joint]) -> ET.Element:
+    """Interfaces of ros2_control: commands for the drives, states for all."""
+    control = ET.Element("ros2_control", name="crane", type="system")
+    ET.SubElement(ET.SubElement(control, "hardware"), "plugin").text = "gz_ros2_control/GazeboSimSystem"
+    for joint in moving:
+        entry = ET.SubElement(control, "joint", name=joint.name)
+        if joint.driven:
+            command = ET.SubElement(entry, "command_interface", name="effort")
+            for bound, value in (("min", -joint.effort), ("max", joint.effort)):
+                ET.SubElement(command, "param", name=bound).text = repr(value)
+        position = ET.SubElement(entry, "state_interface", name="position")
+        ET.SubElement(position, "param", name="initial_value").text = repr(joint.start)
+        ET.SubElement(entry, "state_interface", name="velocity")
+    return control
+
+
+def _plugin() -> ET.Element:
+    tag = ET.Element("gazebo")
+    name = "gz_ros2_control::GazeboSimROS2ControlPlugin"
+    plugin = ET.SubElement(tag, "plugin", filename="gz_ros2_control-system", name=name)
+    ET.SubElement(plugin, "parameters").text = "CONTROLLERS_YAML"  # the launch file knows where the package is
+    return tag
+
+
+def _controllers(drives: Sequence[str]) -> str:
+    listed = "".join(f"      - {name}\n" for name in drives)
+    return f"""controller_manager:
+  ros__parameters:
+    update_rate: {RATE}
+    joint_state_broadcaster:
+      type: joint_state_broadcaster/JointStateBroadcaster
+    drives:
+      type: effort_controllers/JointGroupEffortController
+
+drives:
+  ros__parameters:
+    joints:
+{listed}"""
+
+
+def _package(name: str) -> ET.Element:
+    package = ET.Element("package", format="3")
+    ET.SubElement(package, "name").text = name
+    ET.SubElement(package, "version").text = "0.1.0"
+    ET.SubElement(package, "description").text = "A tower crane, three driven and two passive joints, written by cranedyn."
+    ET.SubElement(package, "maintainer", email="nobody@example.org").text = "nobody"
+    ET.SubElement(package, "license").text = "MIT"
+    ET.SubElement(package, "buildtool_depend").text = "ament_cmake"
+    for needed in _NEEDED:
+        ET.SubElement(package, "exec_depend").text = needed
+    ET.SubElement(ET.SubElement(package, "export"), "build_type").text = "ament_cmake"
+    return package
+
+
+def _gz_world(crane: Crane, dt: float) -> ET.Element:
+    """A world of gz sim (Harmonic)."""
+    sdf = ET.Element("sdf", version="1.7")
+    one = ET.SubElement(sdf, "world", name="crane")
+    ET.SubElement(one, "gravity").text = f"0 0 {-crane.gravity!r}"
+    physics = ET.SubElement(one, "physics", name="steps", type="ignored")  # DART, whatever is named here
+    ET.SubElement(physics, "max_step_size").text = repr(dt)
+    ET.SubElement(physics, "real_time_factor").text = "1"
+    for file, name in _SYSTEMS.items():
+        ET.SubElement(one, "plugin", filename=file, name=name)
+    light = ET.SubElement(one, "light", type="directional", name="sun")
+    ET.SubElement(light, "direction").text = "-0.5 0.3 -0.9"
+    return sdf
+
+
+def add_arguments(made: argparse.ArgumentParser) -> None:
+    """What its command line takes beside the folder and the crane."""
+    made.add_argument("--name", default="crane_description", help="of the package")
+    made.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step of the worlds [s]")
+
+
+def run(options: argparse.Namespace) -> Path:
+    """Write what the command line asks for."""
+    return export(options.target, loaded(options), name=options.name, dt=options.dt)

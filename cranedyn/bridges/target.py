@@ -1,0 +1,60 @@
+"""Where an export goes: a folder or file that is not there yet, written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from cranedyn.data.files import sync_folder, written
+from cranedyn.errors import DataError
+
+
+def check_free(target: Path) -> None:
+    """Return if something can be written there.
+
+    Raises:
+        DataError: If something stands there, or its folder does not exist.
+    """
+    if "\0" in str(target):
+        raise DataError(f"Cannot write {target}: no name holds a NUL.")
+    if os.path.lexists(target):
+        raise DataError(f"Cannot write {target}: it is there already; name another, or remove it.")
+    if not target.absolute().parent.is_dir():
+        raise DataError(f"Cannot write {target}: the folder {target.absolute().parent} does not exist.")
+
+
+@contextmanager
+def new_folder(target: Path) -> Iterator[Path]:
+    """A folder to fill, beside the final one; renamed to it at the end, removed if anything goes wrong.
+
+    Raises:
+        DataError: As `check_free`, or if the system refuses.
+    """
+    check_free(target)
+    draft = target.absolute().with_name(f".{target.name[:40]}.{secrets.token_hex(8)}")
+    try:
+        draft.mkdir()
+        yield draft
+        check_free(target)
+        draft.rename(target)
+        sync_folder(target.absolute().parent)
+    except OSError as error:
+        raise DataError(f"Cannot write {target}: {error.strerror or error}.") from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+@contextmanager
+def new_file(target: Path) -> Iterator[Path]:
+    """A file to write, as `cranedyn.data.files.written`, in a place where none is.
+
+    Raises:
+        DataError: As `check_free` and `written`.
+    """
+    check_free(target)
+    with written(target) as draft:
+        yield draft

@@ -1,0 +1,72 @@
+"""The page of the doors: its commands work as they stand, its table is what the benchmark prints, its files are whole or not there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from benchmarks import bridges
+from cranedyn.bridges.command import DOORS, main
+from cranedyn.bridges.target import new_file, new_folder
+from cranedyn.errors import CraneError
+from experiments import a3, harness
+from tests.helpers import FAST, ROOT
+
+PAGE = (ROOT / "docs" / "bridges.md").read_text(encoding="utf-8")
+COMMANDS = re.findall(r"^python -m cranedyn export (.+)$", PAGE, re.MULTILINE)
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_a_command_of_the_page_writes_what_it_says(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    door, target, *others = shlex.split(words.replace("/srv/bullseye/tmp/", ""))
+    if door == "mcap":
+        pytest.importorskip("mcap_ros2", reason="mcap-ros2-support is not installed: pip install 'cranedyn[mcap]'")
+        Path("out/a3").mkdir(parents=True)
+        a3.run(harness.Setup(9.8, engine=FAST)).before(1.0).write(others[others.index("--trajectory") + 1])
+    assert main([door, target, *others]) == 0
+    assert Path(target).exists()
+
+
+def test_the_page_has_a_command_for_every_door() -> None:
+    assert {words.split()[0] for words in COMMANDS} == set(DOORS)
+    assert all(re.search(rf"^\| `{door} (DIR|FILE)` \|", PAGE, re.MULTILINE) for door in DOORS)
+
+
+def test_the_table_of_the_page_is_what_the_benchmark_prints() -> None:
+    for package in ("mujoco", "mcap_ros2", "rosbags", "llvmlite"):
+        pytest.importorskip(package)
+    made = bridges.table()
+    assert {row[0] for row in made.rows} == set(DOORS)
+    for shown in made.shown():
+        door, *_, compared, apart, _ = shown
+        assert re.search(rf"^\| {door} \| \d+ \| \d+ \| {re.escape(compared)} \| {re.escape(apart)} \| [\d-]+ \|$", PAGE, re.MULTILINE)
+    assert max(float(row[4]) for row in made.rows if isinstance(row[4], float)) < 1e-4  # Gazebo's step; the others round
+
+
+def test_a_target_that_appears_meanwhile_is_not_replaced(tmp_path: Path) -> None:
+    with pytest.raises(CraneError, match="it is there already"), new_folder(tmp_path / "out") as draft:
+        (draft / "a").write_text("ours")
+        (tmp_path / "out").mkdir()
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_target_is_whole_or_not_there(tmp_path: Path) -> None:
+    for new in (new_folder, new_file):
+        with pytest.raises(KeyboardInterrupt), new(tmp_path / "out.xml") as draft:
+            (draft / "a" if draft.is_dir() else draft).write_text("half")
+            raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(CraneError, match="no name holds a NUL"), new_file(tmp_path / "a\0b"):
+        pass
+
+
+def test_no_door_is_no_door(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["unity", "x"])
+    assert ended.value.code == 2
+    assert "invalid choice: 'unity'" in capsys.readouterr().err

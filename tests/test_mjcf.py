@@ -1,0 +1,142 @@
+"""The door to MuJoCo: the MJCF file is the crane, and moves as it does here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from numpy.testing import assert_allclose
+
+from cranedyn.bridges import mjcf
+from cranedyn.bridges.command import main
+from cranedyn.controllers import hold_controller
+from cranedyn.errors import CraneError
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from tests.helpers import G, crane, states
+from tests.test_cross_engines import DAMPING, DT, PERIOD, combined_move
+
+
+def opened(folder: Path, one: Crane) -> tuple[Any, Any, Any]:
+    mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'cranedyn[mujoco]'")
+    model = mujoco.MjModel.from_xml_path(str(mjcf.export(folder / "crane.xml", one)))
+    return mujoco, model, mujoco.MjData(model)
+
+
+@pytest.fixture(scope="module")
+def engine(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any, Any]:
+    return opened(tmp_path_factory.mktemp("mjcf"), crane(**DAMPING))
+
+
+def test_joints_damping_ranges_gravity_start_and_drives_are_those_of_the_crane(engine: Any) -> None:
+    _, model, _ = engine
+    c = crane(**DAMPING)
+    assert [model.joint(i).name for i in range(model.njnt)] == list(c.model.names)[1:]
+    assert model.dof_damping.tolist() == c.damping.tolist()
+    assert_allclose(model.jnt_range, np.stack([c.lower, c.upper], axis=1), rtol=1e-15)
+    assert model.opt.gravity.tolist() == [0.0, 0.0, -G]
+    assert model.key("start").qpos.tolist() == c.start.q.tolist()
+    assert [model.actuator(i).name for i in range(model.nu)] == ["yaw", "trolley", "hoist"]
+    assert model.actuator_ctrlrange[:, 1].tolist() == c.effort_limit.tolist()
+    assert model.ngeom > 200  # it is drawn
+
+
+def test_mass_matrix_and_bias_are_those_of_pinocchio(engine: Any) -> None:
+    mujoco, model, data = engine
+    c, matrix = crane(**DAMPING), np.zeros((5, 5))
+
+    @given(states)
+    def same(state: State) -> None:
+        data.qpos[:], data.qvel[:] = state
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, matrix)
+        inertia = np.sqrt(np.diag(matrix))
+        assert (np.abs(pin.crba(c.model, c.data, state.q) - matrix) <= 1e-13 * np.outer(inertia, inertia)).all()  # rounding
+        bias = pin.nonLinearEffects(c.model, c.data, *state)
+        assert (np.abs(bias - data.qfrc_bias) <= 1e-13 * math.sqrt(c.payload_mass) * G * inertia).all()
+
+    same()
+
+
+def test_the_same_combined_move_of_30_s_under_the_hold_controller_by_its_own_motors_and_step(tmp_path: Path) -> None:
+    c, reference, run = combined_move(**DAMPING)
+    mujoco, model, data = opened(tmp_path, c)
+    brake = hold_controller(c, gravity=G)
+    data.qpos[:], data.qvel[:] = run.state(0)
+    rows = []
+    for t in run.t:
+        state = State(data.qpos.copy(), data.qvel.copy())
+        rows.append(np.concatenate(state))
+        data.ctrl[:] = brake(t, state, reference(t))
+        mujoco.mj_step(model, data, round(PERIOD / DT))
+    assert np.abs(np.array(rows) - np.hstack([run.q, run.v])).max() < 2e-13  # rounding, as in test_cross_engines
+
+
+def test_a_motor_gives_no_more_than_the_limit_of_its_drive(engine: Any) -> None:
+    mujoco, model, data = engine
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    data.ctrl[:] = 1e9
+    mujoco.mj_forward(model, data)
+    assert data.qfrc_actuator[[0, 1, 4]].tolist() == crane().effort_limit.tolist()
+
+
+def test_springs_and_turned_inertias_are_carried(tmp_path: Path) -> None:
+    spring = (
+        "<gazebo reference='swing_radial_joint'><springStiffness>70.0</springStiffness><springReference>0.25</springReference></gazebo>"
+    )
+    text = load_crane(gravity=G).urdf.replace("</robot>", f"{spring}</robot>")
+    old = text.index("<inertial>", text.index('<link name="hook_link">'))
+    inertial = (
+        "<inertial><origin xyz='0.1 0.2 0.3' rpy='0.3 -0.5 0.7'/><mass value='1000'/>"
+        "<inertia ixx='300' iyy='400' izz='500' ixy='10' ixz='20' iyz='30'/></inertial>"
+    )
+    text = text[:old] + inertial + text[text.index("</inertial>", old) + len("</inertial>") :]
+    path = tmp_path / "other.urdf"
+    path.write_text(text)
+    c = load_crane(path, gravity=G)
+    mujoco, model, data = opened(tmp_path, c)
+    assert (model.jnt_stiffness[2], model.qpos_spring[2]) == (70.0, 0.25)
+    data.qpos[:] = q = np.array([0.3, 12.0, 0.2, -0.3, 9.0])
+    mujoco.mj_forward(model, data)
+    matrix = np.zeros((5, 5))
+    mujoco.mj_fullM(model, data, matrix)
+    inertia = np.sqrt(np.diag(matrix))
+    assert (np.abs(pin.crba(c.model, c.data, q) - matrix) <= 1e-12 * np.outer(inertia, inertia)).all()
+    assert data.qfrc_passive[2] == pytest.approx(-70.0 * (0.2 - 0.25))
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "sentence"),
+    [
+        ("c.mjcf", "", "the ending of an MJCF file must be .xml."),
+        ("c.xml", "--set dummy_mass:=0", "The link swing_r_link has no mass or no inertia, with which MuJoCo drops it"),
+        ("c.xml", "--dt 0", "dt is 0.0 s; allowed is > 0."),
+        ("c.xml", "--urdf none.urdf", "Cannot read none.urdf"),
+        ("no/c.xml", "", "does not exist"),
+    ],
+)
+def test_what_cannot_be_written_is_a_sentence(
+    name: str, words: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["mjcf", str(tmp_path / name), *words.split()]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: ") and sentence in said and said.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_exists_stays(tmp_path: Path) -> None:
+    target = tmp_path / "c.xml"
+    target.write_text("mine")
+    assert main(["mjcf", str(target)]) == 2
+    assert target.read_text() == "mine"
+    with pytest.raises(CraneError, match="has a rope that stretches"):
+        rope = '<gazebo reference="hoist_joint"><ropeStiffness>1e6</ropeStiffness></gazebo></robot>'
+        text = load_crane().urdf.replace("</robot>", rope)
+        mjcf.export(tmp_path / "d.xml", replace(load_crane(), written=lambda: text))
