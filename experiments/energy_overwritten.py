@@ -81,9 +81,12 @@ def recorded(name: str) -> dict[str, np.ndarray]:
 
 def left_there(crane: Crane, data: dict[str, np.ndarray]) -> float:
     """Swing energy at the end of a recording [J], above the load hanging at rest where the drives started."""
-    q, v = (np.stack([data[f"{symbol}_{kind.format(unit)}"] for symbol, unit in JOINTS], axis=1) for kind in ("{}", "dot_{}_s"))
-    rest = q[0] * [symbol not in ("phi", "theta") for symbol, _ in JOINTS]
-    return energy(crane, State(q[-1], v[-1])) - energy(crane, State(rest, np.zeros(len(rest))))
+    first, last, rates = (
+        np.array([data[f"{symbol}_{kind.format(unit)}"][row] for symbol, unit in JOINTS])
+        for kind, row in (("{}", 0), ("{}", -1), ("dot_{}_s", -1))
+    )
+    rest = first * [symbol not in ("phi", "theta") for symbol, _ in JOINTS]
+    return energy(crane, State(last, rates)) - energy(crane, State(rest, np.zeros(len(rest))))
 
 
 def experiment(setup: harness.Setup, swing: float, length: float) -> harness.Outcome:

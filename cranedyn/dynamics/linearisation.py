@@ -121,12 +121,15 @@ def free_modes(crane: Crane, state: State) -> FreeModes:
 
     Raises:
         ModelError: If a passive joint has no inertia there, or would fall instead of swinging.
+        OutOfRange: If a coordinate is so large that masses or stiffnesses are not finite.
     """
     free, q, data = crane.layout.passive, state.q, crane.data
     block = np.ix_(free, free)
     stiffness = (pin.computeGeneralizedGravityDerivatives(crane.model, data, q) + crane.springs.tangent(q))[block]
     mass = np.triu(pin.crba(crane.model, data, q))
     mass = (mass + np.triu(mass, 1).T)[block]
+    if not (np.isfinite(stiffness).all() and np.isfinite(mass).all()):
+        raise OutOfRange("state", q.tolist(), "one at which gravity, springs and masses have finite effects")
     try:
         squares, shapes = scipy.linalg.eigh((stiffness + stiffness.T) / 2.0, mass)
     except np.linalg.LinAlgError:

@@ -66,6 +66,7 @@ def test_a_run_is_made_again_from_its_file_alone_to_the_bit(values: dict[str, An
         start=start,
         duration=0.5,
         engine=engine,
+        validity="mark",
         disturbance=constant_force(made, payload=(30.0, 0.0, 0.0)),
     ).write(tmp_path / "run.parquet")
     kept, again = read(path), replayed(path)
