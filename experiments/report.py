@@ -17,7 +17,7 @@ from cranedyn.command import INTERRUPTED, Parser, command
 from cranedyn.data.files import check_writable, digest, make_folder, parse_json, read_bytes, read_text, write_text
 from cranedyn.errors import DataError, UnknownName
 from experiments import harness
-from experiments.harness.arguments import add_engine
+from experiments.harness.arguments import add_engine, called
 
 EXPERIMENTS = {
     "a1": ["--gravity", "9.8"],
@@ -142,7 +142,7 @@ def _figure(folder: Path, name: str) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run what is missing, write the page; 0, or the first code of an experiment that is not 0."""
-    parser = Parser(prog="python -m experiments.report", description="All experiments on one page, report.html.")
+    parser = Parser(prog=called("report"), description="All experiments on one page, report.html.")
     parser.add_argument(
         "--out", metavar="DIR", default="out", help="folder of all results, one folder inside for each experiment (default out)"
     )

@@ -13,6 +13,12 @@ from cranedyn.errors import DataError
 from cranedyn.interfaces import EngineName
 
 
+def called(name: str) -> str:
+    """How the command line of an experiment begins: from a checkout, or from inside an installed package."""
+    bundled = Path(__file__).parents[2].name == "_bundled"
+    return f"python -m cranedyn run {name}" if bundled else f"python -m experiments.{name}"
+
+
 def parser(
     name: str, description: str, *, recording: bool = True, engines: Sequence[str] = get_args(EngineName)
 ) -> argparse.ArgumentParser:
@@ -24,7 +30,7 @@ def parser(
         recording: Whether it leaves a recording, which can be saved elsewhere and looked at.
         engines: What may compute its steps, the default first.
     """
-    made = Parser(prog=f"python -m experiments.{name}", description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    made = Parser(prog=called(name), description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     made.add_argument("--out", metavar="DIR", help=f"folder for results, default out/{name}", default=argparse.SUPPRESS)
     made.add_argument(
         "--document", metavar="FILE.md", help="put the tables between their marks in this document, too", default=argparse.SUPPRESS

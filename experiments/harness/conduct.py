@@ -15,7 +15,7 @@ from typing import Any
 from cranedyn.command import FAILED, INTERRUPTED, command
 from cranedyn.data.files import check_writable, digest, make_folder, reserved, together, write_text
 from cranedyn.errors import CraneError, DataError, RunError
-from experiments.harness.arguments import parsed
+from experiments.harness.arguments import called, parsed
 from experiments.harness.document import read_document
 from experiments.harness.events import with_events
 from experiments.harness.outcome import MARKS, Outcome, show
@@ -127,7 +127,7 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
     return {
         "experiment": options.experiment,
         "about": options.about,
-        "command": " ".join(["python -m", f"experiments.{options.experiment}", *options.words]),
+        "command": " ".join([called(options.experiment), *options.words]),
         "claims": [{"sentence": claim.sentence, "holds": claim.holds} for claim in outcome.claims],
         "parameters": dict(outcome.parameters),
         "figures": [f"{name}.png" for name in outcome.figures],
