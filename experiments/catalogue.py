@@ -24,8 +24,8 @@ class Entry(NamedTuple):
 _ARTICLE = ("--gravity", "9.8")
 
 EXPERIMENTS = {
-    "a1": Entry("A1, free swing", "Free swing at four cable lengths: period, error budget, damping.", _ARTICLE, ("--length", "5")),
-    "a2": Entry("A2, hoisting", "Hoisting while the load swings: how the amplitude follows the cable.", _ARTICLE),
+    "a1": Entry("A1, free swing", "Free swing at four cable lengths: period and error budget.", _ARTICLE, ("--length", "5")),
+    "a2": Entry("A2, hoisting", "Hoisting while the load swings: amplitude over cable length.", _ARTICLE),
     "a3": Entry("A3, slewing", "Slewing: the tangential swing beside the paper's Eq. (10).", _ARTICLE),
     "energy": Entry("Energy", "Where the energy of a swing goes, to the last joule."),
     "mass_ratio": Entry("Light links", "Links of a milligram beside a load of a tonne."),
@@ -33,9 +33,7 @@ EXPERIMENTS = {
     "linear_vs_full": Entry("Linear models", "The paper's linear equations beside the whole multibody."),
     "b1": Entry("B1, planned moves", "The paper's moves: splines, two LQRs and a hoist PID."),
     "compare": Entry("Comparison", "Fifteen strategies under the same limits, then on a changed crane."),
-    "sweep": Entry(
-        "Sweep", "A hundred thousand moves with another load and cable than planned.", (), ("--points", "2", "--durations", "2")
-    ),
+    "sweep": Entry("Sweep", "A hundred thousand moves of cranes that are not as planned.", (), ("--points", "2", "--durations", "2")),
     "demo": Entry(
         "Demo", "The seven legs of the article, with their swing controlled.", ("--cycles", "1", "--control", "flat"), ("--cycles", "0.2")
     ),

@@ -23,6 +23,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.simulation.clocks import clocks
 from cranedyn.simulation.simulate import simulate
 from experiments.harness.arguments import add_mode
+from experiments.harness.lines import Lines
 
 _LARGEST, _LONGEST_GAP = 1e6, 0.5
 
@@ -65,15 +66,21 @@ def add_files(made: argparse.ArgumentParser, columns: Sequence[str], *uses: str)
 
 @dataclass(frozen=True)
 class ProgressReporter:
-    """Shows how far a run is, on a terminal only."""
+    """Shows how far a run is: as bars on a terminal, else in a plain line now and then, or not at all.
+
+    Attributes:
+        progress: The bars.
+        lines: The lines.
+    """
 
     progress: Progress | None
+    lines: Lines | None = None
 
     def run(self, name: str, duration: float) -> Callable[[float], None] | None:
         """A callback for `simulate`, or None where nobody watches."""
         progress = self.progress
         if progress is None:
-            return None
+            return None if self.lines is None else self.lines.run(name, duration)
         task, shown = progress.add_task(name, total=duration, speed=""), -math.inf
 
         def update(t: float) -> None:
@@ -88,7 +95,7 @@ class ProgressReporter:
         """A callback for how many of several tasks are done."""
         progress = self.progress
         if progress is None:
-            return lambda done: None
+            return (lambda done: None) if self.lines is None else self.lines.count(name, total)
         task = progress.add_task(name, total=total, speed="")
         return lambda done: progress.update(task, completed=done, speed=f"{done} of {total}")
 
@@ -98,7 +105,7 @@ def reporting() -> Iterator[ProgressReporter]:
     """A watcher for as long as the context lasts."""
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield ProgressReporter(None)
+        yield ProgressReporter(None, Lines())
         return
     with Progress(
         TextColumn("{task.description}"),
