@@ -97,6 +97,12 @@ class UnknownName(CraneError):
         super().__init__(f"There is no {kind} {given!r}; there are {', '.join(self.known)}.")
 
 
+class UnknownColumn(UnknownName, KeyError):
+    """A column that a table does not have; a KeyError, too, for whoever takes the table for a mapping."""
+
+    __str__ = Exception.__str__
+
+
 class ModelError(CraneError):
     """A description that is not a crane: it does not parse, or a joint is missing, of another type, out of order or turned."""
 

@@ -93,8 +93,8 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     ),
     (lambda: simulate(C, BRAKE, duration="0.05"), "duration is '0.05'; allowed is a number."),
     (lambda: simulate(C, BRAKE, duration=0.1, dt=10**5000), "dt is an int; allowed is a number."),
-    (lambda: simulate(C, _short, duration=0.1), "controller is the function _short; allowed is a callable of 3: float, State, Wanted."),
-    (lambda: simulate(C, None, duration=0.1), "controller is None; allowed is a callable of 3: float, State, Wanted."),
+    (lambda: simulate(C, _short, duration=0.1), "controller is the function _short; allowed is a callable of 3: float, State, Setpoint."),
+    (lambda: simulate(C, None, duration=0.1), "controller is None; allowed is a callable of 3: float, State, Setpoint."),
     (lambda: simulate(C, BRAKE, duration=0.1, start=[0, 10, 15]), "start is [0, 10, 15]; allowed is five coordinates and five rates"),
     (lambda: simulate(C, BRAKE, duration=0.1, drive=2), "drive is 2; allowed is effort or motion."),
     (lambda: simulate(C, BRAKE, duration=0.1, disturbance=lambda t: 1), "disturbance is the function <lambda>; allowed is a callable of 2"),
@@ -380,7 +380,7 @@ def _from(t0: float, then: Callable[[], Any], usual: Callable[..., Any]) -> Call
 
 
 BAD_SETPOINTS: dict[str, tuple[Any, str]] = {
-    "none": (None, "answer of the reference is None; allowed is a Wanted: position, velocity, acceleration"),
+    "none": (None, "answer of the reference is None; allowed is a cranedyn.Setpoint: position, velocity, acceleration"),
     "an array": (np.zeros(3), r"answer of the reference is an array"),
     "two numbers": (Setpoint(*np.zeros((3, 2))), r"position that the reference wants is an array of shape \(2,\)"),
     "nan": (

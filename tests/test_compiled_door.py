@@ -161,7 +161,7 @@ def _setpoint(shape: tuple[int, ...]) -> Callable[[np.ndarray], Setpoint]:
         (_setpoint((0, 3)), r"is an array of shape \(0, 3\)"),
         (_setpoint((3,)), r"is an array of shape \(3,\)"),
         (lambda times: Setpoint(*[np.zeros((len(times), 3))] * 2, None), "acceleration that .* is no array of numbers but NoneType"),
-        (lambda times: None, "answer of the reference is None; allowed is a Wanted: position, velocity, acceleration"),
+        (lambda times: None, "answer of the reference is None; allowed is a cranedyn.Setpoint: position, velocity, acceleration"),
         (lambda times: np.zeros((3, len(times), 3)), "answer of the reference is an array"),
     ],
 )

@@ -91,7 +91,7 @@ def test_a_long_demo_leaves_its_parts_and_its_last_minutes(control: str, tmp_pat
 
 def test_a_short_demo_has_no_parts(tmp_path: Path) -> None:
     assert demo.main(["--cycles", "0.01", "--engine", FAST, "--out", str(tmp_path)]) == 0
-    assert files(tmp_path) == ["demo.csv", "demo.parquet", "demo.rrd", "result.json", "swing.png"]
+    assert files(tmp_path) == ["demo.csv", "demo.parquet", "demo.rrd", "result.json", "swing.png", "swing.svg"]
 
 
 def test_cycles_that_are_shorter_than_a_control_period_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -131,7 +131,9 @@ FILES = {
 @each
 def test_trajectories_figures_recording_and_result_are_written_and_nothing_else(name: str, ran: Callable[[str], Ran]) -> None:
     trajectories, figures = FILES[name]
-    expected = {f"{t}{ending}" for t in trajectories for ending in (".csv", ".parquet")} | {f"{f}.png" for f in figures}
+    expected = {f"{t}{ending}" for t in trajectories for ending in (".csv", ".parquet")} | {
+        f"{f}{ending}" for f in figures for ending in (".png", ".svg")
+    }
     assert set(files(ran(name).folder)) == expected | {"result.json", f"{name}.rrd"}
     assert (ran(name).folder / f"{name}.rrd").stat().st_size > 10_000
 

@@ -129,7 +129,7 @@ def trial(*words):
     harness.add_setup(made)
     return harness.conduct(made, experiment, words)
 """
-WHOLE = ["figure.png", "result.json", "run.csv", "run.parquet", "trial.rrd"]
+WHOLE = ["figure.png", "figure.svg", "result.json", "run.csv", "run.parquet", "trial.rrd"]
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,8 @@ import numpy as np
 
 from cranedyn.arguments import checked, described
 from cranedyn.data.files import parse_json, written
-from cranedyn.errors import DataError, OutOfRange
+from cranedyn.data.shown import Shown
+from cranedyn.errors import DataError, OutOfRange, UnknownColumn
 from cranedyn.interfaces import State
 
 if TYPE_CHECKING:
@@ -44,8 +45,8 @@ COLUMNS = {
 """Column names behind each array of a trajectory."""
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Shown):
     """One row per control instant, n rows.
 
     Attributes:
@@ -87,13 +88,13 @@ class Trajectory:
         """A column by its name, shape (n,).
 
         Raises:
-            KeyError: If there is no such column.
+            UnknownColumn: If there is no such column, which is also a KeyError.
         """
         for name, columns in COLUMNS.items():
             if column in columns:
                 values = getattr(self, name)
                 return values if len(columns) == 1 else values[:, columns.index(column)]
-        raise KeyError(column)
+        raise UnknownColumn("column", column, self.keys())
 
     def state(self, row: int) -> State:
         """The state at a row; -1 is the last.

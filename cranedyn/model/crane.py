@@ -15,6 +15,7 @@ from cranedyn.arguments import checked
 from cranedyn.arrays import shaped
 from cranedyn.errors import UnknownName, number, within
 from cranedyn.interfaces import COORDINATES, UNITS, State
+from cranedyn.model.shown import ShownCrane
 
 STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²], exact by definition (CGPM 1901)."""
@@ -57,8 +58,8 @@ class _Scratch(threading.local):
 
 
 @checked
-@dataclass(frozen=True, eq=False)
-class Crane:
+@dataclass(frozen=True, eq=False, repr=False)
+class Crane(ShownCrane):
     """A crane as loaded: parameters that do not change during a run, and that several threads may use at once.
 
     Attributes:

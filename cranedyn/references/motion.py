@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked
+from cranedyn.arguments import checked, described
 from cranedyn.arrays import finite
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Reference, Setpoint
@@ -41,6 +41,17 @@ class Motion:
             finite(f"{name} of a motion", getattr(self, name), (len(self.q) if self.q.ndim else "n", 5))
         if not len(self.q):
             raise OutOfRange("motion", "one of no row", "one row or more")
+
+    @classmethod
+    def checked(cls, name: str, value: Any) -> Motion:
+        """A motion; of a reference it says how to make one.
+
+        Raises:
+            OutOfRange: If it is none.
+        """
+        if isinstance(value, Motion):
+            return value
+        raise OutOfRange(name, described(value), "a Motion of all joints, as cranedyn.references.plumb makes it of a reference")
 
     @property
     def arrival(self) -> float:

@@ -35,7 +35,7 @@ def checked_setpoint(answer: Any) -> Setpoint:
 def _setpoints(answer: Any, shape: tuple[int, ...]) -> Setpoint:
     """What a reference answered, as arrays of finite numbers of one shape."""
     if not isinstance(answer, Setpoint):
-        raise Misshapen("answer of the reference", described(answer), "a Wanted: position, velocity, acceleration")
+        raise Misshapen("answer of the reference", described(answer), "a cranedyn.Setpoint: position, velocity, acceleration")
     return Setpoint(*(finite(f"{name} that the reference wants", part, shape) for name, part in zip(_PARTS, answer, strict=True)))
 
 

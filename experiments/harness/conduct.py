@@ -21,6 +21,9 @@ from experiments.harness.events import with_events
 from experiments.harness.outcome import MARKS, Outcome, show
 from experiments.harness.setup import Setup, reporting, setup_of
 
+FIGURES = (".png", ".svg")
+"""Endings under which a figure is kept: for a glance, and for pages and papers."""
+
 Experiment = Callable[[argparse.Namespace, Setup], Outcome]
 
 
@@ -75,7 +78,8 @@ def _write(outcome: Outcome, options: argparse.Namespace) -> None:
             for ending in (".csv", ".parquet"):
                 trajectory.write(folder / f"{name}{ending}")
         for name, figure in outcome.figures.items():
-            save(figure, folder / f"{name}.png")
+            for ending in FIGURES:
+                save(figure, folder / f"{name}{ending}")
         if outcome.recording:
             _record(outcome, options)
         result["files"] = {draft.final.name: digest(draft.path) for draft in drafts if draft.final.parent == folder}

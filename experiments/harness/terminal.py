@@ -54,11 +54,16 @@ def blocks(table: Table, width: int) -> Iterator[RichTable]:
         table: What to show.
         width: Of the terminal [columns].
     """
-    rows = table.shown()
-    columns = [Column(head, tuple(row[i] for row in rows), not form) for i, (head, form) in enumerate(table.columns)]
+    columns = columns_of(table)
     parts = _parts(columns, width)
     for i, part in enumerate(parts):
         yield _drawn(part, width, table.title if i == 0 else "", table.note if i == len(parts) - 1 else "")
+
+
+def columns_of(table: Table) -> list[Column]:
+    """The columns of a table as text."""
+    rows = table.shown()
+    return [Column(head, tuple(row[i] for row in rows), not form) for i, (head, form) in enumerate(table.columns)]
 
 
 def _parts(columns: Sequence[Column], width: int) -> list[list[Column]]:

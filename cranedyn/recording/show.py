@@ -1,0 +1,20 @@
+"""A run that is recorded and looked at in one step."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.model.crane import Crane
+from cranedyn.recording.record import record
+from cranedyn.recording.run import Run
+from cranedyn.recording.viewer import open_viewer
+
+
+def view(run: Trajectory, crane: Crane, name: str, file: str | Path | None = None) -> Path:
+    """Record a run and open the recording; see `Trajectory.view`."""
+    path = Path(tempfile.mkdtemp(prefix="cranedyn-"), "run.rrd") if file is None else Path(file)
+    record(path, [Run(name, crane, run)], title=name)
+    open_viewer(path)
+    return path
