@@ -111,6 +111,7 @@ EXPERIMENTS = {
     "compare": Entry(
         "Comparison",
         "Fifteen strategies, then on cranes that are not as planned.",
+        quick=("--only", "spline alone", "flat + LQR"),
         figures={
             "swing": "Swing over time under each strategy, on one scale.",
             "robustness": "Swing 20 s after arrival under each strategy as load, cable, sensors and air change.",

@@ -75,11 +75,12 @@ def _first(results: Sequence[dict[str, Any]]) -> str:
         f"<td>{escape(_entry(r).line)}</td><td>{_of_total(r['claims'])}</td></tr>"
         for r in results
     )
+    words = summary(claims).partition(f"of {len(claims)} ")[2]
     verdict = "held" if held == len(claims) else "fails" if failed else "open"
     return (
         '<div class="first"><div><h1>cranedyn: what it claims, and what was found</h1>'
         f'<p class="lead">{today.day} {today:%B %Y} · cranedyn {escape(__version__)}</p>'
-        f'<p class="count {verdict}">{held} of {len(claims)}</p><p>{escape(summary(claims))}</p></div>'
+        f'<p class="count {verdict}">{held} of {len(claims)}</p><p>{escape(words)}</p></div>'
         f'<figure><img alt="The crane from the side" src="{_crane()}">'
         "<figcaption>The crane of the experiments, from the side.</figcaption></figure></div>"
         '<div class="table"><table class="summary"><thead><tr><th>experiment</th><th>what it shows</th>'
@@ -187,7 +188,7 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items() if version)
     return (
         f'<section id="{escape(result["experiment"])}"><h2>{escape(entry.title)}</h2>'
-        f'<p class="lead">{escape(result["about"])}</p><ul class="claims">{claims}</ul>'
+        f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p><ul class="claims">{claims}</ul>'
         f"{''.join(map(_table, result['tables']))}{figures}"
         f"<p>Again: <code>{escape(result['command'])}</code></p>"
         "<details><summary>Parameters and "
@@ -254,7 +255,12 @@ def _main(options: argparse.Namespace) -> int:
             if code == INTERRUPTED:
                 return code
             codes.append(code)
-    write_text(folder / "report.html", page([folder / name for name in options.only]))
+    made = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
+    for name in set(options.only) - set(made):
+        print(f"{EXPERIMENTS[name].title} ({name}) could not be made and is not on the page.", file=sys.stderr)
+    if not made:
+        return max(codes)
+    write_text(folder / "report.html", page([folder / name for name in made]))
     print(f"Written to {folder / 'report.html'}.")
     return max(codes)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ import rerun as rr
 from cranedyn.arguments import checked
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
+from cranedyn.plotting.runs import run_colour
 
 TIMELINE = "sim_time"
 """The one clock of a recording."""
@@ -25,12 +27,14 @@ class Run:
         crane: The crane.
         trajectory: What it did.
         offset: Where its foot stands in the scene [m]; cranes with the same offset are drawn into each other.
+        colour: Hex colour of its payload, path and curves; empty for the next one of `cranedyn.plotting.runs`.
     """
 
     name: str
     crane: Crane
     trajectory: Trajectory
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    colour: str = ""
 
     def entity(self, *parts: str) -> str:
         """Path of an entity of this run."""
@@ -39,6 +43,11 @@ class Run:
     def frame(self, name: str) -> str:
         """Name of a coordinate frame of this run, from the name of a link."""
         return f"{self.name}: {name}"
+
+
+def colours(runs: Sequence[Run]) -> list[str]:
+    """The hex colour of each run."""
+    return [run.colour or run_colour(i) for i, run in enumerate(runs)]
 
 
 def clock(t: np.ndarray) -> list[rr.TimeColumn]:
