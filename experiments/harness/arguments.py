@@ -86,6 +86,8 @@ def _check_effect(made: argparse.ArgumentParser, options: argparse.Namespace) ->
             for name in given:
                 if name not in (mode, "out", "document", *uses):
                     raise DataError(f"{flags[name]} has no effect beside {flags[mode]}; leave it out.")
+    if "columns" in given and not options.files:
+        raise DataError("--columns has no effect without --from; leave it out.")
     if "port" in given and not options.serve:
         raise DataError("--port has no effect without --serve; leave it out.")
 

@@ -14,7 +14,8 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from cranedyn.data.trajectory import Trajectory, read_columns
+from cranedyn.data.elsewhere import parse_sources, read_elsewhere
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Validity
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
@@ -59,9 +60,17 @@ def add_setup(made: argparse.ArgumentParser, *fixed: str) -> None:
 
 def add_files(made: argparse.ArgumentParser, columns: Sequence[str], *uses: str) -> None:
     """Add the argument for files recorded elsewhere, and say which others their analysis uses."""
-    add_mode(made, "files", *uses)
+    add_mode(made, "files", *uses, "columns")
     text = f"analyse CSV or Parquet files with columns {', '.join(columns)} instead of simulating"
     made.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=text)
+    made.add_argument(
+        "--columns",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="OURS=NAME[UNIT]",
+        help="what columns of these files are called, and their units where they are others than ours, as phi_rad=Angle[deg] t_s=time[ms]",
+    )
 
 
 @dataclass(frozen=True)
@@ -212,14 +221,19 @@ def setup_of(options: argparse.Namespace, reporter: ProgressReporter) -> Setup:
     return Setup(options.gravity, values, options.dt, options.control_period, options.validity, options.engine, reporter)
 
 
-def recorded(file: str, columns: Sequence[str]) -> dict[str, np.ndarray]:
+def recorded(file: str, columns: Sequence[str], sources: Sequence[str] = ()) -> dict[str, np.ndarray]:
     """Columns of a file recorded elsewhere, time `t_s` and the cable length `l_m` among them.
 
+    Args:
+        file: The file.
+        columns: Our names of the columns.
+        sources: What they are called there, as on the command line, see `cranedyn.data.elsewhere.parse_sources`.
+
     Raises:
-        DataError: As `read_columns`, if a cable is shorter than a millimetre, a number is beyond a million of its unit, or
+        DataError: As `read_elsewhere`, if a cable is shorter than a millimetre, a number is beyond a million of its unit, or
             rows are more than half a second apart.
     """
-    data = read_columns(file, columns)
+    data = read_elsewhere(file, columns, parse_sources(sources))
     for name, values in data.items():
         low = 1e-3 if name == "l_m" else -_LARGEST
         for extreme in (values.min(), values.max()):
