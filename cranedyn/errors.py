@@ -142,7 +142,10 @@ def number(name: str, value: object, unit: str = "", allowed: str = "any") -> fl
     try:
         x = float(value)  # type: ignore[arg-type]
     except Exception:  # whatever the conversion of a stranger's value raises
-        value = quoted(value) if isinstance(value, str) else value
+        if isinstance(value, str):
+            if unit and value.strip().endswith(unit):  # which would be said twice
+                raise OutOfRange(name, quoted(value), f"the number alone, in {unit}") from None
+            value = quoted(value)
         raise OutOfRange(name, value, "a number" if allowed == "any" else f"a number {allowed}", unit) from None
     low, high, strict = _range(allowed)
     if not math.isfinite(x) or x < low or x > high or (strict and x == low):

@@ -94,6 +94,14 @@ def test_the_figure_of_a_run_has_its_drives_its_setpoints_and_its_swing(run: Tra
     np.testing.assert_array_equal(one.lines[0].get_ydata(), run["F_x_N"])
 
 
+def test_what_stands_still_is_drawn_as_a_line_and_no_axis_has_an_offset(run: Trajectory) -> None:
+    figure = run.plot()
+    figure.canvas.draw()
+    slew = figure.axes[0]
+    assert np.diff(slew.get_ylim()) >= 1e-3
+    assert [ax.yaxis.get_offset_text().get_text() for ax in figure.axes] == [""] * 4
+
+
 def test_each_run_has_one_colour_in_every_panel(run: Trajectory) -> None:
     figure = plot_runs({"one": run, "two": run, "three": run})
     for i in range(3):

@@ -13,6 +13,9 @@ from cranedyn.plotting.figures import panels
 from cranedyn.plotting.runs import STYLES, run_colour
 from cranedyn.plotting.style import COLOURS
 
+_LEAST = 1e-3
+"""Smallest span of an axis [° or m]."""
+
 _GREEK = {"gamma": "γ", "phi": "φ", "theta": "θ"}
 
 
@@ -59,6 +62,7 @@ def _draw_drive(ax: Axes, runs: Mapping[str, Trajectory], symbol: str, unit: str
         ax.plot(run.t, wanted, ":", color=COLOURS["setpoint"], label="setpoint" if i == 0 else None)
         ax.plot(run.t, _for_people(run[f"{symbol}_{unit}"], unit)[0], color=run_colour(i), label=name or _word(symbol))
         ax.set_ylabel(f"{_word(symbol)} [{shown}]")
+    _widen(ax)
     ax.legend(ncols=3, fontsize=9.0)
 
 
@@ -70,7 +74,16 @@ def _draw_passive(ax: Axes, runs: Mapping[str, Trajectory], symbols: Mapping[str
             label = " ".join(filter(None, (_word(symbol), name)))
             ax.plot(run.t, values, styles.get(symbol, "-"), color=run_colour(i), label=label)
             ax.set_ylabel(f"swing [{shown}]")
+    _widen(ax)
     ax.legend(ncols=4, fontsize=9.0)
+
+
+def _widen(ax: Axes) -> None:
+    """Show what stands still as that, and not the noise of its last digits."""
+    low, high = ax.get_ylim()
+    if high - low < _LEAST:
+        middle = (low + high) / 2
+        ax.set_ylim(middle - _LEAST / 2, middle + _LEAST / 2)
 
 
 def _coordinates(names: Sequence[str]) -> list[tuple[str, str]]:
