@@ -139,8 +139,19 @@ def test_trajectories_figures_recording_and_result_are_written_and_nothing_else(
 
 
 @each
+def test_its_tables_fit_80_columns_and_no_number_is_cut(name: str, ran: Callable[[str], Ran]) -> None:
+    text = ran(name).text  # not to a terminal
+    framed = [line for line in text.splitlines() if line[:1] in tuple("┏┃┡│└")]
+    assert framed and max(map(len, framed)) <= 80
+    assert "…" not in text
+
+
+@each
 def test_the_report_shows_the_result(name: str, ran: Callable[[str], Ran]) -> None:
-    assert f'<section id="{name}">' in report.page([ran(name).folder])
+    page = report.page([ran(name).folder])
+    assert f'<section id="{name}">' in page
+    captions = re.findall("<figcaption>(.*?)</figcaption>", page)
+    assert len(captions) > 1 and all(len(caption.split()) > 4 for caption in captions)
 
 
 @each
