@@ -16,6 +16,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError, OutOfRange, UnknownColumn
 from cranedyn.plotting.run import plot_runs
 from cranedyn.plotting.runs import RUN_COLOURS, contrast, run_colour
+from cranedyn.plotting.style import COLOURS
 from cranedyn.recording.sketch import sketch
 from cranedyn.references import hold, pulse
 from tests.helpers import crane, quickly
@@ -113,6 +114,9 @@ def test_each_run_has_one_colour_in_every_panel(run: Trajectory) -> None:
 def test_every_colour_of_a_run_is_legible_on_white_and_on_black_and_no_two_are_alike() -> None:
     for colour in RUN_COLOURS:
         assert contrast(colour, "#FFFFFF") >= 3.0 and contrast(colour, "#000000") >= 3.0  # WCAG 2.2, 1.4.11
+    for quantity, colour in COLOURS.items():
+        assert contrast(colour, "#FFFFFF") >= 3.0
+        assert contrast(colour, "#000000") >= 3.0 or quantity == "unexplained"  # black on white paper, grey elsewhere
     assert contrast("#FFFFFF", "#000000") == pytest.approx(21.0)
     assert len(set(RUN_COLOURS)) == len(RUN_COLOURS)
 

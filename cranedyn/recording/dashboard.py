@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from cranedyn.dynamics.pinocchio import payload_position, pivot_position
 from cranedyn.model.crane import DRIVES
 from cranedyn.plotting.style import rgb
-from cranedyn.recording.run import TIMELINE, Run
+from cranedyn.recording.run import SCENE, TIMELINE, Run
 from cranedyn.recording.scene import BACKGROUND, payload_entity
 from cranedyn.recording.series import Table, plot
 
@@ -58,7 +58,7 @@ def _busiest_drive(runs: Sequence[Run]) -> int:
 
 
 def _scene(runs: Sequence[Run]) -> rrb.Spatial3DView:
-    return _view("Crane", runs, _eye(runs))
+    return _view(SCENE, runs, _eye(runs))
 
 
 def _payload(runs: Sequence[Run]) -> rrb.Spatial3DView:

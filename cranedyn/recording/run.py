@@ -16,6 +16,9 @@ from cranedyn.plotting.runs import run_colour
 TIMELINE = "sim_time"
 """The one clock of a recording."""
 
+SCENE = "Crane"
+"""Name of the view that shows all of the scene."""
+
 
 @checked
 @dataclass(frozen=True, eq=False)
