@@ -391,7 +391,7 @@ def _from(t0: float, then: Callable[[], Any], usual: Callable[..., Any]) -> Call
 
 
 BAD_SETPOINTS: dict[str, tuple[Any, str]] = {
-    "none": (None, "answer of the reference is None; allowed is a Setpoint: position, velocity, acceleration"),
+    "none": (None, "answer of the reference is None; allowed is a cranedyn.Setpoint: position, velocity, acceleration"),
     "an array": (np.zeros(3), r"answer of the reference is an array"),
     "two numbers": (Setpoint(*np.zeros((3, 2))), r"position of the setpoint is an array of shape \(2,\)"),
     "nan": (
