@@ -18,7 +18,7 @@ for name, crane in cranes.items():
     found = free_swing(
         crane,
         hold_controller(crane, gravity=crane.gravity),
-        hold(start),
+        hold(crane, start),
         crane.state(l=10.0, phi=0.05),
         since=0.0,
         until=20.0,

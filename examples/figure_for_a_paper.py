@@ -12,7 +12,7 @@ crane = cd.load_crane()
 start = crane.state(l=10.0)
 figure, (ax,) = panels(width=5.2, height=2.6)
 for i, (name, width) in enumerate({"half a period": 3.2, "a whole period": 6.4}.items()):
-    reference = pulse(hold(start), "x", 0.3, at=1.0, width=width)
+    reference = pulse(crane, hold(crane, start), "x", 0.3, at=1.0, width=width)
     run = cd.simulate(crane, hold_controller(crane), reference, start=start, duration=25.0)
     phi = np.degrees(run["phi_rad"])
     ax.plot(run.t, phi, STYLES["phi"], color=run_colour(i), label=name)

@@ -17,8 +17,8 @@ limits = Limits(rates=(0.1, 1.0, 1.0), accelerations=(0.05, 0.3, 0.3))
 
 fastest = optimal(crane, start, goal, limits)
 duration = 5e-3 * math.ceil(fastest.arrival / 5e-3)
-aim = [float(goal.q[i]) for i in (0, 1, -1)]
-smooth = plumb(spline(start, [aim], [duration]), duration)
+aim = goal.q[crane.layout.drives].tolist()
+smooth = plumb(crane, spline(crane, start, [aim], [duration]), duration)
 
 runs = {}
 for name, motion in {"least time": fastest, "spline": smooth}.items():

@@ -7,7 +7,7 @@ from cranedyn.controllers import hold_controller
 from cranedyn.plotting.run import plot_runs
 
 crane = cd.load_crane()
-phi = ["gamma", "x", "phi", "theta", "l"].index("phi")
+phi, trolley = crane.layout.index("phi"), crane.layout.drive("x")
 start = crane.state(phi=0.1)
 brake = hold_controller(crane)
 yielding = hold_controller(crane, stiffness=(5.0e5, 5.0e3, 3.0e4))  # a soft trolley
@@ -16,7 +16,7 @@ yielding = hold_controller(crane, stiffness=(5.0e5, 5.0e3, 3.0e4))  # a soft tro
 def after_the_load(t: float, state: cd.State, setpoint: cd.Setpoint) -> np.ndarray:
     """Efforts of slew, trolley and hoist [N m, N, N]; the swing is positive when the load lags."""
     efforts = yielding(t, state, setpoint)
-    efforts[1] -= 2.4e5 * state.q[phi]  # 4.8 m/s of the trolley for a rad
+    efforts[trolley] -= 2.4e5 * state.q[phi]  # 4.8 m/s of the trolley for a rad
     return efforts
 
 

@@ -9,7 +9,7 @@ from cranedyn.plotting.run import plot_runs
 from cranedyn.theory import point_period
 
 crane = cd.load_crane()
-length = float(crane.start.q[-1])
+length = float(crane.start.q[crane.layout.index("l")])
 rhythm = float(point_period(length, crane.gravity))
 
 

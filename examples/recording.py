@@ -6,10 +6,10 @@ from cranedyn.recording import Run, record
 from cranedyn.references import hold, pulse, ramp
 
 crane = cd.load_crane()
-still = hold(crane.start)
+still = hold(crane, crane.start)
 references = {
-    "pulse of the trolley": pulse(still, "x", 0.5, at=1.0, width=3.0),
-    "slew by 30°": ramp(still, "gamma", 0.52, rate=0.1, at=1.0),
+    "pulse of the trolley": pulse(crane, still, "x", 0.5, at=1.0, width=3.0),
+    "slew by 30°": ramp(crane, still, "gamma", 0.52, rate=0.1, at=1.0),
 }
 runs = [Run(name, crane, cd.simulate(crane, hold_controller(crane), reference, duration=20.0)) for name, reference in references.items()]
 path = record("two_runs.rrd", runs, title="Two runs", text="Red and blue on one clock.")

@@ -34,6 +34,7 @@ def test_an_example_runs_and_is_a_screenful(
         if importlib.util.find_spec(needs[1]) is None:
             pytest.skip(f"{needs[1]} is not installed")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [str(script)])
     before = sorted(path.name for path in script.parent.iterdir() if path.name != "__pycache__")
     if "python -m " in text.split('"""')[1]:  # one whose functions workers import
         command = [sys.executable, "-m", script.stem]

@@ -125,7 +125,7 @@ def test_the_contents_stay_in_view(page: Any) -> None:
 
 def test_every_experiment_of_the_catalogue_is_one_of_the_report() -> None:
     assert report.EXPERIMENTS is EXPERIMENTS
-    assert all(entry.figures and len(entry.title) < 30 for entry in EXPERIMENTS.values())
+    assert all((entry.figures or name == "cranes") and len(entry.title) < 30 for name, entry in EXPERIMENTS.items())  # cranes draws none
 
 
 def test_a_report_says_which_experiment_it_is_at_and_goes_on_without_one_that_fails(
@@ -136,7 +136,7 @@ def test_a_report_says_which_experiment_it_is_at_and_goes_on_without_one_that_fa
 
     def works(argv: list[str]) -> int:
         shutil.copytree(made / "mass_ratio", tmp_path / "mass_ratio")
-        assert argv == ["--out", str(tmp_path / "mass_ratio")]
+        assert argv == [f"--out={tmp_path / 'mass_ratio'}"]
         return 0
 
     modules = {"experiments.energy": SimpleNamespace(main=fails), "experiments.mass_ratio": SimpleNamespace(main=works)}

@@ -25,7 +25,7 @@ from tests.helpers import crane, quickly
 @pytest.fixture(scope="module")
 def run() -> Trajectory:
     start = crane().state(x=12.0, l=10.0)
-    wanted = pulse(hold(start), "x", 0.5, at=1.0, width=3.2)
+    wanted = pulse(crane(), hold(crane(), start), "x", 0.5, at=1.0, width=3.2)
     return quickly(crane(), hold_controller(crane()), wanted, start=start, duration=6.0)
 
 
@@ -149,7 +149,7 @@ def test_a_reference_of_ones_own_that_answers_something_else_is_a_sentence(answe
 
 
 def test_a_setpoint_of_lists_is_taken_and_one_of_two_numbers_is_a_sentence() -> None:
-    still = cd.simulate(crane(), hold_controller(crane()), hold(crane().start), duration=0.01)
+    still = cd.simulate(crane(), hold_controller(crane()), hold(crane(), crane().start), duration=0.01)
     lists = _answer(cd.Setpoint([0, 10, 15], [0, 0, 0], [0, 0, 0]))  # type: ignore[arg-type]
     assert isinstance(lists, Trajectory)
     np.testing.assert_array_equal(lists.q, still.q)
@@ -159,4 +159,4 @@ def test_a_setpoint_of_lists_is_taken_and_one_of_two_numbers_is_a_sentence() -> 
 
 def test_what_needs_a_motion_says_how_to_make_one_of_a_reference() -> None:
     with pytest.raises(OutOfRange, match=r"motion is a Still; allowed is a Motion .+, as cranedyn\.references\.plumb makes it"):
-        lqr(crane(), hold(crane().start))  # type: ignore[arg-type]
+        lqr(crane(), hold(crane(), crane().start))  # type: ignore[arg-type]
