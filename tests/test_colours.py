@@ -15,7 +15,7 @@ from cranedyn.recording import Run
 from cranedyn.recording.dashboard import _eye, _payload
 from cranedyn.recording.run import colours
 from cranedyn.recording.scene import looks, payload_entity
-from cranedyn.recording.series import PLOTS, plot, table
+from cranedyn.recording.series import plot, plots, table
 from experiments import harness
 from experiments.demo import in_step
 from experiments.scenarios.colours import strategy_colour
@@ -46,7 +46,7 @@ def _packed(colour: str) -> int:
 def test_a_run_has_one_colour_in_the_scene_and_in_every_plot(moving: Trajectory) -> None:
     runs = [Run(name, crane(), moving) for name in ("one", "two", "three")]
     assert colours(runs) == [look.colour for look in looks(runs)] == [run_colour(i) for i in range(3)]
-    for name, shown in PLOTS.items():
+    for name, shown in plots(crane().layout).items():
         if name == "energy":
             continue
         for inks, colour in zip(_inks(runs, name), colours(runs), strict=True):

@@ -12,7 +12,7 @@ import cranedyn as cd
 from cranedyn import recording
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.lqr import lqr
-from cranedyn.data.trajectory import Trajectory
+from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import CraneError, OutOfRange, UnknownColumn
 from cranedyn.plotting.run import plot_runs
 from cranedyn.plotting.runs import RUN_COLOURS, contrast, run_colour
@@ -138,6 +138,16 @@ def test_a_run_is_recorded_and_opened_in_one_step(run: Trajectory, tmp_path: Pat
     assert recording.Run is not None
 
 
+def test_a_run_is_looked_at_without_its_crane_which_its_record_names(
+    run: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cranedyn.recording.show.open_viewer", lambda path: None)
+    with_crane = run.view(crane(), file=tmp_path / "a.rrd").stat().st_size
+    assert run.view(file=tmp_path / "b.rrd").stat().st_size == pytest.approx(with_crane, rel=0.01)  # looks and all
+    with pytest.raises(CraneError, match=r"names no crane, as none of a CSV file does; say which it was: run\.view\(crane\)"):
+        read(run.write(tmp_path / "run.csv")).view(file=tmp_path / "c.rrd")
+
+
 def _answer(answer: object) -> object:
     return cd.simulate(crane(), hold_controller(crane()), lambda t: answer, duration=0.01)  # type: ignore[arg-type,return-value]
 
@@ -153,7 +163,7 @@ def test_a_setpoint_of_lists_is_taken_and_one_of_two_numbers_is_a_sentence() -> 
     lists = _answer(cd.Setpoint([0, 10, 15], [0, 0, 0], [0, 0, 0]))  # type: ignore[arg-type]
     assert isinstance(lists, Trajectory)
     np.testing.assert_array_equal(lists.q, still.q)
-    with pytest.raises(OutOfRange, match=r"position that the reference wants is an array of shape \(2,\)"):
+    with pytest.raises(OutOfRange, match=r"position of the setpoint is an array of shape \(2,\)"):
         _answer(cd.Setpoint([0, 10], [0, 0], [0, 0]))  # type: ignore[arg-type]
 
 
