@@ -1,9 +1,74 @@
-"""A tower-crane dynamics laboratory: one xacro URDF, Pinocchio, a plain loop, and every number explained."""
+"""A crane dynamics laboratory: a URDF, Pinocchio, a plain loop, and every number explained.
 
+    import cranedyn as cd
+
+    crane = cd.load_crane(payload_mass=2000)
+
+A name of the face is imported when it is first used, so that ``import cranedyn`` costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
 import signal
 import sys
+from typing import TYPE_CHECKING, Any
 
-# As in the package of the experiments: Ctrl-C before "python -m cranedyn.model.description" has begun ends it at once.
-if sys.argv[:1] == ["-m"] and any(word.startswith("cranedyn.") for word in sys.orig_argv):
+if TYPE_CHECKING:
+    from cranedyn.compiled.batch import simulate_batch
+    from cranedyn.data.trajectory import Trajectory
+    from cranedyn.dynamics.cranes import load_cranes
+    from cranedyn.errors import CraneError
+    from cranedyn.interfaces import Setpoint, State
+    from cranedyn.model.crane import Crane
+    from cranedyn.model.load import load_crane
+    from cranedyn.simulation.simulate import simulate
+    from cranedyn.simulation.stepper import Stepper
+
+__version__ = "0.2.0"
+
+__all__ = [
+    "Crane",
+    "CraneError",
+    "Setpoint",
+    "State",
+    "Stepper",
+    "Trajectory",
+    "__version__",
+    "load_crane",
+    "load_cranes",
+    "simulate",
+    "simulate_batch",
+]
+
+_HOMES = {
+    "Crane": "cranedyn.model.crane",
+    "CraneError": "cranedyn.errors",
+    "Setpoint": "cranedyn.interfaces",
+    "State": "cranedyn.interfaces",
+    "Stepper": "cranedyn.simulation.stepper",
+    "Trajectory": "cranedyn.data.trajectory",
+    "load_crane": "cranedyn.model.load",
+    "load_cranes": "cranedyn.dynamics.cranes",
+    "simulate": "cranedyn.simulation.simulate",
+    "simulate_batch": "cranedyn.compiled.batch",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of the face when it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = found = getattr(importlib.import_module(_HOMES[name]), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    """The face, before what else stands here."""
+    return [*__all__, *(name for name in globals() if name not in __all__)]
+
+
+# As in the package of the experiments: Ctrl-C before a command of ours has begun ends it at once.
+if sys.argv[:1] == ["-m"] and any(word.partition(".")[0] == "cranedyn" for word in sys.orig_argv):
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)

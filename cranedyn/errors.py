@@ -121,6 +121,12 @@ class MissingRole(CraneError):
         super().__init__(f"{user} needs a joint in the role {role}; the joints of this crane are {', '.join(self.joints)}.")
 
 
+class UnknownColumn(UnknownName, KeyError):
+    """A column that a table does not have; a KeyError, too, for whoever takes the table for a mapping."""
+
+    __str__ = Exception.__str__
+
+
 class ModelError(CraneError):
     """A description that is not a crane: it does not parse, has no payload, or a joint is turned or of a type that it must not be."""
 
@@ -160,7 +166,10 @@ def number(name: str, value: object, unit: str = "", allowed: str = "any") -> fl
     try:
         x = float(value)  # type: ignore[arg-type]
     except Exception:  # whatever the conversion of a stranger's value raises
-        value = quoted(value) if isinstance(value, str) else value
+        if isinstance(value, str):
+            if unit and value.strip().endswith(unit):  # which would be said twice
+                raise OutOfRange(name, quoted(value), f"the number alone, in {unit}") from None
+            value = quoted(value)
         raise OutOfRange(name, value, "a number" if allowed == "any" else f"a number {allowed}", unit) from None
     low, high, strict = _range(allowed)
     if not math.isfinite(x) or x < low or x > high or (strict and x == low):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,8 +16,8 @@ from cranedyn.analysis.prediction import FreeSwing, free_swing
 from cranedyn.analysis.swing import SwingFit, fit_swing
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS, Gains, Hold
-from cranedyn.data.trajectory import Trajectory
-from cranedyn.errors import OutOfRange, number
+from cranedyn.data.trajectory import Trajectory, read_columns
+from cranedyn.errors import DataError, OutOfRange, number
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse
 from experiments import harness
@@ -162,7 +162,7 @@ def budget(crane: Crane, length: float, amplitude: float, brake: Hold) -> dict[s
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run all cases, or analyse files recorded elsewhere."""
     if options.files:
-        return _from_files(options.files, options.joints, setup.crane)
+        return _from_files(options.files, options.columns, options.joints, setup.crane)
     if options.identify:
         from experiments.a1_identify import identify
 
@@ -243,15 +243,15 @@ def _within(misses: Sequence[float], allowed: Sequence[float]) -> tuple[bool, st
     return miss < most, f"{100 * miss:.4f} % where {100 * most:.4f} % are allowed"
 
 
-def _from_files(files: Sequence[str], joints: Sequence[str], crane: Crane) -> harness.Outcome:
+def _from_files(files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str], crane: Crane) -> harness.Outcome:
     from experiments.a1_tables import pendulums
 
     rows = []
     for file in files:
-        data = harness.recorded(file, COLUMNS, joints)
+        data = harness.recorded(file, COLUMNS, columns_there, joints)
         late = data["t_s"] >= FIT_FROM
         with harness.analysing(file):
-            fit, length = fit_swing(data["t_s"][late], data["phi_rad"][late]), float(data["l_m"][late].mean())
+            fit, length = fit_swing(data["t_s"][late], data["phi_rad"][late]), _length(file, data, late)
         point, rigid = pendulums(crane, length)
         rows.append(
             (
@@ -277,6 +277,14 @@ def _from_files(files: Sequence[str], joints: Sequence[str], crane: Crane) -> ha
     ]
     note = f"Fitted from t = {FIT_FROM:g} s; rigid pendulum of {crane.payload_mass:g} kg and {crane.payload_inertia[0, 0]:g} kg m²."
     return harness.Outcome([harness.Table("Free swing in files recorded elsewhere", columns, rows, note)], [])
+
+
+def _length(file: str, data: Mapping[str, np.ndarray], late: np.ndarray) -> float:
+    """Cable length [m]: in a record of ours the setpoint of the hoist, as this experiment has it, else the mean of what was measured."""
+    try:
+        return float(read_columns(file, ["l_setpoint_m"])["l_setpoint_m"][late].mean())
+    except DataError:
+        return float(data["l_m"][late].mean())
 
 
 def main(argv: Sequence[str] | None = None) -> int:

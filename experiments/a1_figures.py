@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from cranedyn import theory
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.runs import run_colour
 
 if TYPE_CHECKING:
     from experiments.a1 import Case
@@ -23,7 +24,7 @@ _CAUSES = {
     "gravity": ["gravity"],
     "compliance of the hoist": ["hoist compliance"],
 }
-_COLOURS = ("#0072B2", "#56B4E9", "#D55E00", "#E69F00", "#CC79A7", "#009E73")
+_COLOURS = tuple(map(run_colour, (1, 5, 0, 4, 3, 2)))
 
 
 def waveform_figure(cases: Sequence[Case]) -> Figure:

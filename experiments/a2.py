@@ -239,7 +239,7 @@ def _phase_table(readings: dict[float, Reading]) -> harness.Table:
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run the hoisting, or analyse files recorded elsewhere."""
     if options.files:
-        return _from_files(options.files, options.joints)
+        return _from_files(options.files, options.columns, options.joints)
     from cranedyn.recording import Run
     from experiments.a2_figures import fits_figure, hoisting_figure
 
@@ -284,10 +284,10 @@ def _read_run(trajectory: Trajectory) -> Reading:
     return read(trajectory.t, trajectory["phi_rad"], trajectory["l_m"])
 
 
-def _from_files(files: Sequence[str], joints: Sequence[str]) -> harness.Outcome:
+def _from_files(files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str]) -> harness.Outcome:
     readings = {}
     for file in files:
-        data = harness.recorded(file, COLUMNS, joints)
+        data = harness.recorded(file, COLUMNS, columns_there, joints)
         with harness.analysing(file):
             readings[file] = read(data["t_s"], data["phi_rad"], data["l_m"])
     return harness.Outcome([_summary(readings)], [])

@@ -183,7 +183,7 @@ def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run the slew pulse with a soft and a stiff drive, or analyse files recorded elsewhere."""
     if options.files:
-        return _from_files(options.files, options.joints)
+        return _from_files(options.files, options.columns, options.joints)
     from cranedyn.recording import Run
     from experiments.a3_figures import slewing_figure, stages_figure
 
@@ -226,10 +226,10 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-def _from_files(files: Sequence[str], joints: Sequence[str]) -> harness.Outcome:
+def _from_files(files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str]) -> harness.Outcome:
     rows = []
     for file in files:
-        data = harness.recorded(file, COLUMNS, joints)
+        data = harness.recorded(file, COLUMNS, columns_there, joints)
         with harness.analysing(file):
             rows.append(_row(file, "Eq. (10), γ̈ filtered", agreement(*by_paper(data)[1:3])))
     return harness.Outcome([_table([*rows, _row("article", "", PUBLISHED)])], [])

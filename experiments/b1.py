@@ -13,8 +13,10 @@ from matplotlib.figure import Figure
 from cranedyn.controllers import paper
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import COLOURS, panels
+from cranedyn.plotting.runs import STYLES
 from cranedyn.references.flat import flat
 from experiments import harness
+from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import AFTER, CLOSE, MOVES, Move, Score, of_sampling
 from experiments.scenarios.perturbations import make
 from experiments.scenarios.strategies import FLAT, LQR, PAPER, PD, STRATEGIES
@@ -46,7 +48,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         trajectories={f"b1_{move.name}_{_plain(strategy)}": runs[move][strategy] for move in MOVES for strategy in (PD, PAPER, LQR, FLAT)},
         figures={f"tracking_{move.name}": _tracking_figure(of_move[PAPER]) for move, of_move in runs.items()}
         | {f"swing_{move.name}": _swing_figure(move, of_move) for move, of_move in runs.items()},
-        recording=[Run(strategy, setup.crane, runs[combined][strategy]) for strategy in (PD, PAPER)],
+        recording=[Run(strategy, setup.crane, runs[combined][strategy], colour=strategy_colour(strategy)) for strategy in (PD, PAPER)],
     )
 
 
@@ -137,10 +139,10 @@ def _tracking_figure(run: Trajectory) -> Figure:
 def _swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
     """Radial and tangential swing of each strategy, in the manner of the paper's Fig. 6."""
     figure, axes = panels(2, height=2.6, sharex=True)
-    colours = {PD: COLOURS["setpoint"], PAPER: COLOURS["gamma"], LQR: COLOURS["l"], FLAT: COLOURS["x"]}
     for ax, column, name in zip(axes, ("phi_rad", "theta_rad"), ("φ", "θ"), strict=True):
-        for strategy, colour in colours.items():
-            ax.plot(runs[strategy].t, np.degrees(runs[strategy][column]), color=colour, label=strategy)
+        for strategy in (PD, PAPER, LQR, FLAT):
+            style, colour = STYLES[column.removesuffix("_rad")], strategy_colour(strategy)
+            ax.plot(runs[strategy].t, np.degrees(runs[strategy][column]), style, color=colour, label=strategy)
         ax.axvline(move.duration, linestyle=":", color=COLOURS["unexplained"], linewidth=1.0)
         ax.set_ylabel(f"{name} [°]")
     axes[0].legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))

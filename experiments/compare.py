@@ -23,6 +23,7 @@ from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.sweep.processes import end_with_parent
 from experiments import harness
 from experiments.compare_figures import robustness_figure, swing_figure
+from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import DWELL, LIMITS, MOVES, SWINGING, TOUR_LIMITS, Move, Score, of_sampling, residual
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, make
 from experiments.scenarios.strategies import FASTEST, FLAT, MPC, PAPER, PD, STRATEGIES, TIME, mpc_period
@@ -87,7 +88,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         },
         trajectories={f"compare_{_plain(strategy)}": run for strategy, run in kept.items()},
         figures={"swing": swing_figure(COMBINED, kept), "robustness": robustness_figure(combined)},
-        recording=[Run(strategy, setup.crane, kept[strategy]) for strategy in RECORDED if strategy in kept],
+        recording=[Run(s, setup.crane, kept[s], colour=strategy_colour(s)) for s in RECORDED if s in kept],
     )
 
 

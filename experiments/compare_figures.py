@@ -5,24 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import panels
+from cranedyn.plotting.runs import run_colour
+from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import Move
 
-
-def _shades(count: int) -> list[Any]:
-    return list(mpl.colormaps["turbo"](np.linspace(0.05, 0.95, max(count, 1))))
+_MARKERS = "osv^D*PXhd"
 
 
 def swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
     """Swing of each strategy over time, one strip for each on the same scale."""
     figure, axes = panels(max(len(runs), 1), height=0.75, sharex=True, sharey=True)
-    for ax, (strategy, run), shade in zip(axes, runs.items(), _shades(len(runs)), strict=False):
-        ax.plot(run.t, np.degrees(np.linalg.norm(run.coordinates("phi", "theta"), axis=1)), color=shade)
+    for ax, (strategy, run) in zip(axes, runs.items(), strict=False):
+        ax.plot(run.t, np.degrees(np.linalg.norm(run.coordinates("phi", "theta"), axis=1)), color=strategy_colour(strategy))
         ax.axvline(move.duration, linestyle=":", color="#999999", linewidth=1.0)
         ax.text(1.0, 0.95, strategy, transform=ax.transAxes, ha="right", va="top", fontsize=9.0)
     axes[-1].set_xlabel(f"time [s]; dotted: {move.duration:g} s")
@@ -35,14 +34,14 @@ def robustness_figure(found: Mapping[str, Mapping[str, Any]]) -> Figure:
     strategies = list(found)
     figure, (ax,) = panels(height=1.2 + 0.38 * len(strategies))
     cases = list(dict.fromkeys(case for results in found.values() for case in results))
-    for case, shade, offset in zip(cases, _shades(len(cases)), np.linspace(0.3, -0.3, len(cases)), strict=True):
+    for k, (case, offset) in enumerate(zip(cases, np.linspace(0.3, -0.3, len(cases)), strict=True)):
         points = [
             (1e3 * r.score.later, len(strategies) - i + offset)
             for i, strategy in enumerate(strategies)
             if (r := found[strategy].get(case)) and r.score
         ]
         if points:
-            ax.plot(*zip(*points, strict=True), "o", markersize=4.5, color=shade, label=case)
+            ax.plot(*zip(*points, strict=True), _MARKERS[k % 10], markersize=4.5, linestyle="none", color=run_colour(k), label=case)
     ax.set(xscale="log", xlabel="swing 20 s after the arrival [mrad]", yticks=range(len(strategies), 0, -1), yticklabels=strategies)
     if ax.lines:  # some strategy could be made
         ax.legend(ncols=5, loc="lower left", bbox_to_anchor=(-0.3, 1.0), fontsize=9.0)

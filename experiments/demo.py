@@ -70,7 +70,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     until = math.inf if options.cycles is None else number("cycles", options.cycles, "", "> 0") * tour.duration
     if until < setup.control_period:
         raise OutOfRange("cycles", options.cycles, f"{setup.control_period / tour.duration:.3g} or more, one control period")
-    bare = None if options.control == "none" else Bare(setup, limits, options.dwell)
+    bare = None if options.control == "none" else Bare(setup, limits, options.dwell, tour)
     show = _Show(options, setup, tour, bare, None if pace is None else number("pace", pace, "", PACES))
     run = show.run(pieces(setup, tour, controller, until))
     rows, parts = show.dwells.rows, [part.name for part in show.record.parts]
@@ -98,12 +98,22 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-class Bare:
-    """The same tour without swing control, simulated alongside for as long as all of it is kept."""
+def in_step(tour: Timetable, leader: Timetable) -> Timetable:
+    """A tour at full rate whose legs begin when those of another begin; it waits for the other, which cannot be faster."""
+    pairs = zip(tour.stages, leader.stages, strict=True)
+    return replace(
+        tour,
+        stages=tuple(one._replace(begin=o.begin, arrival=o.begin + one.arrival - one.begin, end=o.end) for one, o in pairs),
+    )
 
-    def __init__(self, setup: harness.Setup, limits: Limits, dwell: float) -> None:
+
+class Bare:
+    """The same tour without swing control, leg by leg with the other, simulated alongside for as long as all of it is kept."""
+
+    def __init__(self, setup: harness.Setup, limits: Limits, dwell: float, leader: Timetable) -> None:
         """Begin at the start of the tour."""
         tour, brake = CONTROLS["none"](setup, limits, dwell)
+        tour = in_step(tour, leader)
         self._coming, self._done, self._broken = pieces(setup, tour, brake, 2.0 * PART), list[Trajectory](), False
         self.dwells = Dwells(tour, setup.control_period)
 

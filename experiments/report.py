@@ -9,50 +9,30 @@ import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from datetime import date
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from cranedyn.command import INTERRUPTED, REFUSED, Parser, command
+from cranedyn import __version__
+from cranedyn.command import INTERRUPTED, Parser, command
 from cranedyn.data.files import check_writable, digest, parse_json, read_bytes, read_text, reserved, write_text
 from cranedyn.errors import DataError, UnknownName
 from experiments import harness
-from experiments.harness.arguments import add_engine
-
-EXPERIMENTS = {
-    "a1": ["--gravity", "9.8"],
-    "a2": ["--gravity", "9.8"],
-    "a3": ["--gravity", "9.8"],
-    "energy": [],
-    "gazebo": [],
-    "mass_ratio": [],
-    "validate": [],
-    "linear_vs_full": [],
-    "b1": [],
-    "cranes": [],
-    "compare": [],
-    "sweep": [],
-    "demo": ["--cycles", "1", "--control", "flat"],
-}
-"""What the report is made of, in its order, and the arguments with which missing results are made."""
+from experiments.catalogue import EXPERIMENTS, Entry
+from experiments.harness.arguments import add_engine, called
+from experiments.harness.outcome import summary
+from experiments.harness.terminal import columns_of
+from experiments.report_style import STYLE
 
 _LARGEST_FIGURE = 50_000_000
 """Most bytes of a figure."""
 
-_STYLE = """
-:root { color-scheme: light dark; }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 0 auto; padding: 1rem; }
-h1, h2 { line-height: 1.2; } h2 { margin-top: 3rem; border-top: 1px solid #8888; padding-top: 1rem; }
-nav a { margin-right: 1rem; }
-.table { overflow-x: auto; margin: 1rem 0; } table { border-collapse: collapse; font-size: 0.9rem; }
-caption { text-align: left; font-weight: 600; padding: 0.3rem 0; }
-th, td { border-bottom: 1px solid #8885; padding: 0.25rem 0.6rem; text-align: right; white-space: nowrap; }
-th:first-child, td:first-child { text-align: left; }
-.note { font-size: 0.85rem; opacity: 0.8; }
-li::marker { content: attr(data-mark) "  "; }
-img { max-width: 100%; height: auto; background: white; border-radius: 4px; margin: 0.5rem 0; }
-code, pre { background: #8882; border-radius: 4px; padding: 0.1rem 0.3rem; overflow-x: auto; }
-"""
+_MARKS = {True: ("held", "✔"), False: ("fails", "✘"), None: ("open", "–")}
+"""The class and the sign of a claim."""
+
+_KINDS = {".svg": "image/svg+xml", ".png": "image/png"}
+"""Endings of figures, the better first."""
 
 
 def page(folders: Sequence[Path]) -> str:
@@ -64,30 +44,110 @@ def page(folders: Sequence[Path]) -> str:
     Raises:
         DataError: If a result cannot be read.
     """
-    sections = [_result(folder) for folder in folders]
-    links = " ".join(f'<a href="#{name}">{name}</a>' for name, _ in sections)
-    texts = "\n".join(text for _, text in sections)
+    results = [_read(folder) for folder in folders]
+    sections = [_checked_section(folder, result) for folder, result in zip(folders, results, strict=True)]
+    links = "".join(f'<a href="#{escape(r["experiment"])}">{escape(_entry(r).title)}</a>' for r in results)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
         '<link rel="icon" href="data:,">'
-        f"<title>cranedyn: experiments</title><style>{_STYLE}</style></head><body>"
-        f"<h1>cranedyn: experiments</h1><nav>{links}</nav>\n{texts}\n</body></html>\n"
+        f"<title>cranedyn: experiments</title><style>{STYLE}</style></head><body>"
+        f'<nav><a href="#top">Summary</a>{links}</nav>\n<main id="top">{_first(results)}\n'
+        + "\n".join(sections)
+        + "\n</main></body></html>\n"
     )
 
 
-def _result(folder: Path) -> tuple[str, str]:
-    """The name of an experiment and its section of the page."""
+def _first(results: Sequence[dict[str, Any]]) -> str:
+    """The first screen: when, the crane, how many claims hold, a line for each experiment."""
+    today = date.today()
+    claims = [harness.Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]]
+    held, failed = (sum(claim.holds is kind for claim in claims) for kind in (True, False))
+    rows = "".join(
+        f'<tr><td><a href="#{escape(r["experiment"])}">{escape(_entry(r).title)}</a></td>'
+        f"<td>{escape(_entry(r).line)}</td><td>{_of_total(r['claims'])}</td></tr>"
+        for r in results
+    )
+    words = summary(claims).partition(f"of {len(claims)} ")[2]
+    verdict = "held" if held == len(claims) else "fails" if failed else "open"
+    return (
+        '<div class="first"><div><h1>cranedyn: what it claims, and what was found</h1>'
+        f'<p class="lead">{today.day} {today:%B %Y} · cranedyn {escape(__version__)}</p>'
+        f'<p class="count {verdict}">{held} of {len(claims)}</p><p>{escape(words)}</p></div>'
+        f'<figure><img alt="The crane from the side" src="{_crane()}">'
+        "<figcaption>The crane of the experiments, from the side.</figcaption></figure></div>"
+        '<div class="table"><table class="summary"><thead><tr><th>experiment</th><th>what it shows</th>'
+        f"<th>claims that hold</th></tr></thead><tbody>{rows}</tbody></table></div>"
+    )
+
+
+def _of_total(claims: Sequence[Mapping[str, Any]]) -> str:
+    held, failed = (sum(c["holds"] is kind for c in claims) for kind in (True, False))
+    kind = "fails" if failed else "held" if held == len(claims) else "open"
+    unknown = len(claims) - held - failed
+    return f'<span class="{kind}">{held} of {len(claims)}</span>' + (f", {unknown} not judged" if unknown else "")
+
+
+def _crane() -> str:
+    """The crane as a picture in an address."""
+    import io
+
+    import matplotlib as mpl
+
+    from cranedyn.model.load import load_crane
+    from cranedyn.recording.sketch import sketch
+
+    crane = load_crane()
+    drawn = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "cranedyn"}):
+        sketch(crane, crane.state(phi=0.06)).savefig(drawn, format="svg", metadata={"Date": None})
+    return _address(drawn.getvalue(), ".svg")
+
+
+def _address(content: bytes, ending: str) -> str:
+    return f"data:{_KINDS[ending]};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _entry(result: Mapping[str, Any]) -> Entry:
+    """What the catalogue says of an experiment, or what it says of itself."""
+    name = str(result["experiment"])
+    return EXPERIMENTS.get(name) or Entry(name, str(result["about"]))
+
+
+def _read(folder: Path) -> dict[str, Any]:
+    """The result in a folder.
+
+    Raises:
+        DataError: If there is none.
+    """
     file = folder / "result.json"
     try:
         result = parse_json(read_text(file))
         _check_set(folder, result["files"])
-        return escape(result["experiment"]), _section(folder, result)
+        if not all(isinstance(result[name], str) for name in ("experiment", "about", "command", "machine")):
+            raise TypeError("a word is not text")
+        for claim in result["claims"]:
+            if not isinstance(claim["sentence"], str) or claim["holds"] not in (True, False, None):
+                raise TypeError("a claim is none")
+        return dict(result)
     except json.JSONDecodeError as error:
         raise DataError(f"Cannot read {file}: it is not JSON.") from error
     except OSError as error:
         raise DataError(f"Cannot read {error.filename}: {error.strerror}.") from error
     except (LookupError, TypeError, AttributeError, ValueError, RecursionError) as error:
-        raise DataError(f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: {error}).") from error
+        raise _none(file, error) from error
+
+
+def _checked_section(folder: Path, result: dict[str, Any]) -> str:
+    try:
+        return _section(folder, result)
+    except OSError as error:
+        raise DataError(f"Cannot read {error.filename}: {error.strerror}.") from error
+    except (LookupError, TypeError, AttributeError, ValueError, RecursionError) as error:
+        raise _none(folder / "result.json", error) from error
+
+
+def _none(file: Path, error: Exception) -> DataError:
+    return DataError(f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: {error}).")
 
 
 def _made(folder: Path) -> bool:
@@ -109,15 +169,18 @@ def _check_set(folder: Path, files: Mapping[str, str]) -> None:
 
 
 def _section(folder: Path, result: dict[str, Any]) -> str:
-    marks = {True: "✔", False: "✘", None: "–"}
-    claims = "".join(f'<li data-mark="{marks[c["holds"]]}">{escape(c["sentence"])}</li>' for c in result["claims"])
+    entry = _entry(result)
+    claims = "".join(f"<li>{_mark(c['holds'])}{escape(c['sentence'])}</li>" for c in result["claims"])
     if strange := set(result["figures"]) - set(result["files"]):
         raise ValueError(f"its figures {sorted(strange)} are not among its files")
-    figures = "".join(_figure(folder, name) for name in result["figures"])
+    figures = "".join(
+        f"<figure>{_figure(folder, _best(name, result['files']))}<figcaption>{escape(entry.caption(Path(name).stem))}</figcaption></figure>"
+        for name in result["figures"]
+    )
     versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items() if version)
-    name = escape(result["experiment"])
     return (
-        f'<section id="{name}"><h2>{name}</h2><p>{escape(result["about"])}</p><ul>{claims}</ul>'
+        f'<section id="{escape(result["experiment"])}"><h2>{escape(entry.title)}</h2>'
+        f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p><ul class="claims">{claims}</ul>'
         f"{''.join(map(_table, result['tables']))}{figures}"
         f"<p>Again: <code>{escape(result['command'])}</code></p>"
         "<details><summary>Parameters and "
@@ -126,37 +189,52 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     )
 
 
+def _mark(holds: bool | None) -> str:
+    kind, sign = _MARKS[holds]
+    return f'<span class="mark {kind}" title="{harness.MARKS[holds]}">{sign}</span>'
+
+
 def _table(table: dict[str, Any]) -> str:
     made = harness.Table.of(table)
-    head = "".join(f"<th>{escape(header)}</th>" for header in table["columns"])
-    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in made.shown())
+    kinds = ["" if form else ' class="text"' for _, form in made.columns]
+    head = "".join(f"<th{kind}>{escape(header)}</th>" for (header, _), kind in zip(made.columns, kinds, strict=True))
+    body = "".join(
+        f"<tr>{''.join(f'<td{kind}>{escape(cell)}</td>' for cell, kind in zip(row, kinds, strict=True))}</tr>" for row in made.shown()
+    )
     note = f'<p class="note">{escape(made.note)}</p>' if made.note else ""
     rows = f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody>"
-    return f'<div class="table"><table><caption>{escape(made.title)}</caption>{rows}</table></div>{note}'
+    letters = sum(column.least + 2 for column in columns_of(made))
+    return f'<div class="table"><table style="--letters: {letters}"><caption>{escape(made.title)}</caption>{rows}</table></div>{note}'
+
+
+def _best(name: str, files: Mapping[str, str]) -> str:
+    """The figure as drawing where there is one."""
+    drawing = f"{Path(name).stem}.svg"
+    return drawing if drawing in files else name
 
 
 def _figure(folder: Path, name: str) -> str:
-    if Path(name).name != name or Path(name).suffix != ".png":
+    if Path(name).name != name or Path(name).suffix not in _KINDS:
         raise ValueError(f"{name!r} is no figure in its folder")
-    data = base64.b64encode(read_bytes(folder / name, _LARGEST_FIGURE)).decode("ascii")
-    return f'<img alt="{escape(Path(name).stem)}" src="data:image/png;base64,{data}">'
+    content = read_bytes(folder / name, _LARGEST_FIGURE)
+    return f'<img alt="{escape(Path(name).stem)}" src="{_address(content, Path(name).suffix)}">'
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run what is missing, write the page; 0, or the first code of an experiment that is not 0."""
-    parser = Parser(prog="python -m experiments.report", description="All experiments on one page, report.html.")
+    parser = Parser(prog=called("report"), description="All experiments on one page, report.html.")
     parser.add_argument(
         "--out", metavar="DIR", default="out", help="folder of all results, one folder inside for each experiment (default out)"
     )
     parser.add_argument("--only", nargs="+", metavar="NAME", default=list(EXPERIMENTS), help="which experiments (default all)")
     parser.add_argument("--again", action="store_true", help="run experiments whose results are there already, too")
+    parser.add_argument("--quick", action="store_true", help="run the least of what is missing, to see the page; claims need not hold")
     add_engine(parser)
     return command(lambda: _main(parser.parse_args(argv)))
 
 
 def _main(options: argparse.Namespace) -> int:
     folder, codes = Path(options.out), [0]
-    engine = [] if options.engine == "pinocchio" else ["--engine", options.engine]
     for name in options.only:
         if name not in EXPERIMENTS:
             raise UnknownName("experiment", name, EXPERIMENTS)
@@ -165,13 +243,26 @@ def _main(options: argparse.Namespace) -> int:
         check_writable(file)
     with reserved(folder):  # it is there for them, and gone again if they leave nothing
         for name in missing:
-            code = importlib.import_module(f"experiments.{name}").main([*EXPERIMENTS[name], *engine, f"--out={folder / name}"])
-            if code in (INTERRUPTED, REFUSED):
+            print(f"Experiment {options.only.index(name) + 1} of {len(options.only)}: {EXPERIMENTS[name].title} ({name})", flush=True)
+            code = importlib.import_module(f"experiments.{name}").main(_words(name, options, folder))
+            if code == INTERRUPTED:
                 return code
             codes.append(code)
-        write_text(folder / "report.html", page([folder / name for name in options.only]))
+        made = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
+        for name in set(options.only) - set(made):
+            print(f"{EXPERIMENTS[name].title} ({name}) could not be made and is not on the page.", file=sys.stderr)
+        if not made:
+            return max(codes)
+        write_text(folder / "report.html", page([folder / name for name in made]))
     print(f"Written to {folder / 'report.html'}.")
     return max(codes)
+
+
+def _words(name: str, options: argparse.Namespace, folder: Path) -> list[str]:
+    """The arguments of an experiment."""
+    entry = EXPERIMENTS[name]
+    engine = [] if options.engine == "pinocchio" else ["--engine", options.engine]
+    return [*(entry.quick if options.quick else entry.words), *engine, f"--out={folder / name}"]
 
 
 if __name__ == "__main__":

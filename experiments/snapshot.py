@@ -18,11 +18,12 @@ from cranedyn.command import Parser, command
 from cranedyn.data.files import reserved, together
 from cranedyn.errors import number
 from cranedyn.recording.snapshot import animate, film, snapshot
+from experiments.harness.arguments import called
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Exit code 0, or 2 for bad arguments, a file that is no recording, or where there is nothing to draw with."""
-    parser = Parser(prog="python -m experiments.snapshot", description="Pictures of a recording, without a display.")
+    parser = Parser(prog=called("snapshot"), description="Pictures of a recording, without a display.")
     parser.add_argument("recording", metavar="RECORDING", type=Path, help="the .rrd file")
     parser.add_argument("-t", "--times", metavar="T", type=float, nargs="+", default=[], help="when to take a picture [s]")
     parser.add_argument(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -15,7 +14,7 @@ from cranedyn.sweep import Design, cross, grid, results, sweep
 from cranedyn.sweep.cluster import tls
 from cranedyn.sweep.limits import check_memory
 from experiments import harness
-from experiments.harness.progress import shown
+from experiments.harness.progress import watching
 from experiments.scenarios.robustness import AFTER, COMBINED, STRATEGIES, robustness
 from experiments.scenarios.strategies import FLAT, PAPER, PD
 from experiments.sweep_figures import map_figure, timing_figure
@@ -57,7 +56,6 @@ def _even(ends: tuple[float, float], count: int) -> list[float]:
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run the sweep, or go on with it, and look at all of it."""
     folder = options.folder / "cases"
-    bars = setup.reporter.progress
     tls_files = [options.tls_ca_file, options.tls_cert, options.tls_key]
     if any(tls_files) and not all(tls_files):
         raise DataError("TLS needs --tls-ca-file, --tls-cert and --tls-key, all three of them.")
@@ -70,7 +68,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         scheduler=options.scheduler,
         security=tls(*tls_files) if all(tls_files) else None,
         limit=options.limit,
-        progress=None if bars is None else shown(bars, "cases", time.monotonic),
+        progress=watching(setup.reporter, "cases"),
     )
     table = results(folder)
     found = {name: table[name].to_numpy() for name in table.column_names}

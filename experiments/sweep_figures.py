@@ -9,6 +9,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from cranedyn.plotting.figures import panels
+from experiments.scenarios.colours import strategy_colour
 
 Columns = Mapping[str, np.ndarray]
 
@@ -44,7 +45,7 @@ def timing_figure(found: Columns) -> Figure:
     for k, strategy in enumerate(dict.fromkeys(found["strategy"].tolist())):
         left = [1e3 * found["residual_swing_rad"][(found["strategy"] == strategy) & (found["duration_s"] == d)] for d in durations]
         least, middle, most = np.nanquantile(np.array(left), [0.0, 0.5, 1.0], axis=1)
-        (line,) = ax.plot(durations, middle, marker="osv^D*Px"[k % 8], markersize=4.0, label=strategy)
+        (line,) = ax.plot(durations, middle, marker="osv^D*Px"[k % 8], markersize=4.0, color=strategy_colour(strategy), label=strategy)
         ax.fill_between(durations, least, most, color=line.get_color(), alpha=0.15, linewidth=0.0)
     ax.set(yscale="log", xlabel="time for the move [s]", ylabel="swing left 10 s after it [mrad]")
     ax.legend(ncols=2, fontsize=9.0)

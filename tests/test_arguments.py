@@ -100,7 +100,7 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: simulate(C, BRAKE, duration=0.1, disturbance=lambda t: 1), "disturbance is the function <lambda>; allowed is a callable of 2"),
     (lambda: spline(C, [0, 10, 15], [[0, 12, 15]], [5.0]), "start is [0, 10, 15]; allowed is coordinates and rates, all numbers."),
     (lambda: spline(C, REST, [[0, 12]], [5.0]), "waypoint is (0.0, 12.0); allowed is three numbers: slew, trolley, hoist."),
-    (lambda: lqr(C, STILL), "motion is a Still; allowed is a cranedyn.references.motion.Motion."),
+    (lambda: lqr(C, STILL), "motion is a Still; allowed is a Motion of all joints, as cranedyn.references.plumb makes it of a reference."),
     (
         lambda: flat(C, REST, C.state(x=12), 1e15),
         "duration is 1000000000000000.0 s; allowed is 20000 or less: 4000000 rows",
@@ -391,7 +391,7 @@ def _from(t0: float, then: Callable[[], Any], usual: Callable[..., Any]) -> Call
 
 
 BAD_SETPOINTS: dict[str, tuple[Any, str]] = {
-    "none": (None, "answer of the reference is None; allowed is a Setpoint: position, velocity, acceleration"),
+    "none": (None, "answer of the reference is None; allowed is a cranedyn.Setpoint: position, velocity, acceleration"),
     "an array": (np.zeros(3), r"answer of the reference is an array"),
     "two numbers": (Setpoint(*np.zeros((3, 2))), r"position of the setpoint is an array of shape \(2,\)"),
     "nan": (

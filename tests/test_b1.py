@@ -47,7 +47,7 @@ def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(res
     assert row[3] == pytest.approx(closed, rel=2e-3)
 
 
-@pytest.mark.parametrize("document", ["README.md", "docs/control.md"])
+@pytest.mark.parametrize("document", ["docs/control.md"])
 def test_documents_show_the_tables_as_printed(document: str, result: tuple[Path, dict[str, Any]]) -> None:
     assert read_document(ROOT / document, "b1").stale([Table.of(kept) for kept in result[1]["tables"]]) == []
 

@@ -164,7 +164,7 @@ def _setpoint(shape: tuple[int, ...]) -> Callable[[np.ndarray], Setpoint]:
             lambda times: Setpoint(*[np.zeros((len(times), 3))] * 2, None),
             "acceleration of the setpoint is no array of numbers but NoneType",
         ),
-        (lambda times: None, "answer of the reference is None; allowed is a Setpoint: position, velocity, acceleration"),
+        (lambda times: None, "answer of the reference is None; allowed is a cranedyn.Setpoint: position, velocity, acceleration"),
         (lambda times: np.zeros((3, len(times), 3)), "answer of the reference is an array"),
     ],
 )

@@ -67,7 +67,7 @@ def test_what_is_left_in_the_dwells_is_the_same_from_pieces_as_from_the_whole_ru
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 @pytest.mark.parametrize("control", ["none", "flat"])
 def test_a_long_demo_leaves_its_parts_and_its_last_minutes(control: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, name, value in ((endless, "PART", 10.0), (demo, "PART", 10.0), (demo, "RECORDED", 14.0)):
+    for module, name, value in ((endless, "PART", 12.0), (demo, "PART", 12.0), (demo, "RECORDED", 14.0)):
         monkeypatch.setattr(module, name, value)
     words = ["--cycles", "0.3", "--dwell", "1", "--control", control, "--engine", FAST, "--out", str(tmp_path / "demo")]
     assert demo.main(words) == 0
@@ -77,21 +77,21 @@ def test_a_long_demo_leaves_its_parts_and_its_last_minutes(control: str, tmp_pat
     last = read(folder / "demo.parquet")
     t = np.concatenate([part.t for part in (*parts, last)])
     np.testing.assert_allclose(t, 0.005 * np.arange(len(t)), rtol=0, atol=1e-9)
-    assert len(parts) >= 1 and last.t[-1] - last.t[0] < 20.0
+    assert len(parts) >= 1 and last.t[-1] - last.t[0] < 24.0
     assert f"What happened before t = {last.t[0]:.0f} s is in demo_from_0s.parquet" in result["tables"][0]["note"]
     recorded = np.unique(np.concatenate([times(path) for path in folder.glob("demo_from_*.rrd")]))
     np.testing.assert_allclose(recorded, t, rtol=0, atol=1e-9)
     np.testing.assert_allclose(times(folder / "demo.rrd"), last.t, rtol=0, atol=1e-9)
     if control != "none":
         bare = read(folder / "demo_before.parquet")
-        assert bare.t[0] == 0.0 and bare.t[-1] == pytest.approx(20.0)
+        assert bare.t[0] == 0.0 and bare.t[-1] == pytest.approx(24.0)
         assert len(result["tables"][1]["rows"]) >= 1
     assert not [name for name in files(folder) if name.startswith(".")]
 
 
 def test_a_short_demo_has_no_parts(tmp_path: Path) -> None:
     assert demo.main(["--cycles", "0.01", "--engine", FAST, "--out", str(tmp_path)]) == 0
-    assert files(tmp_path) == ["demo.csv", "demo.parquet", "demo.rrd", "result.json", "swing.png"]
+    assert files(tmp_path) == ["demo.csv", "demo.parquet", "demo.rrd", "result.json", "swing.png", "swing.svg"]
 
 
 def test_cycles_that_are_shorter_than_a_control_period_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -259,3 +259,12 @@ def test_every_error_is_a_crane_error_that_carries_its_values() -> None:
     assert (str(broken), broken.t, broken.joint, broken.value, broken.trajectory) == ("It broke.", 1.5, "yaw_joint", 7.0, None)
     for error in (unknown, broken, OutOfRange("a", 1, "> 2"), DataError("x")):
         assert isinstance(error, CraneError)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"), [("2000 kg", "'2000 kg'; allowed is the number alone, in kg."), ("heavy", "heavy kg; allowed is a number > 0.")]
+)
+def test_a_unit_is_never_said_twice(text: str, sentence: str) -> None:
+    with pytest.raises(OutOfRange) as caught:
+        number("payload_mass", text, "kg", "> 0")
+    assert str(caught.value) == f"payload_mass is {sentence}"

@@ -221,7 +221,7 @@ def test_the_layout_travels_in_the_file(file: Path, crane: Crane):
             spans.append(batch["TimeAxis:view_range"].flatten()[0].as_py())
         if "ViewBlueprint:display_name" in batch.schema.names:
             names |= set(batch["ViewBlueprint:display_name"].flatten().to_pylist())
-    assert names == {"Crane", "About", *(plot.title for plot in plots(crane.layout).values())}
+    assert names == {"Crane", "Payload", "About", *(plot.title for plot in plots(crane.layout).values())}
     assert len(spans) == len(plots(crane.layout)) and {(span["start"], span["end"]) for span in spans} == {(0, 4_000_000_000)}
 
 

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
+from datetime import date
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from experiments import report
+from experiments.catalogue import EXPERIMENTS
 from tests.helpers import FAST
 
 selenium = pytest.importorskip("selenium.webdriver", reason="extra browser (selenium) is not installed")
@@ -58,7 +62,7 @@ def test_every_table_is_there_with_its_rows(made: Path, page: Any) -> None:
 @browser
 def test_every_figure_is_loaded(made: Path, page: Any) -> None:
     widths = page.execute_script("return Array.from(document.images, i => i.complete ? i.naturalWidth : 0)")
-    assert len(widths) == sum(1 for _ in made.glob("*/*.png"))
+    assert len(widths) == 1 + sum(1 for _ in made.glob("*/*.svg"))  # the crane of the first screen
     assert min(widths) > 100
 
 
@@ -72,6 +76,76 @@ def test_the_page_fits_a_phone_and_leaves_no_error_in_the_console(page: Any) -> 
 def test_nothing_is_fetched_from_anywhere(page: Any) -> None:
     fetched = page.execute_script("return performance.getEntriesByType('resource').map(e => e.name)")
     assert [name for name in fetched if not name.startswith("data:")] == []
+
+
+@browser
+def test_the_first_screen_says_when_what_and_how_many_claims_hold(made: Path, page: Any) -> None:
+    claims = [claim for name in ("energy", "mass_ratio") for claim in json.loads((made / name / "result.json").read_text())["claims"]]
+    assert page.find_element("css selector", ".count").text == f"{len(claims)} of {len(claims)}"
+    rows = [row.text for row in page.find_elements("css selector", ".summary tbody tr")]
+    assert [row.split("\n")[0].startswith(title) for row, title in zip(rows, ("Energy", "Light links"), strict=True)] == [True] * 2
+    assert f"{date.today().year}" in page.find_element("css selector", ".lead").text
+    assert [h.text for h in page.find_elements("css selector", "h2")] == ["Energy", "Light links"]
+
+
+@browser
+def test_every_figure_is_a_drawing_with_a_caption(page: Any) -> None:
+    figures = page.find_elements("css selector", "section figure")
+    assert figures
+    for figure in figures:
+        assert figure.find_element("css selector", "img").get_attribute("src").startswith("data:image/svg+xml")
+        assert len(figure.find_element("css selector", "figcaption").text.split()) > 4
+
+
+@browser
+def test_on_paper_no_table_is_wider_than_the_page_and_by_night_words_are_light(page: Any) -> None:
+    def emulate(**words: Any) -> None:
+        page.execute_cdp_cmd("Emulation.setEmulatedMedia", words)
+
+    try:
+        a4 = round((210 - 2 * 12) / 25.4 * 96)
+        page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {"width": a4, "height": 1000, "deviceScaleFactor": 1, "mobile": False})
+        emulate(media="print")
+        tables = page.execute_script("return Array.from(document.querySelectorAll('table'), t => t.getBoundingClientRect().right)")
+        assert tables and max(tables) <= a4
+        assert page.execute_script("return getComputedStyle(document.querySelector('nav')).display") == "none"
+        emulate(media="screen", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+        ink, paper = page.execute_script("const s = getComputedStyle(document.body); return [s.color, s.backgroundColor]")
+        assert sum(map(int, re.findall(r"\d+", ink)[:3])) > 600 > 150 > sum(map(int, re.findall(r"\d+", paper)[:3]))
+    finally:
+        emulate(media="screen", features=[])
+        page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+@browser
+def test_the_contents_stay_in_view(page: Any) -> None:
+    page.execute_script("window.scrollTo(0, document.body.scrollHeight)")
+    assert 0 <= page.execute_script("return document.querySelector('nav').getBoundingClientRect().top") < 10
+
+
+def test_every_experiment_of_the_catalogue_is_one_of_the_report() -> None:
+    assert report.EXPERIMENTS is EXPERIMENTS
+    assert all((entry.figures or name == "cranes") and len(entry.title) < 30 for name, entry in EXPERIMENTS.items())  # cranes draws none
+
+
+def test_a_report_says_which_experiment_it_is_at_and_goes_on_without_one_that_fails(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(argv: list[str]) -> int:
+        return 2
+
+    def works(argv: list[str]) -> int:
+        shutil.copytree(made / "mass_ratio", tmp_path / "mass_ratio")
+        assert argv == [f"--out={tmp_path / 'mass_ratio'}"]
+        return 0
+
+    modules = {"experiments.energy": SimpleNamespace(main=fails), "experiments.mass_ratio": SimpleNamespace(main=works)}
+    monkeypatch.setattr(report.importlib, "import_module", modules.__getitem__)
+    assert report.main(["--out", str(tmp_path), "--only", "energy", "mass_ratio", "--quick"]) == 2
+    out, err = capsys.readouterr()
+    assert "Experiment 2 of 2: Light links (mass_ratio)" in out
+    assert "Energy (energy) could not be made" in err
+    assert 'id="mass_ratio"' in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_claims_and_the_command_that_repeats_them_are_on_the_page(made: Path) -> None:

@@ -15,7 +15,7 @@ from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import results
-from experiments import sweep
+from experiments import report, sweep
 from experiments.harness.setup import Setup
 from experiments.report import page
 from experiments.scenarios.robustness import AFTER, COMBINED, STRATEGIES, robustness
@@ -83,6 +83,7 @@ def test_the_command_sweeps_shows_and_does_not_sweep_again(tmp_path: Path, capsy
     assert '<section id="sweep">' in page([tmp_path / "out"])
     kept = results(tmp_path / "out" / "cases")
     assert kept.num_rows == 4 * len(STRATEGIES) == sum(row[1] for row in result["tables"][0]["rows"])
+    assert '<section id="sweep">' in report.page([tmp_path / "out"])  # formats of thousands, too
     parts = {part: part.stat().st_mtime_ns for part in (tmp_path / "out" / "cases").glob("*.parquet")}
     assert sweep.main(arguments) == 0
     assert {part: part.stat().st_mtime_ns for part in parts} == parts

@@ -31,7 +31,7 @@ from experiments import a1, demo, harness, report
 from experiments.harness.document import read_document
 from tests.helpers import FAST, crane, files, python, quickly
 
-SET = ["a1.rrd", "figure.png", "result.json", "run.csv", "run.parquet"]
+SET = ["a1.rrd", "figure.png", "figure.svg", "result.json", "run.csv", "run.parquet"]
 
 
 def said(run: Callable[[], int]) -> tuple[int, str]:

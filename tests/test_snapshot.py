@@ -15,6 +15,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.plotting.style import COLOURS
 from cranedyn.recording import Run, record
 from cranedyn.recording.snapshot import animate, snapshot
 from cranedyn.references import hold, pulse
@@ -99,7 +100,7 @@ def test_the_dashboard_shows_scene_and_curves(file: Path, tmp_path: Path):
     picture = pixels(path)
     assert picture.shape == (720, 1280, 3)
     right = picture[:, 720:]
-    for colour in ("#D55E00", "#E69F00", "#CC79A7", "#56B4E9"):
+    for colour in (COLOURS[name] for name in ("x", "phi", "energy", "theta")):
         assert like(right, colour) > 100, f"curves of colour {colour}"
     assert np.count_nonzero(steel(picture[:, :700])) > 2000 and np.count_nonzero(load(picture[:, :700])) > 200
 

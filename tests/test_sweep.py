@@ -330,9 +330,18 @@ def test_progress_is_shown_in_words() -> None:
     assert math.isclose(3950 / 0.5, 2 * 3600 + 11 * 60 + 40)
 
 
-def test_progress_is_told_only_to_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    with told.sweeping("study") as nobody:
-        assert nobody is None
+def test_progress_is_told_to_a_terminal_and_elsewhere_in_a_line_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with told.sweeping("study") as lines:
+        assert lines is not None
+        lines(Progress(1, 2, 0, 0))
+        assert capsys.readouterr().err == ""  # nothing of what is short
+    monkeypatch.setattr("experiments.harness.lines.EVERY", 0.0)
+    with told.sweeping("study") as lines:
+        assert lines is not None
+        lines(Progress(1, 2, 0, 0))
+    assert capsys.readouterr().err.startswith("study: ")
     monkeypatch.setattr("experiments.harness.setup.Console", lambda stderr: Console(file=io.StringIO(), force_terminal=True))
     with told.sweeping("study") as somebody:
         assert somebody is not None

@@ -102,7 +102,9 @@ def test_the_documents_count_closed_forms_and_claims_as_the_command_does(result:
 
 def test_trajectories_figures_and_recording_are_written(result: tuple[Path, dict[str, Any]]) -> None:
     runs = {f"{name}{ending}" for name in ("oval_swing", "steady_slewing") for ending in (".csv", ".parquet")}
-    assert set(files(result[0] / "out")) == runs | {"convergence.png", "ripple.png", "oval.png", "result.json", "validate.rrd"}
+    assert set(files(result[0] / "out")) == runs | {"result.json", "validate.rrd"} | {
+        f"{name}{ending}" for name in ("convergence", "ripple", "oval") for ending in (".png", ".svg")
+    }
 
 
 def test_the_report_shows_the_result(result: tuple[Path, dict[str, Any]]) -> None:

@@ -15,7 +15,8 @@ import numpy as np
 
 from cranedyn.arguments import checked, described
 from cranedyn.data.files import parse_json, written
-from cranedyn.errors import DataError, OutOfRange, UnknownName
+from cranedyn.data.shown import Shown
+from cranedyn.errors import DataError, OutOfRange, UnknownColumn, UnknownName
 from cranedyn.interfaces import State
 
 if TYPE_CHECKING:
@@ -87,8 +88,8 @@ def _belonging(units: Mapping[str, str], parts: Mapping[str, Sequence[str]]) -> 
     return needed + [f"{of}_force_{axis}_N" for of in dict.fromkeys(parts["force"]) for axis in "xyz"]
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Shown):
     """One row per control instant, of a crane with n joints and m drives.
 
     Attributes:
@@ -135,13 +136,13 @@ class Trajectory:
         """A column by its name, shape (n,).
 
         Raises:
-            KeyError: If there is no such column.
+            UnknownColumn: If there is no such column, which is also a KeyError.
         """
         for name, columns in self.columns.items():
             if column in columns:
                 values = getattr(self, name)
                 return values if values.ndim == 1 else values[:, columns.index(column)]
-        raise KeyError(column)
+        raise UnknownColumn("column", column, self.keys())
 
     def coordinates(self, *symbols: str) -> np.ndarray:
         """Some coordinates by their symbols, for example "phi", "theta" [rad or m], shape (rows, number of symbols).

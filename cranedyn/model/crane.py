@@ -16,6 +16,7 @@ from cranedyn.arrays import finite, shaped
 from cranedyn.errors import ModelError, UnknownName, number, within
 from cranedyn.interfaces import State
 from cranedyn.model.layout import Layout
+from cranedyn.model.shown import ShownCrane
 from cranedyn.model.springs import Springs
 
 STANDARD_GRAVITY = 9.80665
@@ -52,8 +53,8 @@ class _Scratch(threading.local):
 
 
 @checked
-@dataclass(frozen=True, eq=False)
-class Crane:
+@dataclass(frozen=True, eq=False, repr=False)
+class Crane(ShownCrane):
     """A crane as loaded, with n joints and m drives: parameters that do not change during a run, and that several threads may use at once.
 
     Attributes:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +17,7 @@ import pinocchio as pin
 from cranedyn.arguments import taken
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import read_record
-from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName, number, printable, quoted, within
+from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName, number, printable, quoted, within
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane, Point
 from cranedyn.model.description import XACRO, describe
@@ -32,7 +34,7 @@ _LIGHTEST = 1e-15
 def load_crane(
     urdf: str | Path | None = None,
     *,
-    from_record: str | Path | None = None,
+    from_record: str | Path | Mapping[str, Any] | None = None,
     gravity: float | None = None,
     joints: Mapping[str, str] | None = None,
     driven: Sequence[str] | None = None,
@@ -45,7 +47,8 @@ def load_crane(
     Args:
         urdf: A ``.xacro`` file to expand, which runs Python expressions in it: only from those whose programs you would run, too. Any
             other file is plain URDF: nothing in it is run, fetched or read from elsewhere. None is the tower crane of this project.
-        from_record: A Parquet file of a run instead, in which its crane is written down whole but for its looks.
+        from_record: A Parquet file of a run instead, or the `record` of a run, in which its crane is written down whole; the looks of this
+            project's own crane are made again, those of any other are not kept.
         gravity: Gravity [m/s²] along -Z; None for standard gravity.
         joints: Names of the joints that play the parts of a tower crane, by role, for example ``{"slew": "base_yaw"}``; None for those
             that are called as in the tower crane of this project. See `cranedyn.model.layout.ROLES`.
@@ -67,7 +70,8 @@ def load_crane(
         others = {"urdf": urdf, "joints": joints, "driven": driven, "payload": payload, "gravity": gravity, **values}
         if given := [name for name, value in others.items() if value is not None]:
             raise OutOfRange(given[0], "given beside from_record", "left out: the record says all of the crane")
-        return _recorded(Path(taken("from_record", from_record, str | Path)))
+        source = taken("from_record", from_record, str | Path | Mapping[str, Any])
+        return _recorded(source, Path("the record")) if isinstance(source, Mapping) else _recorded(read_record(source), Path(source))
     g = STANDARD_GRAVITY if gravity is None else number("gravity", gravity, "m/s²", "> 0")
     path = XACRO if urdf is None else Path(taken("urdf", urdf, str | Path))
     if path.suffix == ".xacro":
@@ -77,7 +81,20 @@ def load_crane(
     else:
         text = read_text(path)
     written = partial(_whole, path, values) if urdf is None else partial(str, text)
-    return _crane(parse(text, path), path, written, g, joints, driven, payload, check_axes)
+    crane = _crane(parse(text, path), path, written, g, joints, driven, payload, check_axes)
+    return (
+        replace(crane, record={**crane.record, "arguments": numbers})
+        if urdf is None and (numbers := _numbers(values)) is not None
+        else crane
+    )
+
+
+def _numbers(values: Mapping[str, object]) -> dict[str, float] | None:
+    """Arguments of this project's crane as a record keeps them; None if one is text."""
+    try:
+        return {name: float(value) for name, value in values.items()}  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return None
 
 
 def _crane(
@@ -128,17 +145,28 @@ def _crane(
     return replace(crane, start=State(crane.hanging(q), np.zeros(layout.n))) if springs.any else crane
 
 
-def _recorded(path: Path) -> Crane:
+def _recorded(whole: Mapping[str, Any], path: Path) -> Crane:
     """A crane from the record of a run."""
-    record = read_record(path).get("crane")
+    record = whole.get("crane")
     kinds = {"urdf": str, "gravity": float, "joints": dict, "driven": list, "payload": str, "check_axes": bool}
     if not isinstance(record, dict) or not all(isinstance(record.get(name), kind) for name, kind in kinds.items()):
         raise DataError(f"{path} does not name its crane; a Parquet file that `Trajectory.write` wrote does.")
     robot = parse(record["urdf"], path)
-    text = record["urdf"]
     gravity = number("gravity", record["gravity"], "m/s²", "> 0")
     words = ({role: str(name) for role, name in record["joints"].items()}, [str(name) for name in record["driven"]], record["payload"])
-    return _crane(robot, path, partial(str, text), gravity, *words, record["check_axes"])
+    crane = _crane(robot, path, partial(_dressed, record), gravity, *words, record["check_axes"])
+    return replace(crane, record=record)
+
+
+def _dressed(record: Mapping[str, Any]) -> str:
+    """A recorded crane with its looks, if it is this project's own; bare as it was written down otherwise."""
+    text, values = str(record["urdf"]), record.get("arguments")
+    if isinstance(values, dict) and all(isinstance(value, float | int) for value in values.values()):
+        with contextlib.suppress(CraneError):  # arguments of another version, or of a stranger
+            whole = _whole(XACRO, values)
+            if bare(parse(whole, XACRO)) == text:
+                return whole
+    return text
 
 
 def _whole(path: Path, values: dict[str, object]) -> str:

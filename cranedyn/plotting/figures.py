@@ -25,7 +25,18 @@ _STYLE: Any = {
     "lines.linewidth": 1.6,
     "legend.frameon": False,
     "figure.facecolor": "white",
+    "axes.formatter.useoffset": False,
+    "svg.hashsalt": "cranedyn",
 }
+
+
+class Drawing(Figure):
+    """A figure that a notebook shows by itself."""
+
+    def _repr_png_(self) -> bytes:
+        with mpl.rc_context(_STYLE), io.BytesIO() as file:
+            self.savefig(file, format="png", dpi=90)
+            return file.getvalue()
 
 
 def panels(rows: int = 1, columns: int = 1, *, height: float = 3.2, width: float = 9.0, **arguments: Any) -> tuple[Figure, list[Axes]]:
@@ -39,19 +50,20 @@ def panels(rows: int = 1, columns: int = 1, *, height: float = 3.2, width: float
         arguments: Handed to matplotlib's ``Figure.subplots``, for example ``sharex=True``.
     """
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(width, rows * height), layout="constrained")
+        figure = Drawing(figsize=(width, rows * height), layout="constrained")
         return figure, list(figure.subplots(rows, columns, squeeze=False, **arguments).flat)
 
 
 def save(figure: Figure, path: str | Path) -> Path:
-    """Write a figure as PNG.
+    """Write a figure as ``.png``, or as ``.svg`` for pages and papers; the same figure gives the same file.
 
     Raises:
         DataError: If the file cannot be written.
     """
+    kind = Path(path).suffix.removeprefix(".")
     picture = io.BytesIO()  # given a path, the library leaves the file open where Ctrl-C comes meanwhile
     with mpl.rc_context(_STYLE):
-        figure.savefig(picture, format="png", dpi=130)
+        figure.savefig(picture, format=kind, dpi=130, metadata={"Date": None} if kind == "svg" else None)
     with written(path) as draft:
         draft.write_bytes(picture.getvalue())
     return Path(path)

@@ -1,18 +1,21 @@
-"""One colour for each quantity, the same in every plot and figure: the colour-blind-safe palette of Okabe and Ito."""
+"""One colour for each quantity, the same in every plot and figure.
+
+The colour-blind-safe palette of Okabe and Ito, its pale ones darker, so that every one is legible on white and on black.
+"""
 
 from __future__ import annotations
 
 COLOURS = {
     "gamma": "#0072B2",
     "x": "#D55E00",
-    "phi": "#E69F00",
-    "theta": "#56B4E9",
+    "phi": "#B87800",
+    "theta": "#2E8BC0",
     "l": "#009E73",
-    "energy": "#CC79A7",
-    "dissipated": "#F0E442",
+    "energy": "#B0569A",
+    "dissipated": "#8F8500",
     "unexplained": "#000000",
-    "setpoint": "#999999",
-    "limit": "#999999",
+    "setpoint": "#8A8A8A",
+    "limit": "#8A8A8A",
 }
 """Hex colour by quantity: a coordinate shares it with its rate and with the effort and the work of its drive. Black is for white paper."""
 

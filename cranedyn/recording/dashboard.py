@@ -7,12 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 import rerun.blueprint as rrb
 
-from cranedyn.dynamics.pinocchio import point_positions
+from cranedyn.dynamics.pinocchio import payload_position, point_positions
 from cranedyn.plotting.style import rgb
 from cranedyn.recording.extent import extent
-from cranedyn.recording.run import TIMELINE, Run
-from cranedyn.recording.scene import BACKGROUND
+from cranedyn.recording.run import SCENE, TIMELINE, Run
+from cranedyn.recording.scene import BACKGROUND, payload_entity
 from cranedyn.recording.series import Table, plot, plots
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+_NEAR = 14.0
+"""How far from the payload the view stands that follows it [m]."""
 
 
 def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
@@ -31,7 +36,9 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
     energies = [plot("energy", [run], tables[i : i + 1], titles[i]) for i, run in enumerate(runs)]
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(_scene(runs), rrb.TextDocumentView(origin="text", name="About"), row_shares=[7, 2]),
+            rrb.Vertical(
+                rrb.Tabs(_scene(runs), _payload(runs), active_tab=0), rrb.TextDocumentView(origin="text", name="About"), row_shares=[7, 2]
+            ),
             rrb.Vertical(
                 rrb.Tabs(*drives, active_tab=busiest),
                 rrb.Tabs(*passive) if len(passive) > 1 else passive[0] if passive else energies[0],
@@ -71,13 +78,30 @@ def _reach(run: Run) -> float:
 
 
 def _scene(runs: Sequence[Run]) -> rrb.Spatial3DView:
+    return _view(SCENE, runs, _eye(runs))
+
+
+def _payload(runs: Sequence[Run]) -> rrb.Spatial3DView:
+    """The scene from beside the payload of the first run, which the eye follows."""
+    run = runs[0]
+    load, across = payload_position(run.crane, run.trajectory.q[0]) + run.offset, _across(_slew(run)[0])
+    eye = rrb.EyeControls3D(
+        position=load + _NEAR * across,
+        look_target=load,
+        eye_up=_UP,
+        tracking_entity=payload_entity(run),
+    )
+    return _view("Payload", runs, eye)
+
+
+def _view(name: str, runs: Sequence[Run], eye: rrb.EyeControls3D) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
-        name="Crane",
+        name=name,
         origin="/",
         contents=[f"+ {run.entity('scene')}/**" for run in runs],
         background=rrb.Background(color=rgb(BACKGROUND)),
         line_grid=rrb.LineGrid3D(visible=True, spacing=5.0, color=rgb("#B4C0CC")),
-        eye_controls=_eye(runs),
+        eye_controls=eye,
     )
 
 
@@ -99,19 +123,31 @@ def _box_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
 def _jib_eye(runs: Sequence[Run]) -> rrb.EyeControls3D:
     """Where tower cranes are seen from: square to the middle of the sector of the jibs, far enough for every one to be seen whole.
 
+    The eye is level, so that what is plumb looks plumb at every place of the picture.
+
     Cranes that stand in a row across their jibs are seen from the side of the tips instead, so that none hides another.
     """
-    slew = [run.trajectory.q[:, run.crane.layout.role("slew", "The view")] for run in runs]
-    middle = (np.min(np.concatenate(slew)) + np.max(np.concatenate(slew))) / 2
-    along, across = np.array([np.sin(middle), -np.cos(middle), 0.0]), np.array([np.cos(middle), np.sin(middle), 0.0])
+    slew = np.concatenate([_slew(run) for run in runs])
+    middle = (slew.min() + slew.max()) / 2
+    along, across = np.array([np.sin(middle), -np.cos(middle), 0.0]), _across(middle)
     height = max(point_positions(run.crane, run.crane.start.q)[:, 2].max() for run in runs)
     reach = max(_reach(run) for run in runs)
     feet = np.array([run.offset for run in runs])
     in_a_row = np.ptp(feet @ across) > np.ptp(feet @ along)
-    turn, rise, middle_height = (np.radians(55.0), 0.3, 0.4) if in_a_row else (0.0, 0.12, 0.58)
+    turn, rise, middle_height = (np.radians(55.0), 0.3, 0.4) if in_a_row else (0.0, 0.0, 0.56)
     towards, sideways = np.cos(turn) * across + np.sin(turn) * along, np.cos(turn) * along - np.sin(turn) * across
-    distance = 0.75 * (height + reach) + 0.55 * np.ptp(feet @ sideways) + 0.35 * np.ptp(feet @ towards)
-    up = np.array([0.0, 0.0, 1.0])
-    target = feet.mean(axis=0) + 0.26 * reach * along + middle_height * height * up
-    position = target + distance * (towards + rise * up)
-    return rrb.EyeControls3D(position=position, look_target=target, eye_up=up)
+    distance = 0.8 * (height + reach) + 0.55 * np.ptp(feet @ sideways) + 0.35 * np.ptp(feet @ towards)
+    target = feet.mean(axis=0) + 0.26 * reach * along + middle_height * height * _UP
+    position = target + distance * (towards + rise * _UP)
+    return rrb.EyeControls3D(position=position, look_target=target, eye_up=_UP)
+
+
+def _slew(run: Run) -> np.ndarray:
+    """Slew angle in each row [rad], shape (rows,); zero for a crane that does not slew."""
+    layout = run.crane.layout
+    return run.trajectory.q[:, layout.role("slew", "The view")] if layout.has("slew") else np.zeros(len(run.trajectory))
+
+
+def _across(slew: float) -> np.ndarray:
+    """Unit vector square to the jib at a slew angle [rad], level, on the side from which cranes are seen."""
+    return np.array([np.cos(slew), np.sin(slew), 0.0])

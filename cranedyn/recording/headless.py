@@ -12,7 +12,7 @@ from rerun.experimental import ViewerClient
 
 from cranedyn.errors import CraneError, DataError
 from cranedyn.recording.process import HOST, await_ready, end, ended, free, free_port, start
-from cranedyn.recording.run import TIMELINE
+from cranedyn.recording.run import SCENE, TIMELINE
 from cranedyn.recording.viewer import check
 
 _BARS = {True: (0, 36), False: (7, 71)}
@@ -77,7 +77,8 @@ def _opened(client: ViewerClient, path: Path) -> tuple[float, float]:
 
 
 def _maximise_scene(client: ViewerClient) -> str:
-    scene = next((view.view_id for view in client.get_state().views if view.view_class == "3D"), None)
+    views = [view for view in client.get_state().views if view.view_class == "3D"]
+    scene = next((view.view_id for view in sorted(views, key=lambda view: view.name != SCENE)), None)
     if scene is None:
         raise CraneError("The recording shows no scene.")
     layout = client.get_blueprint().blueprint

@@ -76,9 +76,9 @@ def describe(runs: Sequence[Run], title: str, text: str) -> str:
     rows = [[_shown(name), *(_shown(run.trajectory.parameters.get(name, "")) for run in runs)] for name in names]
     lines = [["parameter", *(_shown(run.name) for run in runs)], ["---"] * (len(runs) + 1), *rows]
     scene = (
-        f"In the scene, dots show where the payload was in the last {PATH_SECONDS:g} s and the outline where "
-        "its setpoint is. The arrows under the trolley "
-        f"point where it hangs off the plumb line, orange along the jib and blue across it, {looks(runs)[0].arrow:g} m for a degree."
+        f"**How to read the scene.** Dots: where the payload was in the last {PATH_SECONDS:g} s. Wire box and grey line: the payload and "
+        "the cable at the setpoint of the drives. Arrows under the trolley: where the payload hangs off the plumb line, orange along the "
+        f"jib and blue across it, {looks(runs)[0].arrow:g} m for a degree. The tab *Payload* follows the payload."
     )
     if any("<mesh" in run.crane.urdf and run.meshes is None for run in runs):
         scene += " Meshes of the URDF are not drawn."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,9 +12,13 @@ import rerun as rr
 from cranedyn.arguments import checked
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
+from cranedyn.plotting.runs import run_colour
 
 TIMELINE = "sim_time"
 """The one clock of a recording."""
+
+SCENE = "Crane"
+"""Name of the view that shows all of the scene."""
 
 
 @checked
@@ -27,6 +32,7 @@ class Run:
         trajectory: What it did.
         offset: Where its foot stands in the scene [m]; cranes with the same offset are drawn into each other.
         meshes: Folder in which the files of the meshes of its URDF lie, and which none of them leaves; None draws no meshes.
+        colour: Hex colour of its payload, path and curves; empty for the next one of `cranedyn.plotting.runs`.
     """
 
     name: str
@@ -34,6 +40,7 @@ class Run:
     trajectory: Trajectory
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     meshes: Path | None = None
+    colour: str = ""
 
     def __post_init__(self) -> None:
         """Have a name that can be written."""
@@ -51,6 +58,11 @@ class Run:
 def utf8(text: str) -> str:
     """A text with what UTF-8 cannot write escaped, as in names of files that are not text."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def colours(runs: Sequence[Run]) -> list[str]:
+    """The hex colour of each run."""
+    return [run.colour or run_colour(i) for i, run in enumerate(runs)]
 
 
 def clock(t: np.ndarray) -> list[rr.TimeColumn]:

@@ -18,7 +18,7 @@ from cranedyn.dynamics.pinocchio import payload_orientation, point_positions
 from cranedyn.errors import printable
 from cranedyn.model.urdf import parse, skeleton
 from cranedyn.plotting.style import COLOURS, mixed, rgb
-from cranedyn.recording.run import Run, clock
+from cranedyn.recording.run import Run, clock, colours
 from cranedyn.recording.shapes import Shape, log_shapes, shapes
 
 BACKGROUND = "#E1E8F0"
@@ -29,7 +29,6 @@ PATH_SECONDS = 4.0
 
 _PICTURES_PER_SECOND, _PATH_POINTS_PER_SECOND = 50.0, 10.0
 _PATH_POINTS = round(PATH_SECONDS * _PATH_POINTS_PER_SECOND)
-_PAYLOADS = ("#F22B05", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 _CABLE, _GREY = "#202020", "#8C8C8C"
 _CABLE_RADIUS, _PATH_RADIUS, _ARROW_RADIUS = 0.05, 0.16, 0.12
 _ARROWS_BELOW_PIVOT = 1.5
@@ -68,10 +67,10 @@ def looks(runs: Sequence[Run]) -> list[Look]:
     widest = max(np.degrees(np.abs(run.trajectory.q[:, run.crane.swings])).max(initial=0.0) for run in runs)
     arrow = next((scale for scale in (0.5, 0.2, 0.1) if scale * widest <= _LONGEST_ARROW), 0.05)
     found = []
-    for i, run in enumerate(runs):
+    for i, (run, colour) in enumerate(zip(runs, colours(runs), strict=True)):
         here = sum(other.offset == run.offset for other in runs[:i])
         label = printable(run.name) if len(runs) > 1 else ""
-        found.append(Look(_PAYLOADS[i % len(_PAYLOADS)], 0.25 if here else 1.0, label, 1.5 + 1.2 * here, arrow))
+        found.append(Look(colour, 0.25 if here else 1.0, label, 1.5 + 2.6 * here, arrow))
     return found
 
 
@@ -122,6 +121,21 @@ def _above_swing(run: Run, tree: UrdfTree) -> str | None:
     )
 
 
+def payload_entity(run: Run) -> str:
+    """The entity with the body of the payload; an eye can follow one that has a shape."""
+    link = _payload_link(run, _tree(run))
+    return run.entity("scene", link, _body(shapes(run.crane.urdf, run.meshes)[link]).kind)
+
+
+def _payload_link(run: Run, tree: UrdfTree) -> str:
+    return _child(tree, run.crane.layout.joints[run.crane.payload.body].name)
+
+
+def _body(of_payload: list[Shape]) -> Shape:
+    """The body of the payload, its largest shape; a cube where nothing is drawn."""
+    return max(of_payload or [Shape("box", (1.0, 1.0, 1.0))], key=lambda shape: math.prod(shape.size))
+
+
 def _every(t: np.ndarray, seconds: float) -> np.ndarray:
     """Rows a time apart, first and last among them."""
     return np.unique(np.searchsorted(t, np.append(np.arange(t[0], t[-1], seconds), t[-1]) - 1e-9))
@@ -141,10 +155,10 @@ def _log_links(recording: rr.RecordingStream, run: Run, tree: UrdfTree, look: Lo
     for joint in tree.joints():
         if joint.name not in moving:
             recording.log(run.entity("joints", joint.name), joint.compute_transform(0.0, clamp=False), static=True)
-    payload = _child(tree, run.crane.layout.joints[run.crane.payload.body].name)
+    payload = _payload_link(run, tree)
     by_link = shapes(run.crane.urdf, run.meshes)
-    by_link[payload] = by_link[payload] or [Shape("box", (1.0, 1.0, 1.0))]
-    body = max(by_link[payload], key=lambda shape: math.prod(shape.size))
+    by_link[payload] = by_link[payload] or [_body([])]
+    body = _body(by_link[payload])
     painted = (*(c / 255 for c in rgb(look.colour)), 1.0)
     for link, of_link in by_link.items():
         if link == payload:

@@ -18,7 +18,7 @@ from rerun.blueprint.encodings import VisualizerComponentMapping
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.layout import Joint, Layout
 from cranedyn.plotting.style import colour_of, mixed, rgb
-from cranedyn.recording.run import Run, clock
+from cranedyn.recording.run import Run, clock, colours
 
 _RADIANS = re.compile(r"_rad(?=$|_s$)")
 """The unit at the end of a column's name; a joint may be called radial."""
@@ -130,22 +130,27 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
 
 
 def plot(name: str, runs: Sequence[Run], tables: Sequence[Table], title: str = "") -> rrb.TimeSeriesView:
-    """The view of one plot: its curves of each run whose crane has it, paler for later runs; the legend names a run at its curve on top.
+    """The view of one plot: its curves of each run whose crane has it.
+
+    One run has a colour for each quantity, of several each has its own colour; the legend names every curve.
+    Where several runs show two angles, the radial one is the broad line and the tangential one the fine line.
 
     Without tables the axes find their own ranges, as they must while a run is under way.
     """
     kinds = [plots(run.crane.layout).get(name) for run in runs]
-    some = [(run, kind) for run, kind in zip(runs, kinds, strict=True) if kind is not None]
     columns = [(kind, of_run) for kind, of_run in zip(kinds, tables, strict=False) if kind is not None]
     overrides: dict[Any, Any] = {}
-    for i, (run, kind) in enumerate(some):
-        labels = [curve.label for curve in kind.curves]
-        if len(runs) > 1:
-            labels[-1] += f" · {run.name}"
-        paler = 0.7 * i / max(len(some) - 1, 1)
-        overrides[run.entity("numbers")] = [_line(curve, label, paler) for curve, label in zip(kind.curves, labels, strict=True)]
+    several = len(runs) > 1 and not title
+    for run, kind, colour in zip(runs, kinds, colours(runs), strict=True):
+        if kind is not None:
+            overrides[run.entity("numbers")] = [
+                _line(
+                    curve, f"{curve.label} · {run.name}" if several else curve.label, _ink(curve, colour, several), _width(curve, several)
+                )
+                for curve in kind.curves
+            ]
     return rrb.TimeSeriesView(
-        name=title or some[0][1].title,
+        name=title or next(kind.title for kind in kinds if kind is not None),
         origin="/",
         contents=[f"+ {path}" for path in overrides],
         overrides=overrides,
@@ -155,13 +160,24 @@ def plot(name: str, runs: Sequence[Run], tables: Sequence[Table], title: str = "
     )
 
 
-def _line(curve: Curve, label: str, paler: float) -> rrb.visualizers.Visualizer:
-    """A curve; where many rows fall on one pixel, efforts and energies show their extremes, all else the mean."""
+def _ink(curve: Curve, colour: str, several: bool) -> str:
+    """The hex colour of a curve: of its quantity where there is one run, of its run where there are several; limits and setpoints grey."""
+    if several and curve.quantity not in ("limit", "setpoint"):
+        return colour
     ink = colour_of(curve.quantity).replace("#000000", "#9A9A9A")
-    colour = rgb(mixed(ink, "#FFFFFF", paler))
+    return mixed(ink, colour, 0.3) if several else ink
+
+
+def _width(curve: Curve, several: bool) -> float:
+    """Of a line [points]: Rerun has no dashes, so that of several runs the tangential swing is finer."""
+    return {"phi": 2.2, "theta": 1.0}.get(curve.quantity, 1.5) if several else 1.5
+
+
+def _line(curve: Curve, label: str, ink: str, width: float) -> rrb.visualizers.Visualizer:
+    """A curve; where many rows fall on one pixel, efforts and energies show their extremes, all else the mean."""
     policy: Literal["MinMax", "Average"] = "MinMax" if curve.column.split("_")[0] in ("T", "F", "W", "energy") else "Average"
     source = VisualizerComponentMapping("Scalars:scalars", "SourceComponent", source_component="Run:row", selector=f".{curve.column}")
-    return rr.SeriesLines(colors=[colour], names=[label], widths=[1.5], aggregation_policy=policy).visualizer(mappings=[source])
+    return rr.SeriesLines(colors=[rgb(ink)], names=[label], widths=[width], aggregation_policy=policy).visualizer(mappings=[source])
 
 
 def _whole_time(runs: Sequence[Run]) -> rr.TimeRange:

@@ -105,9 +105,11 @@ class Server:
         self.stop()
 
     def wait(self) -> None:
-        """Return when the server has ended; an interrupt of this program ends it."""
+        """Return when the server has ended; Ctrl-C or SIGTERM, which serving was asked for until, ends it."""
         try:
             self.process.wait()
+        except KeyboardInterrupt:
+            pass
         finally:
             self.stop()
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked
+from cranedyn.arguments import checked, described
 from cranedyn.arrays import finite
 from cranedyn.clocks import intervals
 from cranedyn.dynamics.joint_forces import JointForces
@@ -60,6 +60,17 @@ class Motion:
         if n != layout.n or drives != layout.drives.tolist():
             own = f"one of {layout.n}, the drives {layout.drives.tolist()}"
             raise OutOfRange(name, f"a motion of {n} coordinates, the drives {drives}", own)
+
+    @classmethod
+    def checked(cls, name: str, value: Any) -> Motion:
+        """A motion; of a reference it says how to make one.
+
+        Raises:
+            OutOfRange: If it is none.
+        """
+        if isinstance(value, Motion):
+            return value
+        raise OutOfRange(name, described(value), "a Motion of all joints, as cranedyn.references.plumb makes it of a reference")
 
     @property
     def arrival(self) -> float:

@@ -32,7 +32,7 @@ def checked_setpoint(answer: Any, shape: tuple[int | str, ...] = ("m",)) -> Setp
     if len(shape) == 1 and _sound(answer, shape[0]):
         return answer
     if not isinstance(answer, Setpoint):
-        raise Misshapen("answer of the reference", described(answer), "a Setpoint: position, velocity, acceleration")
+        raise Misshapen("answer of the reference", described(answer), "a cranedyn.Setpoint: position, velocity, acceleration")
     parts = []
     for name, part in zip(_PARTS, answer, strict=True):
         parts.append(finite(f"{name} of the setpoint", part, shape))

@@ -12,6 +12,15 @@ from cranedyn.command import Parser
 from cranedyn.errors import DataError
 from cranedyn.interfaces import EngineName
 
+ROS = (".mcap", ".bag")
+"""Endings of recordings of ROS."""
+
+
+def called(name: str) -> str:
+    """How the command line of an experiment begins: from a checkout, or from inside an installed package."""
+    bundled = Path(__file__).parents[2].name == "_bundled"
+    return f"python -m cranedyn run {name}" if bundled else f"python -m experiments.{name}"
+
 
 def parser(
     name: str, description: str, *, recording: bool = True, engines: Sequence[str] = get_args(EngineName)
@@ -24,7 +33,7 @@ def parser(
         recording: Whether it leaves a recording, which can be saved elsewhere and looked at.
         engines: What may compute its steps, the default first.
     """
-    made = Parser(prog=f"python -m experiments.{name}", description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    made = Parser(prog=called(name), description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     made.add_argument("--out", metavar="DIR", help=f"folder for results, default out/{name}", default=argparse.SUPPRESS)
     made.add_argument(
         "--document", metavar="FILE.md", help="put the tables between their marks in this document, too", default=argparse.SUPPRESS
@@ -80,8 +89,11 @@ def _check_effect(made: argparse.ArgumentParser, options: argparse.Namespace) ->
             for name in given:
                 if name not in (mode, "out", "document", *uses):
                     raise DataError(f"{flags[name]} has no effect beside {flags[mode]}; leave it out.")
-    if "joints" in given and not any(Path(file).suffix in (".mcap", ".bag") for file in options.files or ()):
+    kinds = {Path(file).suffix in ROS for file in options.files or ()} if "files" in options else set()
+    if "joints" in given and True not in kinds:
         raise DataError("--joints has no effect without --from and an .mcap or .bag file; leave it out.")
+    if "columns" in given and False not in kinds:
+        raise DataError("--columns has no effect without --from and a .csv or .parquet file; leave it out.")
     if "port" in given and not options.serve:
         raise DataError("--port has no effect without --serve; leave it out.")
 

@@ -15,11 +15,14 @@ from typing import Any
 from cranedyn.command import FAILED, INTERRUPTED, command
 from cranedyn.data.files import check_writable, digest, make_folder, reserved, together, write_text
 from cranedyn.errors import CraneError, DataError, RunError
-from experiments.harness.arguments import parsed
+from experiments.harness.arguments import called, parsed
 from experiments.harness.document import read_document
 from experiments.harness.events import with_events
 from experiments.harness.outcome import MARKS, Outcome, show
 from experiments.harness.setup import Setup, reporting, setup_of
+
+FIGURES = (".png", ".svg")
+"""Endings under which a figure is kept: for a glance, and for pages and papers."""
 
 Experiment = Callable[[argparse.Namespace, Setup], Outcome]
 
@@ -77,7 +80,8 @@ def _write(outcome: Outcome, options: argparse.Namespace) -> None:
             for ending in (".csv", ".parquet"):
                 trajectory.write(folder / f"{name}{ending}")
         for name, figure in outcome.figures.items():
-            save(figure, folder / f"{name}.png")
+            for ending in FIGURES:
+                save(figure, folder / f"{name}{ending}")
         if outcome.recording:
             _record(outcome, options)
         result["files"] = {draft.final.name: digest(draft.path) for draft in drafts if draft.final.parent == folder}
@@ -129,7 +133,7 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
     return {
         "experiment": options.experiment,
         "about": options.about,
-        "command": " ".join(["python -m", f"experiments.{options.experiment}", *options.words]),
+        "command": " ".join([called(options.experiment), *options.words]),
         "claims": [{"sentence": claim.sentence, "holds": claim.holds} for claim in outcome.claims],
         "parameters": dict(outcome.parameters),
         "runs": {name: dict(run.record) for name, run in outcome.trajectories.items()},

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ from rich.text import Text
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import printable
+from experiments.harness.terminal import blocks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -107,19 +107,19 @@ class Outcome:
 
 
 def show(outcome: Outcome) -> None:
-    """Print tables, claims, and how many of these hold."""
-    console = Console(width=None if sys.stdout.isatty() else 150, highlight=False)
+    """Print tables, claims, and how many of these hold; on a terminal in its width, else in that of the variable COLUMNS or 80."""
+    console = Console(highlight=False)
     for table in outcome.tables:
-        note = Text(table.note) if table.note else None
-        shown = RichTable(title=Text(table.title), title_justify="left", caption=note, caption_justify="left")
-        for header, form in table.columns:
-            shown.add_column(Text(header), justify="right" if form else "left")
-        for row in table.shown():
-            shown.add_row(*map(Text, row))
-        console.print(shown)
+        for part in blocks(table, console.width):
+            console.print(part)
         console.print()
     for claim in outcome.claims:
-        console.print(f"{MARKS[claim.holds]:11}{claim.sentence}", markup=False)
+        line = RichTable.grid(padding=(0, 1, 0, 0))
+        line.add_row(Text(f"{MARKS[claim.holds]:10}"), Text(claim.sentence))
+        if console.is_terminal:
+            console.print(line)
+        else:  # for whoever searches in it, a line each
+            print(f"{MARKS[claim.holds]:11}{claim.sentence}")
     if outcome.claims:
         console.print(summary(outcome.claims))
 

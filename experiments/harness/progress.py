@@ -10,14 +10,24 @@ from datetime import timedelta
 from rich.progress import Progress as Bars
 
 from cranedyn.sweep import Progress
-from experiments.harness.setup import reporting
+from experiments.harness.setup import ProgressReporter, reporting
 
 
 @contextmanager
 def sweeping(name: str) -> Iterator[Callable[[Progress], None] | None]:
     """What to give to `cranedyn.sweep.sweep` as its progress, for as long as the context lasts; None where nobody watches."""
     with reporting() as reporter:
-        yield None if reporter.progress is None else shown(reporter.progress, name, time.monotonic)
+        yield watching(reporter, name)
+
+
+def watching(reporter: ProgressReporter, name: str) -> Callable[[Progress], None] | None:
+    """What shows a sweep where this reporter does; None where nobody watches."""
+    if reporter.progress is not None:
+        return shown(reporter.progress, name, time.monotonic)
+    lines, began = reporter.lines, time.monotonic()
+    if lines is None:
+        return None
+    return lambda progress: lines.say(lambda: f"{name}: {words(progress, time.monotonic() - began)}")
 
 
 def shown(bars: Bars, name: str, clock: Callable[[], float]) -> Callable[[Progress], None]:

@@ -16,14 +16,16 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from cranedyn.clocks import clocks
-from cranedyn.data.trajectory import Trajectory, read_columns
+from cranedyn.data.elsewhere import parse_sources, read_elsewhere
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, quoted
 from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Validity
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import parse_values
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
-from experiments.harness.arguments import add_mode
+from experiments.harness.arguments import ROS, add_mode
+from experiments.harness.lines import Lines
 
 _LARGEST, _FASTEST, _LONGEST_GAP = 1e6, 10.0, 0.5
 """Of what was recorded elsewhere: largest number in any unit, fastest angle [rad/s], and longest time from row to row [s]."""
@@ -60,24 +62,39 @@ def add_setup(made: argparse.ArgumentParser, *fixed: str) -> None:
 
 def add_files(made: argparse.ArgumentParser, columns: Sequence[str], *uses: str) -> None:
     """Add the argument for files recorded elsewhere, and say which others their analysis uses."""
-    add_mode(made, "files", *uses, "joints")
+    add_mode(made, "files", *uses, "columns", "joints")
     text = f"analyse files with columns {', '.join(columns)} instead of simulating: CSV, Parquet, or .mcap and .bag with joint states"
     made.add_argument("--from", dest="files", nargs="+", metavar="FILE", help=text)
+    made.add_argument(
+        "--columns",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="OURS=NAME[UNIT]",
+        help="what columns of CSV and Parquet files are called, and their units where they are others than ours, as phi_rad=Angle[deg] "
+        "t_s=time[ms]",
+    )
     named = "names of joints in .mcap and .bag files, where they are not those of this crane"
     made.add_argument("--joints", nargs="+", default=[], metavar="l=NAME", help=named)
 
 
 @dataclass(frozen=True)
 class ProgressReporter:
-    """Shows how far a run is, on a terminal only."""
+    """Shows how far a run is: as bars on a terminal, else in a plain line now and then, or not at all.
+
+    Attributes:
+        progress: The bars.
+        lines: The lines.
+    """
 
     progress: Progress | None
+    lines: Lines | None = None
 
     def run(self, name: str, duration: float) -> Callable[[float], None] | None:
         """A callback for `simulate`, or None where nobody watches."""
         progress = self.progress
         if progress is None:
-            return None
+            return None if self.lines is None else self.lines.run(name, duration)
         task, shown = progress.add_task(name, total=duration, speed=""), -math.inf
 
         def update(t: float) -> None:
@@ -92,7 +109,7 @@ class ProgressReporter:
         """A callback for how many of several tasks are done."""
         progress = self.progress
         if progress is None:
-            return lambda done: None
+            return (lambda done: None) if self.lines is None else self.lines.count(name, total)
         task = progress.add_task(name, total=total, speed="")
         return lambda done: progress.update(task, completed=done, speed=f"{done} of {total}")
 
@@ -102,7 +119,7 @@ def reporting() -> Iterator[ProgressReporter]:
     """A watcher for as long as the context lasts."""
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield ProgressReporter(None)
+        yield ProgressReporter(None, Lines())
         return
     with Progress(
         TextColumn("{task.description}"),
@@ -209,19 +226,23 @@ def setup_of(options: argparse.Namespace, reporter: ProgressReporter) -> Setup:
     return Setup(options.gravity, values, options.dt, options.control_period, options.validity, options.engine, reporter)
 
 
-def recorded(file: str, columns: Sequence[str], joints: Sequence[str] = ()) -> dict[str, np.ndarray]:
+def recorded(file: str, columns: Sequence[str], sources: Sequence[str] = (), joints: Sequence[str] = ()) -> dict[str, np.ndarray]:
     """Columns of a file recorded elsewhere, time `t_s` and the cable length `l_m` among them.
 
     Args:
         file: CSV, Parquet, or a recording of ROS (.mcap, .bag).
-        columns: Their names.
+        columns: Our names of the columns.
+        sources: What they are called in CSV and Parquet, as on the command line, see `cranedyn.data.elsewhere.parse_sources`.
         joints: Names of joints in a recording of ROS, such as ``l=hoist``.
 
     Raises:
-        DataError: As `read_columns`, if a cable is shorter than a millimetre, an angle changes by more than 10 rad/s, any other number is
+        DataError: As `read_elsewhere`, if a cable is shorter than a millimetre, an angle changes by more than 10 rad/s, any other number is
             beyond a million of its unit, or rows are more than half a second apart.
     """
-    data = _of_ros(file, columns, joints) if Path(file).suffix in (".mcap", ".bag") else read_columns(file, columns)
+    if Path(file).suffix in ROS:
+        data = _of_ros(file, columns, joints)
+    else:
+        data = read_elsewhere(file, columns, parse_sources(sources))
     for name, values in data.items():
         high = _FASTEST if name.endswith("_rad_s") else _LARGEST
         low = 1e-3 if name == "l_m" else -high

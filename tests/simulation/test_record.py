@@ -117,6 +117,16 @@ def test_a_file_that_names_no_crane_is_a_sentence(record: str, tmp_path: Path) -
         load_crane(from_record=path)
 
 
+def test_the_looks_of_our_own_crane_are_made_again_unless_they_are_of_another(tmp_path: Path) -> None:
+    made = load_crane(payload_mass=2345.0, pivot_height=29.0)
+    run = simulate(made, hold_controller(made), duration=0.01)
+    again = load_crane(from_record=read(run.write(tmp_path / "run.parquet")).record)
+    assert again.urdf == made.urdf != made.record["urdf"] and again.record == made.record
+    for arguments in ({"payload_mass": 1.0}, {"gravity_of": 3.0}, {"payload_mass": "${1}"}, [], {"payload_mass": -1.0}):
+        strange = load_crane(from_record={"crane": {**made.record, "arguments": arguments}})
+        assert strange.urdf == made.record["urdf"] and strange.payload_mass == 2345.0
+
+
 def test_a_record_and_arguments_do_not_go_together(tmp_path: Path) -> None:
     path = simulate(crane(), hold_controller(crane()), duration=0.01).write(tmp_path / "run.parquet")
     with pytest.raises(CraneError, match="left out: the record says all of the crane"):

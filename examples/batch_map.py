@@ -1,0 +1,30 @@
+"""A thousand pulses at once: how the swing that is left depends on cable and pulse. Needs: llvmlite."""
+
+import numpy as np
+
+import cranedyn as cd
+from cranedyn.controllers import hold_controller
+from cranedyn.plotting.figures import panels
+from cranedyn.references import hold, pulse
+
+crane = cd.load_crane()
+lengths, widths = np.linspace(5.0, 20.0, 32), np.linspace(1.0, 9.0, 32)
+starts = [crane.state(l=length) for length in lengths]
+cases = [(start, pulse(crane, hold(crane, start), "x", 0.3, at=0.5, width=width)) for start in starts for width in widths]
+
+found = cd.simulate_batch(
+    crane,
+    hold_controller(crane),
+    [reference for _, reference in cases],
+    start=[start for start, _ in cases],
+    duration=20.0,
+    residual_from=12.0,
+)
+left = np.degrees(found.residual_swing).reshape(len(lengths), len(widths))
+print(f"{left.size} runs leave {left.min():.2f} to {left.max():.2f}°")
+
+figure, (ax,) = panels(height=4.5, width=6.5)
+drawn = ax.pcolormesh(widths, lengths, left, rasterized=True)
+ax.set(xlabel="width of the pulse [s]", ylabel="cable length [m]")
+figure.colorbar(drawn, label="swing left [°]")
+figure.savefig("batch_map.png")

@@ -1,0 +1,152 @@
+"""Which experiments there are: what each is called in front of people, and with which arguments the report makes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+
+class Entry(NamedTuple):
+    """An experiment of the catalogue.
+
+    Attributes:
+        title: What it is called on a page.
+        line: What it shows.
+        words: The arguments with which the report makes it.
+        quick: Arguments that make the least of it; its claims need not hold then.
+        figures: A caption for each of its figures, by name; one that ends in a star is for all that begin so.
+    """
+
+    title: str
+    line: str
+    words: tuple[str, ...] = ()
+    quick: tuple[str, ...] = ()
+    figures: Mapping[str, str] = MappingProxyType({})
+
+    def caption(self, figure: str) -> str:
+        """What a figure shows; its name where nothing is said."""
+        if figure == "validity":
+            return "Where the model does not hold: a bar for each run."
+        for name, caption in self.figures.items():
+            if name == figure or (name.endswith("*") and figure.startswith(name[:-1])):
+                return caption
+        return figure.replace("_", " ")
+
+
+_ARTICLE = ("--gravity", "9.8")
+
+EXPERIMENTS = {
+    "a1": Entry(
+        "A1, free swing",
+        "Free swing at four cable lengths: period and error budget.",
+        _ARTICLE,
+        ("--length", "5"),
+        {
+            "waveform": "Swing over time, and the same wave at the period of a point pendulum: the phase lost is the error.",
+            "period": "Period over cable length, and its error beside the published one.",
+            "budget": "What each cause adds to the period, stacked, beside what was simulated and published.",
+        },
+    ),
+    "a2": Entry(
+        "A2, hoisting",
+        "Hoisting while the load swings: amplitude over cable length.",
+        _ARTICLE,
+        _ARTICLE,
+        {
+            "hoisting": "Swing, cable length, and the period of each half swing on the theoretical curve.",
+            "fits": "Amplitude over cable length: through all points, and through those where the cable runs.",
+        },
+    ),
+    "a3": Entry(
+        "A3, slewing",
+        "Slewing: the tangential swing beside the paper's Eq. (10).",
+        _ARTICLE,
+        _ARTICLE,
+        {
+            "slewing": "Above, the acceleration of the trolley's path; below, the swing simulated and by Eq. (10).",
+            "stages": "What is left of the difference as one cause after the other is removed.",
+        },
+    ),
+    "energy": Entry(
+        "Energy",
+        "Where the energy of a swing goes, to the last joule.",
+        figures={
+            "ledger": "Energy of the swing, what damping took, and what the ledger leaves open.",
+            "remainder": "What the ledger leaves open at three time steps.",
+        },
+    ),
+    "gazebo": Entry(
+        "Gazebo",
+        "The same runs in the article's own simulator.",
+        figures={"difference": "Swing angle in Gazebo less that here, over time, for each run."},
+    ),
+    "mass_ratio": Entry(
+        "Light links",
+        "Links of a milligram beside a load of a tonne.",
+        figures={"links": "Period of a free swing as the links between its joints become lighter."},
+    ),
+    "validate": Entry(
+        "Validation",
+        "The plant against closed forms of mechanics.",
+        quick=("--halvings", "3"),
+        figures={
+            "convergence": "Error over time step, each over its error at the coarsest: slopes one and two.",
+            "ripple": "Energy of a large swing at steps of which each is half of the one before.",
+            "oval": "The load from above, and where the far ends of its oval must come to lie.",
+        },
+    ),
+    "linear_vs_full": Entry(
+        "Linear models",
+        "The paper's linear equations beside the whole multibody.",
+        figures={
+            "swing_*": "Both swing angles of the multibody, of the paper's equations, and with all rates kept.",
+            "slews": "Error of the linear equations over slew rate and slew angle, for each crane.",
+            "dropped": "How large the terms are that the linear equations leave out.",
+        },
+    ),
+    "b1": Entry(
+        "B1, planned moves",
+        "The paper's moves: splines, two LQRs and a hoist PID.",
+        figures={
+            "tracking_*": "The drives and where they should be, under the paper's control.",
+            "swing_*": "Radial (solid) and tangential (dashed) swing under each strategy.",
+        },
+    ),
+    "cranes": Entry(
+        "Other cranes",
+        "Cranes of other topology: closed forms, engines, control.",
+    ),
+    "compare": Entry(
+        "Comparison",
+        "Fifteen strategies, then on cranes that are not as planned.",
+        quick=("--only", "spline alone", "flat + LQR"),
+        figures={
+            "swing": "Swing over time under each strategy, on one scale.",
+            "robustness": "Swing 20 s after arrival under each strategy as load, cable, sensors and air change.",
+        },
+    ),
+    "sweep": Entry(
+        "Sweep",
+        "A hundred thousand moves of cranes that are not as planned.",
+        quick=("--points", "2", "--durations", "2"),
+        figures={
+            "sweep_map": "Swing left over load and cable, for each strategy.",
+            "sweep_timing": "Swing left over the time for the move: median, and a band from least to most.",
+        },
+    ),
+    "demo": Entry(
+        "Demo",
+        "The seven legs of the article, with their swing controlled.",
+        ("--cycles", "1", "--control", "flat"),
+        ("--cycles", "0.2"),
+        {"swing": "Swing over time; where it is shaded the drives stand still."},
+    ),
+}
+"""By name, in the order of the report."""
+
+TOOLS = {
+    "report": "All experiments on one page, out/report.html.",
+    "snapshot": "Pictures of a recording, without a display.",
+}
+"""Commands that are no experiments and run like one."""

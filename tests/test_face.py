@@ -1,0 +1,110 @@
+"""The face: what ``import cranedyn`` and the command ``cranedyn`` give."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import cranedyn as cd
+from cranedyn import __main__ as face
+from experiments import a1, catalogue
+from experiments.harness import arguments
+from tests.helpers import ROOT, python
+
+NAMES = {"load_crane", "simulate", "simulate_batch", "Crane", "State", "Setpoint", "Trajectory", "CraneError", "__version__"}
+
+
+def test_the_face_gives_its_names_and_they_are_those_of_their_modules() -> None:
+    assert NAMES <= set(cd.__all__) and NAMES <= set(dir(cd))
+    for name in set(cd.__all__) - {"__version__"}:
+        assert getattr(cd, name) is getattr(importlib.import_module(cd._HOMES[name]), name)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        cd.nothing  # noqa: B018
+
+
+def test_type_checkers_see_every_name_of_the_face_where_it_is_imported_from() -> None:
+    tree = ast.parse(Path(cd.__file__).read_text(encoding="utf-8"))
+    seen = {
+        alias.name: node.module
+        for block in tree.body
+        if isinstance(block, ast.If) and isinstance(block.test, ast.Name)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert seen == cd._HOMES
+    assert (Path(cd.__file__).parent / "py.typed").exists()
+
+
+def test_the_face_imports_what_is_heavy_only_when_it_is_used() -> None:
+    heavy = "print(sorted({'numpy', 'pinocchio', 'experiments'} & set(sys.modules)))"
+    script = f"import sys, cranedyn; {heavy}; cranedyn.load_crane; print('numpy' in sys.modules)"
+    assert python(script).stdout.splitlines() == ["[]", "True"]
+
+
+def test_every_module_of_the_experiments_with_a_command_line_is_in_the_catalogue() -> None:
+    commands = {path.stem for path in (ROOT / "experiments").glob("*.py") if "\ndef main(" in path.read_text(encoding="utf-8")}
+    assert commands == {*catalogue.EXPERIMENTS, *catalogue.TOOLS}
+
+
+def test_list_names_every_experiment_in_lines_of_80_columns(capsys: pytest.CaptureFixture[str]) -> None:
+    assert face.main(["list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert {line.split()[0] for line in lines if line} == {*catalogue.EXPERIMENTS, *catalogue.TOOLS}
+    assert max(map(len, lines)) <= 80
+
+
+def test_run_hands_all_arguments_to_the_experiment_and_its_code_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = []
+    monkeypatch.setattr(a1, "main", lambda argv: given.append(argv) or 1)
+    assert face.main(["run", "a1", "--gravity", "9.8", "--out", "there"]) == 1
+    assert given == [["--gravity", "9.8", "--out", "there"]]
+
+
+def test_describe_writes_the_crane(capsys: pytest.CaptureFixture[str]) -> None:
+    assert face.main(["describe", "payload_mass:=2000"]) == 0
+    assert 'value="2000' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("run a9", "There is no experiment 'a9'"),
+        ("view nothing.rrd --serve", "Cannot read nothing.rrd"),
+        ("view nothing.rrd --port 9999", "--port has no effect without --serve"),
+        ("fly", "invalid choice: 'fly'"),
+        ("list all", "unrecognized arguments: all"),
+    ],
+)
+def test_what_the_command_refuses_is_a_sentence_and_exit_code_2(words: str, sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
+    try:
+        code = face.main(words.split())
+    except SystemExit as stop:
+        code = stop.code
+    assert code == 2
+    assert sentence in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_export_without_bridges_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(face.importlib.util, "find_spec", lambda name: None)
+    assert face.main(["export"]) == 2
+    assert "no bridges to other tools" in capsys.readouterr().err
+
+
+def test_an_installed_experiment_says_how_it_is_reached_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert arguments.called("a1") == "python -m experiments.a1"
+    inside = Path("/site/cranedyn/_bundled/experiments/harness/arguments.py")
+    monkeypatch.setattr(arguments, "__file__", str(inside))
+    assert arguments.called("a1") == "python -m cranedyn run a1"
+
+
+def test_the_wheel_brings_one_top_level_package_and_a_command() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert wheel["packages"] == ["cranedyn"]
+    assert wheel["force-include"]["experiments"] == "cranedyn/_bundled/experiments"
+    assert project["project"]["scripts"] == {"cranedyn": "cranedyn.__main__:main"}

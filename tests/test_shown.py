@@ -1,0 +1,172 @@
+"""What runs and cranes show of themselves in Python, in notebooks, and in the tables of others."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cranedyn as cd
+from cranedyn import recording
+from cranedyn.controllers import hold_controller
+from cranedyn.controllers.lqr import lqr
+from cranedyn.data.trajectory import Trajectory, read
+from cranedyn.errors import CraneError, OutOfRange, UnknownColumn
+from cranedyn.plotting.run import plot_runs
+from cranedyn.plotting.runs import RUN_COLOURS, contrast, run_colour
+from cranedyn.plotting.style import COLOURS
+from cranedyn.recording.sketch import sketch
+from cranedyn.references import hold, pulse
+from tests.helpers import crane, quickly
+
+
+@pytest.fixture(scope="module")
+def run() -> Trajectory:
+    start = crane().state(x=12.0, l=10.0)
+    wanted = pulse(crane(), hold(crane(), start), "x", 0.5, at=1.0, width=3.2)
+    return quickly(crane(), hold_controller(crane()), wanted, start=start, duration=6.0)
+
+
+def test_a_run_says_in_a_few_lines_how_long_it_is_and_where_the_coordinates_went(run: Trajectory) -> None:
+    lines = repr(run).splitlines()
+    assert lines[0] == "Trajectory of 1201 rows, t = 0 to 6 s"
+    found = {line.split()[0]: [float(word) for word in line.split()[1:]] for line in lines[2:]}
+    assert list(found) == ["gamma_rad", "x_m", "phi_rad", "theta_rad", "l_m"]
+    values = run["phi_rad"]
+    assert found["phi_rad"] == pytest.approx([values[0], values[-1], values.min(), values.max()], rel=1e-5)
+    assert max(map(len, lines)) <= 80
+    assert repr(run.before(-1.0)) == "Trajectory without rows"
+
+
+def test_a_notebook_shows_every_column_of_a_run_and_every_joint_of_a_crane(run: Trajectory) -> None:
+    page = run._repr_html_()
+    assert all(f">{name}</td>" in page for name in run.keys())
+    shown = crane()._repr_html_()
+    assert all(f"<td>{name}</td>" in shown for name in list(crane().model.names)[1:])
+    assert repr(crane()).splitlines()[0] == "Crane with a payload of 1000 kg in gravity of 9.81 m/s²"
+    assert len(repr(crane()).splitlines()) == 7
+
+
+def test_pandas_takes_a_run_as_a_table_to_the_bit(run: Trajectory) -> None:
+    pandas = pytest.importorskip("pandas", reason="pandas is not installed: pip install 'cranedyn[pandas]'")
+    for frame in (pandas.DataFrame(run), run.to_pandas()):
+        assert list(frame.columns) == run.keys()
+        for name in run.keys():
+            assert frame[name].to_numpy().tobytes() == np.ascontiguousarray(run[name]).tobytes()
+    assert run.to_pandas().attrs == dict(run.parameters)
+
+
+def test_a_run_is_a_mapping_of_columns_a_sequence_of_rows_and_an_arrow_table(run: Trajectory) -> None:
+    pa = pytest.importorskip("pyarrow")
+    assert dict(run)["l_m"] is not None and list(dict(run)) == run.keys()
+    rows = list(run)
+    assert len(rows) == len(run)
+    assert rows[7].phi_rad == run["phi_rad"][7]
+    assert "phi_rad" in run and "phi" not in run
+    assert pa.table(run).equals(run.table())
+
+
+def test_without_pandas_a_sentence_says_what_to_install(run: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(CraneError, match=r"pip install 'cranedyn\[pandas\]'"):
+        run.to_pandas()
+
+
+def test_a_column_that_is_not_there_is_a_sentence_with_those_that_are(run: Trajectory) -> None:
+    with pytest.raises(UnknownColumn, match=r"^There is no column 'phi'; there are t_s, gamma_rad, x_m, phi_rad") as caught:
+        run["phi"]
+    assert isinstance(caught.value, KeyError)
+    with pytest.raises(UnknownColumn):
+        run.plot("phi")
+
+
+def test_the_figure_of_a_run_has_its_drives_its_setpoints_and_its_swing(run: Trajectory) -> None:
+    figure = run.plot()
+    *drives, swing = figure.axes
+    assert [ax.get_ylabel() for ax in figure.axes] == ["γ [°]", "x [m]", "l [m]", "swing [°]"]
+    np.testing.assert_array_equal(drives[1].lines[1].get_ydata(), run["x_m"])
+    np.testing.assert_array_equal(drives[1].lines[0].get_ydata(), run["x_setpoint_m"])
+    np.testing.assert_allclose(swing.lines[0].get_ydata(), np.degrees(run["phi_rad"]))
+    assert [line.get_linestyle() for line in swing.lines] == ["-", "--"]
+    assert figure._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]
+    (one,) = run.plot("F_x_N").axes
+    np.testing.assert_array_equal(one.lines[0].get_ydata(), run["F_x_N"])
+
+
+def test_what_stands_still_is_drawn_as_a_line_and_no_axis_has_an_offset(run: Trajectory) -> None:
+    figure = run.plot()
+    figure.canvas.draw()
+    slew = figure.axes[0]
+    assert np.diff(slew.get_ylim()) >= 1e-3
+    assert [ax.yaxis.get_offset_text().get_text() for ax in figure.axes] == [""] * 4
+
+
+def test_each_run_has_one_colour_in_every_panel(run: Trajectory) -> None:
+    figure = plot_runs({"one": run, "two": run, "three": run})
+    for i in range(3):
+        name = ("one", "two", "three")[i]
+        colours = {line.get_color() for ax in figure.axes for line in ax.lines if str(line.get_label()).endswith(name)}
+        assert colours == {run_colour(i)}
+
+
+def test_every_colour_of_a_run_is_legible_on_white_and_on_black_and_no_two_are_alike() -> None:
+    for colour in RUN_COLOURS:
+        assert contrast(colour, "#FFFFFF") >= 3.0 and contrast(colour, "#000000") >= 3.0  # WCAG 2.2, 1.4.11
+    for quantity, colour in COLOURS.items():
+        assert contrast(colour, "#FFFFFF") >= 3.0
+        assert contrast(colour, "#000000") >= 3.0 or quantity == "unexplained"  # black on white paper, grey elsewhere
+    assert contrast("#FFFFFF", "#000000") == pytest.approx(21.0)
+    assert len(set(RUN_COLOURS)) == len(RUN_COLOURS)
+
+
+def test_the_sketch_has_the_load_where_the_model_has_it() -> None:
+    state = crane().state(x=12.0, l=10.0)
+    (ax,) = sketch(crane(), state).axes
+    (cable,) = ax.lines
+    np.testing.assert_allclose(cable.get_xdata(), 12.0, atol=1e-9)  # plumb below the trolley
+    assert np.ptp(cable.get_ydata()) == pytest.approx(10.0)
+    assert len(ax.collections[0].get_paths()) > 50
+
+
+def test_a_run_is_recorded_and_opened_in_one_step(run: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[Path] = []
+    monkeypatch.setattr("cranedyn.recording.show.open_viewer", opened.append)
+    assert run.view(crane(), file=tmp_path / "a.rrd") == tmp_path / "a.rrd"
+    assert opened == [tmp_path / "a.rrd"] and (tmp_path / "a.rrd").stat().st_size > 10_000
+    assert recording.Run is not None
+
+
+def test_a_run_is_looked_at_without_its_crane_which_its_record_names(
+    run: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cranedyn.recording.show.open_viewer", lambda path: None)
+    with_crane = run.view(crane(), file=tmp_path / "a.rrd").stat().st_size
+    assert run.view(file=tmp_path / "b.rrd").stat().st_size == pytest.approx(with_crane, rel=0.01)  # looks and all
+    with pytest.raises(CraneError, match=r"names no crane, as none of a CSV file does; say which it was: run\.view\(crane\)"):
+        read(run.write(tmp_path / "run.csv")).view(file=tmp_path / "c.rrd")
+
+
+def _answer(answer: object) -> object:
+    return cd.simulate(crane(), hold_controller(crane()), lambda t: answer, duration=0.01)  # type: ignore[arg-type,return-value]
+
+
+@pytest.mark.parametrize("answer", [(0, 10, 15), [0, 10, 15], None, np.zeros(3)])
+def test_a_reference_of_ones_own_that_answers_something_else_is_a_sentence(answer: object) -> None:
+    with pytest.raises(OutOfRange, match=r"^answer of the reference is .+; allowed is a cranedyn\.Setpoint: position, velocity"):
+        _answer(answer)
+
+
+def test_a_setpoint_of_lists_is_taken_and_one_of_two_numbers_is_a_sentence() -> None:
+    still = cd.simulate(crane(), hold_controller(crane()), hold(crane(), crane().start), duration=0.01)
+    lists = _answer(cd.Setpoint([0, 10, 15], [0, 0, 0], [0, 0, 0]))  # type: ignore[arg-type]
+    assert isinstance(lists, Trajectory)
+    np.testing.assert_array_equal(lists.q, still.q)
+    with pytest.raises(OutOfRange, match=r"position of the setpoint is an array of shape \(2,\)"):
+        _answer(cd.Setpoint([0, 10], [0, 0], [0, 0]))  # type: ignore[arg-type]
+
+
+def test_what_needs_a_motion_says_how_to_make_one_of_a_reference() -> None:
+    with pytest.raises(OutOfRange, match=r"motion is a Still; allowed is a Motion .+, as cranedyn\.references\.plumb makes it"):
+        lqr(crane(), hold(crane(), crane().start))  # type: ignore[arg-type]
