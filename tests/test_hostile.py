@@ -234,7 +234,8 @@ def test_masses_that_a_double_cannot_tell_apart_are_refused(values: dict[str, fl
 
 
 def test_a_rod_whose_inertia_is_singular_is_a_load(urdf: str, tmp_path: Path) -> None:
-    turn = '<inertial>\n      <origin xyz="0 0 -0.0" rpy="0.3 0.4 0.5"/>\n      <mass value="1000.0"/>'  # so that rounding makes its zero eigenvalue a little negative or positive
+    # turned, so that rounding makes its zero eigenvalue a little negative or positive
+    turn = '<inertial>\n      <origin xyz="0 0 -0.0" rpy="0.3 0.4 0.5"/>\n      <mass value="1000.0"/>'
     text = turned(turn.replace(' rpy="0.3 0.4 0.5"', ""), turn, urdf)
     (tmp_path / "crane.urdf").write_text(turned('izz="400.0"', 'izz="0.0"', text))
     assert load_crane(tmp_path / "crane.urdf").payload_mass == 1000.0

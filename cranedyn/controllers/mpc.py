@@ -41,7 +41,8 @@ class Solution(NamedTuple):
         t: When [s].
         flag: Of the solver; 1 is solved.
         iterations: How many it took.
-        excess: By what share the bounds of the rates of the drives and of the swings are exceeded over the horizon, shape (bounds,); zero where they are kept.
+        excess: By what share the bounds of the rates of the drives and of the swings are exceeded over the horizon, shape (bounds,);
+            zero where they are kept.
     """
 
     t: float

@@ -74,7 +74,8 @@ def sensed(
         crane: The crane that they measure.
         controller: The controller.
         delay: How many control periods late it sees a state. Until as many have passed it sees the first reading.
-        noise: Standard deviations of the coordinates [rad or m] and of their rates [per second], 2 n numbers or n and n; None for `noise_of`.
+        noise: Standard deviations of the coordinates [rad or m] and of their rates [per second], 2 n numbers or n and n;
+            None for `noise_of`.
         rng: Where the noise comes from; an equal seed gives an equal run.
 
     Raises:

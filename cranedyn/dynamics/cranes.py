@@ -1,6 +1,6 @@
 """Thousands of cranes that differ in arguments of one description, without loading each.
 
-What the dynamics asks of a crane is a row of numbers (`cranedyn.dynamics.plant.numbers`): masses, first moments, inertias, places, dampings.
+What the dynamics asks of a crane is a row of numbers (`cranedyn.dynamics.plant.numbers`): masses, first moments, inertias, places.
 In the arguments of a description these are polynomials: at most of second degree in each argument, and no term of more than two of them.
 So a few cranes that are loaded tell all others, and some of the others are loaded to see whether that is so.
 """

@@ -23,7 +23,8 @@ def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
     Args:
         crane: The crane; without a hoist there are none.
-        q, v: Coordinates and rates, shape (rows, n) each.
+        q: Coordinates, shape (rows, n).
+        v: Their rates, shape (rows, n).
     """
     hoist = crane.layout.drive_of("hoist")
     if hoist is None:

@@ -26,7 +26,7 @@ def full(crane: Crane, drives: np.ndarray) -> np.ndarray:
 
 
 def acceleration(crane: Crane, state: State, effort: np.ndarray) -> np.ndarray:
-    """Accelerations of all joints [rad/s² or m/s²], shape (n,), under drive efforts: articulated-body algorithm with damping and springs."""
+    """Accelerations of all joints [rad/s² or m/s²], shape (n,), under drive efforts, with damping and springs: ABA."""
     return pin.aba(crane.model, crane.data, *state, full(crane, effort) + JointForces.of(crane).effort(*state))
 
 

@@ -57,7 +57,8 @@ def chosen(condition: Any, yes: Any, no: Any) -> Any:
 
     Args:
         condition: What a comparison of two such numbers gives. Never that of two arrays of objects: NumPy takes all of theirs for true.
-        yes, no: Numbers.
+        yes: A number.
+        no: Another.
     """
     if isinstance(condition, bool | np.bool_):
         return yes if condition else no

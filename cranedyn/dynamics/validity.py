@@ -61,7 +61,8 @@ def bounds(
 
     Args:
         layout: Joints of the crane.
-        lower, upper: Their ranges [rad or m], shape (n,).
+        lower: Where their ranges begin [rad or m], shape (n,).
+        upper: Where they end, shape (n,).
         q: Coordinates, n numbers.
         tension: Of the rope [N]; None if there is no hoist.
         height: Of the payload above the ground [m].

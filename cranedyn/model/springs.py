@@ -65,10 +65,10 @@ class Springs:
         """Second derivatives of the energy [N m/rad, N/m, ...], shape (n, n): how the effort falls as the coordinates grow."""
         found = np.diag(np.asarray(self.stiffness, dtype=float))
         if self.rope is not None:
-            s, l, stiffness = self.rope
-            strain, each = q[s] / q[l], stiffness / q[l]
+            s, length, stiffness = self.rope
+            strain, each = q[s] / q[length], stiffness / q[length]
             found[s, s] += each
-            found[l, l] += each * strain * strain
-            found[s, l] -= each * strain
-            found[l, s] -= each * strain
+            found[length, length] += each * strain * strain
+            found[s, length] -= each * strain
+            found[length, s] -= each * strain
         return found

@@ -95,8 +95,8 @@ def optimal(
     Rates, accelerations and jerks keep their limits at all times; the others do at points an eighth of a second apart or less, and
     between these the swing to second order.
 
-    Swing is the integral of the squares of all swings, with a small share for accelerations and jerks. The longer a move and the shorter its ramp, the more
-    intervals there are and the longer it takes to find it.
+    Swing is the integral of the squares of all swings, with a small share for accelerations and jerks. The longer a move
+    and the shorter its ramp, the more intervals there are and the longer it takes to find it.
 
     Args:
         crane: The crane.
@@ -219,7 +219,7 @@ def _problem(move: _Move) -> transcription.Problem:
 
 
 def _about(move: _Move, slowest: float) -> float:
-    """About the least time [s], to begin the search: trapezoids of the rates, slow enough for the swing, and the longest period at least."""
+    """About the least time [s], to begin the search: trapezoids of the rates, slow enough for the swing; the longest period at least."""
     crane, layout = move.crane, move.crane.layout
     reach = max(float(np.hypot(*payload_position(crane, end.q)[:2])) for end in (move.start, move.goal))
     way = np.abs(move.goal.q - move.start.q)[layout.drives][move.drives]

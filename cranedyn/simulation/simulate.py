@@ -73,8 +73,8 @@ def simulate(
 
     Raises:
         OutOfRange: If an argument is of another kind; if a time is not positive, one does not divide the other, or the log would not fit
-            into 4 GB; if the start is not one finite coordinate and rate for each joint; if the controller was made for a shorter control period. At
-            the first instant also if the command is not one number for each drive or the setpoint not finite.
+            into 4 GB; if the start is not one finite coordinate and rate for each joint; if the controller was made for a shorter control
+            period. At the first instant also if the command is not one number for each drive or the setpoint not finite.
         RunError: If the model ceases to hold, state, command or setpoint stop being finite, or the run is interrupted; it carries what was
             recorded so far. So it does if the controller, the reference or the disturbance raises an error, which is then its cause.
     """
