@@ -52,6 +52,18 @@ def test_an_example_runs_and_is_a_screenful(
         assert picture.stat().st_size > 10_000
 
 
+def test_the_wall_crane_is_held_and_swept_to_less_than_a_milliradian(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    import wall_crane  # type: ignore[import-not-found]
+
+    wall_crane.main(tmp_path)
+    last = [float(line.split(": ")[1].split(" mrad")[0]) for line in capsys.readouterr().out.splitlines()[:2]]
+    assert max(last) < 1.0  # of 141 and 283 mrad at the start
+    assert (tmp_path / "wall_crane.rrd").stat().st_size > 1e5
+
+
 @pytest.mark.parametrize("notebook", sorted((ROOT / "examples").glob("*.ipynb")), ids=lambda notebook: notebook.stem)
 def test_a_notebook_runs_and_stands_there_run_with_its_pictures(notebook: Path, tmp_path: Path) -> None:
     nbformat = pytest.importorskip("nbformat", reason="the extra notebook is not installed: pip install 'cranedyn[notebook]'")

@@ -16,9 +16,10 @@ from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import CraneError, OutOfRange, UnknownColumn
 from cranedyn.plotting.run import plot_runs
 from cranedyn.plotting.runs import RUN_COLOURS, contrast, run_colour
-from cranedyn.plotting.style import COLOURS
+from cranedyn.plotting.style import COLOURS, colour_of
 from cranedyn.recording.sketch import sketch
 from cranedyn.references import hold, pulse
+from experiments.relatives.catalogue import RELATIVES, Relative, crane_of
 from tests.helpers import crane, quickly
 
 
@@ -117,6 +118,8 @@ def test_every_colour_of_a_run_is_legible_on_white_and_on_black_and_no_two_are_a
     for quantity, colour in COLOURS.items():
         assert contrast(colour, "#FFFFFF") >= 3.0
         assert contrast(colour, "#000000") >= 3.0 or quantity == "unexplained"  # black on white paper, grey elsewhere
+    for name in ("bridge", "sling", "rope", "anything"):
+        assert min(contrast(colour_of(name), paper) for paper in ("#FFFFFF", "#000000")) >= 3.0
     assert contrast("#FFFFFF", "#000000") == pytest.approx(21.0)
     assert len(set(RUN_COLOURS)) == len(RUN_COLOURS)
 
@@ -146,6 +149,23 @@ def test_a_run_is_looked_at_without_its_crane_which_its_record_names(
     assert run.view(file=tmp_path / "b.rrd").stat().st_size == pytest.approx(with_crane, rel=0.01)  # looks and all
     with pytest.raises(CraneError, match=r"names no crane, as none of a CSV file does; say which it was: run\.view\(crane\)"):
         read(run.write(tmp_path / "run.csv")).view(file=tmp_path / "c.rrd")
+
+
+@pytest.mark.parametrize("relative", RELATIVES, ids=lambda relative: relative.name)
+def test_a_crane_of_any_topology_shows_itself_and_its_runs(relative: Relative, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cranedyn.recording.show.open_viewer", lambda path: None)
+    made = crane_of(relative)
+    run = cd.simulate(made, hold_controller(made), start=made.start, duration=0.05)
+    rows = [line.split() for line in repr(made).splitlines()[2:]]
+    assert [(row[0], row[1]) for row in rows] == [(joint.symbol, joint.name) for joint in made.layout.joints]
+    assert [row[-1] != "passive" for row in rows] == [joint.driven for joint in made.layout.joints]
+    (cable,) = made.plot().axes[0].lines
+    assert len(cable.get_xdata()) == len(made.points)
+    kinds = {joint.kind for joint in made.layout.joints if not joint.driven}
+    labels = [ax.get_ylabel() for ax in run.plot().axes]
+    assert len(labels) == made.layout.m + len(kinds)
+    assert ("swing [°]" in labels) == ("revolute" in kinds) and ("stretch [m]" in labels) == ("prismatic" in kinds)
+    assert run.view(file=tmp_path / "run.rrd").stat().st_size > 10_000
 
 
 def _answer(answer: object) -> object:

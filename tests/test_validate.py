@@ -96,7 +96,7 @@ def test_the_document_keeps_its_text(result: tuple[Path, dict[str, Any]]) -> Non
 def test_the_documents_count_closed_forms_and_claims_as_the_command_does(result: tuple[Path, dict[str, Any]]) -> None:
     forms, claims = result[1]["parameters"]["closed_forms"], len(result[1]["claims"])
     assert claims == forms + 1  # the order of the step
-    assert f"| {forms} closed forms of mechanics, each" in (DOCUMENT.parents[1] / "README.md").read_text(encoding="utf-8")
+    assert f"| {forms} closed forms of mechanics; order" in (DOCUMENT.parents[1] / "README.md").read_text(encoding="utf-8")
     assert f"of the {claims} claims fail" in DOCUMENT.read_text(encoding="utf-8")
 
 

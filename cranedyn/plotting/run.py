@@ -11,10 +11,13 @@ from matplotlib.figure import Figure
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.runs import STYLES, run_colour
-from cranedyn.plotting.style import COLOURS
+from cranedyn.plotting.style import COLOURS, colour_of
 
 _LEAST = 1e-3
 """Smallest span of an axis [° or m]."""
+
+_PASSIVE = {"rad": "swing", "m": "stretch"}
+"""What passive joints do, by the unit of their coordinates."""
 
 _GREEK = {"gamma": "γ", "phi": "φ", "theta": "θ"}
 
@@ -32,14 +35,14 @@ def plot(run: Trajectory, *columns: str) -> Figure:
     figure, axes = panels(len(columns), height=1.8 if len(columns) > 1 else 3.0, sharex=True)
     for ax, name in zip(axes, columns, strict=True):
         values, unit = _for_people(run[name], name.rpartition("_")[2])
-        ax.plot(run.t, values, color=COLOURS.get(name.split("_")[0], run_colour(1)))
+        ax.plot(run.t, values, color=colour_of(name.split("_")[0]))
         ax.set_ylabel(f"{name.removesuffix('_rad')} [°]" if unit == "°" else name)
     axes[-1].set_xlabel("time [s]")
     return figure
 
 
 def plot_runs(runs: Mapping[str, Trajectory]) -> Figure:
-    """The drives and the swing of several runs, each in a colour of its own; solid is radial and dashed tangential swing.
+    """The drives, the swing and the stretch of several runs, each in a colour of its own; solid is radial and dashed tangential swing.
 
     Args:
         runs: By name; a single one may be without.
@@ -47,11 +50,13 @@ def plot_runs(runs: Mapping[str, Trajectory]) -> Figure:
     first = next(iter(runs.values()))
     symbols = {symbol: unit for symbol, unit in _coordinates(first.keys())}
     drives = [symbol for symbol, unit in symbols.items() if f"{symbol}_setpoint_{unit}" in first.keys()]
-    passive = [symbol for symbol in symbols if symbol not in drives]
-    figure, axes = panels(len(drives) + 1, height=1.7, sharex=True)
+    passive = [[symbol for symbol in symbols if symbol not in drives and symbols[symbol] == unit] for unit in _PASSIVE]
+    together = [of_unit for of_unit in passive if of_unit]
+    figure, axes = panels(len(drives) + len(together), height=1.7, sharex=True)
     for ax, symbol in zip(axes, drives, strict=False):
         _draw_drive(ax, runs, symbol, symbols[symbol])
-    _draw_passive(axes[-1], runs, {symbol: symbols[symbol] for symbol in passive})
+    for ax, of_unit in zip(axes[len(drives) :], together, strict=True):
+        _draw_passive(ax, runs, of_unit, symbols[of_unit[0]])
     axes[-1].set_xlabel("time [s]")
     return figure
 
@@ -66,14 +71,14 @@ def _draw_drive(ax: Axes, runs: Mapping[str, Trajectory], symbol: str, unit: str
     ax.legend(ncols=3, fontsize=9.0)
 
 
-def _draw_passive(ax: Axes, runs: Mapping[str, Trajectory], symbols: Mapping[str, str]) -> None:
+def _draw_passive(ax: Axes, runs: Mapping[str, Trajectory], symbols: Sequence[str], unit: str) -> None:
     styles = dict(zip(symbols, ("-", "--", ":", "-."), strict=False)) | STYLES
     for i, (name, run) in enumerate(runs.items()):
-        for symbol, unit in symbols.items():
+        for symbol in symbols:
             values, shown = _for_people(run[f"{symbol}_{unit}"], unit)
             label = " ".join(filter(None, (_word(symbol), name)))
             ax.plot(run.t, values, styles.get(symbol, "-"), color=run_colour(i), label=label)
-            ax.set_ylabel(f"swing [{shown}]")
+            ax.set_ylabel(f"{_PASSIVE[unit]} [{shown}]")
     _widen(ax)
     ax.legend(ncols=4, fontsize=9.0)
 

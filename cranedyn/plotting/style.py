@@ -19,8 +19,7 @@ COLOURS = {
 }
 """Hex colour by quantity: a coordinate shares it with its rate and with the effort and the work of its drive. Black is for white paper."""
 
-
-_FURTHER = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_FURTHER = ("#0072B2", "#D55E00", "#009E73", "#B0569A", "#B87800", "#2E8BC0")
 
 
 def colour_of(quantity: str) -> str:

@@ -124,7 +124,10 @@ def _above_swing(run: Run, tree: UrdfTree) -> str | None:
 def payload_entity(run: Run) -> str:
     """The entity with the body of the payload; an eye can follow one that has a shape."""
     link = _payload_link(run, _tree(run))
-    return run.entity("scene", link, _body(shapes(run.crane.urdf, run.meshes)[link]).kind)
+    of_link = shapes(run.crane.urdf, run.meshes)[link]
+    body = _body(of_link)
+    meshes = [i for i, shape in enumerate(shape for shape in of_link if shape.mesh is not None) if shape is body]
+    return run.entity("scene", link, *(["mesh", str(meshes[0])] if meshes else [body.kind]))
 
 
 def _payload_link(run: Run, tree: UrdfTree) -> str:
