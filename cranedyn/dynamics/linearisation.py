@@ -13,7 +13,7 @@ from cranedyn.arguments import checked
 from cranedyn.arrays import finite
 from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.errors import OutOfRange, whole, within
-from cranedyn.interfaces import State
+from cranedyn.interfaces import Drive, State
 from cranedyn.model.crane import DRIVES, Crane
 from cranedyn.simulation.clocks import clocks
 
@@ -42,29 +42,68 @@ class Sampled:
         return self.a - self.b @ finite("gain", gain, (3, 10))
 
 
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """dz/dt = a z + b u.
+
+    Attributes:
+        a: Shape (10, 10).
+        b: Shape (10, 3).
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+
+    @checked
+    def sampled(self, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
+        """Step it exactly as `simulate` does: semi-implicit Euler in steps of `dt` [s] under a command held for a control period [s].
+
+        Raises:
+            OutOfRange: If a time is out of range, or the period is not a multiple of `dt`.
+        """
+        steps = clocks(control_period, dt, control_period).steps
+        nz, m = self.b.shape
+        n = nz // 2
+        step_v = np.hstack([np.zeros((n, n)), np.eye(n)]) + dt * self.a[n:]
+        step = np.vstack([np.eye(n, nz) + dt * step_v, step_v])
+        input_matrix = np.vstack([dt * dt * self.b[n:], dt * self.b[n:]])
+        over_period = np.linalg.matrix_power(np.block([[step, input_matrix], [np.zeros((m, nz)), np.eye(m)]]), steps)
+        return Sampled(over_period[:nz, :nz], over_period[:nz, nz:], control_period)
+
+
 @checked
-def sampled(crane: Crane, state: State, effort: np.ndarray | None = None, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
-    """Linearise a crane about a state and step it exactly as `simulate` does: semi-implicit Euler under a held effort.
+def linear(crane: Crane, state: State, effort: np.ndarray | None = None, *, drive: Drive = "effort") -> Linear:
+    """Linearise a crane about a state.
 
     Args:
         crane: The crane.
         state: Where it hangs at rest, or passes by in a motion.
         effort: What the drives exert there, shape (3,); None for what balances gravity.
-        dt: Physics step [s].
-        control_period: Time over which efforts are held [s], a multiple of `dt`.
+        drive: What u is: "effort", or with "motion" the accelerations of the drives.
 
     Raises:
-        OutOfRange: If a time is out of range or the period not a multiple of `dt`, or the effort not three finite numbers.
+        OutOfRange: If the effort is not three finite numbers, or `drive` is none of these.
     """
-    steps = clocks(control_period, dt, control_period).steps
+    if drive not in ("effort", "motion"):
+        raise OutOfRange("drive", drive, "effort or motion")
     exerted = holding_effort(crane, state.q) if effort is None else finite("effort", effort, (3,), unit="N m, N, N")
-    by_state, by_effort = linearise(crane, state, exerted)
-    step_v = np.hstack([np.zeros((5, 5)), np.eye(5)]) + dt * by_state
-    step = np.vstack([np.eye(5, 10) + dt * step_v, step_v])
-    input_matrix = np.vstack([dt * dt * by_effort, dt * by_effort])
-    over_period = np.linalg.matrix_power(np.block([[step, input_matrix], [np.zeros((3, 10)), np.eye(3)]]), steps)
-    a, b = over_period[:10, :10], over_period[:10, 10:]
-    return Sampled(a, b, control_period)
+    by_state, by_command = linearise(crane, state, exerted)
+    if drive == "motion":  # the efforts are then what gives the drives their accelerations
+        moved = by_command @ np.linalg.inv(by_command[DRIVES])
+        by_state, by_command = by_state - moved @ by_state[DRIVES], moved
+        by_state[DRIVES], by_command[DRIVES] = 0.0, np.eye(len(DRIVES))
+    n = len(by_state)
+    return Linear(np.vstack([np.eye(n, 2 * n, n), by_state]), np.vstack([np.zeros_like(by_command), by_command]))
+
+
+@checked
+def sampled(crane: Crane, state: State, effort: np.ndarray | None = None, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
+    """Linearise a crane that takes efforts about a state, and step it as `simulate` does, see `linear` and `Linear.sampled`.
+
+    Raises:
+        OutOfRange: As these.
+    """
+    return linear(crane, state, effort).sampled(dt=dt, control_period=control_period)
 
 
 @checked
