@@ -53,8 +53,8 @@ class Kernel(NamedTuple):
 
     Attributes:
         recipe: What it can do.
-        machine: What holds its functions: run, the loop; answer, accelerations at one state for each lane; and, of code for one crane that
-            keeps no log, energies, of many states.
+        machine: What holds its functions: run, the loop; answer, accelerations at one state for each lane; and, of code that keeps no log,
+            for one crane energies, of many states, for more several, the loop for each of many groups.
         varied: How many numbers each lane has of its own.
         agreed: Varied numbers of the cranes with which it was compared with Pinocchio.
     """
@@ -72,6 +72,8 @@ def kernel(parents: Sequence[int], constants: Sequence[float | None], recipe: Re
     _emit_answer(Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes), parents, constants, recipe)
     if recipe.lanes == 1 and not recipe.log:
         _emit_energies(Code(module, "energies", ["given", "count", "energies"], 1), parents, constants, recipe)
+    if recipe.lanes > 1 and not recipe.log:
+        _emit_several(Code(module, "several", ["calls", "count"], 1), module.globals["run"])
     return Kernel(recipe, translated(module), list(constants).count(None), set())
 
 
@@ -96,6 +98,13 @@ def _emit_energies(code: Code, parents: Sequence[int], constants: Sequence[float
         first = code.product(row, 10)
         state = array([code.spread(given, code.builder.add(first, code.integer(i))) for i in range(10)])
         code.store(crane.energy(state[:5], state[5:]), code.argument["energies"], row)
+    code.end()
+
+
+def _emit_several(code: Code, run: ir.Function) -> None:
+    with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as group:
+        call = code.builder.gep(code.argument["calls"], [code.product(group, len(SLOTS))], source_etype=INTEGER)
+        code.builder.call(run, [call])
     code.end()
 
 
