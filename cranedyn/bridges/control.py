@@ -9,12 +9,13 @@ import numpy as np
 
 from cranedyn.arguments import checked, described
 from cranedyn.arrays import finite
+from cranedyn.bridges.names import input_names, state_names
 from cranedyn.controllers.linearised import linearised
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.linearisation import linear
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
-from cranedyn.interfaces import COORDINATES, UNITS, Drive, State
+from cranedyn.interfaces import Drive, State
 from cranedyn.model.crane import DRIVES, Crane
 from cranedyn.references.motion import Motion
 
@@ -22,17 +23,6 @@ try:
     import control as ct
 except ModuleNotFoundError as error:
     raise CraneError("This bridge needs python-control, which is not installed: pip install 'cranedyn[control]'.") from error
-
-
-def state_names(crane: Crane) -> list[str]:
-    """Names of coordinates and rates, such as x and x_dot, in the order of z."""
-    return [*COORDINATES, *(f"{name}_dot" for name in COORDINATES)]
-
-
-def input_names(crane: Crane, drive: str) -> list[str]:
-    """Names of the commands: torque T or force F of each drive, such as F_x, or with "motion" its acceleration, such as x_ddot."""
-    driven = [(COORDINATES[i], "T" if UNITS[i] == "rad" else "F") for i in DRIVES]
-    return [f"{effort}_{name}" if drive == "effort" else f"{name}_ddot" for name, effort in driven]
 
 
 @checked

@@ -215,7 +215,11 @@ class Task:
 
     def observe(self) -> np.ndarray:
         """What is observed now, see `OBSERVED`, in single precision, shape (n, 12)."""
-        return self._observe(self.fleet.z, self.goal, np.empty((self.fleet.count, len(OBSERVED)), dtype=np.float32))
+        return self.observed(self.fleet.z, self.goal)
+
+    def observed(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
+        """What is observed at states with goals, one column each, shape (n, 12)."""
+        return self._observe(z, goal, np.empty((z.shape[1], len(OBSERVED)), dtype=np.float32))
 
     def _observe(self, z: np.ndarray, goal: np.ndarray, seen: np.ndarray) -> np.ndarray:
         n = len(COORDINATES)

@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.compiled.door import accelerations
-from cranedyn.compiled.kernel import Kernel, Recipe, kernel
+from cranedyn.compiled.kernel import Kernel, Recipe, kernel, text
+from cranedyn.compiled.machine import object_code
 from cranedyn.compiled.plant import numbers
 from cranedyn.compiled.step import in_code
 from cranedyn.dynamics import rigid_body
@@ -46,6 +47,17 @@ def compiled(cranes: Sequence[Crane], recipe: Recipe) -> tuple[Kernel, np.ndarra
                 check(crane, code, row)
                 code.agreed.add(row.tobytes())
     return code, own
+
+
+def elsewhere(crane: Crane, recipe: Recipe) -> bytes:
+    """The code for one crane as an object file for other programs, held against Pinocchio here, see `compiled`.
+
+    Raises:
+        OutOfRange: If there is no code for the stepping rule.
+        ModelError: If the code does not do what Pinocchio does.
+    """
+    compiled([crane], recipe)
+    return object_code(text(tuple(rigid_body.bodies(crane.model).parents), numbers(crane).tolist(), recipe))
 
 
 @lru_cache(maxsize=256)

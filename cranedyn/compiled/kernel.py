@@ -67,6 +67,11 @@ class Kernel(NamedTuple):
 
 def kernel(parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> Kernel:
     """Make the code for a crane whose numbers are constants, or None where each lane has its own."""
+    return Kernel(recipe, translated(text(parents, constants, recipe)), list(constants).count(None), set())
+
+
+def text(parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> ir.Module:
+    """The code as a text for LLVM, see `kernel`."""
     module = ir.Module()
     _Loop(Code(module, "run", ["call"], recipe.lanes), parents, constants, recipe).emit()
     _emit_answer(Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes), parents, constants, recipe)
@@ -74,7 +79,7 @@ def kernel(parents: Sequence[int], constants: Sequence[float | None], recipe: Re
         _emit_energies(Code(module, "energies", ["given", "count", "energies"], 1), parents, constants, recipe)
     if recipe.lanes > 1 and not recipe.log:
         _emit_several(Code(module, "several", ["calls", "count"], 1), module.globals["run"])
-    return Kernel(recipe, translated(module), list(constants).count(None), set())
+    return module
 
 
 def _plant(code: Code, own: ir.Value, parents: Sequence[int], constants: Sequence[float | None], recipe: Recipe) -> Plant:

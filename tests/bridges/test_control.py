@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn.bridges.names import input_names, state_names
 from cranedyn.controllers.affine import form
 from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT
 from cranedyn.data.trajectory import Trajectory
@@ -19,7 +20,7 @@ from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, G, constant, crane
 
 ct = pytest.importorskip("control", reason="extra control (python-control) is not installed")
-from cranedyn.bridges.control import from_control, input_names, state_names, to_control  # noqa: E402
+from cranedyn.bridges.control import from_control, to_control  # noqa: E402
 
 PERIOD = 2e-2
 CLOCKS = {"dt": 2e-3, "control_period": PERIOD}
