@@ -25,7 +25,7 @@ def measure(count: int, rounds: int, seconds: float) -> tuple[float, float, floa
     rates, processor = [], []
     for _ in range(rounds):
         wall, busy, steps = time.perf_counter(), time.process_time(), 0
-        while time.perf_counter() - wall < seconds:
+        while not steps or time.perf_counter() - wall < seconds:
             env.step(actions)
             steps += count
         rates.append(steps / (time.perf_counter() - wall))
@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.environment", description=__doc__)
     parser.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="numbers of cranes")
     parser.add_argument("--rounds", type=int, default=9, help="(default 9)")
-    parser.add_argument("--seconds", type=float, default=0.3, help="of a round (default 0.3)")
+    parser.add_argument("--seconds", type=float, default=0.3, help="of a round, one step at least (default 0.3)")
     parser.add_argument("--least", type=float, default=0.0, help="million steps a second asked for (default none)")
     options = parser.parse_args(argv)
     print("cranes   best [M/s]   median [M/s]   in a second of one processor [M]")

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.helpers import ROOT
@@ -33,7 +34,21 @@ def control_design(out: Path) -> None:
     assert len(margins) == 6 and all(value > (58.0 if value > 2.0 else 0.95) for value in margins)
 
 
-TESTS = {"control_design": control_design}
+def cosimulation(out: Path) -> None:
+    pytest.importorskip("fmpy", reason="fmpy is not installed")
+    off, _ = main("cosimulation")(["--out", str(out)])
+    assert off < 1e-12
+
+
+def learn_to_stop_the_swing(out: Path) -> None:
+    pytest.importorskip("stable_baselines3", reason="extra learning (stable-baselines3) is not installed")
+    learned = main("learn_to_stop_the_swing")(["--steps", "9700", "--cranes", "32", "--beside", "spline alone", "--out", str(out)])
+    assert (out / "model.zip").exists() and (out / "curve.png").exists()
+    assert len(learned.curve) >= 1 and np.isfinite(learned.curve).all()
+    assert set(learned.scores) > {"spline alone", "learned"}
+
+
+TESTS = {"control_design": control_design, "cosimulation": cosimulation, "learn_to_stop_the_swing": learn_to_stop_the_swing}
 
 
 def test_every_example_has_a_test() -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import os
 import platform
 import shutil
 import subprocess
@@ -23,6 +24,7 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.bridges.names import input_names, state_names
+from cranedyn.command import Parser, command
 from cranedyn.compiled.call import AIM, LAW, ROW, SLOTS, STATE, SUMMARY, places, size
 from cranedyn.compiled.checked import elsewhere
 from cranedyn.compiled.kernel import Recipe
@@ -31,10 +33,13 @@ from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.interfaces import UNITS, Drive
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import DRIVES, STANDARD_GRAVITY, Crane
 from cranedyn.model.description import parse_values
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.clocks import clocks
+
+TARGET = "FILE"
+"""What the command line writes."""
 
 NAME = "cranedyn_crane"
 """Name of the model and of its library."""
@@ -93,7 +98,7 @@ def export(
     final = Path(path)
     if final.suffix != ".fmu":
         raise OutOfRange("name of the unit", str(final), "one that ends in .fmu")
-    if final.exists():
+    if os.path.lexists(final):
         raise DataError(f"{final} is there already; move it away or choose another name.")
     if drive not in ("effort", "motion"):
         raise OutOfRange("drive", drive, "effort or motion")
@@ -129,8 +134,8 @@ def _variables(crane: Crane, drive: str) -> list[Variable]:
         ),
         *(Variable(name, "N", "input", 0.0, about="from outside, in the world") for name in _FORCES),
         *(
-            Variable(f"{name}_start", unit, "parameter", *row, about="where it begins")
-            for name, unit, *row in zip(names, units, start.tolist(), low.tolist(), high.tolist(), strict=True)
+            Variable(f"{name}_start", unit, "parameter", value, least, most, "where it begins")
+            for name, unit, value, least, most in zip(names, units, start.tolist(), low.tolist(), high.tolist(), strict=True)
         ),
         *(Variable(name, unit, "output") for name, unit in zip(names, units, strict=True)),
         *(Variable(name, unit, "output", about="what acts") for name, unit in zip(input_names(crane, "effort"), efforts, strict=True)),
@@ -284,22 +289,32 @@ def _linked(code: bytes, header: str) -> bytes:
         return (here / "library").read_bytes()
 
 
+def add_arguments(made: argparse.ArgumentParser) -> None:
+    """What its command line takes beside the file and the crane."""
+    made.add_argument("--drive", choices=("effort", "motion"), default="effort", help="what is commanded")
+    made.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
+
+
+def run(options: argparse.Namespace) -> Path:
+    """Write what the command line asks for."""
+    values: dict[str, Any] = dict(parse_values(options.values))
+    crane = load_crane(options.urdf, gravity=options.gravity, **values)
+    return export(crane, options.target, drive=options.drive, dt=options.dt)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write a unit from the command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m cranedyn.bridges.fmi", description="Write the crane as a co-simulation FMU of FMI 3.0."
-    )
-    parser.add_argument("file", type=Path, help="the unit, FILE.fmu; none may be there")
-    parser.add_argument("--drive", choices=("effort", "motion"), default="effort", help="what is commanded (default effort)")
-    parser.add_argument("--dt", type=float, default=5e-4, help="physics step [s] (default 0.0005)")
-    parser.add_argument("--set", dest="values", nargs="+", default=[], metavar="name:=value", help="numbers of the crane")
-    options = parser.parse_args(argv)
-    try:
-        values: dict[str, Any] = dict(parse_values(options.values))
-        print(export(load_crane(**values), options.file, drive=options.drive, dt=options.dt))
-    except CraneError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    """Write a unit from the command line: 0, or 2 with one sentence for bad arguments."""
+    parser = Parser(prog="python -m cranedyn.bridges.fmi", formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    parser.add_argument("target", type=Path, metavar=TARGET, help="the unit, ending in .fmu; it must not be there yet")
+    parser.add_argument("--urdf", metavar="FILE", help="another crane than that of this project: a plain URDF, or a .xacro that you trust")
+    parser.add_argument("--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help="gravity of the world [m/s²]")
+    parser.add_argument("--set", dest="values", nargs="+", action="extend", default=[], metavar="name:=value", help="numbers of the crane")
+    add_arguments(parser)
+    return command(lambda: _main(parser.parse_args(argv)))
+
+
+def _main(options: argparse.Namespace) -> int:
+    print(f"Written to {run(options)}.")
     return 0
 
 

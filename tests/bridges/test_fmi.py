@@ -18,7 +18,7 @@ from cranedyn.bridges import fmi
 from cranedyn.bridges.names import input_names, state_names
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, DataError, OutOfRange
-from cranedyn.interfaces import Drive, State
+from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane
@@ -229,6 +229,8 @@ def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
         fmi.export(crane(), tmp_path / "crane.fmu", drive="torque")  # type: ignore[arg-type]
     assert fmi.main([str(tmp_path / "crane.fmu"), "--dt", "-1"]) == 2
     assert capsys.readouterr().err == "error: dt is -1.0 s; allowed is > 0.\n"
+    assert fmi.main([str(units["motion"])]) == 2
+    assert "is there already" in capsys.readouterr().err
     with monkeypatch.context() as patch:
         patch.setattr("cranedyn.bridges.fmi.shutil.which", lambda name: None)
         with pytest.raises(CraneError, match="none of cc, gcc, clang is installed"):
@@ -239,4 +241,11 @@ def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
 def test_the_same_crane_makes_the_same_unit(units: dict[str, Path], tmp_path: Path) -> None:
     again = fmi.export(damped(), tmp_path / "again.fmu")
     assert again.read_bytes() == units["effort"].read_bytes()
-    assert State(*damped().start).q.shape == (5,)
+
+
+def test_the_command_line_writes_a_unit_of_the_crane_that_it_describes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "heavy.fmu"
+    assert fmi.main([str(path), "--set", "payload_mass:=2000", "--gravity", "9.8", "--drive", "effort"]) == 0
+    assert capsys.readouterr().out == f"Written to {path}.\n"
+    start = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
+    assert float(start["F_l_command"]) == pytest.approx(-2000.0 * 9.8, rel=1e-12)  # what holds the load
