@@ -40,8 +40,8 @@ BESIDE = ("spline alone", "spline + PD", "flat + LQR", "operator")
 
 
 def scaled(seen: np.ndarray) -> np.ndarray:
-    """Observations as the network takes them, shape (n, 15): the ways to go also by their cube roots, which tell centimetres apart."""
-    return np.hstack([seen * SCALE, np.cbrt(seen[:, :3])])
+    """Observations as the network takes them, shape (n, 19): ways to go and swings also by cube roots, which tell small ones apart."""
+    return np.hstack([seen * SCALE, np.cbrt(seen[:, :3]), np.cbrt(seen[:, 6:10])])
 
 
 class ForStableBaselines(VecEnv):
@@ -50,7 +50,7 @@ class ForStableBaselines(VecEnv):
     def __init__(self, env: TowerCraneVectorEnv) -> None:
         self.env, self.actions = env, np.zeros((env.num_envs, 3))
         self.returns, self.finished = np.zeros(env.num_envs), list[float]()
-        seen = gym.spaces.Box(-np.inf, np.inf, (len(SCALE) + 3,), np.float32)
+        seen = gym.spaces.Box(-np.inf, np.inf, (len(SCALE) + 7,), np.float32)
         super().__init__(env.num_envs, seen, env.single_action_space)
 
     def reset(self) -> np.ndarray:

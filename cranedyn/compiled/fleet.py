@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import pairwise
 from typing import Any
 
@@ -152,9 +152,12 @@ class Fleet:
             for part in range(len(self.parts)):
                 work(part)
             return
-        done = [self._pool.submit(work, part) for part in range(1, len(self.parts))]
-        work(0)
-        for other in done:
+        others = [self._pool.submit(work, part) for part in range(1, len(self.parts))]
+        try:
+            work(0)
+        finally:
+            wait(others)  # whatever happens: none may go on while the next step begins
+        for other in others:
             other.result()
 
     def advance(self, part: int, command: np.ndarray) -> np.ndarray:

@@ -23,6 +23,7 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 
+from benchmarks import environment  # noqa: E402
 from cranedyn.bridges.gymnasium import ID, TowerCraneVectorEnv  # noqa: E402
 from cranedyn.bridges.task import OBSERVED, PENALTY, Rules, Task, cranes_between  # noqa: E402
 
@@ -218,6 +219,13 @@ def test_actions_and_options_that_are_none_are_refused_in_a_sentence() -> None:
         env.reset(options={"reset_mask": [1, 0]})
     with pytest.raises(OutOfRange, match="goal"):
         env.reset(options={"goal": (0.0, 500.0, 10.0)})
+
+
+def test_the_benchmark_counts_steps(capsys: pytest.CaptureFixture[str]) -> None:
+    assert environment.main(["--counts", "64", "--rounds", "1", "--seconds", "0"]) == 0
+    count, *rates = capsys.readouterr().out.splitlines()[1].split()
+    assert count == "64" and all(float(rate) > 0.0 for rate in rates)
+    assert environment.main(["--counts", "8", "--rounds", "1", "--seconds", "0", "--least", "1e6"]) == 1
 
 
 def test_cranes_can_be_drawn_between_two_ends() -> None:
