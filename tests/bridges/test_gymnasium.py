@@ -72,8 +72,7 @@ def test_each_crane_moves_as_in_simulate_whatever_its_load_wind_and_neighbours(e
     env.reset(seed=5)
     steps = 20 if engine == "pinocchio" else 100
     states, commands = rollout(env, steps)
-    assert len({env.task.crane_of(i) for i in range(21)}) == 2
-    for i in (0, 20):
+    for i in (next(i for i in range(20, -1, -1) if env.task.crane_of(i) is kind) for kind in cranes):
         force, z = env.task.force_on(i), states[0, :, i]
         assert np.hypot(*force[:2]) > 1.0
         run = simulate(
