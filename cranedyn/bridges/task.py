@@ -118,7 +118,11 @@ class Task:
         self.goal = np.tile(self.fleet.cranes[0].start.q[DRIVES][:, None], count)
         first = self.fleet.cranes[0]
         self._rates, self._most = (np.array(part)[:, None] for part in (rules.limits.rates, rules.limits.accelerations))
-        self._lower, self._upper = ((end[DRIVES] + sign * _MARGIN)[:, None] for end, sign in ((first.lower, 1.0), (first.upper, -1.0)))
+        low, high = (np.array([getattr(crane, end)[DRIVES] for crane in self.fleet.cranes]) for end in ("lower", "upper"))
+        self._range = low.max(axis=0), high.min(axis=0)
+        self._lower, self._upper = (self._range[0] + _MARGIN)[:, None], (self._range[1] - _MARGIN)[:, None]
+        if not (self._lower < self._upper).all():
+            raise OutOfRange("ranges of the drives that all cranes have", [end.tolist() for end in self._range], "wider than 0.1 rad or m")
         self._gravity, self._kind, self._force = first.gravity, np.zeros(count, dtype=int), np.zeros((count, 6))
         self.far = self.distance(self.fleet.z, self.goal)
 
@@ -142,7 +146,7 @@ class Task:
         if start is not None:
             q, v = (np.repeat(part[:, None], n, axis=1) for part in start)
         if goal is not None:
-            ends = zip(of_drives("goal", goal), self.fleet.cranes[0].lower[DRIVES], self.fleet.cranes[0].upper[DRIVES], strict=True)
+            ends = zip(of_drives("goal", goal), *self._range, strict=True)
             self.goal[:, rows] = np.array([within("goal", value, low, high) for value, low, high in ends])[:, None]
         self._kind[rows] = rng.integers(len(self.fleet.cranes), size=n)
         self.fleet.place(rows, State(q.T, v.T), self._kind[rows])
@@ -190,21 +194,15 @@ class Task:
         """What the drives make of actions from -1 to 1 at states, shape (3, n)."""
         position, rate, t = z[DRIVES], z[len(COORDINATES) + DRIVES], self.fleet.control_period
         if self.rules.action == "velocity":
-            faster = rate + np.clip((action * self._rates - rate) / t, -self._most, self._most) * t
+            faster = rate + np.minimum(np.maximum(action * self._rates - rate, -self._most * t), self._most * t)
         else:
             faster = rate + action * self._most * t
-        top = np.minimum(self._rates, self._braking(self._upper - position, rate))
-        least = np.maximum(-self._rates, -self._braking(position - self._lower, -rate))
-        return (np.clip(faster, least, top) - rate) / t
-
-    def _braking(self, room: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Fastest rate w after a period t from which a drive still stops within its room.
-
-        It solves w²/(2a) + (w + rate) t/2 + (w - rate) dt/2 = room; the last term is what semi-implicit Euler goes farther.
-        """
-        t, dt, a = self.fleet.control_period, self._dt, self._most
-        half = 0.5 * a * (t + dt)
-        return np.sqrt(np.maximum(half * half + 2.0 * a * room - a * (t - dt) * rate, 0.0)) - half
+        # w after the period must let a drive stop within its room: w²/(2a) + (w + rate) t/2 + (w - rate) dt/2 = room, where the last term
+        # is what semi-implicit Euler goes farther.
+        way, half = 2.0 * self._most * position + self._most * (t - self._dt) * rate, 0.5 * self._most * (t + self._dt)
+        top = np.minimum(np.sqrt(np.maximum(half * half + 2.0 * self._most * self._upper - way, 0.0)) - half, self._rates)
+        least = np.maximum(half - np.sqrt(np.maximum(half * half - 2.0 * self._most * self._lower + way, 0.0)), -self._rates)
+        return (np.minimum(np.maximum(faster, least), top) - rate) / t
 
     def distance(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """How far from a goal each load would come if its drives stopped at once [m]: their own way to go and the amplitude of swing."""

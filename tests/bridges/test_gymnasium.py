@@ -107,6 +107,18 @@ def test_drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges() -> 
         assert (gap[1:] < 0.06).all()  # pushed there and stopped, 5 cm before
 
 
+def test_starts_goals_and_drives_keep_to_the_ranges_that_all_cranes_have() -> None:
+    env = many(50, crane=[crane(), crane(trolley_max=12.0)], reach=(1.0, 20.0, 20.0), max_episode_steps=10_000)
+    env.reset(seed=0)
+    assert env.task.goal[1].max() < 12.0
+    for _ in range(100):
+        env.step(np.ones((50, 3)))
+        assert env.task.fleet.z[1].max() < 12.0
+    assert env.task.fleet.z[1].min() > 11.9
+    with pytest.raises(OutOfRange, match="ranges of the drives that all cranes have"):
+        many(1, crane=[crane(trolley_min=9.98), crane(trolley_max=10.02)])
+
+
 def test_the_reward_is_that_of_the_distance_the_load_would_have_from_its_goal() -> None:
     env = many(1, control_period=0.1)
     start, goal = crane().state(x=12.0, l=10.0), (0.1, 13.0, 10.5)
