@@ -16,7 +16,7 @@ from cranedyn.dynamics.linearisation import linear
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
 from cranedyn.interfaces import Drive, State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 
 try:
@@ -43,7 +43,7 @@ def to_control(
     Args:
         crane: The crane.
         state: Where it hangs at rest, or passes by in a motion; None for where it starts.
-        effort: What the drives exert there [N m, N, N], shape (3,); None for what balances gravity.
+        effort: What the drives exert there [N m or N], shape (m,); None for what balances gravity.
         drive: What the inputs are: "effort", or with "motion" the accelerations of the drives.
         control_period: None for a continuous system. A time [s] for the system that `simulate` steps: the command held over it, and
             semi-implicit Euler between.
@@ -72,7 +72,7 @@ def from_control(crane: Crane, feedback: object, about: State | Motion, *, drive
 
     Args:
         crane: The crane.
-        feedback: The gain K of u = -K z, shape (3, 10), as `control.lqr` and `control.dlqr` give it; or a system without states from
+        feedback: The gain K of u = -K z, shape (m, 2 n), as `control.lqr` and `control.dlqr` give it; or a system without states from
             the states to the commands, u = D z; or the controller of `control.create_statefbk_iosystem`.
         about: The rest, or the motion, from which z and u are deviations. What drives exert there is fed forward.
         drive: What the feedback commands: "effort", or with "motion" the accelerations of the drives.
@@ -83,15 +83,15 @@ def from_control(crane: Crane, feedback: object, about: State | Motion, *, drive
         CraneError: If the system has states of its own, or does not say how it feeds each state back.
     """
     names = state_names(crane)
-    gain = finite("gain", _gain(feedback, names), (len(DRIVES), len(names)))
+    gain = finite("gain", _gain(feedback, names), (crane.layout.m, len(names)))
     if isinstance(about, Motion):
         table = linearised(crane, about, dt=dt, every=len(about.q))
-        commands = table.efforts if drive == "effort" else about.a[:, DRIVES]
+        commands = table.efforts if drive == "effort" else about.a[:, about.drives]
         return Tracking(about.period, commands, np.broadcast_to(gain, (len(commands), *gain.shape)), table.setpoint)
     state = State.checked("rest", about)
     if state.v.any():
         raise OutOfRange("rates of the rest", state.v.tolist(), "0; a motion is given as a Motion", "/s")
-    command = holding_effort(crane, state.q) if drive == "effort" else np.zeros(len(DRIVES))
+    command = holding_effort(crane, state.q) if drive == "effort" else np.zeros(crane.layout.m)
     return Tracking(1.0, command[None], gain[None], np.concatenate(state)[None])
 
 

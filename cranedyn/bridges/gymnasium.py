@@ -17,7 +17,7 @@ from cranedyn.bridges.task import Rules, Task
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, OutOfRange, UnknownName, whole
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 
@@ -116,7 +116,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         """
         if not self._begun or (self._ended.any() and self._mode is not AutoresetMode.NEXT_STEP):
             raise OutOfRange("crane", int(np.argmax(self._ended)), "one whose episode has begun: call reset")
-        reward, over, seen = self.task.act(shaped("actions", actions, (self.num_envs, len(DRIVES))).T)
+        reward, over, seen = self.task.act(shaped("actions", actions, (self.num_envs, self.task.layout.m)).T)
         self._steps += 1
         late = ~over & (self._steps >= self._last)
         if self._mode is AutoresetMode.NEXT_STEP and self._ended.any():
@@ -194,7 +194,7 @@ class TowerCraneEnv(gym.Env):
         """
         if not self._episode:
             raise OutOfRange("episode", "none", "one that has begun: call reset")
-        asked = shaped("action", action, (len(DRIVES),))
+        asked = shaped("action", action, (self.task.layout.m,))
         accelerations = self.task.accelerations(asked[:, None], self.task.fleet.z)[:, 0]
         reward, over, seen = self.task.act(asked[:, None])
         self._accelerations.append(accelerations)
@@ -221,14 +221,15 @@ class TowerCraneEnv(gym.Env):
     def _again(self) -> Any:
         """The episode by `simulate`, in more rows."""
         period, done = self.task.fleet.control_period, self._accelerations
-        goal = Setpoint(self.task.goal[:, 0].copy(), np.zeros(3), np.zeros(3))
+        position = self.task.goal[:, 0].copy()
+        goal = Setpoint(position, np.zeros_like(position), np.zeros_like(position))
 
         def repeated(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
             return done[min(int(t / period + 1e-6), len(done) - 1)]
 
-        force = self.task.force_on(0)
+        crane, force = self.task.crane_of(0), self.task.force_on(0)
         return simulate(
-            self.task.crane_of(0),
+            crane,
             repeated,
             lambda t: goal,
             start=self._start,
@@ -236,7 +237,7 @@ class TowerCraneEnv(gym.Env):
             dt=self._dt,
             control_period=_FRAME if abs(period / _FRAME - round(period / _FRAME)) < 1e-9 else period,
             drive="motion",
-            disturbance=constant_force(force) if any(force) else None,
+            disturbance=constant_force(crane, payload=force) if any(force) else None,
             validity="mark",
             engine="compiled",
         )
@@ -245,7 +246,7 @@ class TowerCraneEnv(gym.Env):
 def _spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
     """What one crane shows, and what it takes."""
     low, high = task.bounds()
-    return gym.spaces.Box(low, high, dtype=np.float32), gym.spaces.Box(-1.0, 1.0, (len(DRIVES),), np.float32)
+    return gym.spaces.Box(low, high, dtype=np.float32), gym.spaces.Box(-1.0, 1.0, (task.layout.m,), np.float32)
 
 
 def _rules(given: dict[str, Any]) -> Rules:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from cranedyn.interfaces import COORDINATES, UNITS
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 
 
 def state_names(crane: Crane) -> list[str]:
     """Names of coordinates and rates, such as x and x_dot, in the order of z."""
-    return [*COORDINATES, *(f"{name}_dot" for name in COORDINATES)]
+    return [*crane.layout.symbols, *(f"{name}_dot" for name in crane.layout.symbols)]
 
 
 def input_names(crane: Crane, drive: str) -> list[str]:
     """Names of the commands: torque T or force F of each drive, such as F_x, or with "motion" its acceleration, such as x_ddot."""
-    driven = [(COORDINATES[i], "T" if UNITS[i] == "rad" else "F") for i in DRIVES]
+    driven = [(joint.symbol, "T" if joint.unit == "rad" else "F") for joint in crane.layout.driven]
     return [f"{effort}_{name}" if drive == "effort" else f"{name}_ddot" for name, effort in driven]
+
+
+def force_names(crane: Crane) -> list[str]:
+    """Names of the forces from outside on each point along each axis of the world, such as payload_force_x."""
+    return [f"{point}_force_{axis}" for point in crane.layout.points for axis in "xyz"]

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked, described, of_drives
+from cranedyn.arguments import checked, described
 from cranedyn.arrays import finite
 from cranedyn.compiled.fleet import Fleet
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.errors import OutOfRange, number, whole, within
-from cranedyn.interfaces import COORDINATES, State
-from cranedyn.model.crane import DRIVES, PASSIVE, Crane
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references.limits import Limits
 
@@ -43,8 +43,6 @@ _FASTEST = 20.0
 
 _MARGIN = 0.05
 """What drives keep from the ends of their ranges [rad, m]; else round-off could take them beyond."""
-
-_X, _L = COORDINATES.index("x"), COORDINATES.index("l")
 
 
 @checked
@@ -75,7 +73,6 @@ class Rules:
         """Check the numbers."""
         if self.action not in ACTIONS:
             raise OutOfRange("action", self.action, " or ".join(ACTIONS))
-        of_drives("reach", self.reach, "", ">= 0")
         within("swing_limit", self.swing_limit, 1e-3, np.pi / 4, "rad")
         within("swing at the start", self.swing, 0.0, self.swing_limit, "rad")
         number("wind", self.wind, "m/s", ">= 0")
@@ -109,21 +106,31 @@ class Task:
         goal: Where the drives of each should be [rad, m, m], shape (3, n).
         far: How far from its goal each would come, see `distance` [m], shape (n,).
         fleet: The cranes.
+        layout: Of all of them.
     """
 
     def __init__(self, cranes: Crane | Sequence[Crane], count: int, rules: Rules, period: float, dt: float, threads: int | None) -> None:
-        """Have so many cranes, see `Fleet`."""
+        """Have so many cranes, see `Fleet`.
+
+        Raises:
+            MissingRole, ModelError: If they are no tower cranes of five joints.
+            OutOfRange: If a rule has not one number for each drive, or as `Fleet`.
+        """
         self.rules, self._dt = rules, dt
         self.fleet = Fleet(cranes, count, dt=dt, control_period=period, forces=rules.wind > 0.0, threads=threads)
-        self.goal = np.tile(self.fleet.cranes[0].start.q[DRIVES][:, None], count)
+        self.layout = layout = self.fleet.layout
+        self._slew, self._trolley, *_, self._hoist = layout.tower("The task of moving a load without swing")
         first = self.fleet.cranes[0]
-        self._rates, self._most = (np.array(part)[:, None] for part in (rules.limits.rates, rules.limits.accelerations))
-        low, high = (np.array([getattr(crane, end)[DRIVES] for crane in self.fleet.cranes]) for end in ("lower", "upper"))
+        self.goal = np.tile(first.start.q[layout.drives][:, None], count)
+        self._rates = layout.for_drives("rate limit", rules.limits.rates, "/s", "> 0")[:, None]
+        self._most = layout.for_drives("acceleration limit", rules.limits.accelerations, "/s²", "> 0")[:, None]
+        self._reach = layout.for_drives("reach", rules.reach, "", ">= 0")[:, None]
+        low, high = (np.array([getattr(crane, end)[layout.drives] for crane in self.fleet.cranes]) for end in ("lower", "upper"))
         self._range = low.max(axis=0), high.min(axis=0)
         self._lower, self._upper = (self._range[0] + _MARGIN)[:, None], (self._range[1] - _MARGIN)[:, None]
         if not (self._lower < self._upper).all():
             raise OutOfRange("ranges of the drives that all cranes have", [end.tolist() for end in self._range], "wider than 0.1 rad or m")
-        self._gravity, self._kind, self._force = first.gravity, np.zeros(count, dtype=int), np.zeros((count, 6))
+        self._gravity, self._kind, self._force = first.gravity, np.zeros(count, dtype=int), np.zeros((count, 3 * len(layout.points)))
         self.far = self.distance(self.fleet.z, self.goal)
 
     @checked
@@ -133,20 +140,21 @@ class Task:
         Raises:
             OutOfRange: If a goal is not in the ranges of the drives.
         """
-        rows, n = which.astype(int), len(which)
+        if start is not None:
+            start.check_fits("start", self.layout)
+        rows, n, passive = which.astype(int), len(which), self.layout.passive
         low, high = self._lower, self._upper
-        drives = rng.uniform(low, high, (len(DRIVES), n))
-        reach = np.array(self.rules.reach)[:, None]
-        self.goal[:, rows] = rng.uniform(np.maximum(low, drives - reach), np.minimum(high, drives + reach))
-        q, v = np.zeros((2, len(COORDINATES), n))
-        q[DRIVES] = drives
+        drives = rng.uniform(low, high, (self.layout.m, n))
+        self.goal[:, rows] = rng.uniform(np.maximum(low, drives - self._reach), np.minimum(high, drives + self._reach))
+        q, v = np.zeros((2, self.layout.n, n))
+        q[self.layout.drives] = drives
         swing, angle, phase = rng.uniform(0.0, self.rules.swing, n), *rng.uniform(0.0, 2.0 * np.pi, (2, n))
         across = np.stack([np.cos(angle), np.sin(angle)]) * swing
-        q[PASSIVE], v[PASSIVE] = across * np.cos(phase), across * np.sin(phase) * np.sqrt(self._gravity / q[_L])
+        q[passive], v[passive] = across * np.cos(phase), across * np.sin(phase) * np.sqrt(self._gravity / q[self._hoist])
         if start is not None:
             q, v = (np.repeat(part[:, None], n, axis=1) for part in start)
         if goal is not None:
-            ends = zip(of_drives("goal", goal), *self._range, strict=True)
+            ends = zip(self.layout.for_drives("goal", goal), *self._range, strict=True)
             self.goal[:, rows] = np.array([within("goal", value, low, high) for value, low, high in ends])[:, None]
         self._kind[rows] = rng.integers(len(self.fleet.cranes), size=n)
         self.fleet.place(rows, State(q.T, v.T), self._kind[rows])
@@ -182,7 +190,7 @@ class Task:
             here = self.fleet.parts[part]
             goal, now = self.goal[:, here], self.fleet.z[:, here]
             z = self.fleet.advance(part, self.accelerations(given[:, here], now))
-            over[here] = ~(np.square(z[PASSIVE]).sum(axis=0) < self.rules.swing_limit**2)
+            over[here] = ~(np.square(z[self.layout.passive]).sum(axis=0) < self.rules.swing_limit**2)
             self.far[here] = self.distance(z, goal)
             reward[here] = np.where(over[here], PENALTY, -self.fleet.control_period * np.log10(1.0 + self.far[here] / _CLOSE))
             self._observe(z, goal, seen[here])
@@ -192,7 +200,8 @@ class Task:
 
     def accelerations(self, action: np.ndarray, z: np.ndarray) -> np.ndarray:
         """What the drives make of actions from -1 to 1 at states, shape (3, n)."""
-        position, rate, t = z[DRIVES], z[len(COORDINATES) + DRIVES], self.fleet.control_period
+        drives, t = self.layout.drives, self.fleet.control_period
+        position, rate = z[drives], z[self.layout.n + drives]
         if self.rules.action == "velocity":
             faster = rate + np.minimum(np.maximum(action * self._rates - rate, -self._most * t), self._most * t)
         else:
@@ -206,10 +215,11 @@ class Task:
 
     def distance(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """How far from a goal each load would come if its drives stopped at once [m]: their own way to go and the amplitude of swing."""
-        off = goal - z[DRIVES]
-        off[0] *= z[_X]
-        swing = np.square(z[PASSIVE]) + np.square(z[len(COORDINATES) + PASSIVE]) * (z[_L] / self._gravity)
-        return np.sqrt(np.square(off).sum(axis=0)) + z[_L] * np.sqrt(swing.sum(axis=0))
+        passive, length = self.layout.passive, z[self._hoist]
+        off = goal - z[self.layout.drives]
+        off[self._slew] *= z[self._trolley]
+        swing = np.square(z[passive]) + np.square(z[self.layout.n + passive]) * (length / self._gravity)
+        return np.sqrt(np.square(off).sum(axis=0)) + length * np.sqrt(swing.sum(axis=0))
 
     def observe(self) -> np.ndarray:
         """What is observed now, see `OBSERVED`, in single precision, shape (n, 12)."""
@@ -220,16 +230,16 @@ class Task:
         return self._observe(z, goal, np.empty((z.shape[1], len(OBSERVED)), dtype=np.float32))
 
     def _observe(self, z: np.ndarray, goal: np.ndarray, seen: np.ndarray) -> np.ndarray:
-        n = len(COORDINATES)
-        seen[:, :3] = (goal - z[DRIVES]).T
-        seen[:, 3:6], seen[:, 6:8], seen[:, 8:10] = z[n + DRIVES].T, z[PASSIVE].T, z[n + PASSIVE].T
-        seen[:, 10], seen[:, 11] = z[_X], z[_L]
+        n, drives, passive = self.layout.n, self.layout.drives, self.layout.passive
+        seen[:, :3] = (goal - z[drives]).T
+        seen[:, 3:6], seen[:, 6:8], seen[:, 8:10] = z[n + drives].T, z[passive].T, z[n + passive].T
+        seen[:, 10], seen[:, 11] = z[self._trolley], z[self._hoist]
         return seen
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest of what is observed, in single precision, shape (12,) each; a swing is seen once beyond its limit."""
-        first = self.fleet.cranes[0]
-        width, rates = (first.upper - first.lower)[DRIVES], 1.01 * self._rates[:, 0]
-        high = np.concatenate([width, rates, np.full(2, np.pi), np.full(2, _FASTEST), first.upper[[_X, _L]]])
-        low = np.concatenate([-high[:-2], first.lower[[_X, _L]]])
+        first, ends = self.fleet.cranes[0], [self._trolley, self._hoist]
+        width, rates = (first.upper - first.lower)[self.layout.drives], 1.01 * self._rates[:, 0]
+        high = np.concatenate([width, rates, np.full(2, np.pi), np.full(2, _FASTEST), first.upper[ends]])
+        low = np.concatenate([-high[:-2], first.lower[ends]])
         return low.astype(np.float32), high.astype(np.float32)
