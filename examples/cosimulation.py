@@ -45,11 +45,11 @@ def main(arguments: Sequence[str] | None = None) -> tuple[float, float]:
     unit.exitInitializationMode()
 
     states, commands = ([reference[name] for name in names] for names in (STATES, COMMANDS))
-    goal, rows, began = hold(start)(0.0), [], time.perf_counter()
+    goal, rows, began = hold(crane, start)(0.0), [], time.perf_counter()
     for k in range(round(DURATION / PERIOD) + 1):
         z = np.array(unit.getFloat64(states))
         rows.append(z)
-        unit.setFloat64(commands, brake(k * PERIOD, State(z[:5], z[5:]), Setpoint(*goal)).tolist())
+        unit.setFloat64(commands, brake(k * PERIOD, State(*np.split(z, 2)), Setpoint(*goal)).tolist())
         unit.doStep(k * PERIOD, PERIOD)
     speed = DURATION / (time.perf_counter() - began)
     unit.terminate()

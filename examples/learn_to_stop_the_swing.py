@@ -171,7 +171,7 @@ def place(model: PPO, beside: Sequence[str]) -> dict[str, Score]:
     task = Task(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
     plans = {name: STRATEGIES[name](setup, move) for name in beside}
     plans["learned"] = Plan(
-        lambda: controller_of(model, task, np.array(move.goal)), hold(move.ends(setup.crane)[1]), "motion", move.duration
+        lambda: controller_of(model, task, np.array(move.goal)), hold(setup.crane, move.ends(setup.crane)[1]), "motion", move.duration
     )
     scores = {name: make(setup, move, plan)[1] for name, plan in plans.items()}
     scores["learned, swinging start"] = make(setup, SWINGING, plans["learned"])[1]

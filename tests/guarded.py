@@ -285,17 +285,19 @@ def _fleet(rng: np.random.Generator) -> Call:
     from cranedyn.compiled.fleet import Fleet
     from cranedyn.interfaces import State
 
-    crane = _common(rng)[0]
+    cranes = _common(rng)[0]
+    joints, drives, points = cranes[0].layout.n, cranes[0].layout.m, len(cranes[0].points)
     n, often, forces = int(rng.integers(1, 40)), float(rng.choice([0.0, 0.1])), bool(rng.random() < 0.5)
     drive = str(rng.choice(["motion", "effort"]))
     which = rng.choice(n, int(rng.integers(0, n + 1)), replace=False)
-    start = State(_maybe(rng, np.tile(crane.start.q, (len(which), 1)), often), _maybe(rng, np.zeros((len(which), 5)), often))
-    kinds, given = rng.integers(0, 2, len(which)), rng.normal(size=(3, n))
+    q, v = np.tile(cranes[0].start.q, (len(which), 1)), np.zeros((len(which), joints))
+    start = State(_maybe(rng, q, often), _maybe(rng, v, often))
+    kinds, given = rng.integers(0, 2, len(which)), rng.normal(size=(drives, n))
     chosen, kinds, command = _maybe(rng, which, often), _maybe(rng, kinds, often), _maybe(rng, given, often)
-    force, part = _maybe(rng, np.zeros((len(which), 6)), often), int(rng.integers(-1, 3)) if rng.random() < often else 0
+    force, part = _maybe(rng, np.zeros((len(which), 3 * points)), often), int(rng.integers(-1, 3)) if rng.random() < often else 0
 
     def call() -> np.ndarray:
-        fleet = Fleet(_CRANES, n, control_period=1e-2, drive=drive, forces=forces, threads=2)
+        fleet = Fleet(cranes, n, control_period=1e-2, drive=drive, forces=forces, threads=2)
         fleet.place(chosen, start, kinds)
         if forces or rng.random() < often:
             fleet.push(chosen, force)

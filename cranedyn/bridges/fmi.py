@@ -1,42 +1,34 @@
 """The crane as a co-simulation unit of FMI 3.0 (an FMU): the compiled loop in a shared library that needs no Python.
 
-``python -m cranedyn.bridges.fmi FILE.fmu`` writes one.
+``python -m cranedyn export fmu FILE.fmu`` writes one.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
-import os
 import platform
 import shutil
 import subprocess
-import sys
 import tempfile
 import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.bridges.names import input_names, state_names
-from cranedyn.command import Parser, command
-from cranedyn.compiled.call import AIM, LAW, ROW, SLOTS, STATE, SUMMARY, places, size
-from cranedyn.compiled.checked import elsewhere
-from cranedyn.compiled.kernel import Recipe
-from cranedyn.data.files import check_writable, written
+from cranedyn.bridges.joints import loaded
+from cranedyn.bridges.names import force_names, input_names, state_names
+from cranedyn.bridges.target import check_free, new_file
+from cranedyn.clocks import clocks
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.errors import CraneError, DataError, OutOfRange
-from cranedyn.interfaces import UNITS, Drive
-from cranedyn.model.crane import DRIVES, STANDARD_GRAVITY, Crane
-from cranedyn.model.description import parse_values
-from cranedyn.model.load import load_crane
-from cranedyn.simulation.clocks import clocks
+from cranedyn.errors import CraneError, ModelError, OutOfRange, quoted
+from cranedyn.interfaces import Drive
+from cranedyn.model.crane import Crane
 
 TARGET = "FILE"
 """What the command line writes."""
@@ -44,7 +36,6 @@ TARGET = "FILE"
 NAME = "cranedyn_crane"
 """Name of the model and of its library."""
 
-_FORCES = [f"{point}_force_{axis}" for point in ("payload", "trolley") for axis in "xyz"]
 _COMPILERS = ("cc", "gcc", "clang")
 _MADE = (1980, 1, 1, 0, 0, 0)
 """Date of the files in a unit, so that the same crane makes the same unit."""
@@ -93,22 +84,23 @@ def export(
         OutOfRange: If the file does not end so, a number is out of range, or there is no code for the stepping rule.
         DataError: If something stands there, or the file cannot be written.
         CraneError: If there is no C compiler, or the machine is of a kind that is not known.
-        ModelError: If the code would not do what Pinocchio does.
+        ModelError: If the code would not do what Pinocchio does, or two variables of the crane would have the same name.
     """
     final = Path(path)
     if final.suffix != ".fmu":
         raise OutOfRange("name of the unit", str(final), "one that ends in .fmu")
-    if os.path.lexists(final):
-        raise DataError(f"{final} is there already; move it away or choose another name.")
+    check_free(final)
     if drive not in ("effort", "motion"):
         raise OutOfRange("drive", drive, "effort or motion")
-    check_writable(final)
     clocks(dt, dt, dt)
+    from cranedyn.compiled.checked import elsewhere  # other doors need no llvmlite
+    from cranedyn.compiled.kernel import Recipe
+
     recipe = Recipe(1, drive, integrator, False, False, False, True, (True, True, True), log=True, summary=True)
     variables, code = _variables(crane, drive), elsewhere(crane, recipe)
     token = "{" + hashlib.sha256(code + repr((variables, dt)).encode() + _wrapper()).hexdigest()[:32] + "}"
-    library = _linked(code, _header(variables, token, dt))
-    with written(final) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as unit:
+    library = _linked(code, _header(crane, variables, token, dt))
+    with new_file(final) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as unit:
         for name, content in {
             "modelDescription.xml": _description(variables, token, dt, drive),
             f"binaries/{_platform()}/{NAME}{_ending()}": library,
@@ -119,20 +111,20 @@ def export(
 
 def _variables(crane: Crane, drive: str) -> list[Variable]:
     """All of them; the value reference of each is its place."""
-    names, n = state_names(crane), len(UNITS)
-    units = [*UNITS, *(f"{unit}/s" for unit in UNITS)]
-    efforts = [("N.m" if UNITS[i] == "rad" else "N") for i in DRIVES]
-    commanded = efforts if drive == "effort" else [f"{UNITS[i]}/s2" for i in DRIVES]
-    holding = holding_effort(crane, crane.start.q) if drive == "effort" else np.zeros(len(DRIVES))
+    layout, names, n = crane.layout, state_names(crane), crane.layout.n
+    units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
+    efforts = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
+    commanded = efforts if drive == "effort" else [f"{joint.unit}/s2" for joint in layout.driven]
+    holding = holding_effort(crane, crane.start.q) if drive == "effort" else np.zeros(layout.m)
     low, high = np.concatenate([crane.lower, np.full(n, -np.inf)]), np.concatenate([crane.upper, np.full(n, np.inf)])
     start = np.concatenate(crane.start)
-    return [
+    found = [
         Variable("time", "s", "independent"),
         *(
             Variable(f"{name}_command", unit, "input", value, about="held over a communication step")
             for name, unit, value in zip(input_names(crane, drive), commanded, holding.tolist(), strict=True)
         ),
-        *(Variable(name, "N", "input", 0.0, about="from outside, in the world") for name in _FORCES),
+        *(Variable(name, "N", "input", 0.0, about="from outside, in the world") for name in force_names(crane)),
         *(
             Variable(f"{name}_start", unit, "parameter", value, least, most, "where it begins")
             for name, unit, value, least, most in zip(names, units, start.tolist(), low.tolist(), high.tolist(), strict=True)
@@ -142,12 +134,16 @@ def _variables(crane: Crane, drive: str) -> list[Variable]:
         Variable("energy", "J", "output", about="mechanical, zero of height at the ground"),
         Variable("valid", "", "output", about="false once a joint has left its range, the rope is slack or the load touches the ground"),
     ]
+    known = [variable.name for variable in found]
+    if twice := [name for name in known if known.count(name) > 1]:
+        raise ModelError(f"Two variables of the unit would have the name {quoted(twice[0])}; rename a joint or a point of the crane.")
+    return found
 
 
 def _description(variables: Sequence[Variable], token: str, dt: float, drive: str) -> bytes:
     """modelDescription.xml."""
     root = ET.Element("fmiModelDescription", fmiVersion="3.0", modelName=NAME, instantiationToken=token, generationTool="cranedyn")
-    root.set("description", f"A tower crane whose drives take {'efforts' if drive == 'effort' else 'accelerations'}")
+    root.set("description", f"A crane whose drives take {'efforts' if drive == 'effort' else 'accelerations'}")
     ET.SubElement(
         root,
         "CoSimulation",
@@ -199,9 +195,12 @@ _BASE = {
 """Units by those of SI."""
 
 
-def _header(variables: Sequence[Variable], token: str, dt: float) -> str:
+def _header(crane: Crane, variables: Sequence[Variable], token: str, dt: float) -> str:
     """unit.h for `fmi.c`: what stands where."""
-    law, row, kept = places(LAW), places(ROW), places(SUMMARY)
+    from cranedyn.compiled.call import SLOTS, Sizes, places, size
+
+    sizes = Sizes.of(crane.layout)
+    law, row, kept = places(sizes.law), places(sizes.row), places(sizes.summary)
     names = [variable.name for variable in variables]
     first = {
         kind: next(i for i, variable in enumerate(variables) if variable.causality == kind) for kind in ("input", "parameter", "output")
@@ -209,26 +208,26 @@ def _header(variables: Sequence[Variable], token: str, dt: float) -> str:
     numbers = {
         "VARIABLES": len(variables),
         "COMMAND": first["input"],
-        "FORCE": names.index(_FORCES[0]),
+        "FORCE": names.index(force_names(crane)[0]),
         "START": first["parameter"],
         "OUTPUT": first["output"],
         "VALID": len(variables) - 1,
         "STATES": first["output"] - first["parameter"],
-        "DRIVES": len(DRIVES),
+        "DRIVES": sizes.m,
         "SLOTS": len(SLOTS),
         **{f"SLOT_{name.upper()}": slot for name, slot in SLOTS.items()},
-        "SIZE_STATE": size(STATE),
-        "SIZE_LAW": size(LAW),
-        "SIZE_AIM": size(AIM),
-        "SIZE_ROW": size(ROW),
-        "SIZE_SUMMARY": size(SUMMARY),
+        "SIZE_STATE": size(sizes.state),
+        "SIZE_LAW": size(sizes.law),
+        "SIZE_AIM": size(sizes.aim),
+        "SIZE_ROW": size(sizes.row),
+        "SIZE_SUMMARY": size(sizes.summary),
         "AT_FEED_FORWARD": law["feed_forward"].start,
         "AT_LIMIT": law["limit"].start,
         "AT_EFFORT": row["effort"].start,
         "AT_ENERGY": row["energy"].start,
         "AT_INVALID": kept["invalid"].start,
     }
-    rows = (f'  {{"{v.name}", {_c(v.start or 0.0)}, {_c(v.least)}, {_c(v.most)}}},' for v in variables)
+    rows = (f"  {{{_text(v.name)}, {_c(v.start or 0.0)}, {_c(v.least)}, {_c(v.most)}}}," for v in variables)
     return "\n".join(
         [
             f'#define TOKEN "{token}"',
@@ -244,6 +243,11 @@ def _header(variables: Sequence[Variable], token: str, dt: float) -> str:
 
 def _c(value: float) -> str:
     return repr(float(value)) if np.isfinite(value) else "INFINITY" if value > 0.0 else "-INFINITY"
+
+
+def _text(name: str) -> str:
+    """A name as a string of C, whatever characters a stranger's URDF has in it."""
+    return '"' + "".join(f"\\{byte:03o}" for byte in name.encode()) + '"'
 
 
 def _wrapper() -> bytes:
@@ -297,26 +301,4 @@ def add_arguments(made: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line asks for."""
-    values: dict[str, Any] = dict(parse_values(options.values))
-    crane = load_crane(options.urdf, gravity=options.gravity, **values)
-    return export(crane, options.target, drive=options.drive, dt=options.dt)
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write a unit from the command line: 0, or 2 with one sentence for bad arguments."""
-    parser = Parser(prog="python -m cranedyn.bridges.fmi", formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument("target", type=Path, metavar=TARGET, help="the unit, ending in .fmu; it must not be there yet")
-    parser.add_argument("--urdf", metavar="FILE", help="another crane than that of this project: a plain URDF, or a .xacro that you trust")
-    parser.add_argument("--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help="gravity of the world [m/s²]")
-    parser.add_argument("--set", dest="values", nargs="+", action="extend", default=[], metavar="name:=value", help="numbers of the crane")
-    add_arguments(parser)
-    return command(lambda: _main(parser.parse_args(argv)))
-
-
-def _main(options: argparse.Namespace) -> int:
-    print(f"Written to {run(options)}.")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return export(loaded(options), options.target, drive=options.drive, dt=options.dt)

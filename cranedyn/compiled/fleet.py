@@ -65,7 +65,7 @@ class Fleet:
             threads: How many, 1024 at most; by default one for each processor.
 
         Raises:
-            OutOfRange: If a number is out of range, there is no crane, one has other joints than the first, or they would not fit into 4 GB.
+            OutOfRange: If a number is out of range, there is no crane, one has another layout, or they would not fit into 4 GB.
             ModelError: If the code would not do what Pinocchio does.
         """
         if drive not in ("effort", "motion"):
@@ -123,7 +123,11 @@ class Fleet:
 
     @checked
     def push(self, which: np.ndarray, force: np.ndarray) -> None:
-        """Have forces from outside act on some cranes until something else is said: in the world [N], on the points of the crane, payload first, shape (k, 3 points).
+        """Have forces from outside act on some cranes until something else is said.
+
+        Args:
+            which: Which of the n, whole numbers, shape (k,).
+            force: In the world [N], on the points of each crane, the payload first, shape (k, 3 points).
 
         Raises:
             OutOfRange: If a number is not finite, an index not one of those there are, or forces were not asked for.

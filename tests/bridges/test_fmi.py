@@ -15,7 +15,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.bridges import fmi
-from cranedyn.bridges.names import input_names, state_names
+from cranedyn.bridges.command import main
+from cranedyn.bridges.names import force_names, input_names, state_names
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.interfaces import Drive
@@ -103,7 +104,7 @@ def test_a_unit_moves_as_simulate_does(units: dict[str, Path], tmp_path: Path, d
     commands = rng.uniform(-1.0, 1.0, (steps // 50, 3)).repeat(50, axis=0) * scale
     commands[:, 2] -= 9810.0 if drive == "effort" else 0.0
     push = (100.0, -50.0, 20.0, 10.0, 0.0, -5.0)
-    forces = dict(zip(fmi._FORCES, push, strict=True))
+    forces = dict(zip(force_names(c), push, strict=True))
     unit = Unit(units[drive], tmp_path).begin(**START, **forces)
     named = [f"{name}_command" for name in input_names(c, drive)]
     rows = []
@@ -119,7 +120,7 @@ def test_a_unit_moves_as_simulate_does(units: dict[str, Path], tmp_path: Path, d
         duration=steps * PERIOD,
         control_period=PERIOD,
         drive=drive,
-        disturbance=constant_force(push[:3], push[3:]),
+        disturbance=constant_force(c, payload=push[:3], trolley=push[3:]),
         validity="mark",
         engine=engine,
     )
@@ -221,15 +222,15 @@ def test_a_unit_is_a_hundred_times_as_quick_as_the_real_crane(unit: Unit) -> Non
 def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
     units: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(DataError, match="is there already; move it away"):
+    with pytest.raises(DataError, match="it is there already; name another"):
         fmi.export(crane(), units["effort"])
     with pytest.raises(OutOfRange, match=r"allowed is one that ends in \.fmu"):
         fmi.export(crane(), tmp_path / "crane.zip")
     with pytest.raises(OutOfRange, match="drive is torque"):
         fmi.export(crane(), tmp_path / "crane.fmu", drive="torque")  # type: ignore[arg-type]
-    assert fmi.main([str(tmp_path / "crane.fmu"), "--dt", "-1"]) == 2
+    assert main(["fmu", str(tmp_path / "crane.fmu"), "--dt", "-1"]) == 2
     assert capsys.readouterr().err == "error: dt is -1.0 s; allowed is > 0.\n"
-    assert fmi.main([str(units["motion"])]) == 2
+    assert main(["fmu", str(units["motion"])]) == 2
     assert "is there already" in capsys.readouterr().err
     with monkeypatch.context() as patch:
         patch.setattr("cranedyn.bridges.fmi.shutil.which", lambda name: None)
@@ -245,7 +246,7 @@ def test_the_same_crane_makes_the_same_unit(units: dict[str, Path], tmp_path: Pa
 
 def test_the_command_line_writes_a_unit_of_the_crane_that_it_describes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "heavy.fmu"
-    assert fmi.main([str(path), "--set", "payload_mass:=2000", "--gravity", "9.8", "--drive", "effort"]) == 0
+    assert main(["fmu", str(path), "--set", "payload_mass:=2000", "--gravity", "9.8", "--drive", "effort"]) == 0
     assert capsys.readouterr().out == f"Written to {path}.\n"
     start = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
     assert float(start["F_l_command"]) == pytest.approx(-2000.0 * 9.8, rel=1e-12)  # what holds the load

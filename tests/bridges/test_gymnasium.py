@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
 from cranedyn.interfaces import State
-from cranedyn.model.crane import DRIVES, PASSIVE
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane
@@ -26,6 +25,8 @@ from gymnasium.vector import AutoresetMode  # noqa: E402
 from benchmarks import environment  # noqa: E402
 from cranedyn.bridges.gymnasium import ID, TowerCraneVectorEnv  # noqa: E402
 from cranedyn.bridges.task import OBSERVED, PENALTY, Rules, Task, cranes_between  # noqa: E402
+
+DRIVES, PASSIVE = crane().layout.drives, crane().layout.passive
 
 
 def many(count: int, **how: Any) -> TowerCraneVectorEnv:
@@ -82,7 +83,7 @@ def test_each_crane_moves_as_in_simulate_whatever_its_load_wind_and_neighbours(e
             duration=steps * 0.1,
             control_period=0.1,
             drive="motion",
-            disturbance=constant_force(force),
+            disturbance=constant_force(env.task.crane_of(i), payload=force),
             validity="mark",
             engine=engine,
         )
