@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from cranedyn.bridges.control import from_control, to_control
-from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT
+from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 
@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, float]:
     trolley = to_control(crane, rest, drive="motion")["phi", "x_ddot"]
     plant = to_control(crane, rest, control_period=PERIOD)  # as `simulate` steps it: efforts, held
 
-    gain, _, poles = ct.dlqr(plant, STATE_WEIGHT, EFFORT_WEIGHT)
+    gain, _, poles = ct.dlqr(plant, state_weight_of(crane), effort_weight_of(crane))
     margins = {name: margins_at(plant, gain, i) for i, name in enumerate(plant.input_labels)}
     figure, axes = plt.subplots(2, 2, figsize=(10, 7), layout="constrained")
     ct.bode_plot(trolley, omega=np.logspace(-1, 1, 400), ax=axes[:, :1])

@@ -27,7 +27,7 @@ from cranedyn.simulation.simulate import simulate
 from experiments import cranes
 from experiments.oracles.reading import locked
 from experiments.relatives.catalogue import BEND, BRIDGE, HOOK, JIB, POINT, RELATIVES, ROPE, TWIST, Relative, crane_of, moved
-from tests.helpers import ROOT, big_crane, crane
+from tests.helpers import big_crane, crane
 from tests.rrd import numbers, rows
 
 each = pytest.mark.parametrize("relative", RELATIVES, ids=[relative.name for relative in RELATIVES])
@@ -245,28 +245,6 @@ def test_all_that_can_be_seen_of_a_crane_is_in_its_box(relative: Relative) -> No
     assert (low < place).all() and (place < high).all()
     assert low[2] == pytest.approx(0.0, abs=0.5)
     assert np.linalg.norm(high - low) > 30.0
-
-
-# --- the examples --------------------------------------------------------------------------------------------------------------------
-
-
-def test_a_wall_crane_from_a_urdf_of_ones_own_is_held_swept_and_recorded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "examples"))
-    import wall_crane  # type: ignore[import-not-found]
-
-    wall_crane.main(tmp_path)
-    said = capsys.readouterr().out
-    last = [float(line.split(": ")[1].split(" mrad")[0]) for line in said.splitlines()[:2]]
-    assert max(last) < 1.0  # of 141 and 283 mrad at the start
-    assert (tmp_path / "wall_crane.rrd").stat().st_size > 1e5
-
-
-def test_every_example_is_run_by_a_test() -> None:
-    tests = Path(__file__).read_text(encoding="utf-8")
-    for example in (ROOT / "examples").glob("*.py"):
-        assert f"{example.stem}.main(" in tests
 
 
 def test_hoisting_a_stretching_rope_steadily_does_not_make_it_bounce() -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ from tests.helpers import ROOT
 EXAMPLES = ROOT / "examples"
 
 
-def main(name: str) -> Callable[[list[str]], Any]:
+def main(name: str) -> Callable[..., Any]:
     """The entry of an example."""
     spec = importlib.util.spec_from_file_location(f"examples_{name}", EXAMPLES / f"{name}.py")
     assert spec is not None and spec.loader is not None
@@ -48,7 +50,22 @@ def learn_to_stop_the_swing(out: Path) -> None:
     assert set(learned.scores) > {"spline alone", "learned"}
 
 
-TESTS = {"control_design": control_design, "cosimulation": cosimulation, "learn_to_stop_the_swing": learn_to_stop_the_swing}
+def wall_crane(out: Path) -> None:
+    """Held, swept and recorded, from a URDF of one's own."""
+    pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+    with redirect_stdout(io.StringIO()) as said:
+        main("wall_crane")(out)
+    last = [float(line.split(": ")[1].split(" mrad")[0]) for line in said.getvalue().splitlines()[:2]]
+    assert max(last) < 1.0  # of 141 and 283 mrad at the start
+    assert (out / "wall_crane.rrd").stat().st_size > 1e5
+
+
+TESTS = {
+    "control_design": control_design,
+    "cosimulation": cosimulation,
+    "learn_to_stop_the_swing": learn_to_stop_the_swing,
+    "wall_crane": wall_crane,
+}
 
 
 def test_every_example_has_a_test() -> None:

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from cranedyn.bridges.names import input_names, state_names
 from cranedyn.controllers.affine import form
-from cranedyn.controllers.lqr import EFFORT_WEIGHT, STATE_WEIGHT
+from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
@@ -63,9 +63,9 @@ def test_a_gain_of_dlqr_runs_compiled_and_the_nonlinear_crane_moves_as_the_close
     c = crane()
     rest = c.state(x=12.0, l=15.0)
     plant = to_control(c, rest, **CLOCKS)
-    gain, _, _ = ct.dlqr(plant, STATE_WEIGHT, EFFORT_WEIGHT)
+    gain, _, _ = ct.dlqr(plant, state_weight_of(c), effort_weight_of(c))
     controller = from_control(c, gain, rest)
-    assert form(controller, np.arange(3.0), np.zeros((3, 3))) is not None  # what runs without Python
+    assert form(controller, np.arange(3.0), np.zeros((3, 3)), 10) is not None  # what runs without Python
     closed = ct.ss(plant.A - plant.B @ gain, plant.B, plant.C, 0, dt=PERIOD)
 
     def off(size: float) -> float:
@@ -84,7 +84,7 @@ def test_what_python_control_calls_a_state_feedback_is_the_same_controller() -> 
     c = crane()
     rest = c.state(l=12.0)
     plant = to_control(c, rest, **CLOCKS)
-    gain, _, _ = ct.dlqr(plant, STATE_WEIGHT, EFFORT_WEIGHT)
+    gain, _, _ = ct.dlqr(plant, state_weight_of(c), effort_weight_of(c))
     names, commands = state_names(c), input_names(c, "effort")
     turned = names[::-1]
     systems = [
@@ -103,8 +103,8 @@ def test_about_a_motion_the_gain_keeps_the_load_on_it(drive: Drive) -> None:
     start, goal = c.state(x=12.0, l=12.0), c.state(gamma=0.2, x=15.0, l=10.0)
     motion = flat(c, start, goal, 12.0, period=PERIOD)
     plant = to_control(c, start, drive=drive, **CLOCKS)
-    weight = EFFORT_WEIGHT if drive == "effort" else np.diag([10.0, 1.0, 1.0])
-    gain, _, _ = ct.dlqr(plant, STATE_WEIGHT, weight)
+    weight = effort_weight_of(c) if drive == "effort" else np.diag([10.0, 1.0, 1.0])
+    gain, _, _ = ct.dlqr(plant, state_weight_of(c), weight)
     controller = from_control(c, gain, motion, drive=drive, dt=2e-3)
     off = c.state(x=12.0, l=12.0, phi=0.05, theta=0.05)
     run = simulate(c, controller, motion, start=off, duration=40.0, drive=drive, engine=FAST, **CLOCKS)
