@@ -58,7 +58,7 @@ def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Found:
     model = mujoco.MjModel.from_xml_path(str(written))
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = run.state(0)
-    brake, setpoint, rows = hold_controller(crane), hold(run.state(0))(0.0), []
+    brake, setpoint, rows = hold_controller(crane), hold(crane, run.state(0))(0.0), []
     began = time.process_time()
     for t in run.t:
         state = State(data.qpos.copy(), data.qvel.copy())

@@ -58,7 +58,7 @@ def closed_form(crane: Crane, length: float, dt: float) -> Oscillation:
         length: Of the cable [m].
         dt: Physics step [s].
     """
-    inertia = crane.payload_mass * length**2 + crane.payload_inertia + crane.dummy_inertia[0]
+    inertia = crane.payload_mass * length**2 + crane.payload_inertia[0, 0] + crane.dummy_inertia[0]
     frequency = math.sqrt(crane.payload_mass * crane.gravity * length / inertia)
     return Oscillation(frequency, crane.dummy_inertia[0] / dt / (2.0 * inertia * frequency))
 

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from cranedyn import theory
 from cranedyn.analysis.swing import SwingFit, agreement, fit_swing
-from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.data.trajectory import Trajectory, read_columns
 from cranedyn.errors import DataError
 from cranedyn.model.crane import STANDARD_GRAVITY
@@ -71,9 +70,12 @@ class Pair:
 def pairs(setup: harness.Setup) -> dict[str, Pair]:
     """Every recording with its run made here, by name."""
     length, stiffness, damping, _ = a1.SOFT
-    stiff, damped = (STIFFNESS[0], stiffness, STIFFNESS[2]), (DAMPING[0], damping, DAMPING[2])
     runs = {f"a1_l{length:g}": a1.run(setup, length).trajectory for length in a1.PUBLISHED}
-    runs |= {"a1_soft": a1.run(setup, length, stiffness=stiff, damping=damped).trajectory, "a2": a2.run(setup), "a3": a3.run(setup)}
+    runs |= {
+        "a1_soft": a1.run(setup, length, stiffness={"x": stiffness}, damping={"x": damping}).trajectory,
+        "a2": a2.run(setup),
+        "a3": a3.run(setup),
+    }
     return {name: Pair(name, read_columns(RECORDINGS / f"{name}.parquet", COLUMNS), run) for name, run in runs.items()}
 
 

@@ -87,7 +87,7 @@ def test_the_tables_are_the_controller_to_the_bit(tmp_path: Path) -> None:
     rng, crane = np.random.default_rng(1), SETUP.crane
     tracking = Tracking(5e-3, rng.normal(size=(7, 3)), rng.normal(size=(7, 3, 10)), rng.normal(size=(7, 10)))
     controller = HoistIntegral(tracking, 1.0 / 3.0, 1e5, integral=0.1)
-    reference = ramp(hold(crane.start), "l", 1.0 / 3.0, rate=1.0 / 7.0, at=0.0)
+    reference = ramp(crane, hold(crane), "l", 1.0 / 3.0, rate=1.0 / 7.0, at=0.0)
     folder = gazebo.export(tmp_path / "out", Program(crane, controller, reference, crane.start, 0.05))
     shapes = {"feed_forward": (7, 3), "gain": (7, 3, 10), "setpoint": (7, 10)}
     for name, shape in shapes.items():

@@ -15,8 +15,7 @@ from cranedyn.bridges.mcap import check_installed
 from cranedyn.data.files import opened
 from cranedyn.data.tables import LARGEST
 from cranedyn.errors import CraneError, DataError, UnknownName, quoted
-from cranedyn.interfaces import COORDINATES, UNITS
-from cranedyn.model.crane import JOINTS
+from cranedyn.model.layout import ROLES
 
 ENDINGS = (".mcap", ".bag")
 """Of files that are read here."""
@@ -24,7 +23,7 @@ ENDINGS = (".mcap", ".bag")
 TYPE = "sensor_msgs/msg/JointState"
 TOPIC = "/joint_states"
 
-NAMES = {symbol: joint.name for symbol, joint in zip(COORDINATES, JOINTS, strict=True)}
+NAMES = {role.symbol: role.joint for role in ROLES.values()}
 """Names of the joints by the symbols of their coordinates, unless others are given."""
 
 _MOST = 100_000_000
@@ -89,8 +88,9 @@ def _columns(path: Path, columns: Sequence[str], names: Mapping[str, str]) -> di
 
 def _column(path: Path, messages: Sequence[Any], column: str, names: Mapping[str, str]) -> np.ndarray:
     """One coordinate or rate, shape (n,)."""
-    kinds = {f"{symbol}_{unit}": ("position", symbol) for symbol, unit in zip(COORDINATES, UNITS, strict=True)}
-    kinds |= {f"{symbol}_dot_{unit}_s": ("velocity", symbol) for symbol, unit in zip(COORDINATES, UNITS, strict=True)}
+    units = {role.symbol: "m" if role.kind == "prismatic" else "rad" for role in ROLES.values()}
+    kinds = {f"{symbol}_{unit}": ("position", symbol) for symbol, unit in units.items()}
+    kinds |= {f"{symbol}_dot_{unit}_s": ("velocity", symbol) for symbol, unit in units.items()}
     if column not in kinds:
         raise DataError(f"{path} cannot have a column {column}: joint states have positions and velocities.")
     kind, symbol = kinds[column]

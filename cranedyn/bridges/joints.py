@@ -7,8 +7,7 @@ from argparse import Namespace
 from typing import NamedTuple
 
 from cranedyn.errors import ModelError, number, quoted
-from cranedyn.interfaces import COORDINATES, UNITS
-from cranedyn.model.crane import DRIVES, Crane
+from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
 from cranedyn.model.load import load_crane
 from cranedyn.model.urdf import parse
@@ -82,15 +81,16 @@ def joints(crane: Crane, robot: ET.Element) -> tuple[Joint, ...]:
     """The moving joints of a crane in the order of its coordinates, from its model and its text."""
     elements = {element.get("name", ""): element for element in robot.iterfind("joint")}
     found = []
-    for i, name in enumerate(list(crane.model.names)[1:]):
+    for i, joint in enumerate(crane.layout.joints):
+        name = joint.name
         child, axis, limit = (elements[name].find(tag) for tag in ("child", "axis", "limit"))
         assert child is not None and limit is not None  # the crane was loaded from this text
         found.append(
             Joint(
                 name,
-                COORDINATES[i],
-                UNITS[i],
-                i in DRIVES,
+                joint.symbol,
+                joint.unit,
+                joint.driven,
                 child.get("link", ""),
                 "1 0 0" if axis is None else axis.get("xyz", "1 0 0"),
                 float(crane.lower[i]),

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cranedyn.clocks import Clocks, Timed, clocks
 from cranedyn.controllers.affine import Affine, form
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold
 from cranedyn.references.tabulated import tabulated
-from cranedyn.simulation.clocks import Clocks, Timed, clocks
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,11 @@ class Program:
             raise OutOfRange(f"drive of a run in {door}", self.drive, "effort: another engine's joints take forces")
         clock = self.clock
         times = clock.period * np.arange(clock.periods + 1)
-        positions = tabulated(hold(self.start) if self.reference is None else self.reference, times)[0]
+        layout = self.crane.layout
+        positions = tabulated(hold(self.crane, self.start) if self.reference is None else self.reference, times, layout.m)[0]
         if isinstance(self.controller, Timed):
             self.controller.run_begins(0.0, clock.period)
-        law = form(self.controller, times, positions)
+        law = form(self.controller, times, positions, 2 * layout.n)
         if law is None:
             name = type(self.controller).__name__
             raise DataError(f"The controller {name} is not affine in the state; {door} runs tables, not Python.")
