@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError
-from cranedyn.interfaces import State
+from cranedyn.interfaces import Drive, State
 from cranedyn.simulation.simulate import simulate
+from experiments.relatives.catalogue import BRIDGE, HOOK, ROPE, Relative
 from tests.helpers import crane
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
@@ -43,6 +45,39 @@ def test_efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate() -> None:
         )
         assert_allclose(found[:, :, i], np.hstack([run.q, run.v])[1:], atol=1e-11)  # round-off of efforts of 1e5 N m
     assert (np.abs(commands[:, 1]) > 500.0).any()
+
+
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+@pytest.mark.parametrize("relative", [HOOK, ROPE, BRIDGE], ids=lambda relative: relative.name)
+def test_cranes_of_other_topology_move_as_in_simulate_under_forces_on_their_points(relative: Relative, drive: Drive) -> None:
+    rng, kinds, steps = np.random.default_rng(4), [relative.crane(), relative.crane(payload_mass=1500.0)], 20
+    c, n, m = kinds[0], kinds[0].layout.n, kinds[0].layout.m
+    fleet = Fleet(kinds, COUNT, drive=drive, control_period=2e-2, dt=1e-3, forces=True)
+    start = State(c.start.q + rng.uniform(-0.01, 0.01, (COUNT, n)), rng.uniform(-0.01, 0.01, (COUNT, n)))
+    which, force = rng.integers(0, 2, COUNT), rng.uniform(-200.0, 200.0, (COUNT, 3 * len(c.points)))
+    fleet.place(np.arange(COUNT), start, which)
+    fleet.push(np.arange(COUNT), force)
+    size = holding_effort(c, c.start.q)[:, None] + 100.0 if drive == "effort" else 0.1
+    commands = rng.uniform(0.5, 1.0, (steps, m, COUNT)) * size
+    found = np.array([fleet.step(command).copy() for command in commands])
+    for i in (0, COUNT - 1):
+        run = simulate(
+            kinds[which[i]],
+            lambda t, state, setpoint, own=commands[:, :, i]: own[min(round(t / 2e-2), steps - 1)],
+            start=State(start.q[i], start.v[i]),
+            duration=steps * 2e-2,
+            dt=1e-3,
+            control_period=2e-2,
+            drive=drive,
+            disturbance=lambda t, state, own=force[i]: own.reshape(-1, 3),
+            validity="mark",
+        )
+        assert_allclose(found[:, :, i], np.hstack([run.q, run.v])[1:], atol=1e-11)  # round-off
+
+
+def test_cranes_of_different_joints_are_not_one_fleet() -> None:
+    with pytest.raises(CraneError, match=r"joints of a crane is yaw_joint, .*sling.*; allowed is those of the first"):
+        Fleet([crane(), HOOK.crane()], COUNT)
 
 
 @pytest.mark.parametrize("threads", [1, 3])

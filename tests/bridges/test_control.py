@@ -17,6 +17,7 @@ from cranedyn.errors import CraneError, OutOfRange, UnknownName
 from cranedyn.interfaces import Drive, State
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
+from experiments.relatives.catalogue import BRIDGE, HOOK, ROPE, Relative
 from tests.helpers import FAST, G, constant, crane
 
 ct = pytest.importorskip("control", reason="extra control (python-control) is not installed")
@@ -27,7 +28,7 @@ CLOCKS = {"dt": 2e-3, "control_period": PERIOD}
 
 
 def deviation(run: Trajectory, rest: State) -> np.ndarray:
-    """Coordinates and rates of a run beside those of a rest, shape (10, n)."""
+    """Coordinates and rates of a run beside those of a rest, shape (2 joints, n)."""
     return np.hstack([run.q - rest.q, run.v - rest.v]).T
 
 
@@ -53,6 +54,22 @@ def test_the_sampled_system_answers_a_small_step_as_the_nonlinear_crane_does(dri
     steps = 100
     found = ct.forced_response(plant, U=np.repeat(small[:, None], steps + 1, axis=1)).outputs
     holding = holding_effort(c, rest.q) if drive == "effort" else np.zeros(3)
+    run = simulate(c, constant(*(holding + small)), start=rest, duration=steps * PERIOD, drive=drive, engine=FAST, **CLOCKS)
+    off = np.abs(found - deviation(run, rest)).max(axis=1)
+    assert (off <= 2e-3 * np.abs(found).max(axis=1) + 1e-7).all(), off  # second order: deviations of about 1e-3
+
+
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+@pytest.mark.parametrize("relative", [HOOK, ROPE, BRIDGE], ids=lambda relative: relative.name)
+def test_the_system_of_a_crane_of_other_topology_answers_a_small_step_as_that_crane_does(relative: Relative, drive: Drive) -> None:
+    c = relative.crane()
+    rest, efforts = c.start, {"rad": 20.0, "m": 0.5}
+    small = np.array([efforts[joint.unit] if drive == "effort" else 1e-4 for joint in c.layout.driven])
+    plant = to_control(c, rest, drive=drive, **CLOCKS)
+    assert plant.state_labels == [*c.layout.symbols, *(f"{symbol}_dot" for symbol in c.layout.symbols)]
+    steps = 50
+    found = ct.forced_response(plant, U=np.repeat(small[:, None], steps + 1, axis=1)).outputs
+    holding = holding_effort(c, rest.q) if drive == "effort" else np.zeros(c.layout.m)
     run = simulate(c, constant(*(holding + small)), start=rest, duration=steps * PERIOD, drive=drive, engine=FAST, **CLOCKS)
     off = np.abs(found - deviation(run, rest)).max(axis=1)
     assert (off <= 2e-3 * np.abs(found).max(axis=1) + 1e-7).all(), off  # second order: deviations of about 1e-3

@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
@@ -18,10 +19,12 @@ from cranedyn.bridges import fmi
 from cranedyn.bridges.command import main
 from cranedyn.bridges.names import force_names, input_names, state_names
 from cranedyn.disturbances.wind import constant_force
-from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
 from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
+from experiments.relatives.catalogue import BRIDGE, HOOK, Relative
 from tests.helpers import crane
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
@@ -129,6 +132,59 @@ def test_a_unit_moves_as_simulate_does(units: dict[str, Path], tmp_path: Path, d
     assert_allclose(found[:, 10:13], run.effort[:-1], rtol=1e-9, atol=1e-6)  # of 1e4 N
     assert_allclose(found[:, 13], run.energy[:-1], rtol=1e-11)
     assert drive == "motion" or (np.abs(commands[:, 1]) > 800.0).any()  # and was cut
+
+
+@pytest.mark.parametrize("relative", [HOOK, BRIDGE], ids=lambda relative: relative.name)
+def test_a_unit_of_a_crane_of_other_topology_moves_as_simulate_does(tmp_path: Path, relative: Relative) -> None:
+    c, steps = relative.crane(), 200
+    path = fmi.export(c, tmp_path / "crane.fmu", drive="motion")
+    assert validate_fmu(path) == []
+    push = np.random.default_rng(2).uniform(-100.0, 100.0, (len(c.points), 3))
+    start = c.state(**{c.layout.symbols[i]: 0.1 for i in c.layout.passive.tolist()})
+    began = {f"{name}_start": value for name, value in zip(state_names(c), np.concatenate(start).tolist(), strict=True)}
+    unit = Unit(path, tmp_path / "unit").begin(**began, **dict(zip(force_names(c), push.ravel().tolist(), strict=True)))
+    unit.set(**{f"{name}_command": 0.1 for name in input_names(c, "motion")})
+    rows = []
+    for k in range(steps):
+        rows.append(unit.get(*state_names(c), *input_names(c, "effort"), "energy"))
+        unit.step(k)
+    unit.slave.freeInstance()
+    run = simulate(
+        c,
+        lambda t, state, setpoint: np.full(c.layout.m, 0.1),
+        start=start,
+        duration=steps * PERIOD,
+        control_period=PERIOD,
+        drive="motion",
+        disturbance=lambda t, state: push,
+        validity="mark",
+    )
+    assert_allclose(np.array(rows)[:, : 2 * c.layout.n], np.hstack([run.q, run.v])[:-1], rtol=0.0, atol=1e-12)
+    assert_allclose(np.array(rows)[:, 2 * c.layout.n : -1], run.effort[:-1], rtol=1e-9, atol=1e-6)  # of 1e4 N
+    assert_allclose(np.array(rows)[:, -1], run.energy[:-1], rtol=1e-11)
+
+
+def renamed(tmp_path: Path, name: str) -> Crane:
+    """The crane with its trolley joint of another name, by its URDF."""
+    path = tmp_path / "renamed.urdf"
+    path.write_text(crane().urdf.replace("trolley_joint", escape(name, {'"': "&quot;"})))
+    return load_crane(path, gravity=9.81)
+
+
+def test_names_of_a_strangers_joints_are_texts_to_the_unit_and_never_code(tmp_path: Path) -> None:
+    name = 'x", 0.0, 0.0, 0.0}}; int evil(void) { return 1; } /* \\ ü ??/'
+    c = renamed(tmp_path, name)
+    unit = Unit(fmi.export(c, tmp_path / "crane.fmu"), tmp_path / "unit").begin()
+    assert unit.get(name) == [c.start.q[1]]
+    with pytest.raises(FMICallException):
+        unit.set(**{f"F_{name}_command": np.nan})
+    assert unit.told[-1] == f"F_{name}_command is nan; allowed is a number from -inf to inf."
+    unit.slave.freeInstance()
+
+
+def test_two_variables_of_one_name_are_refused_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="Two variables of the unit would have the name energy"):
+        fmi.export(renamed(tmp_path, "energy"), tmp_path / "crane.fmu")
 
 
 def test_a_step_of_another_length_is_the_same_motion_and_one_between_physics_steps_is_refused(unit: Unit) -> None:

@@ -11,10 +11,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.disturbances.wind import constant_force
-from cranedyn.errors import CraneError, OutOfRange, UnknownName
+from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
+from experiments.relatives.catalogue import HOOK
 from tests.helpers import crane
 
 gym = pytest.importorskip("gymnasium", reason="extra gymnasium is not installed")
@@ -213,6 +214,16 @@ def test_an_episode_is_drawn_by_rerun_and_is_the_one_that_was_seen(tmp_path: Pat
 def test_what_cannot_be_is_refused_in_a_sentence(how: dict[str, Any], sentence: str) -> None:
     with pytest.raises(CraneError, match=sentence):
         TowerCraneVectorEnv(**({"crane": crane()} | how))
+
+
+def test_a_crane_for_which_the_task_is_not_made_is_refused_in_a_sentence() -> None:
+    with pytest.raises(ModelError, match="The task of moving a load without swing is made for a tower crane of five joints; this one also"):
+        many(2, crane=HOOK.crane())
+    with pytest.raises(OutOfRange, match=r"rate limit is \(1.0, 1.0\); allowed is three numbers"):
+        many(2, limits=Limits(rates=(1.0, 1.0), accelerations=(1.0, 1.0)))
+    env = many(2)
+    with pytest.raises(OutOfRange, match="start is a state of 4 coordinates; allowed is one of 5"):
+        env.reset(options={"start": State(np.zeros(4), np.zeros(4))})
 
 
 def test_actions_and_options_that_are_none_are_refused_in_a_sentence() -> None:
