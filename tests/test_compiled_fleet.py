@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Drive, State
+from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives.catalogue import BRIDGE, HOOK, ROPE, Relative
 from tests.helpers import crane
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.fleet import Fleet
 
 COUNT = 19
@@ -78,6 +82,21 @@ def test_cranes_of_other_topology_move_as_in_simulate_under_forces_on_their_poin
 def test_cranes_of_different_joints_are_not_one_fleet() -> None:
     with pytest.raises(CraneError, match=r"joints of a crane is yaw_joint, .*sling.*; allowed is those of the first"):
         Fleet([crane(), HOOK.crane()], COUNT)
+
+
+SPRING = """<gazebo reference="swing_radial_joint"><springStiffness>2e4</springStiffness></gazebo></robot>"""
+
+
+@pytest.mark.parametrize(
+    "together",
+    [lambda cranes: Fleet(cranes, COUNT), lambda cranes: simulate_batch(cranes, hold_controller(cranes[0]), duration=0.01)],
+    ids=["fleet", "batch"],
+)
+def test_cranes_with_springs_in_different_joints_do_not_run_together(together: Any, tmp_path: Path) -> None:
+    path = tmp_path / "sprung.urdf"
+    path.write_text(crane().urdf.replace("</robot>", SPRING))
+    with pytest.raises(CraneError, match="joints of a crane with springs is swing_radial_joint; allowed is those of the first crane"):
+        together([crane(), load_crane(path, gravity=9.81)])
 
 
 @pytest.mark.parametrize("threads", [1, 3])
