@@ -86,7 +86,7 @@ def test_the_plugin_puts_joints_where_they_start_and_limits_the_drives_only(a1: 
 def test_the_tables_are_the_controller_to_the_bit(tmp_path: Path) -> None:
     rng, crane = np.random.default_rng(1), SETUP.crane
     tracking = Tracking(5e-3, rng.normal(size=(7, 3)), rng.normal(size=(7, 3, 10)), rng.normal(size=(7, 10)))
-    controller = HoistIntegral(tracking, 1.0 / 3.0, 1e5, integral=0.1)
+    controller = HoistIntegral(crane, tracking, 1.0 / 3.0, 1e5, integral=0.1)
     reference = ramp(crane, hold(crane), "l", 1.0 / 3.0, rate=1.0 / 7.0, at=0.0)
     folder = gazebo.export(tmp_path / "out", Program(crane, controller, reference, crane.start, 0.05))
     shapes = {"feed_forward": (7, 3), "gain": (7, 3, 10), "setpoint": (7, 10)}

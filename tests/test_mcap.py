@@ -79,7 +79,7 @@ def test_the_frames_put_the_load_where_the_model_does(messages: Any, run: Trajec
     (_, static), *_ = messages["/tf_static"]
     for time, message in messages["/tf"][:: len(messages["/tf"]) // 5]:
         frames = {one.child_frame_id: one for one in [*static.transforms, *message.transforms]}
-        assert list(frames) == ["base_link", "upper_link", "trolley_link", "swing_r_link", "swing_t_link", "hook_link"]
+        assert list(frames) == ["foot_link", "base_link", "upper_link", "trolley_link", "swing_r_link", "swing_t_link", "hook_link"]
         point, frame = np.zeros(3), "hook_link"
         while frame != "world":
             moved, turned = frames[frame].transform.translation, frames[frame].transform.rotation
