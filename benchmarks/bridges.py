@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.bridges import bags, gazebo, mcap, mjcf, ros2
+from cranedyn.bridges import bags, fmi, gazebo, mcap, mjcf, ros2
+from cranedyn.bridges.names import input_names, state_names
 from cranedyn.command import Parser, command
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
@@ -69,6 +70,33 @@ def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Found:
     return Found("coordinates and rates, 20 s of swing, hold", float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()), speed)
 
 
+def _fmu(written: Path, crane: Crane, run: Trajectory) -> Found:
+    """The run again, by the unit in FMPy's hands under the same brake."""
+    import fmpy
+    from fmpy.fmi3 import FMU3Slave
+
+    description = fmpy.read_model_description(written)
+    reference = {variable.name: variable.valueReference for variable in description.modelVariables}
+    folder = fmpy.extract(written, written.with_suffix(""))
+    unit = FMU3Slave(guid=description.guid, unzipDirectory=folder, modelIdentifier=fmi.NAME, instanceName="crane")
+    names, start = state_names(crane), run.state(0)
+    states, commands = ([reference[name] for name in group] for group in (names, [f"{i}_command" for i in input_names(crane, "effort")]))
+    unit.instantiate()
+    unit.enterInitializationMode()
+    unit.setFloat64([reference[f"{name}_start"] for name in names], np.concatenate(start).tolist())
+    unit.exitInitializationMode()
+    brake, setpoint, rows = hold_controller(crane), hold(crane, start)(0.0), []
+    began = time.process_time()
+    for k, t in enumerate(run.t):
+        rows.append(np.array(unit.getFloat64(states)))
+        unit.setFloat64(commands, brake(t, State(*np.split(rows[-1], 2)), setpoint).tolist())
+        unit.doStep(k * SETUP.control_period, SETUP.control_period)
+    speed = 10 * len(run) / (time.process_time() - began)
+    unit.terminate()
+    unit.freeInstance()
+    return Found("coordinates and rates, 20 s of swing, hold", float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()), speed)
+
+
 def _mcap(written: Path, crane: Crane, run: Trajectory) -> Found:
     """All coordinates and rates read back."""
     columns = [f"{s}_{kind}" for s, u in (("gamma", "rad"), ("x", "m"), ("phi", "rad"), ("l", "m")) for kind in (u, f"dot_{u}_s")]
@@ -91,6 +119,7 @@ DOORS: tuple[Door, ...] = (
     ("gazebo", "a1", lambda path, crane, run: gazebo.export(path, programs.program("a1", SETUP)), _gazebo),
     ("ros2", "package", lambda path, crane, run: ros2.export(path, crane), _ros2),
     ("mjcf", "crane.xml", lambda path, crane, run: mjcf.export(path, crane), _mjcf),
+    ("fmu", "crane.fmu", lambda path, crane, run: fmi.export(crane, path), _fmu),
     ("mcap", "run.mcap", mcap.export, _mcap),
 )
 """By the word of the command line: where it writes, how, and what the other side does."""

@@ -141,8 +141,8 @@ Call = Callable[[], Any]
 
 def calls(rng: np.random.Generator) -> Call:
     """One call of something public that runs compiled code; the same for the same generator."""
-    kind = rng.choice(["batch", "batch", "batch", "simulate", "simulate", "rows"])
-    return {"batch": _batch, "simulate": _run, "rows": _rows}[kind](rng)
+    kind = rng.choice(["batch", "batch", "batch", "simulate", "simulate", "rows", "fleet"])
+    return {"batch": _batch, "simulate": _run, "rows": _rows, "fleet": _fleet}[kind](rng)
 
 
 def _wrong(rng: np.random.Generator, array: np.ndarray) -> Any:
@@ -279,6 +279,32 @@ def _rows(rng: np.random.Generator) -> Call:
         _ROBOTS[joints] = forward_dynamics(crane.model)
     parts = [_maybe(rng, rng.normal(size=(n, joints)), 0.2) for _ in range(3)]
     return lambda: _ROBOTS[joints](*parts)
+
+
+def _fleet(rng: np.random.Generator) -> Call:
+    from cranedyn.compiled.fleet import Fleet
+    from cranedyn.interfaces import State
+
+    cranes = _common(rng)[0]
+    joints, drives, points = cranes[0].layout.n, cranes[0].layout.m, len(cranes[0].points)
+    n, often, forces = int(rng.integers(1, 40)), float(rng.choice([0.0, 0.1])), bool(rng.random() < 0.5)
+    drive = str(rng.choice(["motion", "effort"]))
+    which = rng.choice(n, int(rng.integers(0, n + 1)), replace=False)
+    q, v = np.tile(cranes[0].start.q, (len(which), 1)), np.zeros((len(which), joints))
+    start = State(_maybe(rng, q, often), _maybe(rng, v, often))
+    kinds, given = rng.integers(0, 2, len(which)), rng.normal(size=(drives, n))
+    chosen, kinds, command = _maybe(rng, which, often), _maybe(rng, kinds, often), _maybe(rng, given, often)
+    force, part = _maybe(rng, np.zeros((len(which), 3 * points)), often), int(rng.integers(-1, 3)) if rng.random() < often else 0
+
+    def call() -> np.ndarray:
+        fleet = Fleet(cranes, n, control_period=1e-2, drive=drive, forces=forces, threads=2)
+        fleet.place(chosen, start, kinds)
+        if forces or rng.random() < often:
+            fleet.push(chosen, force)
+        fleet.advance(part, command[:, fleet.parts[0]] if isinstance(command, np.ndarray) and command.ndim > 1 else command)
+        return fleet.step(command).copy()
+
+    return call
 
 
 def _numbers(found: Any) -> list[np.ndarray]:

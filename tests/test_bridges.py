@@ -13,7 +13,7 @@ from cranedyn.bridges.command import DOORS, main
 from cranedyn.bridges.target import new_file, new_folder
 from cranedyn.errors import CraneError
 from experiments import a3, harness
-from tests.helpers import FAST, ROOT
+from tests.helpers import FAST, ROOT, python
 
 PAGE = (ROOT / "docs" / "bridges.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^python -m cranedyn export (.+)$", PAGE, re.MULTILINE)
@@ -37,7 +37,7 @@ def test_the_page_has_a_command_for_every_door() -> None:
 
 
 def test_the_table_of_the_page_is_what_the_benchmark_prints() -> None:
-    for package in ("mujoco", "mcap_ros2", "rosbags", "llvmlite"):
+    for package in ("mujoco", "mcap_ros2", "rosbags", "llvmlite", "fmpy"):
         pytest.importorskip(package)
     made = bridges.table()
     assert {row[0] for row in made.rows} == set(DOORS)
@@ -63,6 +63,14 @@ def test_a_target_is_whole_or_not_there(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(CraneError, match="no name holds a NUL"), new_file(tmp_path / "a\0b"):
         pass
+
+
+def test_without_llvmlite_only_the_door_that_needs_it_stays_shut(tmp_path: Path) -> None:
+    script = "import sys; sys.modules['llvmlite'] = None; from cranedyn.bridges.command import main; sys.exit(main(sys.argv[1:]))"
+    assert python(script, "mjcf", tmp_path / "crane.xml").returncode == 0
+    shut = python(script, "fmu", tmp_path / "crane.fmu")
+    assert shut.returncode == 2 and shut.stderr.startswith("error: The compiled engine needs llvmlite, which is not installed: pip install")
+    assert [path.name for path in tmp_path.iterdir()] == ["crane.xml"]
 
 
 def test_no_door_is_no_door(capsys: pytest.CaptureFixture[str]) -> None:

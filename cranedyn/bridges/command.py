@@ -12,6 +12,7 @@ from cranedyn.command import Parser, command
 from cranedyn.model.crane import STANDARD_GRAVITY
 
 DOORS = {
+    "fmu": "cranedyn.bridges.fmi",
     "gazebo": "cranedyn.bridges.gazebo",
     "mcap": "cranedyn.bridges.mcap",
     "mjcf": "cranedyn.bridges.mjcf",

@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.compiled.door import accelerations
-from cranedyn.compiled.kernel import Kernel, Recipe, kernel
+from cranedyn.compiled.kernel import Kernel, Recipe, kernel, text
+from cranedyn.compiled.machine import object_code
 from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.joint_forces import JointForces
@@ -45,6 +46,17 @@ def compiled(cranes: Sequence[Crane] | Cranes, recipe: Recipe) -> tuple[Kernel, 
                 check(crane, code, row)
                 code.agreed.add(row.tobytes())
     return code, own
+
+
+def elsewhere(crane: Crane, recipe: Recipe) -> bytes:
+    """The code for one crane as an object file for other programs, held against Pinocchio here, see `compiled`.
+
+    Raises:
+        OutOfRange: If there is no code for the stepping rule.
+        ModelError: If the code does not do what Pinocchio does.
+    """
+    compiled([crane], recipe)
+    return object_code(text(Topology.of(crane), numbers(crane).tolist(), recipe))
 
 
 @lru_cache(maxsize=256)

@@ -212,3 +212,30 @@ class Loop:
         run = partial(self._run, self._call.ctypes.data)
         run.kept = self  # type: ignore[attr-defined]  # an address keeps nothing
         return run
+
+    def steps(self) -> Callable[[int, int], None]:
+        """Steps of one control period for the groups from one up to, but without, another, under the commands that their states hold.
+
+        Many groups are gone through in one call, which takes some tenths of a second at most.
+
+        Raises:
+            OutOfRange: If a period has too many steps for that.
+        """
+        if self._steps * self._weight > _PIECE:
+            raise OutOfRange("steps in a control period", self._steps, f"{_PIECE // self._weight} or less")
+        run, most = self._kept[0].machine.function("several", 2), _PIECE // (self._steps * self._weight)
+        calls = np.repeat(self._call[None], self._groups, axis=0)
+        for slot, begin, stride in self._moving:
+            calls[:, slot] = begin + stride * np.arange(self._groups)
+        for name, value in {"first": 0, "last": 1, "steps": self._steps, "going_on": 1}.items():
+            calls[:, SLOTS[name]] = value
+
+        def over(first: int, last: int) -> None:
+            if not 0 <= first <= last <= self._groups:
+                raise OutOfRange("groups", f"{first} to {last}", f"0 to {self._groups}")
+            for begin in range(first, last, most):
+                part, count = calls[begin : min(begin + most, last)], np.empty(1, dtype=np.int64)
+                count[0] = len(part)
+                run(part.ctypes.data, count.ctypes.data)
+
+        return over

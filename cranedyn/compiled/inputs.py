@@ -12,6 +12,7 @@ from cranedyn.compiled.call import Sizes, size
 from cranedyn.compiled.tables import Table, aim, law, shortened, table
 from cranedyn.controllers.affine import Affine, form
 from cranedyn.dynamics.cranes import Cranes
+from cranedyn.dynamics.plant import Topology
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
@@ -164,14 +165,18 @@ def one_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
     """The layout of all cranes.
 
     Raises:
-        OutOfRange: If one has another than the first: other joints, drives or points.
+        OutOfRange: If one has another than the first: other joints, drives or points, or springs elsewhere.
     """
-    layout = cranes[0].layout
+    first = Topology.of(cranes[0])
     for crane in () if isinstance(cranes, Cranes) else cranes:
-        if crane.layout != layout:
+        if crane.layout != first.layout:
             joints = ", ".join(joint.name for joint in crane.layout.joints)
             raise OutOfRange("joints of a crane", joints, "those of the first crane of the batch")
-    return layout
+        if Topology.of(crane) != first:
+            stretch = None if crane.springs.rope is None else crane.springs.rope.stretch
+            sprung = [joint.name for i, joint in enumerate(crane.layout.joints) if crane.springs.stiffness[i] or i == stretch]
+            raise OutOfRange("joints of a crane with springs", ", ".join(sprung) or "none", "those of the first crane of the batch")
+    return first.layout
 
 
 def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) -> Affine:

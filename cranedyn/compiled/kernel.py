@@ -53,8 +53,8 @@ class Kernel(NamedTuple):
     Attributes:
         recipe: What it can do.
         sizes: Of its memory.
-        machine: What holds its functions: run, the loop; answer, accelerations at one state for each lane; and, of code for one crane that
-            keeps no log, energies, of many states.
+        machine: What holds its functions: run, the loop; answer, accelerations at one state for each lane; and, of code that keeps no log,
+            for one crane energies, of many states, for more several, the loop for each of many groups.
         varied: How many numbers each lane has of its own.
         agreed: Varied numbers of the cranes with which it was compared with Pinocchio.
     """
@@ -68,12 +68,20 @@ class Kernel(NamedTuple):
 
 def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> Kernel:
     """Make the code for a crane whose numbers are constants, or None where each lane has its own."""
+    made = translated(text(topology, constants, recipe))
+    return Kernel(recipe, Sizes.of(topology.layout), made, list(constants).count(None), set())
+
+
+def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> ir.Module:
+    """The code as a text for LLVM, see `kernel`."""
     module = ir.Module()
     _Loop(Code(module, "run", ["call"], recipe.lanes), topology, constants, recipe).emit()
     _emit_answer(Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes), topology, constants, recipe)
     if recipe.lanes == 1 and not recipe.log:
         _emit_energies(Code(module, "energies", ["given", "count", "energies"], 1), topology, constants, recipe)
-    return Kernel(recipe, Sizes.of(topology.layout), translated(module), list(constants).count(None), set())
+    if recipe.lanes > 1 and not recipe.log:
+        _emit_several(Code(module, "several", ["calls", "count"], 1), module.globals["run"])
+    return module
 
 
 def _plant(code: Code, own: ir.Value, topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> Plant:
@@ -99,6 +107,13 @@ def _emit_energies(code: Code, topology: Topology, constants: Sequence[float | N
         first = code.product(row, 2 * n)
         state = array([code.spread(given, code.builder.add(first, code.integer(i))) for i in range(2 * n)])
         code.store(crane.energy(state[:n], state[n:]), code.argument["energies"], row)
+    code.end()
+
+
+def _emit_several(code: Code, run: ir.Function) -> None:
+    with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as group:
+        call = code.builder.gep(code.argument["calls"], [code.product(group, len(SLOTS))], source_etype=INTEGER)
+        code.builder.call(run, [call])
     code.end()
 
 

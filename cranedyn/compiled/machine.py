@@ -50,6 +50,14 @@ def translated(module: ir.Module) -> Machine:
     return Machine(engine, context)
 
 
+def object_code(module: ir.Module) -> bytes:
+    """Translate a module into an object file that any processor of this machine's kind runs, to be linked into a shared library."""
+    code = binding.parse_assembly(str(module), binding.create_context())
+    target = _initialised().create_target_machine(opt=3, reloc="pic", codemodel="default")
+    _optimise(code, target)
+    return target.emit_object(code)
+
+
 def _optimise(code: Any, target: Any) -> None:
     passes = binding.create_pass_builder(target, binding.create_pipeline_tuning_options(speed_level=2))
     manager = passes.getModulePassManager()

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     import pyarrow
     from matplotlib.figure import Figure
 
-    from cranedyn.model.crane import Crane
-
 
 class Shown:
     """What a table with columns `table` and a time `t` shows of itself."""
@@ -75,7 +73,7 @@ class Shown:
         figure: Figure = importlib.import_module("cranedyn.plotting.run").plot(self, *columns)
         return figure
 
-    def view(self, crane: Crane | None = None, *, name: str = "run", file: str | Path | None = None) -> Path:
+    def view(self, crane: Any = None, *, name: str = "run", file: str | Path | None = None) -> Path:
         """Record the run and open the recording in the viewer's window.
 
         Args:

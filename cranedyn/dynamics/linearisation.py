@@ -16,7 +16,7 @@ from cranedyn.arrays import finite, shaped
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.errors import Misshapen, ModelError, OutOfRange, whole, within
-from cranedyn.interfaces import State
+from cranedyn.interfaces import Drive, State
 from cranedyn.model.crane import Crane
 
 
@@ -44,30 +44,68 @@ class Sampled:
         return self.a - self.b @ finite("gain", gain, self.b.T.shape)
 
 
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """dz/dt = a z + b u.
+
+    Attributes:
+        a: Shape (2 n, 2 n).
+        b: Shape (2 n, m).
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+
+    @checked
+    def sampled(self, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
+        """Step it exactly as `simulate` does: semi-implicit Euler in steps of `dt` [s] under a command held for a control period [s].
+
+        Raises:
+            OutOfRange: If a time is out of range, or the period is not a multiple of `dt`.
+        """
+        steps = clocks(control_period, dt, control_period).steps
+        nz, m = self.b.shape
+        n = nz // 2
+        step_v = np.hstack([np.zeros((n, n)), np.eye(n)]) + dt * self.a[n:]
+        step = np.vstack([np.eye(n, nz) + dt * step_v, step_v])
+        input_matrix = np.vstack([dt * dt * self.b[n:], dt * self.b[n:]])
+        over_period = np.linalg.matrix_power(np.block([[step, input_matrix], [np.zeros((m, nz)), np.eye(m)]]), steps)
+        return Sampled(over_period[:nz, :nz], over_period[:nz, nz:], control_period)
+
+
 @checked
-def sampled(crane: Crane, state: State, effort: np.ndarray | None = None, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
-    """Linearise a crane about a state and step it exactly as `simulate` does: semi-implicit Euler under a held effort.
+def linear(crane: Crane, state: State, effort: np.ndarray | None = None, *, drive: Drive = "effort") -> Linear:
+    """Linearise a crane about a state.
 
     Args:
         crane: The crane.
         state: Where it hangs at rest, or passes by in a motion.
         effort: What the drives exert there, shape (m,); None for what balances gravity.
-        dt: Physics step [s].
-        control_period: Time over which efforts are held [s], a multiple of `dt`.
+        drive: What u is: "effort", or with "motion" the accelerations of the drives.
 
     Raises:
-        OutOfRange: If a time is out of range or the period not a multiple of `dt`, or the effort not one finite number for each drive.
+        OutOfRange: If the effort is not one finite number for each drive, or `drive` is none of these.
     """
-    n, m = crane.layout.n, crane.layout.m
-    steps = clocks(control_period, dt, control_period).steps
+    if drive not in ("effort", "motion"):
+        raise OutOfRange("drive", drive, "effort or motion")
+    n, m, drives = crane.layout.n, crane.layout.m, crane.layout.drives
     exerted = holding_effort(crane, state.q) if effort is None else finite("effort", effort, (m,))
-    by_state, by_effort = linearise(crane, state, exerted)
-    step_v = np.hstack([np.zeros((n, n)), np.eye(n)]) + dt * by_state
-    step = np.vstack([np.eye(n, 2 * n) + dt * step_v, step_v])
-    input_matrix = np.vstack([dt * dt * by_effort, dt * by_effort])
-    over_period = np.linalg.matrix_power(np.block([[step, input_matrix], [np.zeros((m, 2 * n)), np.eye(m)]]), steps)
-    a, b = over_period[: 2 * n, : 2 * n], over_period[: 2 * n, 2 * n :]
-    return Sampled(a, b, control_period)
+    by_state, by_command = linearise(crane, state, exerted)
+    if drive == "motion":  # the efforts are then what gives the drives their accelerations
+        moved = by_command @ np.linalg.inv(by_command[drives])
+        by_state, by_command = by_state - moved @ by_state[drives], moved
+        by_state[drives], by_command[drives] = 0.0, np.eye(m)
+    return Linear(np.vstack([np.eye(n, 2 * n, n), by_state]), np.vstack([np.zeros_like(by_command), by_command]))
+
+
+@checked
+def sampled(crane: Crane, state: State, effort: np.ndarray | None = None, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
+    """Linearise a crane that takes efforts about a state, and step it as `simulate` does, see `linear` and `Linear.sampled`.
+
+    Raises:
+        OutOfRange: As these.
+    """
+    return linear(crane, state, effort).sampled(dt=dt, control_period=control_period)
 
 
 @checked

@@ -1,0 +1,54 @@
+"""Steps a second of the environment for learning, each of 200 physics steps: many cranes, each with its own load, wind and episode."""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from cranedyn.bridges.gymnasium import TowerCraneVectorEnv
+from cranedyn.bridges.task import cranes_between
+
+COUNTS = (1024, 4096, 16_384, 65_536)
+
+
+def measure(count: int, rounds: int, seconds: float) -> tuple[float, float, float]:
+    """Steps a second of wall time, the best and the median round, and steps in a second of processor time."""
+    env = TowerCraneVectorEnv(count, crane=cranes_between(4, payload_mass=(500.0, 3000.0)), wind=10.0, reach=(0.6, 10.0, 5.0))
+    env.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (count, 3)).astype(np.float32)
+    env.step(actions)
+    rates, processor = [], []
+    for _ in range(rounds):
+        wall, busy, steps = time.perf_counter(), time.process_time(), 0
+        while not steps or time.perf_counter() - wall < seconds:
+            env.step(actions)
+            steps += count
+        rates.append(steps / (time.perf_counter() - wall))
+        processor.append(steps / (time.process_time() - busy))
+    return max(rates), statistics.median(rates), statistics.median(processor)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure and print; 1 if no number of cranes makes the steps asked for in its best round, else 0."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.environment", description=__doc__)
+    parser.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="numbers of cranes")
+    parser.add_argument("--rounds", type=int, default=9, help="(default 9)")
+    parser.add_argument("--seconds", type=float, default=0.3, help="of a round, one step at least (default 0.3)")
+    parser.add_argument("--least", type=float, default=0.0, help="million steps a second asked for (default none)")
+    options = parser.parse_args(argv)
+    print("cranes   best [M/s]   median [M/s]   in a second of one processor [M]")
+    best = []
+    for count in options.counts:
+        found = [1e-6 * rate for rate in measure(count, max(options.rounds, 1), options.seconds)]
+        best.append(found[0])
+        print(f"{count:6}   {found[0]:10.3f}   {found[1]:12.3f}   {found[2]:32.3f}")
+    return 0 if max(best) >= options.least else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,304 @@
+"""The crane as a co-simulation unit of FMI 3.0 (an FMU): the compiled loop in a shared library that needs no Python.
+
+``python -m cranedyn export fmu FILE.fmu`` writes one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import platform
+import shutil
+import subprocess
+import tempfile
+import xml.etree.ElementTree as ET
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cranedyn.arguments import checked
+from cranedyn.bridges.joints import loaded
+from cranedyn.bridges.names import force_names, input_names, state_names
+from cranedyn.bridges.target import check_free, new_file
+from cranedyn.clocks import clocks
+from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.errors import CraneError, ModelError, OutOfRange, quoted
+from cranedyn.interfaces import Drive
+from cranedyn.model.crane import Crane
+
+TARGET = "FILE"
+"""What the command line writes."""
+
+NAME = "cranedyn_crane"
+"""Name of the model and of its library."""
+
+_COMPILERS = ("cc", "gcc", "clang")
+_MADE = (1980, 1, 1, 0, 0, 0)
+"""Date of the files in a unit, so that the same crane makes the same unit."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of the unit.
+
+    Attributes:
+        name: Its name.
+        unit: Of its value; empty for a pure number.
+        causality: As FMI calls it: independent, input, parameter or output.
+        start: Value at the start; None for what is computed.
+        least, most: Its range.
+        about: What it is.
+    """
+
+    name: str
+    unit: str
+    causality: str
+    start: float | None = None
+    least: float = -np.inf
+    most: float = np.inf
+    about: str = ""
+
+
+@checked
+def export(
+    crane: Crane, path: str | Path, *, drive: Drive = "effort", dt: float = 5e-4, integrator: Integrator = semi_implicit_euler
+) -> Path:
+    """Write a crane as an FMU for this kind of machine.
+
+    Its inputs are the commands of the drives and forces from outside, held over a communication step, which is a multiple of `dt`; its
+    outputs are the state, the efforts, the energy, and whether the model holds. It moves as in `simulate` with validity = mark and the
+    communication step as control period.
+
+    Args:
+        crane: The crane.
+        path: The file, ending in ``.fmu``; none may be there.
+        drive: What is commanded, see `simulate`.
+        dt: Physics step [s].
+        integrator: The stepping rule.
+
+    Raises:
+        OutOfRange: If the file does not end so, a number is out of range, or there is no code for the stepping rule.
+        DataError: If something stands there, or the file cannot be written.
+        CraneError: If there is no C compiler, or the machine is of a kind that is not known.
+        ModelError: If the code would not do what Pinocchio does, or two variables of the crane would have the same name.
+    """
+    final = Path(path)
+    if final.suffix != ".fmu":
+        raise OutOfRange("name of the unit", str(final), "one that ends in .fmu")
+    check_free(final)
+    if drive not in ("effort", "motion"):
+        raise OutOfRange("drive", drive, "effort or motion")
+    clocks(dt, dt, dt)
+    from cranedyn.compiled.checked import elsewhere  # other doors need no llvmlite
+    from cranedyn.compiled.kernel import Recipe
+
+    recipe = Recipe(1, drive, integrator, False, False, False, True, (True, True, True), log=True, summary=True)
+    variables, code = _variables(crane, drive), elsewhere(crane, recipe)
+    token = "{" + hashlib.sha256(code + repr((variables, dt)).encode() + _wrapper()).hexdigest()[:32] + "}"
+    library = _linked(code, _header(crane, variables, token, dt))
+    with new_file(final) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as unit:
+        for name, content in {
+            "modelDescription.xml": _description(variables, token, dt, drive),
+            f"binaries/{_platform()}/{NAME}{_ending()}": library,
+        }.items():
+            unit.writestr(zipfile.ZipInfo(name, _MADE), content, zipfile.ZIP_DEFLATED)
+    return final
+
+
+def _variables(crane: Crane, drive: str) -> list[Variable]:
+    """All of them; the value reference of each is its place."""
+    layout, names, n = crane.layout, state_names(crane), crane.layout.n
+    units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
+    efforts = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
+    commanded = efforts if drive == "effort" else [f"{joint.unit}/s2" for joint in layout.driven]
+    holding = holding_effort(crane, crane.start.q) if drive == "effort" else np.zeros(layout.m)
+    low, high = np.concatenate([crane.lower, np.full(n, -np.inf)]), np.concatenate([crane.upper, np.full(n, np.inf)])
+    start = np.concatenate(crane.start)
+    found = [
+        Variable("time", "s", "independent"),
+        *(
+            Variable(f"{name}_command", unit, "input", value, about="held over a communication step")
+            for name, unit, value in zip(input_names(crane, drive), commanded, holding.tolist(), strict=True)
+        ),
+        *(Variable(name, "N", "input", 0.0, about="from outside, in the world") for name in force_names(crane)),
+        *(
+            Variable(f"{name}_start", unit, "parameter", value, least, most, "where it begins")
+            for name, unit, value, least, most in zip(names, units, start.tolist(), low.tolist(), high.tolist(), strict=True)
+        ),
+        *(Variable(name, unit, "output") for name, unit in zip(names, units, strict=True)),
+        *(Variable(name, unit, "output", about="what acts") for name, unit in zip(input_names(crane, "effort"), efforts, strict=True)),
+        Variable("energy", "J", "output", about="mechanical, zero of height at the ground"),
+        Variable("valid", "", "output", about="false once a joint has left its range, the rope is slack or the load touches the ground"),
+    ]
+    known = [variable.name for variable in found]
+    if twice := [name for name in known if known.count(name) > 1]:
+        raise ModelError(f"Two variables of the unit would have the name {quoted(twice[0])}; rename a joint or a point of the crane.")
+    return found
+
+
+def _description(variables: Sequence[Variable], token: str, dt: float, drive: str) -> bytes:
+    """modelDescription.xml."""
+    root = ET.Element("fmiModelDescription", fmiVersion="3.0", modelName=NAME, instantiationToken=token, generationTool="cranedyn")
+    root.set("description", f"A crane whose drives take {'efforts' if drive == 'effort' else 'accelerations'}")
+    ET.SubElement(
+        root,
+        "CoSimulation",
+        modelIdentifier=NAME,
+        canHandleVariableCommunicationStepSize="true",
+        canGetAndSetFMUState="true",
+        canSerializeFMUState="true",
+    )
+    units = ET.SubElement(root, "UnitDefinitions")
+    for unit in sorted({variable.unit for variable in variables} - {""}):
+        ET.SubElement(ET.SubElement(units, "Unit", name=unit), "BaseUnit", _BASE[unit])
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime="10", stepSize=f"{10 * dt!r}")
+    listed, structure = ET.SubElement(root, "ModelVariables"), ET.Element("ModelStructure")
+    for reference, variable in enumerate(variables):
+        kind = "Float64" if variable.unit else "Boolean"
+        made = ET.SubElement(listed, kind, name=variable.name, valueReference=str(reference), causality=variable.causality)
+        if variable.about:
+            made.set("description", variable.about)
+        fixed = variable.causality == "parameter"
+        made.set("variability", "fixed" if fixed else "continuous" if variable.unit else "discrete")
+        if variable.causality == "output":
+            made.set("initial", "calculated")
+        if variable.unit:
+            made.set("unit", variable.unit)
+        for name, value in (("start", variable.start), ("min", variable.least), ("max", variable.most)):
+            if value is not None and np.isfinite(value):
+                made.set(name, repr(value))
+    outputs = [str(place) for place, variable in enumerate(variables) if variable.causality == "output"]
+    for kind in ("Output", "InitialUnknown"):
+        for output in outputs:
+            ET.SubElement(structure, kind, valueReference=output)
+    root.append(structure)
+    ET.indent(root)
+    return ET.tostring(root, "utf-8", xml_declaration=True)
+
+
+_BASE = {
+    "s": {"s": "1"},
+    "rad": {"rad": "1"},
+    "m": {"m": "1"},
+    "rad/s": {"rad": "1", "s": "-1"},
+    "m/s": {"m": "1", "s": "-1"},
+    "rad/s2": {"rad": "1", "s": "-2"},
+    "m/s2": {"m": "1", "s": "-2"},
+    "N": {"kg": "1", "m": "1", "s": "-2"},
+    "N.m": {"kg": "1", "m": "2", "s": "-2"},
+    "J": {"kg": "1", "m": "2", "s": "-2"},
+}
+"""Units by those of SI."""
+
+
+def _header(crane: Crane, variables: Sequence[Variable], token: str, dt: float) -> str:
+    """unit.h for `fmi.c`: what stands where."""
+    from cranedyn.compiled.call import SLOTS, Sizes, places, size
+
+    sizes = Sizes.of(crane.layout)
+    law, row, kept = places(sizes.law), places(sizes.row), places(sizes.summary)
+    names = [variable.name for variable in variables]
+    first = {
+        kind: next(i for i, variable in enumerate(variables) if variable.causality == kind) for kind in ("input", "parameter", "output")
+    }
+    numbers = {
+        "VARIABLES": len(variables),
+        "COMMAND": first["input"],
+        "FORCE": names.index(force_names(crane)[0]),
+        "START": first["parameter"],
+        "OUTPUT": first["output"],
+        "VALID": len(variables) - 1,
+        "STATES": first["output"] - first["parameter"],
+        "DRIVES": sizes.m,
+        "SLOTS": len(SLOTS),
+        **{f"SLOT_{name.upper()}": slot for name, slot in SLOTS.items()},
+        "SIZE_STATE": size(sizes.state),
+        "SIZE_LAW": size(sizes.law),
+        "SIZE_AIM": size(sizes.aim),
+        "SIZE_ROW": size(sizes.row),
+        "SIZE_SUMMARY": size(sizes.summary),
+        "AT_FEED_FORWARD": law["feed_forward"].start,
+        "AT_LIMIT": law["limit"].start,
+        "AT_EFFORT": row["effort"].start,
+        "AT_ENERGY": row["energy"].start,
+        "AT_INVALID": kept["invalid"].start,
+    }
+    rows = (f"  {{{_text(v.name)}, {_c(v.start or 0.0)}, {_c(v.least)}, {_c(v.most)}}}," for v in variables)
+    return "\n".join(
+        [
+            f'#define TOKEN "{token}"',
+            f"#define DT {dt!r}",
+            *(f"#define {name} {value}" for name, value in numbers.items()),
+            "static const struct { const char *name; double start, least, most; } VARIABLE[] = {",
+            *rows,
+            "};",
+            "",
+        ]
+    )
+
+
+def _c(value: float) -> str:
+    return repr(float(value)) if np.isfinite(value) else "INFINITY" if value > 0.0 else "-INFINITY"
+
+
+def _text(name: str) -> str:
+    """A name as a string of C, whatever characters a stranger's URDF has in it."""
+    return '"' + "".join(f"\\{byte:03o}" for byte in name.encode()) + '"'
+
+
+def _wrapper() -> bytes:
+    return Path(__file__).with_name("fmi.c").read_bytes()
+
+
+def _platform() -> str:
+    """The machine's kind as FMI names it.
+
+    Raises:
+        CraneError: If it is not one that units are made for here.
+    """
+    system, kind = platform.system().lower(), {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine())
+    if system not in ("linux", "darwin") or kind not in ("x86_64", "aarch64"):
+        raise CraneError(f"Units are made on Linux and macOS, x86_64 or aarch64; this machine is {system} on {kind}.")
+    return f"{kind}-{system}"
+
+
+def _ending() -> str:
+    return ".so" if platform.system() == "Linux" else ".dylib"
+
+
+def _linked(code: bytes, header: str) -> bytes:
+    """The shared library of the compiled loop and `fmi.c`.
+
+    Raises:
+        CraneError: If there is no C compiler, or it fails.
+    """
+    compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
+    if compiler is None:
+        raise CraneError(f"A unit is linked by a C compiler, and none of {', '.join(_COMPILERS)} is installed; on Debian: apt install gcc.")
+    with tempfile.TemporaryDirectory() as folder:
+        here = Path(folder)
+        (here / "loop.o").write_bytes(code)
+        (here / "unit.h").write_text(header)
+        (here / "fmi.c").write_bytes(_wrapper())
+        (here / "exports").write_text("{ global: fmi3*; local: *; };")
+        only = ["-Wl,--version-script=exports"] if platform.system() == "Linux" else []
+        command = [compiler, "-shared", "-fPIC", "-O2", "-w", *only, "-o", "library", "fmi.c", "loop.o", "-lm"]
+        made = subprocess.run(command, cwd=here, capture_output=True, text=True, timeout=120, check=False)
+        if made.returncode:
+            raise CraneError(f"The C compiler {compiler} could not make the unit: {made.stderr.strip()[-500:]}")
+        return (here / "library").read_bytes()
+
+
+def add_arguments(made: argparse.ArgumentParser) -> None:
+    """What its command line takes beside the file and the crane."""
+    made.add_argument("--drive", choices=("effort", "motion"), default="effort", help="what is commanded")
+    made.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
+
+
+def run(options: argparse.Namespace) -> Path:
+    """Write what the command line asks for."""
+    return export(loaded(options), options.target, drive=options.drive, dt=options.dt)

@@ -1,0 +1,276 @@
+"""The task of moving a load without swing as environments of Gymnasium: many cranes by compiled code, or one.
+
+``gymnasium.make_vec("cranedyn.bridges.gymnasium:cranedyn/TowerCrane-v0", num_envs=4096)``
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cranedyn.arguments import described
+from cranedyn.arrays import shaped
+from cranedyn.bridges.task import Rules, Task
+from cranedyn.disturbances.wind import constant_force
+from cranedyn.errors import CraneError, OutOfRange, UnknownName, whole
+from cranedyn.interfaces import Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.simulation.simulate import simulate
+
+try:
+    import gymnasium as gym
+    from gymnasium.vector import AutoresetMode
+    from gymnasium.vector.utils import batch_space
+except ModuleNotFoundError as error:
+    raise CraneError("This bridge needs Gymnasium, which is not installed: pip install 'cranedyn[gymnasium]'.") from error
+
+ID, STEPS = "cranedyn/TowerCrane-v0", 400
+"""Name of the environment, and steps of an episode."""
+
+_FRAME = 0.02
+"""Time between rows of a recording [s]."""
+
+Observations = np.ndarray
+Stepped = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
+
+
+class TowerCraneVectorEnv(gym.vector.VectorEnv):
+    """Many cranes at once, stepped by compiled code on all processors; see `cranedyn.bridges.task` for what is asked of them.
+
+    Attributes:
+        task: The cranes and their goals.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        crane: Crane | Sequence[Crane] | None = None,
+        control_period: float = 0.1,
+        dt: float = 5e-4,
+        max_episode_steps: int = STEPS,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        threads: int | None = None,
+        render_mode: None = None,
+        **rules: Any,
+    ) -> None:
+        """Make them; none begins before `reset`.
+
+        Args:
+            num_envs: How many.
+            crane: The crane, or several, one of which is drawn for each episode, see `cranes_between`; None for that of this project.
+            control_period: Time of a step [s].
+            dt: Physics step [s].
+            max_episode_steps: After so many steps an episode is truncated.
+            autoreset_mode: When an episode that has ended is followed by the next.
+            threads: How many; by default one for each processor.
+            render_mode: None; one crane alone can be recorded.
+            rules: As `Rules`: action, limits, reach, swing, swing_limit, wind, payload_area.
+
+        Raises:
+            OutOfRange: If a number is out of range.
+            UnknownName: If there is no such rule.
+        """
+        if render_mode is not None:
+            raise OutOfRange("render_mode", described(render_mode), "None for many cranes; one crane alone takes rrd")
+        try:
+            mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            modes = ", ".join(one.value for one in AutoresetMode)
+            raise OutOfRange("autoreset_mode", described(autoreset_mode), f"one of {modes}") from None
+        self.num_envs, self.render_mode, self._mode = whole("num_envs", num_envs, 1), None, mode
+        self.metadata = {"render_modes": [], "autoreset_mode": mode}
+        self._last = whole("max_episode_steps", max_episode_steps, 1)
+        self.task = Task(load_crane() if crane is None else crane, self.num_envs, _rules(rules), control_period, dt, threads)
+        self.single_observation_space, self.single_action_space = _spaces(self.task)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._steps, self._ended = np.zeros(self.num_envs, dtype=np.int64), np.ones(self.num_envs, dtype=bool)
+        self._begun = False
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, dict[str, Any]]:
+        """Begin episodes: random ones, or as `options` say: start (a State), goal (slew, trolley, hoist), reset_mask (which of them).
+
+        Raises:
+            UnknownName: If there is no such option.
+            OutOfRange: If one is not what it should be.
+        """
+        super().reset(seed=seed)
+        given = dict(options or {})
+        mask = np.asarray(given.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
+        if mask.shape != (self.num_envs,) or mask.dtype != bool:
+            raise OutOfRange("reset_mask", described(mask), f"{self.num_envs} of True or False")
+        self._begin(mask, **_beginning(given))
+        self._begun = True
+        return self.task.observe(), {}
+
+    def step(self, actions: np.ndarray) -> Stepped:
+        """Take a step with actions from -1 to 1, shape (num_envs, 3); returns observations, rewards, terminated, truncated, infos.
+
+        Raises:
+            OutOfRange: If an action is no number from -1 to 1, or an episode has not begun.
+        """
+        if not self._begun or (self._ended.any() and self._mode is not AutoresetMode.NEXT_STEP):
+            raise OutOfRange("crane", int(np.argmax(self._ended)), "one whose episode has begun: call reset")
+        reward, over, seen = self.task.act(shaped("actions", actions, (self.num_envs, self.task.layout.m)).T)
+        self._steps += 1
+        late = ~over & (self._steps >= self._last)
+        if self._mode is AutoresetMode.NEXT_STEP and self._ended.any():
+            fresh = self._ended.copy()
+            self._begin(fresh)
+            reward[fresh], over[fresh], late[fresh] = 0.0, False, False
+            seen = self.task.observe()
+        infos: dict[str, Any] = {"distance": self.task.far, "_distance": np.ones(self.num_envs, dtype=bool)}
+        self._ended = over | late
+        if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
+            ended = self._ended.copy()
+            infos |= {"final_obs": seen, "_final_obs": ended, "final_info": dict(infos), "_final_info": ended}
+            self._begin(ended)
+            seen = self.task.observe()
+        return seen, reward, over, late, infos
+
+    def _begin(self, which: np.ndarray, **how: Any) -> None:
+        self.task.begin(self.np_random, np.flatnonzero(which), **how)
+        self._steps[which], self._ended[which] = 0, False
+
+
+class TowerCraneEnv(gym.Env):
+    """One crane; the same task.
+
+    Attributes:
+        task: The crane and its goal.
+    """
+
+    metadata = {"render_modes": ["rrd"], "render_fps": 10}  # noqa: RUF012
+
+    def __init__(
+        self,
+        *,
+        crane: Crane | Sequence[Crane] | None = None,
+        control_period: float = 0.1,
+        dt: float = 5e-4,
+        render_mode: str | None = None,
+        folder: str | Path = "out/episodes",
+        **rules: Any,
+    ) -> None:
+        """Make it; it begins with `reset`.
+
+        Args:
+            crane: As for `TowerCraneVectorEnv`.
+            control_period: Time of a step [s].
+            dt: Physics step [s].
+            render_mode: None, or "rrd": `render` writes the episode up to then as a recording.
+            folder: Where recordings go.
+            rules: As `Rules`.
+
+        Raises:
+            OutOfRange: If a number is out of range.
+            UnknownName: If there is no such rule.
+        """
+        if render_mode not in (None, "rrd"):
+            raise OutOfRange("render_mode", described(render_mode), "None or rrd")
+        self.render_mode, self._folder, self._dt = render_mode, Path(folder), dt
+        self.task = Task(load_crane() if crane is None else crane, 1, _rules(rules), control_period, dt, threads=1)
+        self.observation_space, self.action_space = _spaces(self.task)
+        self._episode, self._start, self._accelerations = 0, self.task.fleet.cranes[0].start, list[np.ndarray]()
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode: a random one, or as `options` say: start (a State), goal (slew, trolley, hoist)."""
+        super().reset(seed=seed)
+        self.task.begin(self.np_random, np.zeros(1), **_beginning(dict(options or {})))
+        z = self.task.fleet.z[:, 0].copy()
+        self._episode, self._start, self._accelerations = self._episode + 1, State(z[: len(z) // 2], z[len(z) // 2 :]), []
+        return self.task.observe()[0], {"distance": float(self.task.far[0])}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Take a step with an action from -1 to 1, shape (3,).
+
+        Raises:
+            OutOfRange: If it is no three numbers from -1 to 1, or no episode has begun.
+        """
+        if not self._episode:
+            raise OutOfRange("episode", "none", "one that has begun: call reset")
+        asked = shaped("action", action, (self.task.layout.m,))
+        accelerations = self.task.accelerations(asked[:, None], self.task.fleet.z)[:, 0]
+        reward, over, seen = self.task.act(asked[:, None])
+        self._accelerations.append(accelerations)
+        return seen[0], float(reward[0]), bool(over[0]), False, {"distance": float(self.task.far[0])}
+
+    def render(self) -> str | None:
+        """Write the episode up to now as a recording for the Rerun viewer and return its file; None before the first step.
+
+        Raises:
+            DataError: If it cannot be written.
+            CraneError: If the environment was made without ``render_mode="rrd"``.
+        """
+        if self.render_mode is None:
+            raise CraneError("Nothing is drawn by this environment: make it with render_mode = rrd.")
+        if not self._accelerations:
+            return None
+        from cranedyn.recording import Run, record
+
+        self._folder.mkdir(parents=True, exist_ok=True)
+        title = f"Episode {self._episode}"
+        run = Run("learned", self.task.crane_of(0), self._again())
+        return str(record(self._folder / f"episode_{self._episode:04}.rrd", [run], title=title))
+
+    def _again(self) -> Any:
+        """The episode by `simulate`, in more rows."""
+        period, done = self.task.fleet.control_period, self._accelerations
+        position = self.task.goal[:, 0].copy()
+        goal = Setpoint(position, np.zeros_like(position), np.zeros_like(position))
+
+        def repeated(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+            return done[min(int(t / period + 1e-6), len(done) - 1)]
+
+        crane, force = self.task.crane_of(0), self.task.force_on(0)
+        return simulate(
+            crane,
+            repeated,
+            lambda t: goal,
+            start=self._start,
+            duration=len(done) * period,
+            dt=self._dt,
+            control_period=_FRAME if abs(period / _FRAME - round(period / _FRAME)) < 1e-9 else period,
+            drive="motion",
+            disturbance=constant_force(crane, payload=force) if any(force) else None,
+            validity="mark",
+            engine="compiled",
+        )
+
+
+def _spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
+    """What one crane shows, and what it takes."""
+    low, high = task.bounds()
+    return gym.spaces.Box(low, high, dtype=np.float32), gym.spaces.Box(-1.0, 1.0, (task.layout.m,), np.float32)
+
+
+def _rules(given: dict[str, Any]) -> Rules:
+    known = tuple(Rules.__dataclass_fields__)
+    for name in given:
+        if name not in known:
+            raise UnknownName("rule of the task", name, known)
+    return Rules(**given)
+
+
+def _beginning(given: dict[str, Any]) -> dict[str, Any]:
+    for name in given:
+        if name not in ("start", "goal"):
+            raise UnknownName("option of reset", str(name), ("start", "goal"))
+    if "start" in given:
+        given["start"] = State.checked("start", given["start"])
+    return given
+
+
+def register() -> None:
+    """Have Gymnasium know the environment by its name; importing this module does so."""
+    if ID not in gym.registry:
+        here = "cranedyn.bridges.gymnasium"
+        gym.register(ID, f"{here}:TowerCraneEnv", max_episode_steps=STEPS, vector_entry_point=f"{here}:TowerCraneVectorEnv")
+
+
+register()

@@ -1,0 +1,21 @@
+"""What the signals of a crane are called in other people's tools."""
+
+from __future__ import annotations
+
+from cranedyn.model.crane import Crane
+
+
+def state_names(crane: Crane) -> list[str]:
+    """Names of coordinates and rates, such as x and x_dot, in the order of z."""
+    return [*crane.layout.symbols, *(f"{name}_dot" for name in crane.layout.symbols)]
+
+
+def input_names(crane: Crane, drive: str) -> list[str]:
+    """Names of the commands: torque T or force F of each drive, such as F_x, or with "motion" its acceleration, such as x_ddot."""
+    driven = [(joint.symbol, "T" if joint.unit == "rad" else "F") for joint in crane.layout.driven]
+    return [f"{effort}_{name}" if drive == "effort" else f"{name}_ddot" for name, effort in driven]
+
+
+def force_names(crane: Crane) -> list[str]:
+    """Names of the forces from outside on each point along each axis of the world, such as payload_force_x."""
+    return [f"{point}_force_{axis}" for point in crane.layout.points for axis in "xyz"]

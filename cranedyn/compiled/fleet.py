@@ -1,0 +1,209 @@
+"""Many cranes that go on from one command to the next, for loops that are not ours, such as those of reinforcement learning."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from cranedyn.arguments import checked, described
+from cranedyn.arrays import finite, fixed
+from cranedyn.clocks import clocks
+from cranedyn.compiled.call import Sizes, places, size
+from cranedyn.compiled.checked import compiled
+from cranedyn.compiled.door import Loop
+from cranedyn.compiled.inputs import fit, one_layout, starts
+from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.tables import Table, alone, one_command
+from cranedyn.dynamics.integrators import semi_implicit_euler
+from cranedyn.errors import OutOfRange, whole, within
+from cranedyn.interfaces import Drive, State
+from cranedyn.model.crane import Crane
+
+_LANES, _THREADS, _SHARE, _MOST = 8, 1024, 32, 512
+"""Cranes in a group; most threads; groups that are worth a thread of their own, and groups whose numbers stay in a processor's cache."""
+
+
+class Fleet:
+    """Cranes that each have a state, and take a command that holds for a control period; each moves as in `simulate` with validity = mark.
+
+    Nothing that is given can make the code read or write beside an array: all of it is looked at here, and copied.
+
+    Attributes:
+        layout: Of all of them.
+        z: Coordinates and rates, one column a crane, shape (2 joints, n). To look at; the next step writes into it.
+        parts: Columns that a thread goes through at once.
+    """
+
+    z: np.ndarray
+
+    @checked
+    def __init__(
+        self,
+        cranes: Crane | Sequence[Crane],
+        count: int,
+        *,
+        dt: float = 5e-4,
+        control_period: float = 0.1,
+        drive: Drive = "motion",
+        forces: bool = False,
+        threads: int | None = None,
+    ) -> None:
+        """Have so many cranes, all of them the first, where it starts.
+
+        Args:
+            cranes: One, or several that `place` chooses from.
+            count: How many there are, n.
+            dt: Physics step [s].
+            control_period: Time for which a command holds [s].
+            drive: What is commanded, see `simulate`.
+            forces: Whether forces from outside can act.
+            threads: How many, 1024 at most; by default one for each processor.
+
+        Raises:
+            OutOfRange: If a number is out of range, there is no crane, one has another layout, or they would not fit into 4 GB.
+            ModelError: If the code would not do what Pinocchio does.
+        """
+        if drive not in ("effort", "motion"):
+            raise OutOfRange("drive", drive, "effort or motion")
+        self.cranes = [cranes] if isinstance(cranes, Crane) else list(cranes)
+        if not self.cranes:
+            raise OutOfRange("number of cranes to choose from", 0, "1 or more")
+        self.layout = one_layout(self.cranes)
+        self._sizes = sizes = Sizes.of(self.layout)
+        self.count, self.control_period, self.drive = whole("number of cranes", count, 1), control_period, drive
+        workers = len(os.sched_getaffinity(0)) if threads is None else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
+        clock, shared = clocks(control_period, dt, control_period), (True, True, not forces)
+        recipe = Recipe(_LANES, drive, semi_implicit_euler, False, False, False, forces, shared, log=False, summary=False)
+        code, self._own = compiled(self.cranes, recipe)
+        groups = -(-self.count // _LANES)
+        fit("number of cranes", str(count), groups * _LANES * (3 * size(sizes.state) + code.varied + size(sizes.force) + 10))
+        self._state, self._numbers = np.zeros((groups, size(sizes.state), _LANES)), np.zeros((groups, code.varied, _LANES))
+        memory: dict[str, Any] = {"state": self._state, "numbers": self._numbers}
+        self._force = np.zeros((groups * _LANES if forces else 1, size(sizes.force)))
+        self._pushed, self._last_command = forces, places(sizes.state)["last_command"]
+        table = alone(self._force)
+        if forces:
+            table = Table(self._force, 1, np.arange(groups * _LANES))
+            memory["starts"] = np.zeros((groups, 3, _LANES), dtype=np.int64)
+            memory["starts"][:, 2] = table.starts.reshape(groups, _LANES)
+        law, aim = one_command(sizes)
+        self._steps = Loop(code, clock, (alone(law), alone(aim), table), last=1, end=1, **memory).steps()
+        count_of_parts = max(min(workers, groups // _SHARE), -(-groups // _MOST), 1)
+        ends = np.minimum(_LANES * np.linspace(0, groups, count_of_parts + 1).astype(int), self.count).tolist()
+        self.parts = [slice(first, last) for first, last in pairwise(ends)]
+        self._pool = ThreadPoolExecutor(min(workers, count_of_parts) - 1) if min(workers, count_of_parts) > 1 else None
+        self._z = np.empty((sizes.z, groups, _LANES))
+        self.z = fixed(self._z.reshape(len(self._z), -1)[:, : self.count])
+        self._limit = np.full((sizes.m, self.count), np.inf)
+        here = self.cranes[0].start
+        self._put(np.arange(groups * _LANES), State(here.q[None], here.v[None]), np.zeros(1, dtype=int))
+
+    @checked
+    def place(self, which: np.ndarray, start: State | Sequence[State], crane: np.ndarray | None = None) -> None:
+        """Put some cranes elsewhere.
+
+        Args:
+            which: Which of the n, whole numbers, shape (k,).
+            start: Where they are from now on: one state for all, k states, or one with k rows.
+            crane: Which of the cranes to choose from each of them is, whole numbers, shape (k,); None for the first.
+
+        Raises:
+            OutOfRange: If a number is not finite, or an index not one of those there are.
+        """
+        rows = _indices("which crane", which, self.count)
+        kinds = np.zeros(len(rows), dtype=int) if crane is None else _indices("crane to choose", crane, len(self.cranes))
+        if len(kinds) != len(rows):
+            raise OutOfRange("cranes chosen", len(kinds), f"{len(rows)}, one for each that is placed")
+        self._put(rows, starts(start, len(rows), self._sizes.n), kinds)
+
+    @checked
+    def push(self, which: np.ndarray, force: np.ndarray) -> None:
+        """Have forces from outside act on some cranes until something else is said.
+
+        Args:
+            which: Which of the n, whole numbers, shape (k,).
+            force: In the world [N], on the points of each crane, the payload first, shape (k, 3 points).
+
+        Raises:
+            OutOfRange: If a number is not finite, an index not one of those there are, or forces were not asked for.
+        """
+        if not self._pushed:
+            raise OutOfRange("forces from outside", described(force), "none, unless the fleet is made with forces = True")
+        rows = _indices("which crane", which, self.count)
+        self._force[rows] = finite("force", force, (len(rows), size(self._sizes.force)), unit="N")
+
+    @checked
+    def step(self, command: np.ndarray) -> np.ndarray:
+        """Go on for a control period.
+
+        Args:
+            command: Efforts, which are cut to the limits of the drives, or accelerations, one column a crane, shape (drives, n).
+
+        Returns:
+            Coordinates and rates afterwards, which are `z`; not finite for a crane that diverged.
+
+        Raises:
+            OutOfRange: If a command is not finite.
+        """
+        given = finite("command", command, (self._sizes.m, self.count))
+        self.spread(lambda part: self.advance(part, given[:, self.parts[part]]))
+        return self.z
+
+    def spread(self, work: Callable[[int], object]) -> None:
+        """Have threads do a work for the number of each part of the cranes, see `parts`."""
+        if self._pool is None:
+            for part in range(len(self.parts)):
+                work(part)
+            return
+        others = [self._pool.submit(work, part) for part in range(1, len(self.parts))]
+        try:
+            work(0)
+        finally:
+            wait(others)  # whatever happens: none may go on while the next step begins
+        for other in others:
+            other.result()
+
+    def advance(self, part: int, command: np.ndarray) -> np.ndarray:
+        """Go on with one part, from a thread of `spread`; as `step`, with the columns of that part.
+
+        Raises:
+            OutOfRange: If there is no such part, or a command is not finite.
+        """
+        if whole("part", part, 0) >= len(self.parts):
+            raise OutOfRange("part", part, f"0 to {len(self.parts) - 1}")
+        columns = self.parts[part]
+        given = finite("command", command, (self._sizes.m, columns.stop - columns.start))
+        if self.drive == "effort":
+            given = np.clip(given, -self._limit[:, columns], self._limit[:, columns])
+        first, last = columns.start // _LANES, -(-columns.stop // _LANES)
+        commands = np.zeros((len(given), _LANES * (last - first)))
+        commands[:, : given.shape[1]] = given
+        self._state[first:last, self._last_command] = commands.reshape(len(given), -1, _LANES).transpose(1, 0, 2)
+        self._steps(first, last)
+        self._z[:, first:last] = self._state[first:last, : len(self._z)].transpose(1, 0, 2)
+        return self.z[:, columns]
+
+    def _put(self, rows: np.ndarray, start: State, kinds: np.ndarray) -> None:
+        groups, lanes = np.divmod(rows, _LANES)
+        z = np.hstack(start)
+        self._state[groups, :, lanes] = 0.0
+        self._state[groups, : z.shape[1], lanes] = z
+        self._numbers[groups, :, lanes] = self._own[kinds]
+        self._z[:, groups, lanes] = z.T
+        inside = rows < self.count
+        limits = np.array([crane.effort_limit for crane in self.cranes])[kinds]
+        self._limit[:, rows[inside]] = np.broadcast_to(limits, (len(rows), self._sizes.m))[inside].T
+
+
+def _indices(name: str, values: np.ndarray, count: int) -> np.ndarray:
+    """Whole numbers from 0 up to, but without, a count, shape (k,)."""
+    found = finite(name, values, ("k",))
+    wrong = (found != np.floor(found)) | (found < 0) | (found >= count)
+    if wrong.any():
+        raise OutOfRange(name, float(found[wrong][0]), f"a whole number from 0 to {count - 1}")
+    return found.astype(int)

@@ -1,0 +1,159 @@
+"""The crane in python-control, against closed forms and against `simulate`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cranedyn.bridges.names import input_names, state_names
+from cranedyn.controllers.affine import form
+from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.errors import CraneError, OutOfRange, UnknownName
+from cranedyn.interfaces import Drive, State
+from cranedyn.references.flat import flat
+from cranedyn.simulation.simulate import simulate
+from experiments.relatives.catalogue import BRIDGE, HOOK, ROPE, Relative
+from tests.helpers import FAST, G, constant, crane
+
+ct = pytest.importorskip("control", reason="extra control (python-control) is not installed")
+from cranedyn.bridges.control import from_control, to_control  # noqa: E402
+
+PERIOD = 2e-2
+CLOCKS = {"dt": 2e-3, "control_period": PERIOD}
+
+
+def deviation(run: Trajectory, rest: State) -> np.ndarray:
+    """Coordinates and rates of a run beside those of a rest, shape (2 joints, n)."""
+    return np.hstack([run.q - rest.q, run.v - rest.v]).T
+
+
+def test_with_the_drives_in_prescribed_motion_the_poles_are_those_of_a_compound_pendulum() -> None:
+    c = crane(damp_swing=2e3)
+    plant = to_control(c, c.state(l=10.0), drive="motion", outputs=["phi", "theta"])
+    total = [1000.0 * 10.0**2 + inertia for inertia in (500.0, 450.0)]
+    expected = [np.roots([one, 2e3, 1000.0 * G * 10.0]) for one in total]
+    poles = plant.poles()
+    assert_allclose(np.sort_complex(poles[np.abs(poles) > 0.1]), np.sort_complex(np.concatenate(expected)), atol=1e-9)  # round-off
+    assert (plant.output_labels, plant.input_labels) == (["phi", "theta"], ["gamma_ddot", "x_ddot", "l_ddot"])
+    # At a constant acceleration the load hangs back by a/g.
+    slowly = to_control(c, c.state(l=10.0), drive="motion")["phi", "x_ddot"](1e-5j)
+    assert abs(slowly) == pytest.approx(1.0 / G, rel=1e-6)
+
+
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+def test_the_sampled_system_answers_a_small_step_as_the_nonlinear_crane_does(drive: Drive) -> None:
+    c = crane(damp_swing=2e3, damp_trolley=200.0)
+    rest = c.state(x=17.0, l=11.0)
+    small = np.array([20.0, 0.5, 0.3]) if drive == "effort" else np.array([2e-4, 1e-3, 1e-4])
+    plant = to_control(c, rest, drive=drive, **CLOCKS)
+    steps = 100
+    found = ct.forced_response(plant, U=np.repeat(small[:, None], steps + 1, axis=1)).outputs
+    holding = holding_effort(c, rest.q) if drive == "effort" else np.zeros(3)
+    run = simulate(c, constant(*(holding + small)), start=rest, duration=steps * PERIOD, drive=drive, engine=FAST, **CLOCKS)
+    off = np.abs(found - deviation(run, rest)).max(axis=1)
+    assert (off <= 2e-3 * np.abs(found).max(axis=1) + 1e-7).all(), off  # second order: deviations of about 1e-3
+
+
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+@pytest.mark.parametrize("relative", [HOOK, ROPE, BRIDGE], ids=lambda relative: relative.name)
+def test_the_system_of_a_crane_of_other_topology_answers_a_small_step_as_that_crane_does(relative: Relative, drive: Drive) -> None:
+    c = relative.crane()
+    rest, efforts = c.start, {"rad": 20.0, "m": 0.5}
+    small = np.array([efforts[joint.unit] if drive == "effort" else 1e-4 for joint in c.layout.driven])
+    plant = to_control(c, rest, drive=drive, **CLOCKS)
+    assert plant.state_labels == [*c.layout.symbols, *(f"{symbol}_dot" for symbol in c.layout.symbols)]
+    steps = 50
+    found = ct.forced_response(plant, U=np.repeat(small[:, None], steps + 1, axis=1)).outputs
+    holding = holding_effort(c, rest.q) if drive == "effort" else np.zeros(c.layout.m)
+    run = simulate(c, constant(*(holding + small)), start=rest, duration=steps * PERIOD, drive=drive, engine=FAST, **CLOCKS)
+    off = np.abs(found - deviation(run, rest)).max(axis=1)
+    assert (off <= 2e-3 * np.abs(found).max(axis=1) + 1e-7).all(), off  # second order: deviations of about 1e-3
+
+
+def test_a_gain_of_dlqr_runs_compiled_and_the_nonlinear_crane_moves_as_the_closed_linear_loop() -> None:
+    pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+    c = crane()
+    rest = c.state(x=12.0, l=15.0)
+    plant = to_control(c, rest, **CLOCKS)
+    gain, _, _ = ct.dlqr(plant, state_weight_of(c), effort_weight_of(c))
+    controller = from_control(c, gain, rest)
+    assert form(controller, np.arange(3.0), np.zeros((3, 3)), 10) is not None  # what runs without Python
+    closed = ct.ss(plant.A - plant.B @ gain, plant.B, plant.C, 0, dt=PERIOD)
+
+    def off(size: float) -> float:
+        start = State(rest.q + size * np.array([0.1, 2.0, 1.0, -1.0, 1.0]), rest.v)
+        run, same = (simulate(c, controller, start=start, duration=10.0, engine=name, **CLOCKS) for name in ("compiled", "pinocchio"))
+        assert_allclose(run.q, same.q, atol=1e-11)  # round-off
+        linear = ct.initial_response(closed, T=run.t, X0=np.concatenate([start.q - rest.q, start.v])).outputs
+        return float(np.abs(linear - deviation(run, rest)).max())
+
+    # The first order is the same: what is left is of the second, by which a tenth of the deviation leaves a hundredth.
+    assert off(1e-3) < 2e-5
+    assert off(1e-4) == pytest.approx(off(1e-3) / 100.0, rel=0.05)
+
+
+def test_what_python_control_calls_a_state_feedback_is_the_same_controller() -> None:
+    c = crane()
+    rest = c.state(l=12.0)
+    plant = to_control(c, rest, **CLOCKS)
+    gain, _, _ = ct.dlqr(plant, state_weight_of(c), effort_weight_of(c))
+    names, commands = state_names(c), input_names(c, "effort")
+    turned = names[::-1]
+    systems = [
+        ct.create_statefbk_iosystem(plant, gain)[0],
+        ct.ss([], [], [], -gain, dt=PERIOD),
+        ct.ss([], [], [], -gain, inputs=names, outputs=commands, dt=PERIOD),
+        ct.ss([], [], [], -gain[:, ::-1], inputs=turned, outputs=commands, dt=PERIOD),
+    ]
+    for system in systems:
+        assert (from_control(c, system, rest).gain[0] == gain).all()
+
+
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+def test_about_a_motion_the_gain_keeps_the_load_on_it(drive: Drive) -> None:
+    c = crane()
+    start, goal = c.state(x=12.0, l=12.0), c.state(gamma=0.2, x=15.0, l=10.0)
+    motion = flat(c, start, goal, 12.0, period=PERIOD)
+    plant = to_control(c, start, drive=drive, **CLOCKS)
+    weight = effort_weight_of(c) if drive == "effort" else np.diag([10.0, 1.0, 1.0])
+    gain, _, _ = ct.dlqr(plant, state_weight_of(c), weight)
+    controller = from_control(c, gain, motion, drive=drive, dt=2e-3)
+    off = c.state(x=12.0, l=12.0, phi=0.05, theta=0.05)
+    run = simulate(c, controller, motion, start=off, duration=40.0, drive=drive, engine=FAST, **CLOCKS)
+    assert_allclose(run.q[-1], goal.q, atol=2e-3)  # 50 mrad of swing at the start, damped for 40 s
+    undisturbed = simulate(c, controller, motion, start=start, duration=12.0, drive=drive, engine=FAST, **CLOCKS)
+    assert np.abs(undisturbed.q - motion.q).max() < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("feedback", "sentence"),
+    [
+        (np.zeros((3, 9)), r"gain.*\(3, 9\).*\(3, 10\)"),
+        (np.full((3, 10), np.nan), "gain is nan; allowed is finite"),
+        ("K", "feedback is 'K'"),
+        (ct.ss(np.eye(2) * 0.5, np.zeros((2, 10)), np.zeros((3, 2)), np.zeros((3, 10)), dt=PERIOD), "2 states of its own"),
+        (ct.ss([], [], [], np.zeros((3, 11)), dt=PERIOD), "no input gamma"),
+    ],
+)
+def test_a_feedback_that_is_none_is_refused_in_a_sentence(feedback: object, sentence: str) -> None:
+    c = crane()
+    with pytest.raises(CraneError, match=sentence):
+        from_control(c, feedback, c.start)
+
+
+def test_what_to_control_is_asked_for_wrongly_is_refused_in_a_sentence() -> None:
+    c = crane()
+    with pytest.raises(UnknownName, match="There is no state 'swing'; there are gamma, x"):
+        to_control(c, outputs=["swing"])
+    with pytest.raises(OutOfRange, match="drive is torque; allowed is effort or motion"):
+        to_control(c, drive="torque")  # type: ignore[arg-type]
+    with pytest.raises(OutOfRange, match=r"control_period is 0\.0007 s; allowed is a multiple of dt"):
+        to_control(c, control_period=7e-4)
+    with pytest.raises(OutOfRange, match="rates of the rest"):
+        from_control(c, np.zeros((3, 10)), c.state(x_dot=1.0))
+    assert math.isclose(to_control(c).dt, 0.0)

@@ -1,0 +1,308 @@
+"""The crane as an FMU: FMPy finds no fault with it, and it moves as in `simulate`."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import time
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cranedyn.bridges import fmi
+from cranedyn.bridges.command import main
+from cranedyn.bridges.names import force_names, input_names, state_names
+from cranedyn.disturbances.wind import constant_force
+from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
+from cranedyn.interfaces import Drive
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.simulation.simulate import simulate
+from experiments.relatives.catalogue import BRIDGE, HOOK, Relative
+from tests.helpers import crane
+
+pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed")
+from fmpy.fmi1 import FMICallException  # noqa: E402
+from fmpy.fmi3 import FMU3Slave  # noqa: E402
+from fmpy.validation import validate_fmu  # noqa: E402
+
+pytestmark = pytest.mark.skipif(not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="no C compiler is installed")
+
+PERIOD = 5e-3
+START = {"x_start": 12.0, "l_start": 11.0, "phi_start": 0.1, "theta_dot_start": 0.05}
+DRIVES: tuple[Drive, ...] = ("effort", "motion")
+
+
+def damped() -> Crane:
+    """A crane with damping and a trolley that soon is at its limit of effort."""
+    return crane(damp_swing=2e3, damp_trolley=200.0, trolley_effort=800.0)
+
+
+@pytest.fixture(scope="module")
+def units(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A unit for each kind of drive."""
+    folder = tmp_path_factory.mktemp("units")
+    return {drive: fmi.export(damped(), folder / f"{drive}.fmu", drive=drive) for drive in DRIVES}
+
+
+class Unit:
+    """An instance of a unit, by the names of its variables."""
+
+    def __init__(self, path: Path, folder: Path) -> None:
+        self.description = fmpy.read_model_description(path)
+        self.reference = {variable.name: variable.valueReference for variable in self.description.modelVariables}
+        fmpy.extract(path, folder)
+        self.told: list[str] = []
+        self.slave = FMU3Slave(guid=self.description.guid, unzipDirectory=str(folder), modelIdentifier=fmi.NAME, instanceName="one")
+        self.slave.instantiate(logMessage=lambda environment, status, category, message: self.told.append(message.decode()))
+
+    def begin(self, **values: float) -> Unit:
+        """Initialize with values."""
+        self.slave.enterInitializationMode()
+        self.set(**values)
+        self.slave.exitInitializationMode()
+        return self
+
+    def set(self, **values: float) -> None:
+        """Set variables."""
+        self.slave.setFloat64([self.reference[name] for name in values], list(values.values()))
+
+    def get(self, *names: str) -> list[float]:
+        """Values of variables."""
+        return self.slave.getFloat64([self.reference[name] for name in names])
+
+    def step(self, k: int, period: float = PERIOD) -> None:
+        """The step from a communication point to the next."""
+        self.slave.doStep(currentCommunicationPoint=k * period, communicationStepSize=period)
+
+
+@pytest.fixture
+def unit(units: dict[str, Path], tmp_path: Path) -> Iterator[Unit]:
+    """The unit that takes efforts."""
+    made = Unit(units["effort"], tmp_path / "unit")
+    yield made
+    made.slave.freeInstance()
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_fmpy_finds_no_fault_with_a_unit(units: dict[str, Path], drive: Drive) -> None:
+    assert validate_fmu(units[drive]) == []
+    with zipfile.ZipFile(units[drive]) as unit:
+        assert len(unit.namelist()) == 2  # no Python, no source: description and library
+
+
+@pytest.mark.parametrize("engine", ["compiled", "pinocchio"])
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_unit_moves_as_simulate_does(units: dict[str, Path], tmp_path: Path, drive: Drive, engine: Any) -> None:
+    c, steps = damped(), 1000 if engine == "compiled" else 200
+    rng = np.random.default_rng(1)
+    scale = np.array([2e4, 1.5e3, 500.0]) if drive == "effort" else np.array([0.02, 0.3, 0.2])
+    commands = rng.uniform(-1.0, 1.0, (steps // 50, 3)).repeat(50, axis=0) * scale
+    commands[:, 2] -= 9810.0 if drive == "effort" else 0.0
+    push = (100.0, -50.0, 20.0, 10.0, 0.0, -5.0)
+    forces = dict(zip(force_names(c), push, strict=True))
+    unit = Unit(units[drive], tmp_path).begin(**START, **forces)
+    named = [f"{name}_command" for name in input_names(c, drive)]
+    rows = []
+    for k, command in enumerate(commands):
+        unit.set(**dict(zip(named, command.tolist(), strict=True)))
+        rows.append(unit.get(*state_names(c), *input_names(c, "effort"), "energy"))
+        unit.step(k)
+    unit.slave.freeInstance()
+    run = simulate(
+        c,
+        lambda t, state, setpoint: commands[min(round(t / PERIOD), steps - 1)],
+        start=c.state(x=12.0, l=11.0, phi=0.1, theta_dot=0.05),
+        duration=steps * PERIOD,
+        control_period=PERIOD,
+        drive=drive,
+        disturbance=constant_force(c, payload=push[:3], trolley=push[3:]),
+        validity="mark",
+        engine=engine,
+    )
+    found = np.array(rows)
+    assert_allclose(found[:, :10], np.hstack([run.q, run.v])[:-1], rtol=0.0, atol=1e-12)
+    assert_allclose(found[:, 10:13], run.effort[:-1], rtol=1e-9, atol=1e-6)  # of 1e4 N
+    assert_allclose(found[:, 13], run.energy[:-1], rtol=1e-11)
+    assert drive == "motion" or (np.abs(commands[:, 1]) > 800.0).any()  # and was cut
+
+
+@pytest.mark.parametrize("relative", [HOOK, BRIDGE], ids=lambda relative: relative.name)
+def test_a_unit_of_a_crane_of_other_topology_moves_as_simulate_does(tmp_path: Path, relative: Relative) -> None:
+    c, steps = relative.crane(), 200
+    path = fmi.export(c, tmp_path / "crane.fmu", drive="motion")
+    assert validate_fmu(path) == []
+    push = np.random.default_rng(2).uniform(-100.0, 100.0, (len(c.points), 3))
+    start = c.state(**{c.layout.symbols[i]: 0.1 for i in c.layout.passive.tolist()})
+    began = {f"{name}_start": value for name, value in zip(state_names(c), np.concatenate(start).tolist(), strict=True)}
+    unit = Unit(path, tmp_path / "unit").begin(**began, **dict(zip(force_names(c), push.ravel().tolist(), strict=True)))
+    unit.set(**{f"{name}_command": 0.1 for name in input_names(c, "motion")})
+    rows = []
+    for k in range(steps):
+        rows.append(unit.get(*state_names(c), *input_names(c, "effort"), "energy"))
+        unit.step(k)
+    unit.slave.freeInstance()
+    run = simulate(
+        c,
+        lambda t, state, setpoint: np.full(c.layout.m, 0.1),
+        start=start,
+        duration=steps * PERIOD,
+        control_period=PERIOD,
+        drive="motion",
+        disturbance=lambda t, state: push,
+        validity="mark",
+    )
+    assert_allclose(np.array(rows)[:, : 2 * c.layout.n], np.hstack([run.q, run.v])[:-1], rtol=0.0, atol=1e-12)
+    assert_allclose(np.array(rows)[:, 2 * c.layout.n : -1], run.effort[:-1], rtol=1e-9, atol=1e-6)  # of 1e4 N
+    assert_allclose(np.array(rows)[:, -1], run.energy[:-1], rtol=1e-11)
+
+
+def renamed(tmp_path: Path, name: str) -> Crane:
+    """The crane with its trolley joint of another name, by its URDF."""
+    path = tmp_path / "renamed.urdf"
+    path.write_text(crane().urdf.replace("trolley_joint", escape(name, {'"': "&quot;"})))
+    return load_crane(path, gravity=9.81)
+
+
+def test_names_of_a_strangers_joints_are_texts_to_the_unit_and_never_code(tmp_path: Path) -> None:
+    name = 'x", 0.0, 0.0, 0.0}}; int evil(void) { return 1; } /* \\ ü ??/'
+    c = renamed(tmp_path, name)
+    unit = Unit(fmi.export(c, tmp_path / "crane.fmu"), tmp_path / "unit").begin()
+    assert unit.get(name) == [c.start.q[1]]
+    with pytest.raises(FMICallException):
+        unit.set(**{f"F_{name}_command": np.nan})
+    assert unit.told[-1] == f"F_{name}_command is nan; allowed is a number from -inf to inf."
+    unit.slave.freeInstance()
+
+
+def test_two_variables_of_one_name_are_refused_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="Two variables of the unit would have the name energy"):
+        fmi.export(renamed(tmp_path, "energy"), tmp_path / "crane.fmu")
+
+
+def test_a_step_of_another_length_is_the_same_motion_and_one_between_physics_steps_is_refused(unit: Unit) -> None:
+    unit.begin(**START)
+    for k in range(40):
+        unit.step(k)
+    fine = unit.get(*state_names(crane()))
+    unit.slave.reset()
+    unit.begin(**START).step(0, 0.2)
+    assert unit.get(*state_names(crane())) == fine
+    with pytest.raises(FMICallException):
+        unit.slave.doStep(currentCommunicationPoint=0.2, communicationStepSize=7e-4)
+    assert unit.told == ["The communication step is 0.00069999999999999999 s; allowed is a multiple of the physics step of 0.0005 s."]
+    with pytest.raises(FMICallException):
+        unit.slave.doStep(currentCommunicationPoint=5.0, communicationStepSize=PERIOD)
+    assert "The communication point is 5 s; the unit is at 0.2" in unit.told[-1]
+    assert unit.get(*state_names(crane())) == fine
+
+
+def test_a_state_is_saved_restored_and_sent_to_another_instance(unit: Unit, units: dict[str, Path], tmp_path: Path) -> None:
+    names = state_names(crane())
+    unit.begin(**START)
+    unit.set(F_x_command=300.0)
+    for k in range(50):
+        unit.step(k)
+    saved = unit.slave.getFMUState()
+    sent = unit.slave.serializeFMUState(saved)
+    for k in range(50, 100):
+        unit.step(k)
+    expected = unit.get(*names)
+    unit.slave.setFMUState(saved)
+    assert unit.get("time") == [0.25]
+    for k in range(50, 100):
+        unit.step(k)
+    assert unit.get(*names) == expected  # to the bit
+    unit.slave.freeFMUState(saved)
+    other = Unit(units["effort"], tmp_path / "other").begin()
+    received = other.slave.deserializeFMUState(sent)
+    other.slave.setFMUState(received)
+    for k in range(50, 100):
+        other.step(k)
+    assert other.get(*names) == expected
+    with pytest.raises(FMICallException):
+        other.slave.deserializeFMUState(sent[:-1])
+    stranger = Unit(units["motion"], tmp_path / "stranger").begin()
+    with pytest.raises(FMICallException):
+        stranger.slave.deserializeFMUState(sent)
+    assert stranger.told == ["This is no state of this unit."]
+
+
+def test_what_cannot_be_is_refused_by_the_unit_in_a_sentence(unit: Unit) -> None:
+    unit.slave.enterInitializationMode()
+    for values, sentence in (
+        ({"F_x_command": np.nan}, "F_x_command is nan; allowed is a number from -inf to inf."),
+        ({"x_start": 500.0}, "x_start is 500; allowed is a number from 2 to 22."),
+        ({"x": 1.0}, "Time and outputs cannot be set."),
+    ):
+        with pytest.raises(FMICallException):
+            unit.set(**values)
+        assert unit.told[-1] == sentence
+    unit.slave.exitInitializationMode()
+    with pytest.raises(FMICallException):
+        unit.set(x_start=12.0)
+    assert unit.told[-1] == "A start value cannot be set once stepping has begun."
+    unit.set(F_x_command=1e300, T_gamma_command=1e300)
+    with pytest.raises(FMICallException):
+        unit.slave.getFloat64([999])
+    assert unit.told[-1] == "There is no such variable with value reference 999."
+
+
+def test_a_unit_says_once_the_model_no_longer_holds(unit: Unit) -> None:
+    valid = [unit.reference["valid"]]
+    unit.begin(**START)
+    assert unit.slave.getBoolean(valid) == [True]
+    unit.set(F_l_command=500.0)  # would push the rope
+    unit.step(0)
+    unit.set(F_l_command=-9806.65)
+    unit.step(1)
+    assert unit.slave.getBoolean(valid) == [False]
+
+
+def test_a_unit_is_a_hundred_times_as_quick_as_the_real_crane(unit: Unit) -> None:
+    unit.begin(**START)
+    step, names = unit.slave.fmi3DoStep, (ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool(), ctypes.c_double())
+    began = time.process_time()
+    for k in range(2000):
+        step(unit.slave.component, k * PERIOD, PERIOD, True, *map(ctypes.byref, names))
+    assert 2000 * PERIOD / (time.process_time() - began) > 100.0
+
+
+def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
+    units: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(DataError, match="it is there already; name another"):
+        fmi.export(crane(), units["effort"])
+    with pytest.raises(OutOfRange, match=r"allowed is one that ends in \.fmu"):
+        fmi.export(crane(), tmp_path / "crane.zip")
+    with pytest.raises(OutOfRange, match="drive is torque"):
+        fmi.export(crane(), tmp_path / "crane.fmu", drive="torque")  # type: ignore[arg-type]
+    assert main(["fmu", str(tmp_path / "crane.fmu"), "--dt", "-1"]) == 2
+    assert capsys.readouterr().err == "error: dt is -1.0 s; allowed is > 0.\n"
+    assert main(["fmu", str(units["motion"])]) == 2
+    assert "is there already" in capsys.readouterr().err
+    with monkeypatch.context() as patch:
+        patch.setattr("cranedyn.bridges.fmi.shutil.which", lambda name: None)
+        with pytest.raises(CraneError, match="none of cc, gcc, clang is installed"):
+            fmi.export(crane(), tmp_path / "crane.fmu")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_same_crane_makes_the_same_unit(units: dict[str, Path], tmp_path: Path) -> None:
+    again = fmi.export(damped(), tmp_path / "again.fmu")
+    assert again.read_bytes() == units["effort"].read_bytes()
+
+
+def test_the_command_line_writes_a_unit_of_the_crane_that_it_describes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "heavy.fmu"
+    assert main(["fmu", str(path), "--set", "payload_mass:=2000", "--gravity", "9.8", "--drive", "effort"]) == 0
+    assert capsys.readouterr().out == f"Written to {path}.\n"
+    start = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
+    assert float(start["F_l_command"]) == pytest.approx(-2000.0 * 9.8, rel=1e-12)  # what holds the load
