@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from cranedyn.controllers.riccati import riccati, stationary
+from cranedyn.data.trajectory import read
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.model.description import main as description_main
 from experiments import a1, b1, compare, demo, energy, harness, mass_ratio
@@ -110,3 +112,14 @@ def test_what_a_parser_quotes_stays_on_its_line_and_two_dashes_are_no_value(
         main(words)
     assert end.value.code == 2
     assert capsys.readouterr().err.endswith(f"{says}\n")
+
+
+@pytest.mark.parametrize("main", [a1.main, energy.main])
+def test_another_stepping_rule_runs_and_leaves_the_claims_of_the_usual_one_unjudged(main: Main, tmp_path: Path) -> None:
+    words = ["--integrator", "rk4", "--dt", "5e-3", "--engine", FAST, "--gravity", "9.8", "--out", str(tmp_path / "out")]
+    assert main([*words, "--length", "15"] if main is a1.main else words) == 0
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert {claim["holds"] for claim in result["claims"]} == {None}
+    assert result["parameters"]["integrator"] == "rk4"
+    run = next(iter(result["runs"]))
+    assert read(tmp_path / "out" / f"{run}.parquet").parameters["integrator"] == "RK4"

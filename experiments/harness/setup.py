@@ -18,6 +18,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from cranedyn.clocks import clocks
 from cranedyn.data.elsewhere import parse_sources, read_elsewhere
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import DataError, quoted
 from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Validity
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
@@ -34,6 +35,10 @@ _BEAT = 0.5
 """How much time passes in a run before its progress is shown again [s]."""
 
 
+INTEGRATORS = {"euler": semi_implicit_euler, "rk4": rk4}
+"""Stepping rules by their names on the command line."""
+
+
 def add_setup(made: argparse.ArgumentParser, *fixed: str) -> None:
     """Add the arguments of the world: gravity, the two clocks, and the numbers of the crane but those fixed by the experiment itself."""
     made.set_defaults(fixed=fixed)
@@ -42,6 +47,12 @@ def add_setup(made: argparse.ArgumentParser, *fixed: str) -> None:
     )
     made.add_argument("--dt", type=float, default=5e-4, help="physics step [s]")
     made.add_argument("--control-period", type=float, default=5e-3, metavar="T", help="time between control instants [s], a multiple of dt")
+    made.add_argument(
+        "--integrator",
+        choices=INTEGRATORS,
+        default="euler",
+        help="stepping rule: semi-implicit Euler, for which the claims are made, or rk4, under which they are not judged",
+    )
     made.add_argument(
         "--validity",
         choices=get_args(Validity),
@@ -143,6 +154,7 @@ class Setup:
         control_period: Time between control instants [s].
         validity: What to do where the model ceases to hold, see `cranedyn.simulation.simulate.simulate`.
         engine: What computes a step.
+        integrator: The stepping rule, by its name among `INTEGRATORS`.
         reporter: Shows progress.
 
     Raises:
@@ -155,6 +167,7 @@ class Setup:
     control_period: float = 5e-3
     validity: Validity = "stop"
     engine: EngineName = "pinocchio"
+    integrator: str = "euler"
     reporter: ProgressReporter = field(default_factory=lambda: ProgressReporter(None))
 
     def __post_init__(self) -> None:
@@ -198,6 +211,7 @@ class Setup:
             dt=self.dt,
             control_period=self.control_period,
             engine=self.engine,
+            integrator=INTEGRATORS[self.integrator],
             progress=self.reporter.run(label, duration),
         )
 
@@ -208,7 +222,8 @@ class Setup:
     def parameters(self) -> dict[str, object]:
         """What this world is made of, with units in the names."""
         clocks = {"dt_s": self.dt, "control_period_s": self.control_period}
-        return {"gravity_m_s2": self.gravity, **clocks, "validity": self.validity, "engine": self.engine, **self.values}
+        means = {"validity": self.validity, "engine": self.engine, "integrator": self.integrator}
+        return {"gravity_m_s2": self.gravity, **clocks, **means, **self.values}
 
 
 def setup_of(options: argparse.Namespace, reporter: ProgressReporter) -> Setup:
@@ -223,7 +238,8 @@ def setup_of(options: argparse.Namespace, reporter: ProgressReporter) -> Setup:
     for name in options.fixed:
         if name in values:
             raise DataError(f"{name} is set by the experiment {options.experiment} itself; leave it out of --set.")
-    return Setup(options.gravity, values, options.dt, options.control_period, options.validity, options.engine, reporter)
+    means = options.validity, options.engine, options.integrator
+    return Setup(options.gravity, values, options.dt, options.control_period, *means, reporter)
 
 
 def recorded(file: str, columns: Sequence[str], sources: Sequence[str] = (), joints: Sequence[str] = ()) -> dict[str, np.ndarray]:
