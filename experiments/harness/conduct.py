@@ -8,6 +8,7 @@ import math
 import platform
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -123,7 +124,7 @@ def _look(options: argparse.Namespace) -> None:
     if options.view:
         recording.open_viewer(options.recording)
     if options.serve:
-        with recording.serve(options.recording, port=options.port) as served:
+        with recording.serve(options.recording, port=options.port) as served, suppress(KeyboardInterrupt):
             print(served.words)
             served.wait()
 
