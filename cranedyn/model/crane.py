@@ -186,9 +186,7 @@ class Crane(ShownCrane):
         return State(self.hanging(q) if hangs else q, v)
 
     def hanging(self, q: np.ndarray) -> np.ndarray:
-        """Coordinates at rest, shape (n,): the drives where q has them, the passive joints where gravity and springs balance.
-
-        By Newton's method.
+        """Coordinates at rest, shape (n,): the drives where q has them, the passive joints where gravity and springs balance; by Newton's method.
 
         Raises:
             OutOfRange: If q is not one finite number for each joint.
