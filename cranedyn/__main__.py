@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import importlib.util
 import sys
@@ -98,7 +99,10 @@ def _view(argv: Sequence[str]) -> int:
         if not options.serve:
             recording.open_viewer(options.file)
             return 0
-        with recording.serve(options.file, port=9090 if options.port is None else options.port) as served:
+        with (
+            recording.serve(options.file, port=9090 if options.port is None else options.port) as served,
+            contextlib.suppress(KeyboardInterrupt),
+        ):
             print(served.words, flush=True)
             served.wait()
         return 0

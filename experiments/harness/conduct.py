@@ -8,6 +8,7 @@ import math
 import platform
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -126,7 +127,7 @@ def _look(options: argparse.Namespace) -> None:
     if options.view:
         recording.open_viewer(options.recording)
     if options.serve:
-        with recording.serve(options.recording, port=options.port) as served:
+        with recording.serve(options.recording, port=options.port) as served, suppress(KeyboardInterrupt):
             print(served.words)
             served.wait()
 
