@@ -85,7 +85,7 @@ def test_slow_hoisting_tells_the_equations_apart(result: tuple[Path, dict[str, A
 
 def test_figures_trajectories_and_recording_are_written(result: tuple[Path, dict[str, Any]]) -> None:
     runs = {f"{name}{ending}" for name in ("slew", "slew_trolley_fast_hoist") for ending in (".csv", ".parquet")}
-    figures = {f"{name}.png" for name in ("swing_slew", "swing_all", "slews", "dropped")}
+    figures = {f"{name}{ending}" for name in ("swing_slew", "swing_all", "slews", "dropped") for ending in (".png", ".svg")}
     assert set(files(result[0])) == runs | figures | {"result.json", "linear_vs_full.rrd"}
 
 

@@ -58,7 +58,8 @@ PUBLIC = {
 INTERNAL = tuple(
     f"cranedyn.{name}"
     for name in (
-        "arguments arrays clocks command compiled data.files data.tables dynamics errors interfaces model.layout model.springs model.urdf"
+        "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown data.tables dynamics errors interfaces"
+        " model.layout model.shown model.springs model.urdf"
         " planning.transcription plotting processes simulation.engine simulation.log simulation.record bridges"
     ).split()
 )
