@@ -858,5 +858,6 @@ def test_a_world_runs_on_its_own_clocks_and_numbers() -> None:
         "control_period_s": 2e-2,
         "validity": "stop",
         "engine": "pinocchio",
+        "integrator": "euler",
         "payload_mass": "700",
     }

@@ -134,10 +134,12 @@ def test_a_case_that_kills_its_worker_is_bad_alone(tmp_path: Path) -> None:
 def test_a_case_that_takes_too_long_is_bad_alone(tmp_path: Path) -> None:
     """Its worker, in native code that keeps Python's lock, is killed; the chunk of 4 has 4 times as long as a case, its halves half."""
     began = time.monotonic()
-    assert sweep(studies.stuck, grid(x=range(8)), tmp_path, chunk=4, workers=2, limit=0.2) == Progress(8, 8, 1, 0)
-    assert time.monotonic() - began > 0.2 * (4 + 2 + 1)
+    assert sweep(studies.stuck, grid(x=range(8)), tmp_path, chunk=4, workers=2, limit=0.5) == Progress(
+        8, 8, 1, 0
+    )  # a worker's first case imports NumPy
+    assert time.monotonic() - began > 0.5 * (4 + 2 + 1)
     table = results(tmp_path)
-    assert table["error"].to_pylist() == ["The case took longer than the 0.2 s that a case may." if x == 3 else None for x in range(8)]
+    assert table["error"].to_pylist() == ["The case took longer than the 0.5 s that a case may." if x == 3 else None for x in range(8)]
     assert table["y"].to_pylist() == [None if x == 3 else x * x for x in range(8)]
 
 

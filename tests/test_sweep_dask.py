@@ -104,9 +104,9 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(tmp_path: Pa
     with _cluster(tmp_path, DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0") as (address, _):
         sweep(studies.deadly, grid(x=range(6)), tmp_path / "sweep", chunk=2, scheduler=address)
         assert results(tmp_path / "sweep")["error"].to_pylist() == [DIED if x == 3 else None for x in range(6)]
-        sweep(studies.stuck, grid(x=range(6)), tmp_path / "c", chunk=2, scheduler=address, limit=0.3)
+        sweep(studies.stuck, grid(x=range(6)), tmp_path / "c", chunk=2, scheduler=address, limit=0.6)
         errors = results(tmp_path / "c")["error"].to_pylist()
-        assert errors.pop(3).endswith("or was ended since the case took longer than the 0.3 s that a case may.")
+        assert errors.pop(3).endswith("or was ended since the case took longer than the 0.6 s that a case may.")
         assert errors == [None] * 5
         studies.squares.__module__, before = "tests.elsewhere", studies.squares.__module__
         try:
