@@ -95,7 +95,7 @@ def checked(taker: _Any) -> _Any:
             right.add(asked)
         if (layout := getattr(given.arguments.get("crane"), "layout", None)) is not None:
             for name, value in given.arguments.items():
-                if isinstance(value, OfCrane):
+                if hasattr(type(value), "check_fits"):
                     value.check_fits(name, layout)
         return taker(*given.args, **given.kwargs)
 
