@@ -153,6 +153,16 @@ def told(error: Exception) -> str:
     return f"{type(error).__name__} in {place.name}, line {place.lineno} of {Path(place.filename).name}: {written_out(error)}."
 
 
+def check_word(name: str, value: str, kind: Any) -> None:
+    """Return if a word is one of those that a Literal allows.
+
+    Raises:
+        OutOfRange: If it is none.
+    """
+    if value not in get_args(kind):
+        raise OutOfRange(name, value, " or ".join(get_args(kind)))
+
+
 def _as(value: Any, kind: Any) -> Any:
     """The value as one kind; an error if it is of another."""
     origin, inner = get_origin(kind), get_args(kind)

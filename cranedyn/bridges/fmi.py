@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.arguments import checked
+from cranedyn.arguments import check_word, checked
 from cranedyn.bridges.joints import loaded
 from cranedyn.bridges.names import force_names, input_names, state_names
 from cranedyn.bridges.target import check_free, new_file
@@ -90,8 +90,7 @@ def export(
     if final.suffix != ".fmu":
         raise OutOfRange("name of the unit", str(final), "one that ends in .fmu")
     check_free(final)
-    if drive not in ("effort", "motion"):
-        raise OutOfRange("drive", drive, "effort or motion")
+    check_word("drive", drive, Drive)
     clocks(dt, dt, dt)
     from cranedyn.compiled.checked import elsewhere  # other doors need no llvmlite
     from cranedyn.compiled.kernel import Recipe

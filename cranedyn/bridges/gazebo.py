@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.bridges.joints import Joint, check_heavy, described, grounded, joints
+from cranedyn.bridges.joints import ExportedJoint, check_heavy, described, grounded, joints
 from cranedyn.bridges.programs import Program
 from cranedyn.bridges.target import new_folder
 from cranedyn.errors import DataError, OutOfRange, UnknownName, whole
@@ -81,7 +81,7 @@ def export(
     return folder
 
 
-def _plugin(program: Program, moving: Sequence[Joint], every: int, overwritten: bool) -> ET.Element:
+def _plugin(program: Program, moving: Sequence[ExportedJoint], every: int, overwritten: bool) -> ET.Element:
     """What the plugin is told."""
     clock, tag = program.clock, ET.Element("gazebo")
     plugin = ET.SubElement(tag, "plugin", name="drives", filename="libcrane_drives.so")

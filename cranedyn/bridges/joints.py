@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from argparse import Namespace
-from typing import NamedTuple
+from dataclasses import dataclass, field
 
-from cranedyn.errors import ModelError, number, quoted
+from cranedyn.errors import ModelError, quoted
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
+from cranedyn.model.layout import Joint
 from cranedyn.model.load import load_crane
 from cranedyn.model.urdf import parse
 
@@ -18,16 +19,13 @@ def loaded(options: Namespace) -> Crane:
     return load_crane(options.urdf, gravity=options.gravity, **parse_values(options.values))  # type: ignore[arg-type]
 
 
-class Joint(NamedTuple):
-    """A joint that moves.
+@dataclass(frozen=True)
+class ExportedJoint(Joint):
+    """A joint of a layout, with what other programs are told of it.
 
     Attributes:
-        name: In the URDF.
-        symbol: Of its coordinate.
-        unit: "rad" or "m".
-        driven: Whether a drive moves it.
         child: The link that it carries.
-        axis: In its own frame, as the URDF says.
+        own_axis: In its own frame, as the URDF says.
         lower, upper: Its range [rad or m].
         effort: Largest effort [N m or N].
         velocity: Largest velocity [per second].
@@ -37,30 +35,16 @@ class Joint(NamedTuple):
         start: Where it stands when a run starts [rad or m].
     """
 
-    name: str
-    symbol: str
-    unit: str
-    driven: bool
-    child: str
-    axis: str
-    lower: float
-    upper: float
-    effort: float
-    velocity: float
-    damping: float
-    stiffness: float
-    rest: float
-    start: float
-
-    @property
-    def effort_column(self) -> str:
-        """Name of the column of its effort."""
-        return f"T_{self.symbol}_Nm" if self.unit == "rad" else f"F_{self.symbol}_N"
-
-    @property
-    def columns(self) -> tuple[str, str]:
-        """Names of the columns of its coordinate and of its rate."""
-        return f"{self.symbol}_{self.unit}", f"{self.symbol}_dot_{self.unit}_s"
+    child: str = field(kw_only=True)
+    own_axis: str = field(kw_only=True)
+    lower: float = field(kw_only=True)
+    upper: float = field(kw_only=True)
+    effort: float = field(kw_only=True)
+    velocity: float = field(kw_only=True)
+    damping: float = field(kw_only=True)
+    stiffness: float = field(kw_only=True)
+    rest: float = field(kw_only=True)
+    start: float = field(kw_only=True)
 
 
 def described(crane: Crane) -> ET.Element:
@@ -77,39 +61,29 @@ def described(crane: Crane) -> ET.Element:
     return robot
 
 
-def joints(crane: Crane, robot: ET.Element) -> tuple[Joint, ...]:
+def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
     """The moving joints of a crane in the order of its coordinates, from its model and its text."""
     elements = {element.get("name", ""): element for element in robot.iterfind("joint")}
     found = []
     for i, joint in enumerate(crane.layout.joints):
-        name = joint.name
-        child, axis, limit = (elements[name].find(tag) for tag in ("child", "axis", "limit"))
+        child, axis, limit = (elements[joint.name].find(tag) for tag in ("child", "axis", "limit"))
         assert child is not None and limit is not None  # the crane was loaded from this text
         found.append(
-            Joint(
-                name,
-                joint.symbol,
-                joint.unit,
-                joint.driven,
-                child.get("link", ""),
-                "1 0 0" if axis is None else axis.get("xyz", "1 0 0"),
-                float(crane.lower[i]),
-                float(crane.upper[i]),
-                float(limit.get("effort", "0")),
-                float(limit.get("velocity", "0")),
-                float(crane.damping[i]),
-                _tag(robot, name, "springStiffness"),
-                _tag(robot, name, "springReference"),
-                float(crane.start.q[i]),
+            ExportedJoint(
+                **vars(joint),
+                child=child.get("link", ""),
+                own_axis="1 0 0" if axis is None else axis.get("xyz", "1 0 0"),
+                lower=float(crane.lower[i]),
+                upper=float(crane.upper[i]),
+                effort=float(limit.get("effort", "0")),
+                velocity=float(limit.get("velocity", "0")),
+                damping=float(crane.damping[i]),
+                stiffness=float(crane.springs.stiffness[i]),
+                rest=float(crane.springs.rest[i]),
+                start=float(crane.start.q[i]),
             )
         )
     return tuple(found)
-
-
-def _tag(robot: ET.Element, joint: str, tag: str) -> float:
-    """A number that the URDF gives a joint in a tag of Gazebo's, 0 if it does not."""
-    texts = (one.findtext(tag) for one in robot.iterfind("gazebo") if one.get("reference") == joint)
-    return number(f"{tag} of {quoted(joint)}", next((text for text in texts if text is not None), 0.0))
 
 
 def check_heavy(crane: Crane, robot: ET.Element, door: str) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.arguments import checked
-from cranedyn.bridges.joints import Joint, described, joints, loaded
+from cranedyn.bridges.joints import ExportedJoint, described, joints, loaded
 from cranedyn.bridges.target import new_file
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import DataError, OutOfRange
@@ -116,14 +116,14 @@ def _header(time: int, frame: str = "") -> dict[str, Any]:
 class _Frame:
     """The frame of a link in that of its parent."""
 
-    def __init__(self, element: ET.Element, joint: Joint | None) -> None:
+    def __init__(self, element: ET.Element, joint: ExportedJoint | None) -> None:
         """Take a joint of the URDF, and what is known of it if it moves."""
         self.parent, self.child = (element.find(tag).get("link", "") for tag in ("parent", "child"))  # type: ignore[union-attr]
         origin = element.find("origin")
         xyz, rpy = ("0 0 0" if origin is None else origin.get(name, "0 0 0") for name in ("xyz", "rpy"))
         self.place = np.array([float(word) for word in xyz.split()])
         self.turn = pin.rpy.rpyToMatrix(np.array([float(word) for word in rpy.split()]))
-        axis = np.array([float(word) for word in ("1 0 0" if joint is None else joint.axis).split()])
+        axis = np.array([float(word) for word in ("1 0 0" if joint is None else joint.own_axis).split()])
         self.axis, self.turns = axis / np.linalg.norm(axis), joint is not None and joint.unit == "rad"
 
     def at(self, time: int, value: float) -> dict[str, Any]:
@@ -137,7 +137,7 @@ class _Frame:
         return {"header": _header(time, self.parent), "child_frame_id": self.child, "transform": transform}
 
 
-def _frames(robot: ET.Element, moving: Sequence[Joint]) -> tuple[list[_Frame], list[_Frame]]:
+def _frames(robot: ET.Element, moving: Sequence[ExportedJoint]) -> tuple[list[_Frame], list[_Frame]]:
     """Frames of the moving joints, in their order, and of the fixed ones."""
     elements = {element.get("name", ""): element for element in robot.iterfind("joint")}
     frames = [_Frame(elements.pop(joint.name), joint) for joint in moving]

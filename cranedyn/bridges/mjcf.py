@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.arguments import checked
-from cranedyn.bridges.joints import Joint, check_heavy, described, joints, loaded
+from cranedyn.bridges.joints import ExportedJoint, check_heavy, described, joints, loaded
 from cranedyn.bridges.target import new_file
 from cranedyn.errors import DataError, number
 from cranedyn.model.crane import Crane
@@ -75,7 +75,7 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
 class _Tree:
     """Links and joints of a URDF as nested bodies."""
 
-    def __init__(self, robot: ET.Element, moving: tuple[Joint, ...], colours: Mapping[str, str]) -> None:
+    def __init__(self, robot: ET.Element, moving: tuple[ExportedJoint, ...], colours: Mapping[str, str]) -> None:
         self.links = {link.get("name", ""): link for link in robot.iterfind("link")}
         self.moving = {joint.name: joint for joint in moving}
         self.colours = colours
@@ -127,11 +127,11 @@ def _place(element: ET.Element) -> dict[str, str]:
     return {name: " ".join(text.split()) for name, text in found.items() if text}
 
 
-def _joint(joint: Joint) -> ET.Element:
+def _joint(joint: ExportedJoint) -> ET.Element:
     limits = {"range": f"{joint.lower!r} {joint.upper!r}", "damping": repr(joint.damping)}
     spring = {"stiffness": repr(joint.stiffness), "springref": repr(joint.rest)} if joint.stiffness else {}
     kind = "hinge" if joint.unit == "rad" else "slide"
-    return ET.Element("joint", {"name": joint.name, "type": kind, "axis": joint.axis, **limits, **spring})
+    return ET.Element("joint", {"name": joint.name, "type": kind, "axis": joint.own_axis, **limits, **spring})
 
 
 def _inertial(inertial: ET.Element) -> ET.Element:

@@ -12,8 +12,7 @@ def state_names(crane: Crane) -> list[str]:
 
 def input_names(crane: Crane, drive: str) -> list[str]:
     """Names of the commands: torque T or force F of each drive, such as F_x, or with "motion" its acceleration, such as x_ddot."""
-    driven = [(joint.symbol, "T" if joint.unit == "rad" else "F") for joint in crane.layout.driven]
-    return [f"{effort}_{name}" if drive == "effort" else f"{name}_ddot" for name, effort in driven]
+    return [joint.effort_name if drive == "effort" else f"{joint.symbol}_ddot" for joint in crane.layout.driven]
 
 
 def force_names(crane: Crane) -> list[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cranedyn.arguments import checked
 from cranedyn.bridges.gazebo import world
-from cranedyn.bridges.joints import Joint, check_heavy, described, grounded, joints, loaded
+from cranedyn.bridges.joints import ExportedJoint, check_heavy, described, grounded, joints, loaded
 from cranedyn.bridges.target import new_folder
 from cranedyn.errors import DataError, number
 from cranedyn.model.crane import Crane
@@ -87,7 +87,7 @@ def export(folder: str | Path, crane: Crane, *, name: str = "crane_description",
     return folder
 
 
-def _control(moving: Sequence[Joint]) -> ET.Element:
+def _control(moving: Sequence[ExportedJoint]) -> ET.Element:
     """Interfaces of ros2_control: commands for the drives, states for all."""
     control = ET.Element("ros2_control", name="crane", type="system")
     ET.SubElement(ET.SubElement(control, "hardware"), "plugin").text = "gz_ros2_control/GazeboSimSystem"

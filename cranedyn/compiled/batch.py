@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.arguments import checked
+from cranedyn.arguments import check_word, checked
 from cranedyn.arrays import fixed
 from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import inputs
@@ -114,8 +114,7 @@ def simulate_batch(
         ModelError: If the code would not do what Pinocchio does.
     """
     clock = clocks(duration, dt, control_period)
-    if drive not in ("effort", "motion"):
-        raise OutOfRange("drive", drive, "effort or motion")
+    check_word("drive", drive, Drive)
     if buffers and drive != "effort":
         raise OutOfRange("buffers", buffers, "False where the drives follow prescribed motion")
     check_rule(integrator)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked, described
+from cranedyn.arguments import check_word, checked, described
 from cranedyn.arrays import finite, fixed
 from cranedyn.clocks import clocks
 from cranedyn.compiled.call import Sizes, places, size
@@ -68,8 +68,7 @@ class Fleet:
             OutOfRange: If a number is out of range, there is no crane, one has another layout, or they would not fit into 4 GB.
             ModelError: If the code would not do what Pinocchio does.
         """
-        if drive not in ("effort", "motion"):
-            raise OutOfRange("drive", drive, "effort or motion")
+        check_word("drive", drive, Drive)
         self.cranes = [cranes] if isinstance(cranes, Crane) else list(cranes)
         if not self.cranes:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import scipy
 
-from cranedyn.arguments import checked
+from cranedyn.arguments import check_word, checked
 from cranedyn.arrays import finite, shaped
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.pinocchio import holding_effort, linearise
@@ -86,8 +86,7 @@ def linear(crane: Crane, state: State, effort: np.ndarray | None = None, *, driv
     Raises:
         OutOfRange: If the effort is not one finite number for each drive, or `drive` is none of these.
     """
-    if drive not in ("effort", "motion"):
-        raise OutOfRange("drive", drive, "effort or motion")
+    check_word("drive", drive, Drive)
     n, m, drives = crane.layout.n, crane.layout.m, crane.layout.drives
     exerted = holding_effort(crane, state.q) if effort is None else finite("effort", effort, (m,))
     by_state, by_command = linearise(crane, state, exerted)

@@ -68,6 +68,21 @@ class Joint:
         """Unit of its generalized force, "N m" or "N"."""
         return "N m" if self.kind == "revolute" else "N"
 
+    @property
+    def effort_name(self) -> str:
+        """Of its generalized force: torque T or force F, such as F_x."""
+        return f"{'T' if self.kind == 'revolute' else 'F'}_{self.symbol}"
+
+    @property
+    def effort_column(self) -> str:
+        """Name of the column of what acts, in a record."""
+        return f"{self.effort_name}_{self.effort_unit.replace(' ', '')}"
+
+    @property
+    def columns(self) -> tuple[str, str]:
+        """Names of the columns of its coordinate and of its rate, in a record."""
+        return f"{self.symbol}_{self.unit}", f"{self.symbol}_dot_{self.unit}_s"
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -227,16 +242,14 @@ class Layout:
 
     def columns(self) -> dict[str, tuple[str, ...]]:
         """Names of the columns of a record by quantity, with units."""
-        q = tuple(f"{joint.symbol}_{joint.unit}" for joint in self.joints)
-        v = tuple(f"{joint.symbol}_dot_{joint.unit}_s" for joint in self.joints)
-        drives = [(joint, "T" if joint.kind == "revolute" else "F", joint.effort_unit.replace(" ", "")) for joint in self.driven]
+        q, v = zip(*(joint.columns for joint in self.joints), strict=True)
         return {
             "t": ("t_s",),
             "q": q,
             "v": v,
             "setpoint": tuple(f"{joint.symbol}_setpoint_{joint.unit}" for joint in self.driven),
-            "command": tuple(f"{letter}_{joint.symbol}_command_{unit}" for joint, letter, unit in drives),
-            "effort": tuple(f"{letter}_{joint.symbol}_{unit}" for joint, letter, unit in drives),
+            "command": tuple(f"{joint.effort_name}_command_{joint.effort_unit.replace(' ', '')}" for joint in self.driven),
+            "effort": tuple(joint.effort_column for joint in self.driven),
             "energy": ("energy_J",),
             "work": tuple(f"W_{joint.symbol}_J" for joint in self.driven),
             "dissipated": ("dissipated_J",),

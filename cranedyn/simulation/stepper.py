@@ -8,7 +8,7 @@ from pkgutil import resolve_name
 
 import numpy as np
 
-from cranedyn.arguments import checked, described
+from cranedyn.arguments import check_word, checked, described
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, RunError
@@ -63,10 +63,8 @@ class Stepper:
         Raises:
             OutOfRange: If an argument is of another kind, or the state is not one of this crane.
         """
-        if drive not in ("effort", "motion"):
-            raise OutOfRange("drive", drive, "effort or motion")
-        if engine not in ENGINES:
-            raise OutOfRange("engine", engine, " or ".join(ENGINES))
+        check_word("drive", drive, Drive)
+        check_word("engine", engine, EngineName)
         if buffers and drive != "effort":
             raise OutOfRange("buffers", "True", "False where the drives follow motion")
         self.crane, self._forces, self._steps = crane, forces, 0
