@@ -307,7 +307,7 @@ def test_a_scheduler_that_is_not_there_is_said_when_it_had_time_to_come(tmp_path
 
 def test_a_name_that_is_looked_up_for_ever_is_said_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "CONNECTING", 0.2)
-    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: time.sleep(30))
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: time.sleep(30) or [])
     began = time.monotonic()
     with pytest.raises(CraneError, match=r"No Dask scheduler answers at tcp://far\.example:8786: timed out\."):
         sweep(studies.squares, grid(x=range(4)), tmp_path / "sweep", scheduler="tcp://far.example:8786")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import pyarrow as pa
 
 from cranedyn.arguments import taken
+from cranedyn.command import interrupted
 from cranedyn.errors import CraneError, shown, within
 from cranedyn.sweep.chunk import Study, failed, joined, name_of
 from cranedyn.sweep.cluster import Cluster
@@ -113,7 +114,9 @@ def sweep(
                     for rows, found in _computed(pool, design, map(manifest.rows, books.missing)):
                         books.take(rows, found)
             unify(folder, manifest)
-        except KeyboardInterrupt:
+        except BaseException as error:
+            if not interrupted(error):  # what ends the work after Ctrl-C may fail in its own words
+                raise
             done = f"{books.kept()} of {manifest.cases} cases are done"
             raise KeyboardInterrupt(f"Interrupted: {done}, and kept in {folder}; the same sweep goes on from there.") from None
     return books.progress
