@@ -1,4 +1,4 @@
-"""Ways around obstacles: random trees by OMPL (Sucan, Moll, Kavraki 2012) whose every edge is proven, then made short."""
+"""Ways around obstacles: random trees by OMPL (Sucan, Moll, Kavraki 2012) and a grid, every edge proven, then made short."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from cranedyn.errors import CraneError
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import lasts
+from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.proof import Line, unproven
 
 TRIES, LONGEST = 8, 6.0
@@ -19,6 +20,9 @@ TRIES, LONGEST = 8, 6.0
 _SEED = 1
 _STEPS = (4.0, 2.0, 1.0, 0.5, 0.25)
 """By how much corners are shifted on trial [s]."""
+
+_NEAR = 1.01
+"""A way is not looked for on a grid, too, if it lasts no more than so many times what a straight one would."""
 
 _STRAIGHT = 0.03
 """What a second of the way of all drives is worth beside one of the longest: of ways that last equally long the straight one."""
@@ -41,7 +45,7 @@ class Proofs:
 
 
 def search(clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray, *, tries: int = TRIES) -> np.ndarray | None:
-    """Places to go by, the shortest way found in several tries; None if none of them finds one.
+    """Places to go by: the shortest way by random trees or, if it is much longer than a straight one, on a grid; None if there is none.
 
     Args:
         clearance: Crane and site.
@@ -67,8 +71,12 @@ def search(clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np
             break
         found = _shortcuts(free, _fewer(free, found, rates), rates, rng)
         if best is None or _cost(found, rates) < _cost(best, rates):
-            best = found
-    return None if best is None else shortened(free, best, rates, bounds, rng)
+                best = found
+    ways = [] if best is None else [shortened(free, best, rates, bounds, rng)]
+    if not ways or lasts(ways[0], rates).sum() > _NEAR * lasts(ends, rates).sum():
+        on_grid = best_on_grid(clearance, ends, bounds, rates).points
+        ways += [] if on_grid is None else [shortened(free, on_grid, rates, bounds, rng)]
+    return min(ways, key=lambda points: _cost(points, rates), default=None)
 
 
 def shortened(
