@@ -6,6 +6,7 @@ shapes, which are inflated by it, and the swing of the load is an envelope about
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -163,11 +164,11 @@ class Clearance:
 
     # ------------------------------------------------------------------------------------------------------------------------ by name
 
-    def distances(self, q: np.ndarray) -> dict[str, Nearest]:
-        """What is nearest to each obstacle, by its name, at coordinates of all joints, shape (5,)."""
+    def distances(self, q: np.ndarray, *, jib: bool = True) -> dict[str, Nearest]:
+        """What is nearest to each obstacle, by its name, at coordinates of all joints, shape (5,); what slews with the jib included or not."""
         found: dict[str, Nearest] = {}
-        jib = [("jib", "solids", moving) for moving in self._slewing(float(q[SLEW]))]
-        for body, kind, moving in [*self._placed(q), *jib]:
+        jib_parts = self._slewing(float(q[SLEW])) if jib else ()
+        for body, kind, moving in itertools.chain(self._placed(q), (("jib", "solids", moving) for moving in jib_parts)):
             inflated = 0.0 if kind == "zones" else self.site.distance
             for name, distance in self._fields[kind].each(moving).items():
                 found[name] = min(found.get(name, Nearest(math.inf, "", name)), Nearest(distance + inflated, body, name))

@@ -71,7 +71,7 @@ def search(clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np
             break
         found = _shortcuts(free, _fewer(free, found, rates), rates, rng)
         if best is None or _cost(found, rates) < _cost(best, rates):
-                best = found
+            best = found
     ways = [] if best is None else [shortened(free, best, rates, bounds, rng)]
     if not ways or lasts(ways[0], rates).sum() > _NEAR * lasts(ends, rates).sum():
         on_grid = best_on_grid(clearance, ends, bounds, rates).points
