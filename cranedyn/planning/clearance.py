@@ -87,7 +87,9 @@ class Clearance:
 
     def with_more_distance(self, extra: float) -> Clearance:
         """The same where more distance is asked for [m]."""
-        return Clearance(self.crane, replace(self.site, distance=self.site.distance + extra))
+        wider = Clearance(self.crane, replace(self.site, distance=self.site.distance + extra))
+        wider.__dict__["bodies"] = self.bodies
+        return wider
 
     # --------------------------------------------------------------------------------------------------------------------- places
 

@@ -24,7 +24,8 @@ class Body:
 
     def __init__(self, placed: Placed, inflated: float) -> None:
         """Inflate a shape by a distance [m]; its rotation and translation are those in the frame that it moves with."""
-        self.shape, self._rotation, self._translation = placed
+        shape, self._rotation, self._translation = placed
+        self.shape = shape.clone()
         self.shape.setSweptSphereRadius(inflated)
         self.shape.computeLocalAABB()
         self.moving = coal.CollisionObject(self.shape)

@@ -21,10 +21,12 @@ from cranedyn.planning.site import Site
 from cranedyn.planning.timing import RAMP, Timed, timed
 from cranedyn.references.limits import Limits
 
-EXTRA = (0.2, 0.1, 0.0)
+EXTRA = (0.1, 0.2, 0.0)
 """Room beyond what is required that a path is planned with, as far as there is a way [m]: what averaging may take it off its curve."""
 
-_SLOWER = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
+_FAST = 1.2
+"""A motion is fast enough, so that no other room is tried, if it lasts no more than so many times what the drives alone would need."""
+
 _TURN = 2.0 * math.pi
 
 
@@ -121,11 +123,15 @@ def plan_lift(
     if slews.low == slews.high:
         raise NoWay(f"At the start the jib is nearer to {slews.below} than {site.distance:g} m.")
     rates = np.array(limits.rates)
-    found = [_way(clearance, np.array([first, there]), slews, rates, ramp, limits, period) for there in _turns(first, last, slews)]
-    ways = [one for one in found if one is not None]
-    if not ways:
+    best: Lift | None = None
+    for there in _turns(first, last, slews):
+        ends = np.array([first, there])
+        if best is None or float(lasts(ends, rates).sum()) < best.timed.motion.arrival:
+            found = _way(clearance, ends, slews, rates, ramp, limits, period)
+            best = found if best is None or (found is not None and found.timed.motion.arrival < best.timed.motion.arrival) else best
+    if best is None:
         raise NoWay(_why(clearance, first, last, slews, rates))
-    return min(ways, key=lambda lift: lift.timed.motion.arrival)
+    return best
 
 
 def _end(clearance: Clearance, what: str, point: np.ndarray | None) -> np.ndarray:
@@ -174,6 +180,7 @@ def _way(
     bounds = _bounds(clearance, ends, slews)
     if not ((bounds[0] <= ends).all() and (ends <= bounds[1]).all()):
         return None
+    best: Lift | None = None
     for extra in EXTRA:
         if extra and least < extra + CLOSE:
             continue
@@ -182,16 +189,19 @@ def _way(
         path = None if points is None else rounded(wider, points, rates)
         if points is None or path is None:
             continue
-        for slower in _SLOWER:
-            made = timed(clearance, path, limits, ramp=ramp, period=period, slower=slower)
-            if unproven(clearance, made, 0.0, len(made.places) - 1.0) is None and _turns_freely(made, slews):
-                return Lift(clearance, limits, ends, slews, points, path, made)
-    return None
+        made = timed(clearance, path, limits, lambda one: _proven(clearance, one, slews), ramp=ramp, period=period)
+        if made is not None and (best is None or made.motion.arrival < best.timed.motion.arrival):
+            best = Lift(clearance, limits, ends, slews, points, path, made)
+        if best is not None and best.timed.motion.arrival < _FAST * best.timed.bound:
+            break
+    return best
 
 
-def _turns_freely(made: Timed, slews: SlewRange) -> bool:
+def _proven(clearance: Clearance, made: Timed, slews: SlewRange) -> bool:
+    """Whether the load of a motion is proven free, and the jib stays among the slew angles that are."""
     slew = made.motion.q[:, SLEW]
-    return bool(slews.low <= slew.min() and slew.max() <= slews.high)
+    turns = bool(slews.low <= slew.min() and slew.max() <= slews.high)
+    return turns and unproven(clearance, made, 0.0, len(made.places) - 1.0) is None
 
 
 def _why(clearance: Clearance, first: np.ndarray, last: np.ndarray, slews: SlewRange, rates: np.ndarray) -> str:

@@ -8,6 +8,7 @@ of. Then the load is to be there, not the trolley: the drives go where the rope 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -33,7 +34,10 @@ _SIDES = 16
 _AVERAGES = (1.0, 1.4, 2.0, 2.8)
 """Times over which a law of time is averaged, thrice over [s]; the one that gives the fastest motion is taken."""
 
-_ROUNDS, _KEPT, _MORE = 6, 1.0 + 1e-6, 1.4
+_SLOWER = (1.0, 1.5, 3.0, 6.0)
+"""By which factor accelerations are less than they might be where a motion is not proven otherwise."""
+
+_ROUNDS, _KEPT, _MORE = 5, 1.0 + 1e-6, 1.4
 _MARGIN = 8
 
 
@@ -79,54 +83,61 @@ class Timed:
         return np.abs(rows - self.at((first + last) / 2.0)).max(axis=0) + 2.0 * bend
 
 
-def timed(clearance: Clearance, path: Path, limits: Limits, *, ramp: float = RAMP, period: float = 5e-3, slower: float = 1.0) -> Timed:
-    """The fastest motion of the load along a path that keeps the limits of the drives and the swing of the site.
+def timed(
+    clearance: Clearance, path: Path, limits: Limits, proven: Callable[[Timed], bool], *, ramp: float = RAMP, period: float = 5e-3
+) -> Timed | None:
+    """The fastest motion of the load along a path that keeps the limits of the drives and the swing of the site, and is proven.
+
+    Averaging takes a motion off its path where that bends, by half of its acceleration times the variance of the times averaged over.
 
     Args:
         clearance: Crane and site.
         path: The path of the load.
         limits: Rates and accelerations of the drives.
+        proven: Whether a motion is free; slower ones are tried where it is not.
         ramp: Time in which a drive may reach its limit of acceleration [s].
         period: Time between rows of the motion [s].
-        slower: By which factor all accelerations are less than they might be.
+
+    Returns:
+        The motion; None if none is proven, or no law of time keeps the limits.
 
     Raises:
-        CraneError: If TOPP-RA is not installed, or no law of time keeps the limits.
+        CraneError: If TOPP-RA is not installed.
         OutOfRange: If a number is not positive.
     """
     number("ramp", ramp, "s", "> 0")
     crane = clearance.crane
     rates, accelerations = np.array(limits.rates), np.array(limits.accelerations)
     bound = float(_fastest(path, Bounds(rates, accelerations, math.inf))[0][-1])
-    best: Timed | None = None
-    for average in _AVERAGES:
-        asked = Bounds(rates, accelerations, crane.gravity * math.tan(clearance.site.swing))
-        for _ in range(_ROUNDS):
-            places = _averaged(*_fastest(path, _slowed(asked, slower)), average * math.sqrt(slower))
-            if best is not None and STEP * (len(places) - 1) >= best.motion.arrival - STEP:
-                break
-            motion = carried(clearance, places, STEP)
-            shares = _shares(crane, motion, limits, ramp, clearance.site.swing)
-            if max(shares.values()) <= _KEPT:
-                best = Timed(places, motion, bound, shares)
-            asked = _nearer(asked, shares)
-    if best is None:
-        raise CraneError("No law of time along this path keeps the limits of the drives and of the swing.")
-    return replace(best, motion=carried(clearance, best.places, period))
+    for slower in _SLOWER:
+        best: Timed | None = None
+        for average in _AVERAGES:
+            asked = Bounds(rates, accelerations / slower, crane.gravity * math.tan(clearance.site.swing) / slower)
+            for _ in range(_ROUNDS):
+                places = _averaged(*_fastest(path, asked), average)
+                if best is not None and STEP * (len(places) - 1) >= best.motion.arrival - STEP:
+                    break
+                motion = carried(clearance, places, STEP)
+                shares = _shares(crane, motion, limits, ramp, clearance.site.swing)
+                made = Timed(places, motion, bound, shares)
+                kept = max(shares.values()) <= _KEPT
+                if kept and not proven(made):
+                    break
+                best = made if kept else best
+                asked = _nearer(asked, shares, slower)
+        if best is not None:
+            return replace(best, motion=carried(clearance, best.places, period))
+    return None
 
 
-def _slowed(asked: Bounds, slower: float) -> Bounds:
-    return Bounds(asked.rates, asked.accelerations / slower, asked.across / slower)
-
-
-def _nearer(asked: Bounds, shares: dict[str, float]) -> Bounds:
+def _nearer(asked: Bounds, shares: dict[str, float], slower: float) -> Bounds:
     """Bounds for the law of time with which the motion, whose accelerations are means of it, should use its limits fully."""
     rate, acceleration, jerk, effort = (
         np.array([shares[f"{kind} of the {name}"] for name in ("slew", "trolley", "hoist")]) for kind in ("rate", "acceleration", "jerk", "effort")
     )
     used = np.maximum(np.maximum(acceleration, jerk), effort.max())
-    factor = np.clip(0.995 / np.maximum(used, 1e-3), 0.3, _MORE)
-    return Bounds(asked.rates / np.maximum(1.0, rate / 0.999), asked.accelerations * factor, asked.across * float(np.clip(0.995 / shares["swing"], 0.3, _MORE)))
+    factor, across = (np.clip(0.995 / (slower * np.maximum(share, 1e-3)), 0.3, _MORE) for share in (used, shares["swing"]))
+    return Bounds(asked.rates / np.maximum(1.0, rate / 0.999), asked.accelerations * factor, asked.across * float(across))
 
 
 def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
