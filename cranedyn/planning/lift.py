@@ -46,6 +46,7 @@ class Lift:
         points: The corners of the way that was found, each proven to be reached from the one before, shape (n, 3).
         path: The same with rounded corners, proven.
         timed: The motion, proven.
+        extra: Room beyond what is required that the way keeps [m].
     """
 
     clearance: Clearance
@@ -55,6 +56,7 @@ class Lift:
     points: np.ndarray
     path: Path
     timed: Timed
+    extra: float = 0.0
 
     @property
     def crane(self) -> Crane:
@@ -73,7 +75,12 @@ class Lift:
 
     @cached_property
     def on_grid(self) -> Searched:
-        """The best way on a grid of cells of a second."""
+        """The best way on a grid of cells of a second that keeps the same room."""
+        return best_on_grid(self.clearance.with_more_distance(self.extra), self.ends, self.bounds, np.array(self.limits.rates))
+
+    @cached_property
+    def on_grid_without_extra(self) -> Searched:
+        """The best way on the same grid that keeps no more room than required."""
         return best_on_grid(self.clearance, self.ends, self.bounds, np.array(self.limits.rates))
 
     def states(self) -> tuple[State, State]:
@@ -191,7 +198,7 @@ def _way(
             continue
         made = timed(clearance, path, limits, lambda one: _proven(clearance, one, slews), ramp=ramp, period=period)
         if made is not None and (best is None or made.motion.arrival < best.timed.motion.arrival):
-            best = Lift(clearance, limits, ends, slews, points, path, made)
+            best = Lift(clearance, limits, ends, slews, points, path, made, extra)
         if best is not None and best.timed.motion.arrival < _FAST * best.timed.bound:
             break
     return best

@@ -10,6 +10,7 @@ import rerun as rr
 from cranedyn.arguments import checked
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
+from cranedyn.recording.scenery import Scenery
 
 TIMELINE = "sim_time"
 """The one clock of a recording."""
@@ -25,12 +26,14 @@ class Run:
         crane: The crane.
         trajectory: What it did.
         offset: Where its foot stands in the scene [m]; cranes with the same offset are drawn into each other.
+        scenery: What stands about it; None for nothing.
     """
 
     name: str
     crane: Crane
     trajectory: Trajectory
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    scenery: Scenery | None = None
 
     def entity(self, *parts: str) -> str:
         """Path of an entity of this run."""
