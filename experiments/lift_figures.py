@@ -10,17 +10,16 @@ from matplotlib.collections import PolyCollection
 from scipy.spatial import ConvexHull
 
 from cranedyn.planning.certificate import Certificate
-from cranedyn.planning.clearance import GROUND
+from cranedyn.planning.clearance import PLACE, RADIUS
 from cranedyn.planning.lift import Lift
 from cranedyn.planning.solids import Solid
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.recording.scenery import Obstacle, Scenery
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_SHOWN, _SPACED = 5, 1.5
+_SHOWN, _SPACED, _SCALE = 5, 1.5, 8.0
 _PALETTE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 
 
@@ -29,7 +28,7 @@ def views(certificate: Certificate) -> Figure:
     lift = certificate.lift
     site, clearance = lift.clearance.site, lift.clearance
     path = site.to_site(clearance.point(lift.timed.places))
-    near = site.to_site(clearance.point(certificate.run.q[np.searchsorted(certificate.run.t, certificate.at)][[0, 1, 4]]))
+    near = site.to_site(clearance.point(certificate.run.q[np.searchsorted(certificate.run.t, certificate.at)][PLACE]))
     figure, axes = panels(1, 3, height=4.2, width=13.0)
     for ax, (i, j), names in zip(axes, ((0, 1), (0, 2), (1, 2)), (("x", "y"), ("x", "z"), ("y", "z")), strict=True):
         for solid in site.solids:
@@ -37,16 +36,16 @@ def views(certificate: Certificate) -> Figure:
         mast = site.to_site(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, clearance.height]]))
         ax.plot(mast[:, i], mast[:, j], color="#333333", linewidth=3.0, marker="s", markersize=4)
         ax.plot(path[:, i], path[:, j], color=COLOURS["x"], label="centre of the load")
-        ax.plot(*path[0, [i, j]], "o", color=COLOURS["x"])
-        ax.plot(*path[-1, [i, j]], "*", color=COLOURS["x"], markersize=12)
-        ax.plot(*near[[i, j]], "x", color="#000000", label=f"nearest, {certificate.nearest.distance:.2f} m")
+        ax.plot(path[0, i], path[0, j], "o", color=COLOURS["x"])
+        ax.plot(path[-1, i], path[-1, j], "*", color=COLOURS["x"], markersize=12)
+        ax.plot(near[i], near[j], "x", color="#000000", label=f"nearest, {certificate.nearest.distance:.2f} m")
         if j == 2:
             ax.axhline(site.ground, color="#777777", linewidth=1.0)
         ax.set(xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]")
         ax.set_aspect("equal", adjustable="datalim")
         ax.autoscale_view()
     angle = np.linspace(0.0, 2.0 * math.pi, 100)
-    for radius in (lift.crane.lower[1], lift.crane.upper[1]):
+    for radius in (lift.crane.lower[RADIUS], lift.crane.upper[RADIUS]):
         axes[0].plot(site.foot[0] + radius * np.cos(angle), site.foot[1] + radius * np.sin(angle), ":", color="#999999", linewidth=1.0)
     axes[0].legend(loc="best", fontsize=9)
     figure.suptitle(site.name)
@@ -58,11 +57,11 @@ def over_time(certificate: Certificate) -> Figure:
     site = certificate.lift.clearance.site
     figure, (clear, swing) = panels(2, height=2.6, sharex=True)
     zones = {solid.name for solid in site.solids if solid.zone}
-    names = sorted((name for name in certificate.distances if name not in zones), key=lambda name: certificate.distances[name].min())
+    names = sorted((name for name in certificate.distances if name not in zones), key=lambda name: certificate.distances[name].min().item())
     for name, colour in zip(names[:_SHOWN], _PALETTE, strict=False):
         clear.plot(certificate.t, certificate.distances[name], color=colour, label=name)
     clear.axhline(site.distance, color="#000000", linestyle="--", linewidth=1.0, label="required")
-    clear.set(ylabel="clearance [m]", ylim=(0.0, None))
+    clear.set(ylabel="clearance [m]", ylim=(0.0, _SCALE))
     clear.legend(loc="upper right", ncols=2, fontsize=9)
     run = certificate.run
     swing.plot(run.t, 1e3 * run["phi_rad"], color=COLOURS["phi"], label="φ radial")
@@ -118,6 +117,3 @@ def _outlines(solid: Solid, i: int, j: int) -> PolyCollection:
             shapes.append(flat[ConvexHull(flat).vertices])
     colour = "#CC3311" if solid.zone else "#8C8475"
     return PolyCollection(shapes, facecolor=colour, edgecolor=colour, alpha=0.25 if solid.zone else 0.55, linewidth=0.8)
-
-
-_ = (GROUND, "Axes")

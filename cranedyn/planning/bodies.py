@@ -76,7 +76,7 @@ def bodies(crane: Crane, load: np.ndarray | None = None) -> Bodies:
         raise ModelError("The URDF of the crane shows no hook above its load, so that the width of the rope is not known.")
     block = max(above, key=lambda points: float(points[:, 2].max()))
     carried = largest if load is None else load
-    hook = np.concatenate(above) + [0.0, 0.0, float(carried[:, 2].max()) - top]
+    hook = np.concatenate(above) + np.array([0.0, 0.0, float(carried[:, 2].max()) - top])
     return Bodies(
         mast=_mast(groups["mast"]),
         upper=groups["upper structure"],
@@ -125,5 +125,3 @@ def _corners(placed: Placed) -> np.ndarray:
 def _box(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     low, high = points.min(axis=0), points.max(axis=0)
     return (low + high) / 2.0, high - low
-
-

@@ -14,11 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.analysis.swing import swing_amplitude
-from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.errors import RunError
 from cranedyn.interfaces import EngineName
 from cranedyn.planning.clearance import PLACE, SLEW, Clearance, Nearest
 from cranedyn.planning.lift import Lift
@@ -83,7 +81,12 @@ def controller_of(lift: Lift, *, dt: float = 5e-4) -> HoistIntegral:
 
 
 def certify(
-    lift: Lift, clearance: Clearance | None = None, *, controller: HoistIntegral | None = None, dt: float = 5e-4, engine: EngineName = "compiled"
+    lift: Lift,
+    clearance: Clearance | None = None,
+    *,
+    controller: HoistIntegral | None = None,
+    dt: float = 5e-4,
+    engine: EngineName = "compiled",
 ) -> Certificate:
     """Simulate a lift and hold it against its site.
 
@@ -107,7 +110,9 @@ def certify(
     names = list(found[0])
     distances = {name: np.array([one[name].distance for one in found]) for name in names}
     k, nearest = _nearest(against, run, rows, found)
-    return Certificate(lift, run, run.t[rows], distances, nearest, float(run.t[k]), _checks(against, lift, run, goal.q, nearest, float(run.t[k])))
+    return Certificate(
+        lift, run, run.t[rows], distances, nearest, float(run.t[k]), _checks(against, lift, run, goal.q, nearest, float(run.t[k]))
+    )
 
 
 def _nearest(clearance: Clearance, run: Trajectory, rows: np.ndarray, found: Sequence[dict[str, Nearest]]) -> tuple[int, Nearest]:
@@ -144,7 +149,7 @@ def _checks(clearance: Clearance, lift: Lift, run: Trajectory, goal: np.ndarray,
     unproven = unproven_time(clearance, run)
     slew = run.q[:, SLEW]
     turns = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
-    turned = turns.low <= slew.min() and slew.max() <= turns.high and turns.low < turns.high or bool(np.ptp(slew) == 0.0)
+    turned = (turns.low <= slew.min() and slew.max() <= turns.high and turns.low < turns.high) or bool(np.ptp(slew) == 0.0)
     after = run.since(motion.arrival - 1e-9)
     swing = float(swing_amplitude(after.q[:1, 2:4], after.v[:1, 2:4], float(after.q[0, PLACE[2]]), crane.gravity)[0])
     peak = float(np.hypot(run.q[:, 2], run.q[:, 3]).max())
@@ -152,7 +157,11 @@ def _checks(clearance: Clearance, lift: Lift, run: Trajectory, goal: np.ndarray,
     cut = bool((run.command != run.effort).any())
     off = 1000.0 * float(np.linalg.norm(clearance.point(after.q[-1, PLACE]) - clearance.point(goal[PLACE])))
     proof = "proven between all instants" if unproven is None else f"not proven at t = {unproven:.2f} s"
-    jib = f"jib and counter-jib turn freely, with {site.distance:g} m at least" if turned else f"the jib comes too near to {turns.below or turns.above}"
+    jib = (
+        f"jib and counter-jib turn freely, with {site.distance:g} m at least"
+        if turned
+        else f"the jib comes too near to {turns.below or turns.above}"
+    )
     return [
         Check(
             f"Nothing comes nearer than {site.distance:g} m: least is {nearest.distance:.2f} m, {nearest.body} and {nearest.obstacle} at "
@@ -161,9 +170,12 @@ def _checks(clearance: Clearance, lift: Lift, run: Trajectory, goal: np.ndarray,
         ),
         Check(f"Slewing: {jib}.", bool(turned)),
         Check(f"The load swings {1000 * peak:.1f} mrad at most, {1000 * site.swing:.1f} allowed.", peak <= site.swing),
-        Check(f"At the arrival it swings {1e3 * swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} allowed; it ends {off:.1f} mm from its goal.", swing <= ARRIVAL_SWING),
-        Check(f"Rates are {100 * rates.max():.1f} % of their limits at most; efforts are {'cut' if cut else 'never cut'}.", bool(rates.max() <= _TOO_FAST) and not cut),
+        Check(
+            f"At the arrival it swings {1e3 * swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} allowed; it ends {off:.1f} mm from its goal.",
+            swing <= ARRIVAL_SWING,
+        ),
+        Check(
+            f"Rates are {100 * rates.max():.1f} % of their limits at most; efforts are {'cut' if cut else 'never cut'}.",
+            bool(rates.max() <= _TOO_FAST) and not cut,
+        ),
     ]
-
-
-_ = simulate_batch, RunError

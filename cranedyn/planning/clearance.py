@@ -167,7 +167,7 @@ class Clearance:
     # ------------------------------------------------------------------------------------------------------------------------ by name
 
     def distances(self, q: np.ndarray, *, jib: bool = True) -> dict[str, Nearest]:
-        """What is nearest to each obstacle, by its name, at coordinates of all joints, shape (5,); what slews with the jib included or not."""
+        """What is nearest to each obstacle, by its name, at coordinates of all joints, shape (5,); the jib counted or not."""
         found: dict[str, Nearest] = {}
         jib_parts = self._slewing(float(q[SLEW])) if jib else ()
         for body, kind, moving in itertools.chain(self._placed(q), (("jib", "solids", moving) for moving in jib_parts)):
@@ -187,7 +187,9 @@ class Clearance:
     def _fields(self) -> dict[str, Field]:
         here = np.eye(3), np.zeros(3)
         ground = coal.Halfspace(np.array([0.0, 0.0, 1.0]), self.site.ground - float(self.site.foot[2]))
-        solids, zones = ([(one.name, (shape, *here)) for one in self.solids if one.zone is zone for shape in one.geometries()] for zone in (False, True))
+        solids, zones = (
+            [(one.name, (shape, *here)) for one in self.solids if one.zone is zone for shape in one.geometries()] for zone in (False, True)
+        )
         return {
             "solids": Field(solids),
             "solids and mast": Field([*solids, *((MAST, one) for one in self.bodies.mast)]),

@@ -37,7 +37,9 @@ class Searched(NamedTuple):
     blocked: list[str]
 
 
-def best_on_grid(clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray, *, cell: float = CELL, most: int = 400_000) -> Searched:
+def best_on_grid(
+    clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray, *, cell: float = CELL, most: int = 400_000
+) -> Searched:
     """The shortest way by A* (Hart, Nilsson, Raphael 1968) over cells, all 26 neighbours of each.
 
     Args:
@@ -76,7 +78,7 @@ def best_on_grid(clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rat
     if best == math.inf:
         names = Counter(clearance.nearest(clearance.q(place)).obstacle for place in blocked)
         return Searched(None, best, len(done), [name for name, _ in names.most_common()])
-    way = [last]
+    way: list[tuple[int, ...]] = [last]
     while way[-1] in before:
         way.append(before[way[-1]])
     points = np.array([*(grid.place(node) for node in reversed(way)), ends[1]])

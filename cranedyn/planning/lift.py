@@ -110,7 +110,8 @@ def plan_lift(
     Args:
         site: Where it takes place.
         limits: Rates and accelerations of the drives.
-        start, goal: Centre of the load at the start and at the end, in the frame of the site [m], shape (3,); None for those of the site.
+        start: Centre of the load at the start, in the frame of the site [m], shape (3,); None for that of the site.
+        goal: The same at the end.
         crane: The crane; None for that of the site.
         ramp: Time in which a drive may reach its limit of acceleration [s].
         period: Time between rows of the motion [s].
@@ -222,8 +223,12 @@ def _why(clearance: Clearance, first: np.ndarray, last: np.ndarray, slews: SlewR
     for what, pair in (("start", ends), ("goal", ends[::-1])):
         searched = best_on_grid(clearance, pair, bounds, rates, most=30_000)
         if searched.points is None and searched.blocked:
-            names = ", ".join(searched.blocked[:3])
+            around = ", ".join(searched.blocked[:3])
             small = Clearance(clearance.crane, replace(clearance.site, load=0.01 * clearance.bodies.load))
-            hook = "" if best_on_grid(small, pair, bounds, rates, most=30_000).points is None else " The hook without a load could pass: every gap is narrower than the load with its distance and swing."
-            return f"There is no way: the {what} is enclosed by {names}; {searched.reached} cells of 1 s can be reached from it.{hook}"
+            hook = (
+                ""
+                if best_on_grid(small, pair, bounds, rates, most=30_000).points is None
+                else " The hook without a load could pass: every gap is narrower than the load with its distance and swing."
+            )
+            return f"There is no way: the {what} is enclosed by {around}; {searched.reached} cells of 1 s can be reached from it.{hook}"
     return "No way was found; one on a grid exists, but no motion along it could be proven."

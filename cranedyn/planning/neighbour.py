@@ -6,14 +6,13 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+import pinocchio as pin
 import trimesh
 
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.bodies import bodies, solid_parts
 from cranedyn.planning.solids import Solid, turned
-
-import pinocchio as pin  # isort: skip
 
 
 def neighbour(name: str, position: np.ndarray, heading: float, place: Mapping[str, float], values: Mapping[str, float]) -> list[Solid]:
@@ -36,8 +35,10 @@ def neighbour(name: str, position: np.ndarray, heading: float, place: Mapping[st
     rotation = turned(heading + math.pi / 2.0)
     placed = [part @ rotation.T + position for part in parts]
     hulls = [trimesh.convex.convex_hull(part) for part in placed]
-    whole = trimesh.util.concatenate(hulls)
-    return [Solid(name, tuple(placed), np.array(whole.vertices), np.array(whole.faces))]
+    firsts = np.cumsum([0, *(len(one.vertices) for one in hulls[:-1])])
+    vertices = np.vstack([one.vertices for one in hulls])
+    triangles = np.vstack([one.faces + first for one, first in zip(hulls, firsts, strict=True)])
+    return [Solid(name, tuple(placed), vertices, triangles)]
 
 
 def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:

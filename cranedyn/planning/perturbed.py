@@ -77,7 +77,9 @@ class Perturbed:
         return low, high
 
 
-def perturb(certificate: Certificate, count: int, *, spread: Spread = Spread(), seed: int = 1, dt: float = 1e-3, threads: int | None = None) -> Perturbed:
+def perturb(
+    certificate: Certificate, count: int, *, spread: Spread = Spread(), seed: int = 1, dt: float = 1e-3, threads: int | None = None
+) -> Perturbed:
     """Make a certified lift many times, each time not quite as planned.
 
     Args:
@@ -143,7 +145,9 @@ def late(controller: HoistIntegral, seconds: float) -> Tracking:
     return replace(table, setpoint=ahead)
 
 
-def _batch(lift: Lift, nominal: HoistIntegral, drawn: dict[str, np.ndarray], cranes: dict[float, Crane], dt: float, threads: int | None) -> Batch:
+def _batch(
+    lift: Lift, nominal: HoistIntegral, drawn: dict[str, np.ndarray], cranes: dict[float, Crane], dt: float, threads: int | None
+) -> Batch:
     crane, motion, count = lift.crane, lift.timed.motion, len(drawn["load"])
     load = float(drawn["load"][0])
     heavier = (load - 1.0) * crane.payload_mass * crane.gravity
@@ -197,7 +201,9 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.n
     velocity = np.gradient(points, _step(lift), axis=0)
     own = np.column_stack([np.interp(times, _step(lift) * np.arange(len(points)), part, right=0.0) for part in velocity.T])
     force = np.zeros((len(drawn["load"]), len(times), 6))
-    for i, row in enumerate(zip(*(drawn[name] for name in ("wind_m_s", "gust_m_s", "gust_at_s", "gust_lasts_s", "direction_rad")), strict=True)):
+    for i, row in enumerate(
+        zip(*(drawn[name] for name in ("wind_m_s", "gust_m_s", "gust_at_s", "gust_lasts_s", "direction_rad")), strict=True)
+    ):
         steady, rise, at, lasts, direction = row
         speed = np.full(len(times), steady)
         blows = slice(*np.searchsorted(times, (at, at + lasts)))

@@ -80,7 +80,8 @@ def slew_range(clearance: Clearance, gamma: float, low: float, high: float) -> S
     Args:
         clearance: Crane and site.
         gamma: Where the jib stands [rad].
-        low, high: Range of the slew joint [rad].
+        low: Least slew angle of the joint [rad].
+        high: Largest slew angle of the joint [rad].
 
     Returns:
         The range; empty, with both ends at the angle, where the jib is too near to something as it stands.
@@ -98,4 +99,4 @@ def slew_range(clearance: Clearance, gamma: float, low: float, high: float) -> S
         whole = abs(here - gamma) > 2.0 * math.pi
         ends.append(limit if whole or (here - limit) * sign > 0.0 else here)
         names.append(name)
-    return SlewRange(*ends, *names)
+    return SlewRange(ends[0], ends[1], names[0], names[1])

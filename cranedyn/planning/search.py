@@ -80,7 +80,13 @@ def search(clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np
 
 
 def shortened(
-    free: Callable[[np.ndarray, np.ndarray], bool], points: np.ndarray, rates: np.ndarray, bounds: np.ndarray, rng: np.random.Generator, *, rounds: int = 6
+    free: Callable[[np.ndarray, np.ndarray], bool],
+    points: np.ndarray,
+    rates: np.ndarray,
+    bounds: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    rounds: int = 6,
 ) -> np.ndarray:
     """A way along places, shape (n, 3), with shortcuts taken, corners left out and corners shifted while it gets shorter."""
     before = np.inf
@@ -119,7 +125,12 @@ def _shortcuts(free: Callable[..., bool], points: np.ndarray, rates: np.ndarray,
             continue
         cut = np.stack([np.array([np.interp(s, knots, points[:, i]) for i in range(3)]) for s in (low, high)])
         trial = np.concatenate([points[:first], cut, points[last:]])
-        if _cost(trial, rates) < _cost(points, rates) - 1e-6 and free(*cut) and free(points[first - 1], cut[0]) and free(cut[1], points[last]):
+        if (
+            _cost(trial, rates) < _cost(points, rates) - 1e-6
+            and free(*cut)
+            and free(points[first - 1], cut[0])
+            and free(cut[1], points[last])
+        ):
             points = trial
     return points
 
@@ -127,7 +138,9 @@ def _shortcuts(free: Callable[..., bool], points: np.ndarray, rates: np.ndarray,
 def _shifted(free: Callable[..., bool], points: np.ndarray, rates: np.ndarray, bounds: np.ndarray) -> np.ndarray:
     """With each corner where it makes the way shortest, as far as small steps of one drive or two tell."""
     points = points.copy()
-    directions = [np.array([i, j, k], dtype=float) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if 1 <= abs(i) + abs(j) + abs(k) <= 2]
+    directions = [
+        np.array([i, j, k], dtype=float) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if 1 <= abs(i) + abs(j) + abs(k) <= 2
+    ]
     for step in _STEPS:
         for k in range(1, len(points) - 1):
             for direction in directions:
@@ -154,7 +167,7 @@ def _planner(free: Proofs, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarr
         return np.array([state[i] for i in range(3)]) * rates
 
     class Proving(base.MotionValidator):  # type: ignore[misc, name-defined]
-        def checkMotion(self, one: Any, other: Any) -> bool:  # noqa: N802
+        def checkMotion(self, one: Any, other: Any) -> bool:
             return free(place(one), place(other))
 
     validator = Proving(information)

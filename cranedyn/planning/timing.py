@@ -133,7 +133,8 @@ def timed(
 def _nearer(asked: Bounds, shares: dict[str, float], slower: float) -> Bounds:
     """Bounds for the law of time with which the motion, whose accelerations are means of it, should use its limits fully."""
     rate, acceleration, jerk, effort = (
-        np.array([shares[f"{kind} of the {name}"] for name in ("slew", "trolley", "hoist")]) for kind in ("rate", "acceleration", "jerk", "effort")
+        np.array([shares[f"{kind} of the {name}"] for name in ("slew", "trolley", "hoist")])
+        for kind in ("rate", "acceleration", "jerk", "effort")
     )
     used = np.maximum(np.maximum(acceleration, jerk), effort.max())
     factor, across = (np.clip(0.995 / (slower * np.maximum(share, 1e-3)), 0.3, _MORE) for share in (used, shares["swing"]))
@@ -264,4 +265,3 @@ def _toppra() -> tuple[Any, Any, Any]:
         raise CraneError("To time a path install the extra planning: pip install 'cranedyn[planning]'.") from error
     toppra.setup_logging("ERROR")
     return toppra, toppra.constraint, toppra.algorithm
-

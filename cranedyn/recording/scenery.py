@@ -48,7 +48,12 @@ class Scenery:
 
 
 def log_scenery(
-    recording: rr.RecordingStream, entity: str, frame: str, scenery: Scenery, begin: float, clock: Callable[[np.ndarray], list[rr.TimeColumn]]
+    recording: rr.RecordingStream,
+    entity: str,
+    frame: str,
+    scenery: Scenery,
+    begin: float,
+    clock: Callable[[np.ndarray], list[rr.TimeColumn]],
 ) -> None:
     """Draw it in the frame of the ground.
 
