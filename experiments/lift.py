@@ -98,7 +98,8 @@ def _made(setup: harness.Setup, site: Site, options: argparse.Namespace, count: 
 
 def _tables(made: dict[str, Made]) -> list[harness.Table]:
     """What was certified, and what became of lifts not quite like it; nothing of a plan that does not hold."""
-    rows, spread = [], []
+    rows: list[list[float | str | None]] = []
+    spread: list[list[float | str | None]] = []
     for name, one in made.items():
         lift, certificate = one.certificate.lift, one.certificate
         timed = lift.timed
@@ -111,9 +112,8 @@ def _tables(made: dict[str, Made]) -> list[harness.Table]:
             low, high = one.perturbed.interval()
             least, lifts = float(np.nanmin(one.perturbed.least)), len(one.perturbed.least)
             share = 100.0 * one.perturbed.nearer / lifts
-            spread.append(
-                (name, lifts, one.perturbed.nearer, share, 100.0 * low, 100.0 * high, least, 1e3 * float(one.perturbed.swing.max()))
-            )
+            swing = 1e3 * float(one.perturbed.swing.max())
+            spread.append([name, lifts, one.perturbed.nearer, share, 100.0 * low, 100.0 * high, least, swing])
     columns = [
         ("site", ""),
         ("way [s]", ".2f"),

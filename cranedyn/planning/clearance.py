@@ -211,7 +211,7 @@ class Clearance:
     def _upper(self) -> list[Body]:
         return [Body(placed, self.site.distance) for placed in self.bodies.upper]
 
-    def _placed(self, q: np.ndarray) -> Iterator[tuple[str, str, coal.CollisionObject]]:
+    def _placed(self, q: np.ndarray) -> Iterator[tuple[str, str, Body]]:
         """Each body that hangs, at its place, with each kind of obstacle that it has to keep away from."""
         data = self.crane.data
         pin.forwardKinematics(self.crane.model, data, q)
@@ -225,7 +225,7 @@ class Clearance:
                 for kind in _KEEPS_FROM[which][name]:
                     yield name, kind, moving
 
-    def _slewing(self, gamma: float) -> Iterator[coal.CollisionObject]:
+    def _slewing(self, gamma: float) -> Iterator[Body]:
         q = np.zeros(len(COORDINATES))
         q[SLEW] = gamma
         pin.forwardKinematics(self.crane.model, self.crane.data, q)

@@ -19,15 +19,15 @@ SMALL = st.tuples(*[st.floats(-0.3, 0.3)] * 3).map(np.array)
 
 
 def test_a_cube_beside_a_wall_and_above_the_ground_is_as_far_as_by_hand() -> None:
-    asked = clearance(WALL)
-    place = asked.place(np.array([10.0, -6.0, 3.0]))
+    asked = Clearance(crane(), site(WALL, load=corners(2.0, 2.0, 2.0)))
+    place = asked.place(np.array([10.0, -6.0, 3.5]))
     q = asked.q(place)
-    turned = np.abs(np.sin(place[0])) + np.abs(np.cos(place[0]))  # half the width of a turned cube along Y, over 0.5
+    turned = np.abs(np.sin(place[0])) + np.abs(np.cos(place[0]))  # half the width of a turned cube along Y
     found = asked.distances(q)
-    assert found["wall"].distance == pytest.approx(5.5 - 0.5 * turned, abs=1e-6)
+    assert found["wall"].distance == pytest.approx(5.5 - turned, abs=1e-6)
     assert found[GROUND].distance == pytest.approx(2.5, abs=1e-6)
     assert asked.nearest(q).obstacle == GROUND
-    swung = 2.0 * (HEIGHT - 3.0 + np.sqrt(0.75)) * np.sin(asked.site.swing / 2.0)
+    swung = 2.0 * (HEIGHT - 3.5 + np.sqrt(3.0)) * np.sin(asked.site.swing / 2.0)
     assert asked.room(place) == pytest.approx(2.5 - 0.5 - swung - ROUNDING, abs=1e-6)
 
 
