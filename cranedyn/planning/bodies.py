@@ -64,7 +64,8 @@ def bodies(crane: Crane, load: np.ndarray | None = None) -> Bodies:
     Raises:
         ModelError: If the URDF shows a mesh, or no shapes where one is needed.
     """
-    groups = {name: [one for joint in joints for one in _shapes(crane).get(joint, [])] for name, joints in _JOINTS.items()}
+    shapes = _shapes(crane)
+    groups = {name: [one for joint in joints for one in shapes.get(joint, [])] for name, joints in _JOINTS.items()}
     for name in ("upper structure", "trolley", "payload"):
         if not groups[name]:
             raise ModelError(f"The URDF of the crane shows no shapes of its {name}; clearance needs boxes, cylinders or spheres.")

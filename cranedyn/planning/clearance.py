@@ -37,10 +37,11 @@ PLACE = np.array([SLEW, RADIUS, LENGTH])
 
 _PHI, _THETA = (COORDINATES.index(name) for name in ("phi", "theta"))
 _KEEPS_FROM = {
-    "inflated": {"trolley": ["solids"], "rope": ["solids and mast"], "hook": ["solids and mast"], "load": ["solids and mast", "ground"]},
+    "inflated": {"trolley": ["tall solids"], "rope": ["solids and mast"], "hook": ["solids and mast"], "load": ["solids and mast", "ground"]},
     "bare": {"trolley": [], "rope": ["zones"], "hook": ["zones"], "load": ["zones"]},
 }
-"""Which obstacles which body has to keep away from: by the required distance, and as it is. The load hangs lowest."""
+"""Which obstacles which body has to keep away from: by the required distance, and as it is. The load hangs lowest, and solids that are
+not tall never come near the trolley, whose height does not change."""
 
 
 class Nearest(NamedTuple):
@@ -190,8 +191,12 @@ class Clearance:
         solids, zones = (
             [(one.name, (shape, *here)) for one in self.solids if one.zone is zone for shape in one.geometries()] for zone in (False, True)
         )
+        longest = float(self.crane.upper[LENGTH])
+        low = self.height + self.bodies.trolley[0][2] - self.bodies.trolley[1][2] / 2.0 - self.site.distance - self.envelope(longest)
+        tall = {one.name for one in self.solids if one.vertices[:, 2].max() > low - ROUNDING}
         return {
             "solids": Field(solids),
+            "tall solids": Field([one for one in solids if one[0] in tall]),
             "solids and mast": Field([*solids, *((MAST, one) for one in self.bodies.mast)]),
             "zones": Field(zones),
             "ground": Field([(GROUND, (ground, *here))]),
@@ -223,7 +228,8 @@ class Clearance:
                 else:
                     moving = body.put(*(trolley if name == "trolley" else load))
                 for kind in _KEEPS_FROM[which][name]:
-                    yield name, kind, moving
+                    if len(self._fields[kind]):
+                        yield name, kind, moving
 
     def _slewing(self, gamma: float) -> Iterator[Body]:
         q = np.zeros(len(COORDINATES))

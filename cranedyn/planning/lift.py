@@ -24,7 +24,7 @@ from cranedyn.references.limits import Limits
 EXTRA = (0.1, 0.2, 0.0)
 """Room beyond what is required that a path is planned with, as far as there is a way [m]: what averaging may take it off its curve."""
 
-_FAST = 1.2
+_FAST = 1.23
 """A motion is fast enough, so that no other room is tried, if it lasts no more than so many times what the drives alone would need."""
 
 _TURN = 2.0 * math.pi
