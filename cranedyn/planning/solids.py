@@ -151,8 +151,11 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
     content = read_bytes(path, _LARGEST_MESH)
     try:
         found = trimesh.load_mesh(io.BytesIO(content), file_type=path.suffix[1:].lower(), resolver=None)
-        return np.asarray(found.vertices, dtype=float), np.asarray(found.faces, dtype=int)
+        vertices, triangles = np.asarray(found.vertices, dtype=float), np.asarray(found.faces, dtype=int)
     except KeyboardInterrupt:
         raise
     except Exception as error:  # whatever a parser of a stranger's bytes raises
         raise DataError(f"Cannot read {path}: it holds no mesh ({type(error).__name__}).") from error
+    if not len(triangles):
+        raise DataError(f"Cannot read {path}: it holds no mesh.")
+    return vertices, triangles
