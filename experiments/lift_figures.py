@@ -89,7 +89,7 @@ def _spells(certificate: Certificate, name: str, mark: float) -> list[float]:
     """When an obstacle comes near and when it is not any more [s], in turn."""
     near = certificate.distances[name] < mark
     turns = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
-    return [float(certificate.t[min(k, len(certificate.t) - 1)]) for k in turns]
+    return certificate.t[np.minimum(turns, len(certificate.t) - 1)].tolist()
 
 
 def _swept(lift: Lift) -> dict[str, np.ndarray]:

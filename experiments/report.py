@@ -30,6 +30,7 @@ EXPERIMENTS = {
     "b1": [],
     "compare": [],
     "sweep": [],
+    "lift": [],
     "demo": ["--cycles", "1", "--control", "flat"],
 }
 """What the report is made of, in its order, and the arguments with which missing results are made."""

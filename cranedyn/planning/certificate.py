@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.analysis.swing import swing_amplitude
+from cranedyn.arguments import checked
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
@@ -80,6 +81,7 @@ def controller_of(lift: Lift, *, dt: float = 5e-4) -> HoistIntegral:
     return HoistIntegral(lqr(lift.crane, lift.timed.motion, dt=dt), HOIST_INTEGRAL, float(lift.crane.effort_limit[2]))
 
 
+@checked
 def certify(
     lift: Lift,
     clearance: Clearance | None = None,

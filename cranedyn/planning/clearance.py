@@ -37,7 +37,12 @@ PLACE = np.array([SLEW, RADIUS, LENGTH])
 
 _PHI, _THETA = (COORDINATES.index(name) for name in ("phi", "theta"))
 _KEEPS_FROM = {
-    "inflated": {"trolley": ["tall solids"], "rope": ["solids and mast"], "hook": ["solids and mast"], "load": ["solids and mast", "ground"]},
+    "inflated": {
+        "trolley": ["tall solids"],
+        "rope": ["solids and mast"],
+        "hook": ["solids and mast"],
+        "load": ["solids and mast", "ground"],
+    },
     "bare": {"trolley": [], "rope": ["zones"], "hook": ["zones"], "load": ["zones"]},
 }
 """Which obstacles which body has to keep away from: by the required distance, and as it is. The load hangs lowest, and solids that are

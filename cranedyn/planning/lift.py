@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -95,6 +96,7 @@ def crane_of(site: Site, *, gravity: float | None = None, **values: object) -> C
     return load_crane(**given) if gravity is None else load_crane(gravity=gravity, **given)  # type: ignore[arg-type]
 
 
+@checked
 def plan_lift(
     site: Site,
     limits: Limits,

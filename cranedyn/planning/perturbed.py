@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import beta
 
+from cranedyn.arguments import checked
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
@@ -77,6 +78,7 @@ class Perturbed:
         return low, high
 
 
+@checked
 def perturb(
     certificate: Certificate, count: int, *, spread: Spread = Spread(), seed: int = 1, dt: float = 1e-3, threads: int | None = None
 ) -> Perturbed:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from cranedyn.arguments import checked
 from cranedyn.data.files import read_text
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number, quoted
 from cranedyn.planning.bim import read_ifc
@@ -77,6 +78,7 @@ class _Table:
         return self.path.parent / name
 
 
+@checked
 def read_site(path: str | Path) -> Site:
     """A site from a TOML file.
 

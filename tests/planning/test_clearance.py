@@ -65,7 +65,10 @@ def test_inflating_takes_exactly_as_much_off_a_distance_from_hulls_and_meshes() 
     dented[0] *= 0.2  # no longer convex, so measured from its triangles
     for solid in (body("cube", vertices, triangles), body("dented", dented, triangles)):
         field = Field([("it", (one, np.eye(3), np.zeros(3))) for one in solid.geometries()])
-        found = [field.least(Body((hull(corners(1.0, 1.0, 1.0)), np.eye(3), np.zeros(3)), by).put(np.eye(3), np.array([0.0, 0.0, 5.0]))) for by in (0.0, 1.5)]
+        found = [
+            field.least(Body((hull(corners(1.0, 1.0, 1.0)), np.eye(3), np.zeros(3)), by).put(np.eye(3), np.array([0.0, 0.0, 5.0])))
+            for by in (0.0, 1.5)
+        ]
         assert found == pytest.approx([3.5, 2.0], abs=1e-6)
 
 
@@ -99,7 +102,8 @@ def test_no_point_of_the_load_moves_farther_than_said(place: np.ndarray, step: n
 
 
 def test_a_concave_prism_is_hollow_where_its_outline_is() -> None:
-    outline = np.array([[0, 0], [10, 0], [10, 10], [6, 10], [6, 4], [4, 4], [4, 10], [0, 10]], dtype=float) + [5.0, -5.0]
+    outline = np.array([[0, 0], [10, 0], [10, 10], [6, 10], [6, 4], [4, 4], [4, 10], [0, 10]], dtype=float)
+    outline += np.array([5.0, -5.0])
     solid = prism("u", outline, 0.0, 10.0)
     field = Field([("u", (one, np.eye(3), np.zeros(3))) for one in solid.geometries()])
     moving = Body((coal.Sphere(0.25), np.eye(3), np.zeros(3)), 0.0)

@@ -70,7 +70,10 @@ def test_the_load_goes_where_the_plan_says_and_arrives_without_swing_in_pinocchi
     points = made.clearance.point(made.timed.places)
     rows = np.searchsorted(run.t, STEP * np.arange(len(points) - 1) - 1e-9)
     # hoisting is right to first order
-    assert max(np.linalg.norm(payload_position(crane(), run.q[row]) - point) for row, point in zip(rows[::50], points[::50], strict=False)) < 0.02
+    assert (
+        max(np.linalg.norm(payload_position(crane(), run.q[row]) - point) for row, point in zip(rows[::50], points[::50], strict=False))
+        < 0.02
+    )
     swing = swing_amplitude(other.q[-1:, 2:4], other.v[-1:, 2:4], float(other.q[-1, 4]), crane().gravity)
     assert float(swing[0]) < ARRIVAL_SWING
 
@@ -91,7 +94,9 @@ def test_a_tower_put_into_the_way_of_the_jib_turns_the_certificate_red() -> None
 
 def test_a_swing_at_the_arrival_turns_the_certificate_red() -> None:
     weak = controller_of(lift())
-    off = replace(weak, tracking=replace(weak.tracking, gain=0.3 * weak.tracking.gain, setpoint=weak.tracking.setpoint + 0.05 * np.eye(10)[1]))
+    off = replace(
+        weak, tracking=replace(weak.tracking, gain=0.3 * weak.tracking.gain, setpoint=weak.tracking.setpoint + 0.05 * np.eye(10)[1])
+    )
     assert any("At the arrival it swings" in sentence for sentence in red(certify(lift(), controller=off)))
 
 
@@ -101,7 +106,10 @@ def test_a_swing_at_the_arrival_turns_the_certificate_red() -> None:
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"start": np.array([6.0, -12.0, 1.7])}, r"At the start the load is 1\.20 m from ground; required are 0\.5 m, and 0\.\d\d m for a swing of 2°"),
+        (
+            {"start": np.array([6.0, -12.0, 1.7])},
+            r"At the start the load is 1\.20 m from ground; required are 0\.5 m, and 0\.\d\d m for a swing of 2°",
+        ),
         ({"goal": np.array([14.0, 0.5, 4.0])}, "At the goal the (load|hook) is 0.00 m from wall; required are 0.5 m"),
         ({"goal": np.array([30.0, 0.0, 4.0])}, r"trolley radius for the goal .* is 30\.0 m; allowed is 2 to 22"),
         ({"goal": np.array([10.0, 10.0, 27.0])}, r"cable length for the goal .* allowed is 3\.4 to 26\.4"),
@@ -117,7 +125,7 @@ def test_a_load_inside_of_a_mesh_is_refused() -> None:
     import trimesh
 
     torus = trimesh.creation.torus(6.0, 4.0)
-    mesh = body("torus", np.array(torus.vertices) + [14.0, 6.0, 8.0], np.array(torus.faces))
+    mesh = body("torus", np.array(torus.vertices) + np.array([14.0, 6.0, 8.0]), np.array(torus.faces))
     with pytest.raises(NoWay, match=r"At the goal the load is inside of torus"):
         plan_lift(site(mesh, goal=np.array([14.0, 12.0, 8.0])), LIMITS, crane=crane())
 
@@ -211,7 +219,9 @@ outline = [[-8.0, -3.0], [-4.0, -3.0], [-4.0, 3.0]]
 """
 
 
-def test_the_experiment_leaves_tables_figures_runs_and_a_recording_with_the_site(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_experiment_leaves_tables_figures_runs_and_a_recording_with_the_site(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     import rerun.chunk
 
     (tmp_path / "yard.toml").write_text(SITE)
@@ -223,7 +233,11 @@ def test_the_experiment_leaves_tables_figures_runs_and_a_recording_with_the_site
         *("result.json", "lift.rrd", "lift_yard.csv", "lift_yard.parquet", "site_yard.png", "time_yard.png")
     }
     result = json.loads((out / "result.json").read_text())
-    assert [table["title"] for table in result["tables"]] == ["Certified lifts", "Lifts not quite as planned", "How long it took on this machine"]
+    assert [table["title"] for table in result["tables"]] == [
+        "Certified lifts",
+        "Lifts not quite as planned",
+        "How long it took on this machine",
+    ]
     assert all(claim["holds"] for claim in result["claims"])
     entities = {str(chunk.entity_path) for chunk in rerun.chunk.RrdReader(out / "lift.rrd").stream()}
     assert {f"/yard/scene/{part}" for part in ("site/0", "site/1", "planned", "swept")} <= entities
@@ -237,7 +251,9 @@ def test_the_experiment_leaves_tables_figures_runs_and_a_recording_with_the_site
         (["--lifts", "-1"], "lifts is -1"),
     ],
 )
-def test_the_experiment_refuses_in_a_sentence(arguments: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_experiment_refuses_in_a_sentence(
+    arguments: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert experiment.main([*arguments, "--out", str(tmp_path / "out")]) == 2
     assert sentence in capsys.readouterr().err
 

@@ -56,7 +56,9 @@ def test_a_plate_between_two_samples_is_met_by_proof_and_missed_by_sampling() ->
 
 
 def test_a_sampling_validator_in_the_place_of_the_proving_one_gets_no_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
-    here = site(PLATE, start=np.array([6.0, -12.0, 8.0]), goal=np.array([6.0, 12.0, 8.0]), load=corners(0.3, 0.3, 0.3), distance=0.05, swing=0.03)
+    here = site(
+        PLATE, start=np.array([6.0, -12.0, 8.0]), goal=np.array([6.0, 12.0, 8.0]), load=corners(0.3, 0.3, 0.3), distance=0.05, swing=0.03
+    )
     assert certify(plan_lift(here, LIMITS, crane=crane())).holds
     for module in (search, curve, planned):
         monkeypatch.setattr(module, "unproven", sampled)
@@ -109,7 +111,7 @@ def test_the_jib_is_stopped_by_a_tower_at_the_angle_that_its_tip_has_there() -> 
     found = slew_range(asked, 0.0, -math.pi / 2.0, 3.0)
     assert found.above == "tower"
     assert found.below == ""
-    # the tower's corner (19, -10) is 21.47 m from the axis, less than the jib is long, at atan(19/10) = 1.087 rad; half a width off and 0.5 m
+    # the tower's corner (19, -10) is 21.47 m from the axis, less than the jib is long, at atan(19/10) = 1.087 rad
     assert 1.087 - (0.5 + 1.0 + 0.2) / 21.47 < found.high < 1.087 - 0.5 / 21.47
     assert asked.slewing_room(found.high + 0.01) < asked.slewing_room(found.high - 0.2)
 

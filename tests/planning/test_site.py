@@ -87,10 +87,13 @@ def test_what_is_wrong_in_a_site_is_said_with_its_line_and_field(tmp_path: Path,
     ("entry", "sentence"),
     [
         ('[[mesh]]\nname = "m"\nfile = "open.stl"\n', "line 21, [mesh] name: the mesh is not closed"),
-        ('[[mesh]]\nname = "m"\nfile = "../cube.stl"\n', "line 22, [mesh] file: '../cube.stl' lies outside of the folder"),
+        ('[[mesh]]\nname = "m"\nfile = "../cube.stl"\n', "line 22, [mesh] file: ../cube.stl lies outside of the folder"),
         ('[[mesh]]\nname = "m"\nfile = "broken.stl"\n', "broken.stl: it holds no mesh"),
         ('[[mesh]]\nname = "m"\nfile = "cube.exe"\n', "a mesh ends in .stl, .ply, .off, .obj"),
-        ('[[prism]]\nname = "p"\noutline = [[0, 0], [2, 2], [2, 0], [0, 2]]\nheight = 1.0\n', "line 21, [prism] name: an outline must enclose an area"),
+        (
+            '[[prism]]\nname = "p"\noutline = [[0, 0], [2, 2], [2, 0], [0, 2]]\nheight = 1.0\n',
+            "line 21, [prism] name: an outline must enclose an area",
+        ),
         ('[[prism]]\nname = "p"\noutline = [[0, 0], [2, 2]]\nheight = 1.0\n', "line 22, [prism] outline: outline is"),
         ('[[ifc]]\nfile = "cube.stl"\n', "an IFC file ends in .ifc"),
         ('[[ifc]]\nfile = "not.ifc"\n', "it does not begin as an IFC file does"),
@@ -143,7 +146,7 @@ def test_a_neighbour_stands_turned_where_the_site_says_with_its_rope_down(tmp_pa
 
 def model(path: Path) -> Path:
     """A slab of 10 by 8 m, 0.3 m thick, with an opening of 2 by 2 m and a column on it."""
-    ifcopenshell = pytest.importorskip("ifcopenshell", reason="needs the extra bim")
+    pytest.importorskip("ifcopenshell", reason="needs the extra bim")
     import ifcopenshell.api.context
     import ifcopenshell.api.feature
     import ifcopenshell.api.geometry
@@ -155,7 +158,9 @@ def model(path: Path) -> Path:
     ifcopenshell.api.root.create_entity(file, ifc_class="IfcProject", name="test")
     ifcopenshell.api.unit.assign_unit(file, length={"is_metric": True, "raw": "METERS"})
     whole = ifcopenshell.api.context.add_context(file, context_type="Model")
-    shown = ifcopenshell.api.context.add_context(file, context_type="Model", context_identifier="Body", target_view="MODEL_VIEW", parent=whole)
+    shown = ifcopenshell.api.context.add_context(
+        file, context_type="Model", context_identifier="Body", target_view="MODEL_VIEW", parent=whole
+    )
 
     def block(kind: str, name: str, corner: tuple[float, float, float], size: tuple[float, float, float]) -> object:
         product = ifcopenshell.api.root.create_entity(file, ifc_class=kind, name=name)
@@ -190,7 +195,12 @@ def test_a_small_load_passes_through_the_opening_of_a_deck_but_not_of_its_hull(t
     path = model(tmp_path / "model.ifc")
     rooms = []
     for as_hulls in (False, True):
-        here = site(*read_ifc(path, as_hulls=as_hulls), load=np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.2, 0.2) for z in (-0.2, 0.2)]), distance=0.1, swing=0.0)
+        here = site(
+            *read_ifc(path, as_hulls=as_hulls),
+            load=np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.2, 0.2) for z in (-0.2, 0.2)]),
+            distance=0.1,
+            swing=0.0,
+        )
         asked = Clearance(crane(), here)
         rooms.append(asked.true_room(asked.q(asked.place(np.array([10.0, 0.0, 3.1])))))
     assert rooms[0] > 0.0 > rooms[1]
