@@ -17,7 +17,7 @@ from cranedyn.planning.clearance import LENGTH, RADIUS, SLEW, Clearance
 from cranedyn.planning.curve import Path, lasts, rounded
 from cranedyn.planning.grid import Searched, best_on_grid
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven
-from cranedyn.planning.search import search
+from cranedyn.planning.search import CELLS, search
 from cranedyn.planning.site import Site
 from cranedyn.planning.timing import RAMP, Timed, timed
 from cranedyn.references.limits import Limits
@@ -195,7 +195,7 @@ def _way(
         if extra and least < extra + CLOSE:
             continue
         wider = clearance.with_more_distance(extra) if extra else clearance
-        points = search(wider, ends, bounds, rates)
+        points = search(wider, ends, bounds, rates, thorough=not extra)
         path = None if points is None else rounded(wider, points, rates)
         if points is None or path is None:
             continue
@@ -223,13 +223,13 @@ def _why(clearance: Clearance, first: np.ndarray, last: np.ndarray, slews: SlewR
     ends = np.array([first, turns[0]])
     bounds = _bounds(clearance, ends, slews)
     for what, pair in (("start", ends), ("goal", ends[::-1])):
-        searched = best_on_grid(clearance, pair, bounds, rates, most=30_000)
+        searched = best_on_grid(clearance, pair, bounds, rates, most=CELLS)
         if searched.points is None and searched.blocked:
             around = ", ".join(searched.blocked[:3])
             small = Clearance(clearance.crane, replace(clearance.site, load=0.01 * clearance.bodies.load))
             hook = (
                 ""
-                if best_on_grid(small, pair, bounds, rates, most=30_000).points is None
+                if best_on_grid(small, pair, bounds, rates, most=CELLS).points is None
                 else " The hook without a load could pass: every gap is narrower than the load with its distance and swing."
             )
             return f"There is no way: the {what} is enclosed by {around}; {searched.reached} cells of 1 s can be reached from it.{hook}"

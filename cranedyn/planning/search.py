@@ -14,8 +14,8 @@ from cranedyn.planning.curve import lasts
 from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.proof import Line, unproven
 
-TRIES, LONGEST = 8, 6.0
-"""How many trees are grown for a way, and for how long one may grow in vain [s]."""
+TRIES, LONGEST, CELLS = 8, 2.5, 15_000
+"""How many trees are grown for a way, for how long one may grow in vain [s], and how many cells of a grid are looked at."""
 
 _SEED = 1
 _STEPS = (4.0, 2.0, 1.0, 0.5, 0.25)
@@ -44,7 +44,9 @@ class Proofs:
         return self._found[key]
 
 
-def search(clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray, *, tries: int = TRIES) -> np.ndarray | None:
+def search(
+    clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray, *, tries: int = TRIES, thorough: bool = True
+) -> np.ndarray | None:
     """Places to go by: the shortest way by random trees or, if it is much longer than a straight one, on a grid; None if there is none.
 
     Args:
@@ -53,6 +55,7 @@ def search(clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np
         bounds: Least and largest slew, trolley radius and cable length, shape (2, 3).
         rates: Rates of the drives, in whose time a way is measured, shape (3,).
         tries: How many trees are grown.
+        thorough: Whether to look on a grid, too, where trees found nothing.
 
     Returns:
         Places, shape (n, 3), each proven to be reached from the one before along a straight line.
@@ -73,8 +76,8 @@ def search(clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np
         if best is None or _cost(found, rates) < _cost(best, rates):
             best = found
     ways = [] if best is None else [shortened(free, best, rates, bounds, rng)]
-    if not ways or lasts(ways[0], rates).sum() > _NEAR * lasts(ends, rates).sum():
-        on_grid = best_on_grid(clearance, ends, bounds, rates).points
+    if thorough if not ways else lasts(ways[0], rates).sum() > _NEAR * lasts(ends, rates).sum():
+        on_grid = best_on_grid(clearance, ends, bounds, rates, most=CELLS).points
         ways += [] if on_grid is None else [shortened(free, on_grid, rates, bounds, rng)]
     return min(ways, key=lambda points: _cost(points, rates), default=None)
 
