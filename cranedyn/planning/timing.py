@@ -31,13 +31,16 @@ STEP = 0.02
 
 _GRID, _IN_CORNER = 0.15, 9
 _SIDES = 16
-_AVERAGES = (1.0, 1.4, 2.0, 2.8)
-"""Times over which a law of time is averaged, thrice over [s]; the one that gives the fastest motion is taken."""
+_AVERAGES = (1.2, 1.5, 1.8, 2.2, 2.6, 3.2)
+"""Times over which a law of time is averaged [s]; the one that gives the fastest motion is taken."""
+
+_SHARES = (1.0, 0.7, 0.4)
+"""It is averaged three times over, over these shares of that time: of those tried the fastest for short moves."""
 
 _SLOWER = (1.0, 1.5, 3.0, 6.0)
 """By which factor accelerations are less than they might be where a motion is not proven otherwise."""
 
-_ROUNDS, _KEPT, _MORE = 5, 1.0 + 1e-6, 1.4
+_ROUNDS, _KEPT, _MORE = 6, 1.0 + 1e-6, 2.0
 _MARGIN = 8
 
 
@@ -113,9 +116,9 @@ def timed(
         best: Timed | None = None
         for average in _AVERAGES:
             asked = Bounds(rates, accelerations / slower, crane.gravity * math.tan(clearance.site.swing) / slower)
-            for _ in range(_ROUNDS):
+            for round_ in range(_ROUNDS):
                 places = _averaged(*_fastest(path, asked), average)
-                if best is not None and STEP * (len(places) - 1) >= best.motion.arrival - STEP:
+                if round_ > 1 and best is not None and STEP * (len(places) - 1) >= best.motion.arrival - STEP:
                     break
                 motion = carried(clearance, places, STEP)
                 shares = _shares(crane, motion, limits, ramp, clearance.site.swing)
@@ -123,7 +126,8 @@ def timed(
                 kept = max(shares.values()) <= _KEPT
                 if kept and not proven(made):
                     break
-                best = made if kept else best
+                if kept and (best is None or motion.arrival < best.motion.arrival):
+                    best = made
                 asked = _nearer(asked, shares, slower)
         if best is not None:
             return replace(best, motion=carried(clearance, best.places, period))
@@ -210,11 +214,11 @@ def _gridpoints(path: Path) -> np.ndarray:
 
 
 def _averaged(t: np.ndarray, places: np.ndarray, average: float) -> np.ndarray:
-    """Places a `STEP` apart, averaged three times over a time [s]; it takes that much longer to get there."""
-    count = max(1, round(average / STEP))
+    """Places a `STEP` apart, averaged three times; it takes as much longer to get there as is averaged over."""
     last = math.ceil(t[-1] / STEP)
     found = np.column_stack([np.interp(STEP * np.arange(last + 1), t, column) for column in places.T])
-    for _ in range(3):
+    for share in _SHARES:
+        count = max(1, round(share * average / STEP))
         padded = np.concatenate([np.repeat(found[:1], count, axis=0), found, np.repeat(found[-1:], count, axis=0)])
         sums = np.concatenate([np.zeros((1, 3)), np.cumsum(padded - padded[0], axis=0)])
         found = padded[0] + (sums[count:] - sums[:-count]) / count
