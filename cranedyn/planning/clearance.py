@@ -91,6 +91,13 @@ class Clearance:
         pin.forwardKinematics(self.crane.model, self.crane.data, self.crane.start.q)
         return float(self.crane.data.oMi[3].translation[2])
 
+    @property
+    def shortest(self) -> float:
+        """Shortest cable on which the hook, on top of the load, hangs below the trolley [m], not less than that of the crane."""
+        (_, _, hook), (_, _, tall) = self.bodies.hook
+        (_, _, trolley), (_, _, deep) = self.bodies.trolley
+        return max(float(self.crane.lower[LENGTH]), float(hook + tall / 2.0 - trolley + deep / 2.0))
+
     def with_more_distance(self, extra: float) -> Clearance:
         """The same where more distance is asked for [m]."""
         wider = Clearance(self.crane, replace(self.site, distance=self.site.distance + extra))
@@ -107,9 +114,9 @@ class Clearance:
         """
         x, y, z = self.site.to_crane(point)
         found = np.array([math.atan2(x, -y), math.hypot(x, y), self.height - z])
-        for words, i, value in zip(("trolley radius", "cable length"), (RADIUS, LENGTH), found[1:], strict=True):
-            asked = f"{words} for the {what} {quoted(np.round(point, 3).tolist())}"
-            within(asked, float(value), float(self.crane.lower[i]), float(self.crane.upper[i]), "m")
+        ranges = (float(self.crane.lower[RADIUS]), float(self.crane.upper[RADIUS])), (self.shortest, float(self.crane.upper[LENGTH]))
+        for words, value, (low, high) in zip(("trolley radius", "cable length"), found[1:], ranges, strict=True):
+            within(f"{words} for the {what} {quoted(np.round(point, 3).tolist())}", float(value), low, high, "m")
         return found
 
     def point(self, place: np.ndarray) -> np.ndarray:

@@ -179,7 +179,7 @@ def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndar
     margin = clearance.site.swing * float(upper[LENGTH]) / float(lower[RADIUS])
     low = max(slews.low + min(margin, 0.1), gammas[0]) if slews.below else max(slews.low, gammas[0])
     high = min(slews.high - min(margin, 0.1), gammas[1]) if slews.above else min(slews.high, gammas[1])
-    return np.array([[low, lower[RADIUS], lower[LENGTH]], [high, upper[RADIUS], upper[LENGTH]]])
+    return np.array([[low, lower[RADIUS], clearance.shortest], [high, upper[RADIUS], upper[LENGTH]]])
 
 
 def _way(
@@ -208,10 +208,11 @@ def _way(
 
 
 def _proven(clearance: Clearance, made: Timed, slews: SlewRange) -> bool:
-    """Whether the load of a motion is proven free, and the jib stays among the slew angles that are."""
-    slew = made.motion.q[:, SLEW]
+    """Whether the load of a motion is proven free, all joints stay in their ranges, and the jib among the slew angles that are free."""
+    q, slew = made.motion.q, made.motion.q[:, SLEW]
+    inside = bool((q >= clearance.crane.lower).all() and (q <= clearance.crane.upper).all())
     turns = bool(slews.low <= slew.min() and slew.max() <= slews.high)
-    return turns and unproven(clearance, made, 0.0, len(made.places) - 1.0) is None
+    return inside and turns and unproven(clearance, made, 0.0, len(made.places) - 1.0) is None
 
 
 def _why(clearance: Clearance, first: np.ndarray, last: np.ndarray, slews: SlewRange, rates: np.ndarray) -> str:

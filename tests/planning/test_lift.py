@@ -15,6 +15,7 @@ from cranedyn.controllers.sensed import sensed
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Setpoint, State
+from cranedyn.planning import search
 from cranedyn.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
 from cranedyn.planning.clearance import LENGTH, PLACE, Clearance
 from cranedyn.planning.lift import NoWay, plan_lift
@@ -128,6 +129,27 @@ def test_a_load_inside_of_a_mesh_is_refused() -> None:
     mesh = body("torus", np.array(torus.vertices) + np.array([14.0, 6.0, 8.0]), np.array(torus.faces))
     with pytest.raises(NoWay, match=r"At the goal the load is inside of torus"):
         plan_lift(site(mesh, goal=np.array([14.0, 12.0, 8.0])), LIMITS, crane=crane())
+
+
+def test_a_load_wider_than_every_gap_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shaft up to the jib with a gate of 3.7 m: wide enough for a hook of 1.8 m with 0.5 m on both sides, not for a load of 2.7 m."""
+    monkeypatch.setattr(search, "LONGEST", 0.1)
+    walls = [("inner", (8.0, -11.0), (0.5, 10.0)), ("outer", (17.0, -11.0), (0.5, 10.0)), ("back", (12.5, -16.5), (9.0, 0.5))]
+    gates = [("left of the gate", (9.1, -5.5), (2.5, 0.5)), ("right of the gate", (15.7, -5.5), (3.2, 0.5))]
+    shaft = [box(name, centre, (*size, 26.0), 0.0) for name, centre, size in (*walls, *gates)]
+    ends = {"start": np.array([12.3, -11.0, 4.0]), "goal": np.array([12.3, 6.0, 4.0])}
+    here = site(*shaft, load=corners(2.0, 2.0, 2.0), swing=0.003, **ends)
+    with pytest.raises(
+        NoWay, match=r"the start is enclosed by .*gate.* cells of 1 s can be reached from it\. The hook without a load could"
+    ):
+        plan_lift(here, LIMITS, crane=crane())
+
+
+def test_a_load_too_tall_for_the_crane_is_refused_where_its_hook_would_be_in_the_trolley() -> None:
+    with pytest.raises(CraneError, match=r"cable length for the goal .* is 8\.0 m; allowed is 12\.\d* to 26\.4"):
+        plan_lift(
+            site(load=corners(1.0, 1.0, 21.0), goal=np.array([6.0, 12.0, 20.0]), start=np.array([6.0, -12.0, 14.0])), LIMITS, crane=crane()
+        )
 
 
 def test_a_goal_behind_the_neighbours_jib_names_it() -> None:
