@@ -32,6 +32,7 @@ EXPERIMENTS = {
     "cranes": [],
     "compare": [],
     "sweep": [],
+    "lift": [],
     "demo": ["--cycles", "1", "--control", "flat"],
 }
 """What the report is made of, in its order, and the arguments with which missing results are made."""

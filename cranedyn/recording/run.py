@@ -11,6 +11,7 @@ import rerun as rr
 from cranedyn.arguments import checked
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
+from cranedyn.recording.scenery import Scenery
 
 TIMELINE = "sim_time"
 """The one clock of a recording."""
@@ -27,6 +28,7 @@ class Run:
         trajectory: What it did.
         offset: Where its foot stands in the scene [m]; cranes with the same offset are drawn into each other.
         meshes: Folder in which the files of the meshes of its URDF lie, and which none of them leaves; None draws no meshes.
+        scenery: What stands about it; None for nothing.
     """
 
     name: str
@@ -34,6 +36,7 @@ class Run:
     trajectory: Trajectory
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     meshes: Path | None = None
+    scenery: Scenery | None = None
 
     def __post_init__(self) -> None:
         """Have a name that can be written."""
