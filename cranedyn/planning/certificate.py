@@ -133,7 +133,7 @@ def unproven_time(clearance: Clearance, run: Trajectory) -> float | None:
     Between two instants no point moves farther than the difference of their coordinates says; stretches of instants are halved until
     the room in their middle is more than that.
     """
-    gone = np.concatenate([[0.0], np.cumsum(clearance.moved(run.q[:-1], run.q[1:]))])
+    gone = np.concatenate([[0.0], np.cumsum(clearance.moved(run.q[:-1, :], run.q[1:, :]))])
     waiting = [(0, len(run) - 1)]
     while waiting:
         low, high = waiting.pop()

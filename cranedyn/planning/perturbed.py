@@ -235,7 +235,7 @@ def _least(clearance: Clearance, certificate: Certificate, batch: Batch) -> np.n
     run = certificate.run
     rows = np.searchsorted(run.t, batch.t - 1e-9)
     planned = np.array([clearance.true_room(q) for q in run.q[rows]])
-    between = clearance.moved(batch.q[:, :-1], batch.q[:, 1:]) / 2.0
+    between = clearance.moved(batch.q[:, :-1, :], batch.q[:, 1:, :]) / 2.0
     step = np.maximum(np.pad(between, ((0, 0), (1, 0))), np.pad(between, ((0, 0), (0, 1))))
     at_least = planned - clearance.moved(run.q[rows], batch.q) - step
     least = np.full(len(batch.q), np.nan)

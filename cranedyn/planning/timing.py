@@ -247,8 +247,8 @@ def carried(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
     curve = scipy.interpolate.make_interp_spline(t, q, k=7)
     rows = period * np.arange(math.ceil((len(places) - 1) * STEP / period - 1e-9) + 1)
     place, v, a = (curve.derivative(order)(rows) for order in range(3))
-    v[[0, -1]] = a[[0, -1]] = 0.0
-    place[[0, -1]] = np.array([clearance.q(places[k]) for k in (0, -1)])
+    for k in (0, -1):
+        place[k], v[k], a[k] = clearance.q(places[k]), 0.0, 0.0
     return Motion(period, place, v, a, crane.layout.drives)
 
 

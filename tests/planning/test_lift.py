@@ -134,13 +134,13 @@ def test_a_load_inside_of_a_mesh_is_refused() -> None:
 
 
 def test_a_load_wider_than_every_gap_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A shaft up to the jib with a gate of 3.7 m: wide enough for a hook of 1.8 m with 0.5 m on both sides, not for a load of 2.7 m."""
+    """A shaft up to the jib with a gate of 3.7 m: wide enough for a hook of 1.8 m with 0.5 m on both sides, not for a load of 2.6 m."""
     monkeypatch.setattr(search, "LONGEST", 0.1)
     walls = [("inner", (8.0, -11.0), (0.5, 10.0)), ("outer", (17.0, -11.0), (0.5, 10.0)), ("back", (12.5, -16.5), (9.0, 0.5))]
     gates = [("left of the gate", (9.1, -5.5), (2.5, 0.5)), ("right of the gate", (15.7, -5.5), (3.2, 0.5))]
     shaft = [box(name, centre, (*size, 26.0), 0.0) for name, centre, size in (*walls, *gates)]
     ends = {"start": np.array([12.3, -11.0, 4.0]), "goal": np.array([12.3, 6.0, 4.0])}
-    here = site(*shaft, load=corners(2.0, 2.0, 2.0), swing=0.003, **ends)
+    here = site(*shaft, load=corners(2.6, 2.6, 2.6), swing=0.003, **ends)
     with pytest.raises(
         NoWay, match=r"the start is enclosed by .*gate.* cells of 1 s can be reached from it\. The hook without a load could"
     ):
