@@ -33,11 +33,6 @@ def read_ifc(path: Path, *, as_hulls: bool = False) -> list[Solid]:
         CraneError: If `ifcopenshell` is not installed.
         DataError: If the file cannot be read, is too large, or has no product with a shape.
     """
-    try:
-        import ifcopenshell
-        import ifcopenshell.geom
-    except ImportError as error:
-        raise CraneError("To read an IFC file install the extra bim: pip install 'cranedyn[bim]'.") from error
     if path.suffix.lower() != ".ifc":
         raise DataError(f"Cannot read {path}: an IFC file ends in .ifc.")
     with opened(path) as file:
@@ -47,6 +42,11 @@ def read_ifc(path: Path, *, as_hulls: bool = False) -> list[Solid]:
         raise DataError(f"Cannot read {path}: it has {size / 1e6:.0f} MB; allowed are {LARGEST_IFC / 1e6:.0f} MB.")
     if not start.lstrip().startswith(b"ISO-10303-21"):
         raise DataError(f"Cannot read {path}: it does not begin as an IFC file does, with ISO-10303-21.")
+    try:
+        import ifcopenshell
+        import ifcopenshell.geom
+    except ImportError as error:
+        raise CraneError("To read an IFC file install the extra bim: pip install 'cranedyn[bim]'.") from error
     try:
         solids = list(_solids(ifcopenshell, ifcopenshell.open(str(path)), as_hulls))
     except (KeyboardInterrupt, CraneError):
