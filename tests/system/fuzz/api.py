@@ -60,7 +60,8 @@ INTERNAL = tuple(
     for name in (
         "arguments arrays clocks command compiled data.files data.tables dynamics errors interfaces model.layout model.springs model.urdf"
         " planning.bim planning.bodies planning.clearance planning.curve planning.fields planning.grid planning.neighbour planning.proof"
-        " planning.search planning.site planning.solids planning.timing planning.transcription plotting processes simulation.engine simulation.log simulation.record bridges"
+        " planning.search planning.site planning.solids planning.timing planning.transcription"
+        " plotting processes simulation.engine simulation.log simulation.record bridges"
     ).split()
 )
 """What only our own code calls, in inner loops or with what was checked before; of the packages above, what they do not name as theirs."""
