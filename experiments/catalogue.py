@@ -141,8 +141,8 @@ EXPERIMENTS = {
         (),
         ("--site", "cranedyn/planning/sites/open_yard.toml", "--lifts", "20"),
         {
-            "*_views": "Plan and elevation of the site with the way of the load.",
-            "*_clearance": "Clearance over time.",
+            "site_*": "Plan and elevation of the site with the way of the load.",
+            "time_*": "Clearance, swing and drives over time.",
         },
     ),
     "lift_benchmark": Entry(

@@ -61,7 +61,8 @@ INTERNAL = tuple(
         "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown data.tables dynamics errors interfaces"
         " model.layout model.shown model.springs model.urdf"
         " planning.bim planning.bodies planning.clearance planning.curve planning.fields planning.grid planning.neighbour planning.proof"
-        " planning.search planning.site planning.solids planning.timing planning.transcription plotting processes simulation.engine simulation.log simulation.record bridges"
+        " planning.search planning.site planning.solids planning.timing planning.transcription"
+        " plotting processes simulation.engine simulation.log simulation.record bridges"
     ).split()
 )
 """What only our own code calls, in inner loops or with what was checked before; of the packages above, what they do not name as theirs."""
