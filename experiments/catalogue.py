@@ -135,6 +135,22 @@ EXPERIMENTS = {
             "sweep_timing": "Swing left over the time for the move: median, and a band from least to most.",
         },
     ),
+    "lift": Entry(
+        "A lift, planned",
+        "From a site with obstacles to a motion that provably touches nothing, and what is left of that when the lift is not as planned.",
+        (),
+        ("--site", "cranedyn/planning/sites/open_yard.toml", "--lifts", "20"),
+        {
+            "site_*": "Plan and elevation of the site with the way of the load.",
+            "time_*": "Clearance, swing and drives over time.",
+        },
+    ),
+    "lift_benchmark": Entry(
+        "Lifts on random sites",
+        "Random sites planned and certified: success, time to plan, duration over the bound of a grid.",
+        ("--sites", "20"),
+        ("--sites", "1"),
+    ),
     "demo": Entry(
         "Demo",
         "The seven legs of the article, with their swing controlled.",

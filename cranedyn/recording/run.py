@@ -13,6 +13,7 @@ from cranedyn.arguments import checked
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.runs import run_colour
+from cranedyn.recording.scenery import Scenery
 
 TIMELINE = "sim_time"
 """The one clock of a recording."""
@@ -33,6 +34,7 @@ class Run:
         offset: Where its foot stands in the scene [m]; cranes with the same offset are drawn into each other.
         meshes: Folder in which the files of the meshes of its URDF lie, and which none of them leaves; None draws no meshes.
         colour: Hex colour of its payload, path and curves; empty for the next one of `cranedyn.plotting.runs`.
+        scenery: What stands about it; None for nothing.
     """
 
     name: str
@@ -41,6 +43,7 @@ class Run:
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     meshes: Path | None = None
     colour: str = ""
+    scenery: Scenery | None = None
 
     def __post_init__(self) -> None:
         """Have a name that can be written."""

@@ -19,6 +19,7 @@ from cranedyn.errors import printable
 from cranedyn.model.urdf import parse, skeleton
 from cranedyn.plotting.style import COLOURS, mixed, rgb
 from cranedyn.recording.run import Run, clock, colours
+from cranedyn.recording.scenery import log_scenery
 from cranedyn.recording.shapes import Shape, log_shapes, shapes
 
 BACKGROUND = "#E1E8F0"
@@ -84,6 +85,8 @@ class Scene:
         recording.log(run.entity("joints", "ground"), foot, static=True)
         self._body = _log_links(recording, run, self._tree, look)
         _log_styles(recording, run, look, self._ground, _above_swing(run, self._tree), self._body)
+        if run.scenery is not None:
+            log_scenery(recording, run.entity("scene"), self._ground, run.scenery, float(run.trajectory.t[0]), clock)
 
     def move(self, run: Run, since: float = -math.inf) -> None:
         """Draw the rows of a run from a time on [s], 50 pictures a second; earlier rows are the past that the path shows."""

@@ -12,6 +12,7 @@ import inspect
 import math
 import os
 import pkgutil
+import re
 import tempfile
 import warnings
 from collections import deque
@@ -52,6 +53,7 @@ PUBLIC = {
     "wind": ("cranedyn.disturbances.wind",),
     "sweep": ("cranedyn.sweep",),
     "recording": ("cranedyn.recording", "cranedyn.recording.snapshot"),
+    "planning": tuple(f"cranedyn.planning.{name}" for name in ("site_file", "lift", "certificate", "perturbed")),
 }
 """What people import from, by the name of a generator."""
 
@@ -60,7 +62,9 @@ INTERNAL = tuple(
     for name in (
         "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown data.tables dynamics errors interfaces"
         " model.layout model.shown model.springs model.urdf"
-        " planning.transcription plotting processes simulation.engine simulation.log simulation.record bridges"
+        " planning.bim planning.bodies planning.clearance planning.curve planning.fields planning.grid planning.neighbour planning.proof"
+        " planning.search planning.site planning.solids planning.timing planning.transcription"
+        " plotting processes simulation.engine simulation.log simulation.record bridges"
     ).split()
 )
 """What only our own code calls, in inner loops or with what was checked before; of the packages above, what they do not name as theirs."""
@@ -68,10 +72,21 @@ INTERNAL = tuple(
 NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
 """What would open a window or a port; their arguments are tried on the command line."""
 
-WITHIN = ("bounds", "hoisting", "columns_of", "started", "command_of", "force_of", "diverged")
+WITHIN = ("bounds", "hoisting", "columns_of", "started", "command_of", "force_of", "diverged", "late", "unproven_time")
 """What only our own code calls, of modules that people import from."""
 
-HEAVY = {"optimal": 0.03, "mpc": 0.1, "record": 0.1, "Live": 0.1, "sweep": 0.3, "fastest": 0.3, "check": 0.3}
+HEAVY = {
+    "optimal": 0.03,
+    "mpc": 0.1,
+    "record": 0.1,
+    "Live": 0.1,
+    "sweep": 0.3,
+    "fastest": 0.3,
+    "check": 0.3,
+    "plan_lift": 0.1,
+    "certify": 0.1,
+    "perturb": 0.1,
+}
 """How often what takes its time is tried, beside the others."""
 
 
@@ -199,12 +214,22 @@ RIGHT: dict[str, str] = {
     "near": "0.05",
     "far": "0.1",
     "lasts": "2.0",
+    "site": "site",
+    "count": "1",
+    "read_site.path": "SITE",
+    "certify.clearance": "lift.clearance",
+    "certify.controller": "controller_of(lift)",
+    "perturb.spread": "Spread()",
+    "plan_lift.start": "site.start",
+    "plan_lift.goal": "site.goal",
     # by annotation
     "Crane": "crane",
     "State": "start",
     "Controller": "law",
     "Reference": "still",
     "Motion": "motion",
+    "Lift": "lift",
+    "Certificate": "certificate",
     "Limits": "limits",
     "Trajectory": "trajectory",
     "Run": "run",
@@ -286,7 +311,11 @@ class Pretending:
 @cache
 def namespace() -> dict[str, Any]:
     """Names for expressions: everything public, and some good things made of it."""
-    names: dict[str, Any] = {
+    names: dict[str, Any] = {}
+    for modules in PUBLIC.values():
+        for module in modules:
+            names |= {name: thing for name, thing in vars(importlib.import_module(module)).items() if not name.startswith("_")}
+    names |= {
         "np": np,
         "math": math,
         "Fraction": Fraction,
@@ -305,9 +334,6 @@ def namespace() -> dict[str, Any]:
         "Setpoint": Setpoint,
         "Run": Run,
     }
-    for modules in PUBLIC.values():
-        for module in modules:
-            names |= {name: thing for name, thing in vars(importlib.import_module(module)).items() if not name.startswith("_")}
     for name, text in {
         "crane": "load_crane()",
         "start": "crane.start",
@@ -323,8 +349,10 @@ def namespace() -> dict[str, Any]:
         "design": "grid(x=[1.0, 2.0])",
         "loop": "linear.sampled(crane, crane.state(l=10.0)).closed(feedback_gain(crane, (5e5, 3e5, 3e4), (1e6, 5e4, 2e4)))",
         "t": "np.linspace(0.0, 60.0, 1200)",
+        "SITE": "Path(cranedyn.__file__).parent / 'planning' / 'sites' / 'open_yard.toml'",
+        "site": "read_site(Path(cranedyn.__file__).parent / 'planning' / 'sites' / 'open_yard.toml')",
     }.items():
-        names[name] = eval(text, names | {"linear": linear})
+        names[name] = eval(text, names | {"linear": linear, "cranedyn": cranedyn})
     return names
 
 
@@ -686,6 +714,9 @@ def right(name: str, function: Callable[..., Any]) -> dict[str, str]:
 def called(function: Callable[..., Any], texts: dict[str, str]) -> Any:
     """What a function answers to arguments given as expressions."""
     names = namespace() | {"tracking_parts": _tracking_parts()}
+    for lazy, made in (("lift", _lift), ("certificate", _certificate)):
+        if any(re.search(rf"\b{lazy}\b", text) for text in texts.values()):
+            names[lazy] = made()
     given = {key: eval(text, dict(names)) for key, text in texts.items()}
     positional: list[Any] = []
     keyed: dict[str, Any] = {}
@@ -704,6 +735,16 @@ def called(function: Callable[..., Any], texts: dict[str, str]) -> Any:
         if not np.array_equal(value, given[key], equal_nan=True):
             raise Broken(f"an argument is written to: {getattr(function, '__qualname__', function)}({key})")
     return answer
+
+
+@cache
+def _lift() -> Any:
+    return eval("plan_lift(site, limits)", namespace())
+
+
+@cache
+def _certificate() -> Any:
+    return eval("certify(lift)", namespace() | {"lift": _lift()})
 
 
 @cache

@@ -1,0 +1,111 @@
+"""The path of a load as a smooth curve: straight lines between places, with rounded corners.
+
+Its parameter is time at full speed: the drive that has the longest way goes at its rate, so that the length of a path is a duration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from cranedyn.planning.clearance import Clearance
+from cranedyn.planning.proof import unproven
+
+_KERNEL = Polynomial([35.0 / 32.0]) * Polynomial([1.0, 0.0, -1.0]) ** 3
+_STEP = _KERNEL.integ(lbnd=-1)
+_RAMP = _STEP.integ(lbnd=-1)
+"""A weight on -1 to 1 that averages directions about a corner, its integral and that one's: curves have four derivatives."""
+
+_SHARPEST, _HALVINGS = 1e-3, 9
+
+
+def lasts(points: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Time at full speed from each place to the next [s], shape (n - 1,).
+
+    Args:
+        points: Places, shape (n, 3).
+        rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
+    """
+    return (np.abs(np.diff(points, axis=0)) / rates).max(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A curve through places with rounded corners; it meets its first and last place, and the middles of its legs.
+
+    Attributes:
+        points: Places, no two following ones equal, shape (n, 3).
+        rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
+        widths: Before and after each corner, how long it is rounded [s], shape (n - 2,).
+    """
+
+    points: np.ndarray
+    rates: np.ndarray
+    widths: np.ndarray
+
+    @cached_property
+    def knots(self) -> np.ndarray:
+        """Parameter of each place [s], shape (n,)."""
+        return np.concatenate([[0.0], np.cumsum(lasts(self.points, self.rates))])
+
+    @property
+    def duration(self) -> float:
+        """Its length as time at full speed [s]."""
+        return float(self.knots[-1])
+
+    @cached_property
+    def _speeds(self) -> np.ndarray:
+        return np.diff(self.points, axis=0) / np.diff(self.knots)[:, None]
+
+    def derivatives(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Places and their first and second derivatives at parameters [s], shape (m,); shape (m, 3) each."""
+        s = np.asarray(s, dtype=float)
+        leg = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.points) - 2)
+        place = self.points[leg] + (s - self.knots[leg])[:, None] * self._speeds[leg]
+        first, second = self._speeds[leg].copy(), np.zeros_like(place)
+        for k, width in enumerate(self.widths):
+            share = (s - self.knots[k + 1]) / width
+            inside, bend = np.abs(share) < 1.0, self._speeds[k + 1] - self._speeds[k]
+            at = share[inside]
+            place[inside] += (width * (_RAMP(at) - np.maximum(at, 0.0)))[:, None] * bend
+            first[inside] += (_STEP(at) - (at >= 0.0))[:, None] * bend
+            second[inside] += (_KERNEL(at) / width)[:, None] * bend
+        return place, first, second
+
+    def at(self, s: float) -> np.ndarray:
+        """The place at a parameter [s], shape (3,)."""
+        return self.derivatives(np.array([s]))[0][0]
+
+    def reach(self, first: float, last: float) -> np.ndarray:
+        """See `cranedyn.planning.proof.Curve`: within a corner the curve goes at a mean of the speeds before and after it."""
+        begins = self.knots[:-1] - np.append(0.0, self.widths)
+        ends = self.knots[1:] + np.append(self.widths, 0.0)
+        legs = (begins <= last) & (ends >= first)
+        return np.abs(self._speeds[legs]).max(axis=0) * ((last - first) / 2.0)
+
+
+def rounded(clearance: Clearance, points: np.ndarray, rates: np.ndarray) -> Path | None:
+    """A proven curve along proven straight lines, each corner rounded as widely as can be proven; None if one cannot at all.
+
+    Args:
+        clearance: Crane and site.
+        points: Places, shape (n, 3).
+        rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
+    """
+    legs = lasts(points, rates)
+    shares = np.where(np.arange(len(legs)) % max(len(legs) - 1, 1) == 0, 0.98, 0.49)  # an end has no other corner
+    widths = np.minimum((shares * legs)[:-1], (shares * legs)[1:])
+    for k in range(len(widths)):
+        for _ in range(_HALVINGS):
+            path = Path(points, rates, widths)
+            if unproven(clearance, path, path.knots[k + 1] - widths[k], path.knots[k + 1] + widths[k]) is None:
+                break
+            widths[k] /= 2.0
+        else:
+            return None
+        if widths[k] < _SHARPEST:
+            return None
+    return Path(points, rates, widths)

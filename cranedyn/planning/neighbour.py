@@ -1,0 +1,53 @@
+"""A crane that stands parked on the site, as an obstacle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import pinocchio as pin
+import trimesh
+
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.planning.bodies import bodies, solid_parts
+from cranedyn.planning.solids import Solid, turned
+
+
+def neighbour(name: str, position: np.ndarray, heading: float, place: Mapping[str, float], values: Mapping[str, float]) -> list[Solid]:
+    """A parked crane with its rope and hook.
+
+    Args:
+        name: What it is called.
+        position: Where its mast stands [m], shape (3,).
+        heading: Where its jib points at zero slew, from X towards Y [rad].
+        place: Its slew [°], trolley radius [m] and cable length [m], by "slew", "trolley", "cable"; 0 is where its URDF has them.
+        values: Numbers of the crane that differ from its defaults, by name.
+
+    Raises:
+        CraneError: If there is no such crane, or it cannot stand so.
+    """
+    crane = load_crane(**values)  # type: ignore[arg-type]
+    crane.layout.tower("A parked neighbour")
+    asked = {"gamma": math.radians(place["slew"]), "x": place["trolley"], "l": place["cable"]}
+    q = crane.state(**{coordinate: value for coordinate, value in asked.items() if value}).q
+    parts = _parts(crane, q)
+    rotation = turned(heading + math.pi / 2.0)
+    placed = [part @ rotation.T + position for part in parts]
+    hulls = [trimesh.convex.convex_hull(part) for part in placed]
+    firsts = np.cumsum([0, *(len(one.vertices) for one in hulls[:-1])])
+    vertices = np.vstack([one.vertices for one in hulls])
+    triangles = np.vstack([one.faces + first for one, first in zip(hulls, firsts, strict=True)])
+    return [Solid(name, tuple(placed), vertices, triangles)]
+
+
+def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:
+    """Corners of all of its shapes and of its rope, in its own frame [m]."""
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, q)
+    parts = [data.oMi[joint].rotation @ corners.T + data.oMi[joint].translation[:, None] for joint, corners in solid_parts(crane)]
+    _, _, pivot, _, hoist = crane.layout.tower("A parked neighbour")
+    falls, ends = bodies(crane).falls, [data.oMi[joint + 1].translation for joint in (pivot, hoist)]
+    rope = [end + np.array([x, y, 0.0]) for end in ends for x in (-falls, falls) for y in (-falls, falls)]
+    return [part.T for part in parts] + [np.array(rope)]

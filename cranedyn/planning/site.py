@@ -1,0 +1,77 @@
+"""A site: where the crane stands, what stands about it, what it lifts, and from where to where."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cranedyn.errors import DataError, number, quoted
+from cranedyn.planning.solids import Solid, turned
+
+DISTANCE, SWING = 0.5, math.radians(2.0)
+"""What a site asks for if it does not say: how near anything may come [m], and how far the load may swing [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A site, in a frame of its own: metres, Z up.
+
+    Attributes:
+        name: What it is called.
+        solids: What stands there, and zones to keep out of.
+        ground: Height of the ground [m].
+        foot: Where the crane's mast stands [m], shape (3,).
+        heading: Where the jib points at zero slew, from X towards Y [rad].
+        crane: Numbers of the crane that differ from its defaults, by name.
+        load: Corners of the load about its centre [m], shape (n, 3); X is across the jib, Y against it; None for that of the crane.
+        start, goal: Centre of the load at the start and at the end [m], shape (3,); None if the site does not say.
+        distance: How near anything may come to anything [m].
+        swing: Within which angle from plumb the load is held for swinging [rad].
+    """
+
+    name: str
+    solids: tuple[Solid, ...]
+    ground: float = 0.0
+    foot: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    heading: float = -math.pi / 2.0
+    crane: Mapping[str, float] = field(default_factory=dict)
+    load: np.ndarray | None = None
+    start: np.ndarray | None = None
+    goal: np.ndarray | None = None
+    distance: float = DISTANCE
+    swing: float = SWING
+
+    def __post_init__(self) -> None:
+        """Check what a distance can be taken of.
+
+        Raises:
+            DataError: If two solids have one name.
+            OutOfRange: If a number is not finite, or the distance or the swing is none that can be asked for.
+        """
+        number("height of the ground", self.ground, "m")
+        number("required distance", self.distance, "m", "> 0")
+        number("swing of the load", self.swing, "rad", "0 to 0.5")
+        names = [solid.name for solid in self.solids]
+        for name in names:
+            if names.count(name) > 1:
+                raise DataError(f"Two obstacles are called {quoted(name)}; each needs a name of its own.")
+
+    @property
+    def turn(self) -> np.ndarray:
+        """Rotation from the crane's frame, whose jib points along -Y at zero slew, to the site's, shape (3, 3)."""
+        return turned(self.heading + math.pi / 2.0)
+
+    def to_crane(self, points: np.ndarray) -> np.ndarray:
+        """Points of the site [m], shape (..., 3), in the frame of the crane."""
+        return (np.asarray(points) - self.foot) @ self.turn
+
+    def to_site(self, points: np.ndarray) -> np.ndarray:
+        """Points in the frame of the crane [m], shape (..., 3), in that of the site."""
+        return np.asarray(points) @ self.turn.T + self.foot
+
+    def seen_by_crane(self) -> list[Solid]:
+        """The solids in the frame of the crane."""
+        return [solid.moved(self.turn.T, -self.foot @ self.turn) for solid in self.solids]

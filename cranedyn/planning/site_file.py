@@ -1,0 +1,247 @@
+"""Sites from TOML files; what is wrong in one is said with its line and field. The format is described in docs/lift.md."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cranedyn.arguments import checked
+from cranedyn.data.files import read_text
+from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number, quoted
+from cranedyn.planning.bim import read_ifc
+from cranedyn.planning.neighbour import neighbour
+from cranedyn.planning.site import DISTANCE, SWING, Site
+from cranedyn.planning.solids import Solid, body, box, prism, read_mesh, turned
+
+SITES = Path(__file__).parent / "sites"
+"""Example sites: open_yard, city_block, tower, neighbour."""
+
+_HEADER = re.compile(r"\s*\[\[?\s*([\w.]+)\s*\]\]?")
+_KEY = re.compile(r"\s*([\w]+)\s*=")
+_MOST = 2000
+
+
+class _Table:
+    """One table of the file, which knows where it stands."""
+
+    def __init__(self, path: Path, name: str, found: dict[str, Any], lines: dict[str, int], known: Sequence[str]) -> None:
+        self.path, self.name, self.found, self.lines = path, name, found, lines
+        for key in found:
+            if key not in known:
+                self.fail(key, str(UnknownName("field", key, known)))
+
+    def fail(self, key: str, sentence: str) -> None:
+        line = self.lines.get(key, self.lines.get("", 1))
+        raise DataError(f"{self.path}, line {line}, [{self.name}] {key}: {sentence}")
+
+    def take(self, key: str, convert: Callable[[Any], Any], default: Any = None) -> Any:
+        if key not in self.found:
+            if default is None:
+                self.fail(key, "it is missing.")
+            return default
+        try:
+            return convert(self.found[key])
+        except CraneError as error:
+            self.fail(key, str(error))
+
+    def number(self, key: str, default: float | None = None, unit: str = "m", allowed: str = "any") -> float:
+        return self.take(key, lambda value: _number(key, value, unit, allowed), default)
+
+    def numbers(self, key: str, count: int, allowed: str = "any", default: Any = None) -> Any:
+        return self.take(key, lambda value: _numbers(key, value, count, allowed), default)
+
+    def points(self, key: str) -> np.ndarray:
+        return self.take(key, lambda value: np.array([_numbers("corner", corner, 2) for corner in _list(key, value, 3)]))
+
+    def text(self, key: str, default: str | None = None) -> str:
+        return self.take(key, lambda value: _text(key, value), default)
+
+    def flag(self, key: str) -> bool:
+        value = self.found.get(key, False)
+        if not isinstance(value, bool):
+            self.fail(key, "allowed is true or false.")
+        return bool(value)
+
+    def angle(self, key: str, default: float | None = 0.0) -> float:
+        return math.radians(self.number(key, None if default is None else math.degrees(default), "degrees"))
+
+    def file(self, key: str) -> Path:
+        name = self.text(key)
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            self.fail(key, f"{quoted(name)} lies outside of the folder of the site; allowed are files in it.")
+        return self.path.parent / name
+
+
+@checked
+def read_site(path: str | Path) -> Site:
+    """A site from a TOML file.
+
+    Raises:
+        DataError: If it cannot be read, is no TOML, or something in it is missing, unknown, or no number that it could be: which line and
+            field. Also if a mesh or an IFC file that it names cannot be read, or two obstacles have one name.
+    """
+    path = Path(path)
+    text = read_text(path)
+    try:
+        found = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
+        raise DataError(f"{path} is not TOML: {error}.") from error
+    lines = dict(_lines(text))
+    top = _Table(path, "site", found, lines.get(("", 0), {}), ["name", "ground", "crane", "load", "lift", *_SOLIDS])
+    if not isinstance(found.get("ground"), dict):
+        top.fail("ground", "there is none; a site needs a table [ground] with its height.")
+
+    def table(name: str, known: Sequence[str]) -> _Table:
+        given = found.get(name, {})
+        if not isinstance(given, dict):
+            top.fail(name, "it must be a table.")
+        return _Table(path, name, given, lines.get((name, 0), {}), known)
+
+    ground = table("ground", ["height"]).number("height")
+    solids: list[Solid] = []
+    for kind, (known, make) in _SOLIDS.items():
+        given = found.get(kind, [])
+        if not isinstance(given, list) or not all(isinstance(one, dict) for one in given):
+            top.fail(kind, f"write each as [[{kind}]].")
+        if len(solids) + len(given) > _MOST:
+            top.fail(kind, f"there are more than {_MOST} obstacles.")
+        for i, one in enumerate(given):
+            entry = _Table(path, kind, one, lines.get((kind, i), {}), known)
+            try:
+                solids += make(entry, ground)
+            except DataError as error:
+                if str(error).startswith(str(path)):
+                    raise
+                entry.fail("name" if "name" in one else "file", str(error))
+    names: set[str] = set()
+    for solid in solids:
+        if solid.name in names:
+            raise DataError(f"{path}: two obstacles are called {quoted(solid.name)}; each needs a name of its own.")
+        names.add(solid.name)
+    crane, load = table("crane", ["position", "heading", "values"]), table("load", ["size", "file", "mass"])
+    lift = table("lift", ["from", "to", "distance", "swing"])
+    values = crane.take("values", lambda given: _values(given), {})
+    if "mass" in load.found:
+        values = {**values, "payload_mass": load.number("mass", unit="kg", allowed="> 0")}
+    return Site(
+        name=top.text("name", path.stem),
+        solids=tuple(solids),
+        ground=ground,
+        foot=np.array(crane.numbers("position", 3, default=[0.0, 0.0, ground])),
+        heading=crane.angle("heading", -math.pi / 2.0),
+        crane=values,
+        load=_load(load),
+        start=_point(lift, "from"),
+        goal=_point(lift, "to"),
+        distance=lift.number("distance", DISTANCE, "m", "> 0"),
+        swing=math.radians(lift.number("swing", math.degrees(SWING), "degrees", "0 to 28")),
+    )
+
+
+def _load(load: _Table) -> np.ndarray | None:
+    if "file" in load.found:
+        vertices, _ = read_mesh(load.file("file"))
+        return vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
+    if "size" not in load.found:
+        return None
+    size = np.array(load.numbers("size", 3, "> 0"))
+    return np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size / 2.0
+
+
+def _point(lift: _Table, key: str) -> np.ndarray | None:
+    return np.array(lift.numbers(key, 3)) if key in lift.found else None
+
+
+def _box(entry: _Table, ground: float) -> list[Solid]:
+    size = entry.numbers("size", 3, "> 0")
+    return [box(entry.text("name"), entry.numbers("centre", 2), size, entry.number("base", ground), entry.angle("yaw"))]
+
+
+def _prism(entry: _Table, ground: float) -> list[Solid]:
+    height = entry.number("height", allowed="> 0")
+    return [prism(entry.text("name"), entry.points("outline"), entry.number("base", ground), height)]
+
+
+def _zone(entry: _Table, ground: float) -> list[Solid]:
+    base, height = entry.number("base", ground), entry.number("height", 100.0, allowed="> 0")
+    return [prism(entry.text("name"), entry.points("outline"), base, height, zone=True)]
+
+
+def _mesh(entry: _Table, ground: float) -> list[Solid]:
+    vertices, triangles = read_mesh(entry.file("file"))
+    scale, position = entry.number("scale", 1.0, "", "> 0"), entry.numbers("position", 3, default=[0.0, 0.0, ground])
+    placed = scale * vertices @ turned(entry.angle("yaw")).T + np.array(position)
+    return [body(entry.text("name"), placed, triangles, as_hull=entry.flag("hull"))]
+
+
+def _ifc(entry: _Table, ground: float) -> list[Solid]:
+    position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, 0.0]))
+    solids = read_ifc(entry.file("file"), as_hulls=entry.flag("hull"))
+    return [solid.moved(turned(entry.angle("yaw")), position) for solid in solids]
+
+
+def _neighbour(entry: _Table, ground: float) -> list[Solid]:
+    position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
+    place = {name: entry.number(name, 0.0, unit) for name, unit in (("slew", "degrees"), ("trolley", "m"), ("cable", "m"))}
+    values = entry.take("values", lambda given: _values(given), {})
+    return neighbour(entry.text("name"), position, entry.angle("heading", -math.pi / 2.0), place, values)
+
+
+_SOLIDS: dict[str, tuple[list[str], Callable[[_Table, float], list[Solid]]]] = {
+    "box": (["name", "centre", "size", "base", "yaw"], _box),
+    "prism": (["name", "outline", "base", "height"], _prism),
+    "mesh": (["name", "file", "position", "yaw", "scale", "hull"], _mesh),
+    "ifc": (["file", "position", "yaw", "hull"], _ifc),
+    "keep_out": (["name", "outline", "base", "height"], _zone),
+    "neighbour": (["name", "position", "heading", "slew", "trolley", "cable", "values"], _neighbour),
+}
+
+
+def _number(name: str, value: Any, unit: str, allowed: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise OutOfRange(name, quoted(value), "a number", unit)
+    return number(name, value, unit, allowed)
+
+
+def _list(name: str, value: Any, least: int) -> list[Any]:
+    if not isinstance(value, list) or not least <= len(value) <= _MOST:
+        raise OutOfRange(name, quoted(value), f"a list of {least} or more")
+    return value
+
+
+def _numbers(name: str, value: Any, count: int, allowed: str = "any") -> list[float]:
+    if not isinstance(value, list) or len(value) != count:
+        raise OutOfRange(name, quoted(value), f"{count} numbers", "m")
+    return [_number(f"one of {name}", part, "m", allowed) for part in value]
+
+
+def _text(name: str, value: Any) -> str:
+    if not isinstance(value, str) or not value.strip() or not value.isprintable():
+        raise OutOfRange(name, quoted(value), "a printable text")
+    return value
+
+
+def _values(given: Any) -> dict[str, float]:
+    if not isinstance(given, dict):
+        raise OutOfRange("values", quoted(given), "a table of numbers of the crane")
+    return {name: _number(name, value, "", "any") for name, value in given.items()}
+
+
+def _lines(text: str) -> Iterator[tuple[tuple[str, int], dict[str, int]]]:
+    """Where the fields of each table stand, by name of the table and which of its name it is."""
+    counts: dict[str, int] = {}
+    name, fields = "", {"": 1}
+    for i, line in enumerate(text.splitlines(), start=1):
+        if header := _HEADER.match(line):
+            yield (name, counts.get(name, 1) - 1), fields
+            name, fields = header[1], {"": i}
+            counts[name] = counts.get(name, 0) + 1
+        elif key := _KEY.match(line):
+            fields.setdefault(key[1], i)
+    yield (name, counts.get(name, 1) - 1), fields

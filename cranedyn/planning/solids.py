@@ -1,0 +1,161 @@
+"""What stands on a site: closed bodies, each as triangles to draw and as shapes to measure distances from."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import coal
+import numpy as np
+import trimesh
+
+from cranedyn.data.files import read_bytes
+from cranedyn.errors import DataError
+
+MESH_ENDINGS = (".stl", ".ply", ".off", ".obj")
+"""Files of meshes that are read; none of them needs another file."""
+
+_LARGEST_MESH = 50_000_000
+_THIN = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A closed body in the frame of the site.
+
+    Attributes:
+        name: What it is called; no two of a site have the same name.
+        parts: Corners of convex bodies [m], shape (n, 3) each, whose union it is; empty for a surface of triangles.
+        vertices: Of its surface [m], shape (n, 3).
+        triangles: Their corners, counter-clockwise from outside, shape (m, 3).
+        zone: Whether it is no body but a zone that load, hook and rope keep out of.
+    """
+
+    name: str
+    parts: tuple[np.ndarray, ...]
+    vertices: np.ndarray
+    triangles: np.ndarray
+    zone: bool = False
+
+    def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Solid:
+        """The same body, turned and then moved [m]."""
+        parts = tuple(part @ rotation.T + translation for part in self.parts)
+        return Solid(self.name, parts, self.vertices @ rotation.T + translation, self.triangles, self.zone)
+
+    def geometries(self) -> list[coal.CollisionGeometry]:
+        """Shapes for `coal`, at home in the frame that the numbers are in."""
+        if self.parts:
+            return [hull(part) for part in self.parts]
+        surface = coal.BVHModelOBBRSS()
+        surface.beginModel(len(self.triangles), len(self.vertices))
+        surface.addVertices(self.vertices)
+        surface.addTriangles(self.triangles.astype(np.int64))
+        surface.endModel()
+        return [surface]
+
+    def holds(self, point: np.ndarray) -> bool:
+        """Whether a point [m] lies inside of a surface of triangles; distances tell it of convex parts themselves."""
+        return not self.parts and bool(trimesh.Trimesh(self.vertices, self.triangles, process=False).contains([point])[0])
+
+
+def hull(points: np.ndarray) -> coal.ConvexBase:
+    """The convex hull of points [m], shape (n, 3)."""
+    listed = coal.StdVec_Vec3s()
+    for point in points:
+        listed.append(point)
+    return coal.Convex.convexHull(listed, True, "Qt")
+
+
+def turned(yaw: float) -> np.ndarray:
+    """Rotation about Z by an angle [rad], shape (3, 3)."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def box(name: str, centre: Sequence[float], size: Sequence[float], base: float, yaw: float = 0.0) -> Solid:
+    """A box that stands upright.
+
+    Args:
+        name: What it is called.
+        centre: Of its footprint [m], two numbers.
+        size: Length, width, height [m].
+        base: Height of its bottom [m].
+        yaw: How far it is turned about Z [rad].
+    """
+    length, width, _ = size
+    corners = np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2.0
+    return prism(name, corners @ turned(yaw)[:2, :2].T + np.asarray(centre), base, size[2])
+
+
+def prism(name: str, outline: np.ndarray, base: float, height: float, *, zone: bool = False) -> Solid:
+    """A body with an outline [m], shape (n, 2), from a base height up to a height above it [m].
+
+    Raises:
+        DataError: If the outline crosses itself or encloses nothing.
+    """
+    import shapely
+
+    polygon = shapely.Polygon(outline)
+    if not polygon.is_valid or polygon.area < _THIN:
+        raise DataError("an outline must enclose an area and not cross itself")
+    polygon = shapely.geometry.polygon.orient(polygon)
+    mesh = trimesh.creation.extrude_polygon(polygon, height)
+    mesh.apply_translation([0.0, 0.0, base])
+    convex = polygon.convex_hull.area - polygon.area < _THIN
+    cuts = [np.array(polygon.exterior.coords)[:-1]]
+    if not convex:
+        points, triangles = trimesh.creation.triangulate_polygon(polygon)
+        cuts = [np.asarray(points)[triangle] for triangle in triangles]
+    parts = tuple(np.concatenate([np.column_stack([cut, np.full(len(cut), z)]) for z in (base, base + height)]) for cut in cuts)
+    return Solid(name, parts, np.array(mesh.vertices), np.array(mesh.faces), zone)
+
+
+def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: bool = False) -> Solid:
+    """A body with a surface of triangles.
+
+    Args:
+        name: What it is called.
+        vertices: Corners [m], shape (n, 3).
+        triangles: Which three corners make each, shape (m, 3).
+        as_hull: Whether its convex hull stands for it, which is faster and never smaller.
+
+    Raises:
+        DataError: If a number is not finite, or the surface is not closed.
+    """
+    if not np.isfinite(vertices).all():
+        raise DataError("a corner of the mesh is not finite")
+    mesh = trimesh.Trimesh(vertices, triangles)
+    mesh.merge_vertices()
+    mesh.update_faces(mesh.nondegenerate_faces())
+    if as_hull:
+        mesh = mesh.convex_hull
+    elif not mesh.is_watertight or mesh.volume == 0.0:
+        raise DataError("the mesh is not closed: some edge has not two triangles")
+    mesh.fix_normals()
+    corners = np.array(mesh.vertices)
+    parts = (corners,) if as_hull or mesh.is_convex else ()
+    return Solid(name, parts, corners, np.array(mesh.faces))
+
+
+def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Corners, shape (n, 3), and triangles, shape (m, 3), of a mesh in a file; nothing else is read for it.
+
+    Raises:
+        DataError: If it cannot be read, has another ending, or holds no mesh.
+    """
+    if path.suffix.lower() not in MESH_ENDINGS:
+        raise DataError(f"Cannot read {path}: a mesh ends in {', '.join(MESH_ENDINGS)}.")
+    content = read_bytes(path, _LARGEST_MESH)
+    try:
+        found = trimesh.load_mesh(io.BytesIO(content), file_type=path.suffix[1:].lower(), resolver=None)
+        vertices, triangles = np.asarray(found.vertices, dtype=float), np.asarray(found.faces, dtype=int)
+    except KeyboardInterrupt:
+        raise
+    except Exception as error:  # whatever a parser of a stranger's bytes raises
+        raise DataError(f"Cannot read {path}: it holds no mesh ({type(error).__name__}).") from error
+    if not len(triangles):
+        raise DataError(f"Cannot read {path}: it holds no mesh.")
+    return vertices, triangles

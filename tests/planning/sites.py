@@ -1,0 +1,64 @@
+"""Small sites that the tests of planning share, and what was planned on them, once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.planning.certificate import Certificate, certify
+from cranedyn.planning.clearance import Clearance
+from cranedyn.planning.lift import Lift, plan_lift
+from cranedyn.planning.site import Site
+from cranedyn.planning.solids import box
+from cranedyn.references.limits import Limits
+
+LIMITS = Limits((0.0838, 1.583, 1.0), (0.02, 0.4, 0.4))
+RATES = np.array(LIMITS.rates)
+HEIGHT = 28.0
+
+
+@cache
+def crane() -> Crane:
+    return load_crane()
+
+
+def corners(*size: float) -> np.ndarray:
+    return np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * np.array(size) / 2.0
+
+
+LOAD = corners(1.0, 1.0, 1.0)
+
+
+def site(*solids: Any, **changes: Any) -> Site:
+    """A lift of a cubic metre along the +X side of the crane, from y = -12 to y = 12 m."""
+    given = {"load": LOAD, "start": np.array([6.0, -12.0, 4.0]), "goal": np.array([6.0, 12.0, 4.0]), **changes}
+    return Site("test", solids, **given)
+
+
+WALL = box("wall", (14.0, 0.0), (14.0, 1.0, 8.0), 0.0)
+"""Across the way, over which the load has to go."""
+
+
+@cache
+def clearance(*solids: Any, **changes: Any) -> Clearance:
+    return Clearance(crane(), site(*solids, **changes))
+
+
+@cache
+def lift() -> Lift:
+    return plan_lift(site(WALL), LIMITS, crane=crane())
+
+
+@cache
+def certificate() -> Certificate:
+    return certify(lift())
+
+
+def with_wall(by: float) -> Clearance:
+    """The site of the lift with its wall higher by so much [m]."""
+    return Clearance(crane(), replace(lift().clearance.site, solids=(box("wall", (14.0, 0.0), (14.0, 1.0, 8.0 + by), 0.0),)))

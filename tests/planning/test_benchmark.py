@@ -1,0 +1,27 @@
+"""The benchmark on one of its random sites."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from experiments import lift_benchmark
+
+
+def test_a_random_site_is_planned_certified_and_set_beside_other_means(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert lift_benchmark.main(["--sites", "1", "--out", str(tmp_path / "out")]) == 0, capsys.readouterr().out
+    tables = {table["title"]: table["rows"] for table in json.loads((tmp_path / "out" / "result.json").read_text())["tables"]}
+    assert tables["Sites without a certified lift"] == []
+    assert [row[0] for row in tables["Beside it"]] == ["planned", "stop at corners", "spline + PD", "operator"]
+    swings = [row[-1] for row in tables["Beside it"]]
+    assert min(swings[1:]) > 0.5 > swings[0]
+
+
+def test_the_sites_are_the_same_for_the_same_seed() -> None:
+    from tests.planning.sites import crane
+
+    one, again, other = (next(lift_benchmark.sites(crane(), 1, seed)) for seed in (1, 1, 2))
+    assert one.start is not None and again.start is not None and other.start is not None
+    assert one.start.tolist() == again.start.tolist() != other.start.tolist()

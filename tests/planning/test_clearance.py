@@ -1,0 +1,130 @@
+"""Distances: against closed forms, against brute force, and the bounds that proofs rest on."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cranedyn.planning.clearance import GROUND, ROUNDING, Clearance
+from cranedyn.planning.fields import Body, Field
+from cranedyn.planning.solids import body, box, hull, prism
+from tests.planning.sites import HEIGHT, WALL, clearance, corners, crane, site
+
+PLACES = st.tuples(st.floats(-3.0, 3.0), st.floats(4.0, 22.0), st.floats(4.0, 25.0)).map(np.array)
+SMALL = st.tuples(*[st.floats(-0.3, 0.3)] * 3).map(np.array)
+
+
+def test_a_cube_beside_a_wall_and_above_the_ground_is_as_far_as_by_hand() -> None:
+    asked = Clearance(crane(), site(WALL, load=corners(2.0, 2.0, 2.0)))
+    place = asked.place(np.array([10.0, -6.0, 3.5]))
+    q = asked.q(place)
+    turned = np.abs(np.sin(place[0])) + np.abs(np.cos(place[0]))  # half the width of a turned cube along Y
+    found = asked.distances(q)
+    assert found["wall"].distance == pytest.approx(5.5 - turned, abs=1e-6)
+    assert found[GROUND].distance == pytest.approx(2.5, abs=1e-6)
+    assert asked.nearest(q).obstacle == GROUND
+    swung = 2.0 * (HEIGHT - 3.5 + np.sqrt(3.0)) * np.sin(asked.site.swing / 2.0)
+    assert asked.room(place) == pytest.approx(2.5 - 0.5 - swung - ROUNDING, abs=1e-6)
+
+
+def test_a_place_is_where_pinocchio_has_the_load_in_any_frame_of_a_site() -> None:
+    asked = Clearance(crane(), site(foot=np.array([5.0, -3.0, 2.0]), heading=0.7))
+    point = np.array([12.0, 6.0, 9.0])
+    place = asked.place(point)
+    data = crane().model.createData()
+    pin.forwardKinematics(crane().model, data, asked.q(place))
+    np.testing.assert_allclose(asked.site.to_site(data.oMi[5].translation), point, atol=1e-9)
+    np.testing.assert_allclose(asked.site.to_site(asked.point(place)), point, atol=1e-9)
+
+
+def test_the_broad_phase_gives_the_distances_of_brute_force_for_inflated_bodies() -> None:
+    """What coal's margins get wrong (its issue 625), shapes inflated by a metre get right."""
+    rng = np.random.default_rng(1)
+    named = [(str(i), (coal.Box(*rng.uniform(1, 6, 3)), np.eye(3), rng.uniform(-15, 15, 3))) for i in range(25)]
+    mesh = body("mesh", *_cube_of_triangles(2.0)).moved(np.eye(3), np.array([0.0, 0.0, 20.0]))
+    field = Field([*named, ("mesh", (mesh.geometries()[0], np.eye(3), np.zeros(3)))])
+    moving = Body((hull(corners(1.0, 2.0, 3.0)), np.eye(3), np.zeros(3)), 1.0)
+    touching = 0
+    for _ in range(300):
+        put = moving.put(np.eye(3), rng.uniform(-18, 18, 3))
+        brute = min(field.each(put).values())
+        least = field.least(put)
+        touching += brute <= 0.0
+        assert (least <= 0.0) == (brute <= 0.0)
+        assert least <= 0.0 or least == pytest.approx(brute, abs=1e-6)
+    assert 30 < touching < 270
+
+
+def test_inflating_takes_exactly_as_much_off_a_distance_from_hulls_and_meshes() -> None:
+    vertices, triangles = _cube_of_triangles(2.0)
+    dented = vertices.copy()
+    dented[0] *= 0.2  # no longer convex, so measured from its triangles
+    for solid in (body("cube", vertices, triangles), body("dented", dented, triangles)):
+        field = Field([("it", (one, np.eye(3), np.zeros(3))) for one in solid.geometries()])
+        found = [
+            field.least(Body((hull(corners(1.0, 1.0, 1.0)), np.eye(3), np.zeros(3)), by).put(np.eye(3), np.array([0.0, 0.0, 5.0])))
+            for by in (0.0, 1.5)
+        ]
+        assert found == pytest.approx([3.5, 2.0], abs=1e-6)
+
+
+@given(PLACES, SMALL)
+def test_room_changes_by_no_more_than_travel(place: np.ndarray, step: np.ndarray) -> None:
+    asked = clearance(WALL)
+    there = place + step
+    assert abs(asked.room(there) - asked.room(place)) <= asked.travel(place, np.abs(step)) + 1e-5
+
+
+@given(PLACES, st.floats(0.0, 1.0), st.floats(-np.pi, np.pi))
+def test_the_envelope_holds_the_load_at_every_swing_that_the_site_allows(place: np.ndarray, share: float, towards: float) -> None:
+    asked = clearance(WALL)
+    q = asked.q(place)
+    q[2:4] = share * asked.site.swing * np.array([np.cos(towards), np.sin(towards)])
+    assert asked.true_room(q) >= asked.room(place) - 1e-5
+
+
+@given(PLACES, SMALL, st.tuples(*[st.floats(-0.2, 0.2)] * 4).map(np.array))
+def test_no_point_of_the_load_moves_farther_than_said(place: np.ndarray, step: np.ndarray, swings: np.ndarray) -> None:
+    asked = clearance(WALL)
+    points = []
+    for where, swing in ((place, swings[:2]), (place + step, swings[2:])):
+        q = asked.q(where)
+        q[2:4] = swing
+        data = crane().model.createData()
+        pin.forwardKinematics(crane().model, data, q)
+        points.append((q, asked.bodies.load @ data.oMi[5].rotation.T + data.oMi[5].translation))
+    (one, before), (other, after) = points
+    assert np.linalg.norm(after - before, axis=1).max() <= float(asked.moved(one, other)) + 1e-9
+
+
+def test_a_concave_prism_is_hollow_where_its_outline_is() -> None:
+    outline = np.array([[0, 0], [10, 0], [10, 10], [6, 10], [6, 4], [4, 4], [4, 10], [0, 10]], dtype=float)
+    outline += np.array([5.0, -5.0])
+    solid = prism("u", outline, 0.0, 10.0)
+    field = Field([("u", (one, np.eye(3), np.zeros(3))) for one in solid.geometries()])
+    moving = Body((coal.Sphere(0.25), np.eye(3), np.zeros(3)), 0.0)
+    assert field.least(moving.put(np.eye(3), np.array([10.0, 3.0, 5.0]))) == pytest.approx(0.75, abs=1e-6)
+    assert field.least(moving.put(np.eye(3), np.array([7.0, 3.0, 5.0]))) < 0.0
+
+
+def test_a_zone_bars_load_hook_and_rope_but_not_the_jib_and_asks_for_no_distance() -> None:
+    outline = np.array([[5.0, -8.0], [7.0, -8.0], [7.0, -4.0], [5.0, -4.0]])
+    zoned = clearance(prism("zone", outline, 0.0, 10.0, zone=True))
+    beside = zoned.place(np.array([9.6, -6.0, 5.0]))
+    through = zoned.place(np.array([6.0, -6.0, 5.0]))
+    assert zoned.true_room(zoned.q(beside)) > 0.5
+    assert zoned.true_room(zoned.q(through)) < 0.0
+    assert zoned.nearest(zoned.q(through)).obstacle == "zone"
+    assert zoned.slewing_room(0.0) == np.inf
+    assert box("b", (0, 0), (1, 1, 1), 0.0).zone is False
+
+
+def _cube_of_triangles(edge: float) -> tuple[np.ndarray, np.ndarray]:
+    import trimesh
+
+    cube = trimesh.creation.box([edge] * 3)
+    return np.array(cube.vertices), np.array(cube.faces)

@@ -1,0 +1,226 @@
+"""Site files: examples that can be read, and what is wrong in one said with its line and field; IFC models of our own making."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from cranedyn.errors import CraneError, DataError
+from cranedyn.planning import bim
+from cranedyn.planning.bim import read_ifc
+from cranedyn.planning.clearance import Clearance
+from cranedyn.planning.lift import crane_of
+from cranedyn.planning.site_file import SITES, read_site
+from tests.planning.sites import crane, site
+
+
+def _is_there(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ValueError:
+        return False
+
+
+NEEDS_BIM = pytest.mark.skipif(not _is_there("ifcopenshell"), reason="needs the extra bim")
+
+WHOLE = """name = "yard"
+[crane]
+heading = 90.0
+[ground]
+height = 1.0
+[load]
+size = [1.0, 2.0, 3.0]
+[lift]
+from = [1.0, 2.0, 3.0]
+[[box]]
+name = "a"
+centre = [5.0, 6.0]
+size = [1.0, 2.0, 3.0]
+[[box]]
+name = "b"
+centre = [9.0, 6.0]
+size = [1.0, 2.0, 3.0]
+yaw = 90.0
+"""
+
+
+@pytest.mark.parametrize("name", ["open_yard", "city_block", "tower", "neighbour"])
+def test_the_examples_can_be_read_and_their_lifts_begin_and_end_free(name: str) -> None:
+    here = read_site(SITES / f"{name}.toml")
+    assert here.start is not None and here.goal is not None
+    asked = Clearance(crane_of(here), here)
+    assert min(asked.room(asked.place(point)) for point in (here.start, here.goal)) > 0.05
+
+
+def test_a_site_is_what_its_file_says(tmp_path: Path) -> None:
+    (tmp_path / "yard.toml").write_text(WHOLE)
+    here = read_site(tmp_path / "yard.toml")
+    assert (here.name, here.ground, here.foot.tolist(), here.goal) == ("yard", 1.0, [0.0, 0.0, 1.0], None)
+    assert here.heading == pytest.approx(np.pi / 2)
+    a, b = here.solids
+    assert (a.vertices.min(axis=0).tolist(), a.vertices.max(axis=0).tolist()) == ([4.5, 5.0, 1.0], [5.5, 7.0, 4.0])
+    np.testing.assert_allclose(np.ptp(b.vertices, axis=0), [2.0, 1.0, 3.0])
+    assert here.load is not None and np.ptp(here.load, axis=0).tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("[ground]\nheight = 1.0\n", "", "[site] ground: there is none; a site needs a table [ground]"),
+        ("height = 1.0", "height = nan", "line 5, [ground] height: height is nan m; allowed is a finite number"),
+        ("height = 1.0", 'height = "low"', "line 5, [ground] height: height is low m; allowed is a number"),
+        ("centre = [5.0, 6.0]", "centre = [5.0]", "line 12, [box] centre: centre is '[5.0]' m; allowed is 2 numbers"),
+        ("centre = [9.0, 6.0]", "center = [9.0, 6.0]", "line 16, [box] center: There is no field 'center'; there are name, centre"),
+        ("size = [1.0, 2.0, 3.0]\nyaw", "size = [1.0, 0.0, 3.0]\nyaw", "line 17, [box] size: one of size is 0.0 m; allowed is > 0"),
+        ("size = [1.0, 2.0, 3.0]\nyaw", "yaw", "line 14, [box] size: it is missing"),
+        ('name = "b"', 'name = "a"', "two obstacles are called a"),
+        ("heading = 90.0", "heading = true", "line 3, [crane] heading: heading is"),
+        ("[[box]]", "[[bok]]", "[site] bok: There is no field 'bok'"),
+        ("heading = 90.0", "heading = ", "is not TOML: Invalid value (at line 3"),
+        ("heading = 90.0", "values = {mass = 1e999}", "line 3, [crane] values: mass is inf"),
+        ("from = [1.0, 2.0, 3.0]", "distance = -1.0", "line 9, [lift] distance: distance is -1.0 m; allowed is > 0"),
+    ],
+)
+def test_what_is_wrong_in_a_site_is_said_with_its_line_and_field(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+    file = tmp_path / "yard.toml"
+    file.write_text(WHOLE.replace(old, new))
+    with pytest.raises(DataError) as refusal:
+        read_site(file)
+    assert str(refusal.value).startswith(str(file))
+    assert sentence in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("entry", "sentence"),
+    [
+        ('[[mesh]]\nname = "m"\nfile = "open.stl"\n', "line 21, [mesh] name: the mesh is not closed"),
+        ('[[mesh]]\nname = "m"\nfile = "../cube.stl"\n', "line 22, [mesh] file: ../cube.stl lies outside of the folder"),
+        ('[[mesh]]\nname = "m"\nfile = "broken.stl"\n', "broken.stl: it holds no mesh"),
+        ('[[mesh]]\nname = "m"\nfile = "cube.exe"\n', "a mesh ends in .stl, .ply, .off, .obj"),
+        (
+            '[[prism]]\nname = "p"\noutline = [[0, 0], [2, 2], [2, 0], [0, 2]]\nheight = 1.0\n',
+            "line 21, [prism] name: an outline must enclose an area",
+        ),
+        ('[[prism]]\nname = "p"\noutline = [[0, 0], [2, 2]]\nheight = 1.0\n', "line 22, [prism] outline: outline is"),
+        ('[[ifc]]\nfile = "cube.stl"\n', "an IFC file ends in .ifc"),
+        ('[[ifc]]\nfile = "not.ifc"\n', "it does not begin as an IFC file does"),
+        pytest.param('[[ifc]]\nfile = "cut.ifc"\n', "cut.ifc: it is no whole IFC file", marks=NEEDS_BIM),
+        ('[[ifc]]\nfile = "huge.ifc"\n', "it has 1000 MB; allowed are 200 MB"),
+        ('[[neighbour]]\nname = "n"\nvalues = {masst = 1}\n', "There is no argument 'masst'"),
+    ],
+)
+def test_meshes_models_and_neighbours_that_are_none_are_refused(tmp_path: Path, entry: str, sentence: str) -> None:
+    cube = trimesh.creation.box([1.0, 1.0, 1.0])
+    (tmp_path / "cube.stl").write_bytes(cube.export(file_type="stl"))
+    (tmp_path / "open.stl").write_bytes(trimesh.Trimesh(cube.vertices, cube.faces[:-1]).export(file_type="stl"))
+    (tmp_path / "broken.stl").write_bytes(b"solid of nothing")
+    (tmp_path / "not.ifc").write_text("hello")
+    (tmp_path / "cut.ifc").write_text("ISO-10303-21;\nHEADER;\nFILE_DESC")
+    with open(tmp_path / "huge.ifc", "wb") as file:
+        file.write(b"ISO-10303-21;")
+        file.truncate(1_000_000_000)
+    path = tmp_path / "yard.toml"
+    path.write_text(WHOLE + "\n" + entry)
+    with pytest.raises(CraneError) as refusal:
+        read_site(path)
+    assert sentence in str(refusal.value)
+
+
+def test_a_mesh_stands_where_it_is_put_and_its_hull_is_asked_for(tmp_path: Path) -> None:
+    bracket = trimesh.creation.extrude_polygon(__import__("shapely").Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)]), 2.0)
+    (tmp_path / "l.stl").write_bytes(bracket.export(file_type="stl"))
+    entry = '[[mesh]]\nname = "{}"\nfile = "l.stl"\nposition = [10.0, 0.0, 1.0]\nscale = 2.0\nhull = {}\n'
+    (tmp_path / "yard.toml").write_text(WHOLE + entry.format("exact", "false") + entry.format("hull", "true"))
+    exact, as_hull = read_site(tmp_path / "yard.toml").solids[-2:]
+    assert (len(exact.parts), len(as_hull.parts)) == (0, 1)
+    np.testing.assert_allclose(exact.vertices.max(axis=0), [18.0, 8.0, 5.0])
+    assert exact.holds(np.array([11.0, 7.0, 3.0]))
+    assert not exact.holds(np.array([14.0, 5.0, 3.0]))
+
+
+def test_a_neighbour_stands_turned_where_the_site_says_with_its_rope_down(tmp_path: Path) -> None:
+    entry = '[[neighbour]]\nname = "n"\nposition = [40.0, 0.0, 1.0]\nheading = 180.0\ntrolley = 20.0\ncable = 20.0\n'
+    (tmp_path / "yard.toml").write_text(WHOLE + entry)
+    points = np.vstack(read_site(tmp_path / "yard.toml").solids[-1].parts)
+    assert points[:, 0].min() == pytest.approx(40.0 - 23.5, abs=0.2)  # the jib's end
+    assert points[:, 2].max() == pytest.approx(1.0 + 33.45, abs=0.3)
+    load = points[(np.abs(points[:, 0] - 20.0) < 1.0) & (np.abs(points[:, 2] - 9.0) < 1.0)]
+    assert len(load) >= 8  # the load hangs 20 m below the pivot at 28 m
+
+
+# ------------------------------------------------------------------------------------------------------------------ IFC
+
+
+def model(path: Path) -> Path:
+    """A slab of 10 by 8 m, 0.3 m thick, with an opening of 2 by 2 m and a column on it."""
+    pytest.importorskip("ifcopenshell", reason="needs the extra bim")
+    import ifcopenshell.api.context
+    import ifcopenshell.api.feature
+    import ifcopenshell.api.geometry
+    import ifcopenshell.api.project
+    import ifcopenshell.api.root
+    import ifcopenshell.api.unit
+
+    file = ifcopenshell.api.project.create_file()
+    ifcopenshell.api.root.create_entity(file, ifc_class="IfcProject", name="test")
+    ifcopenshell.api.unit.assign_unit(file, length={"is_metric": True, "raw": "METERS"})
+    whole = ifcopenshell.api.context.add_context(file, context_type="Model")
+    shown = ifcopenshell.api.context.add_context(
+        file, context_type="Model", context_identifier="Body", target_view="MODEL_VIEW", parent=whole
+    )
+
+    def block(kind: str, name: str, corner: tuple[float, float, float], size: tuple[float, float, float]) -> object:
+        product = ifcopenshell.api.root.create_entity(file, ifc_class=kind, name=name)
+        matrix = np.eye(4)
+        matrix[:3, 3] = corner
+        ifcopenshell.api.geometry.edit_object_placement(file, product=product, matrix=matrix)
+        points = [(0.0, 0.0), (size[0], 0.0), (size[0], size[1]), (0.0, size[1])]
+        outline = file.createIfcPolyline([file.createIfcCartesianPoint(point) for point in [*points, points[0]]])
+        profile = file.createIfcArbitraryClosedProfileDef("AREA", None, outline)
+        shape = ifcopenshell.api.geometry.add_profile_representation(file, context=shown, profile=profile, depth=size[2])
+        ifcopenshell.api.geometry.assign_representation(file, product=product, representation=shape)
+        return product
+
+    slab = block("IfcSlab", "deck", (5.0, -4.0, 3.0), (10.0, 8.0, 0.3))
+    opening = block("IfcOpeningElement", "hole", (9.0, -1.0, 2.0), (2.0, 2.0, 2.0))
+    ifcopenshell.api.feature.add_feature(file, feature=opening, element=slab)
+    block("IfcColumn", "column", (6.0, 0.0, 3.3), (0.4, 0.4, 3.0))
+    file.write(str(path))
+    return path
+
+
+def test_products_of_an_ifc_model_stand_where_they_are_with_openings_cut_out(tmp_path: Path) -> None:
+    solids = {solid.name.partition(" ")[0]: solid for solid in read_ifc(model(tmp_path / "model.ifc"))}
+    assert set(solids) == {"deck", "column"}
+    np.testing.assert_allclose(solids["column"].vertices.min(axis=0), [6.0, 0.0, 3.3], atol=1e-6)
+    np.testing.assert_allclose(solids["deck"].vertices.max(axis=0), [15.0, 4.0, 3.3], atol=1e-6)
+    assert solids["deck"].holds(np.array([6.0, 2.0, 3.1]))
+    assert not solids["deck"].holds(np.array([10.0, 0.0, 3.1]))
+
+
+def test_a_small_load_passes_through_the_opening_of_a_deck_but_not_of_its_hull(tmp_path: Path) -> None:
+    path = model(tmp_path / "model.ifc")
+    rooms = []
+    for as_hulls in (False, True):
+        here = site(
+            *read_ifc(path, as_hulls=as_hulls),
+            load=np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.2, 0.2) for z in (-0.2, 0.2)]),
+            distance=0.1,
+            swing=0.0,
+        )
+        asked = Clearance(crane(), here)
+        rooms.append(asked.true_room(asked.q(asked.place(np.array([10.0, 0.0, 3.1])))))
+    assert rooms[0] > 0.0 > rooms[1]
+
+
+def test_without_ifcopenshell_a_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "ifcopenshell", None)
+    (tmp_path / "model.ifc").write_text("ISO-10303-21;")
+    with pytest.raises(CraneError, match=r"install the extra bim: pip install 'cranedyn\[bim\]'"):
+        bim.read_ifc(tmp_path / "model.ifc")
