@@ -1,4 +1,6 @@
-"""What a stepping rule costs and what it errs by, and how long each way takes from the start of Python to its first step."""
+"""What a stepping rule costs and what it errs by, and how long each way takes from the start of
+Python to its first step.
+"""
 
 from __future__ import annotations
 
@@ -62,9 +64,11 @@ class Errors:
 
 
 def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and coordinates at the control instants, shapes (n,) and (n, 5), without the error of a step.
+    """Times [s] and coordinates at the control instants, shapes (n,) and (n, 5), without the error
+    of a step.
 
-    Dormand and Prince's method of order 8 on `pin.aba`, started anew at each control instant because the efforts jump there.
+    Dormand and Prince's method of order 8 on `pin.aba`, started anew at each control instant
+    because the efforts jump there.
     """
     crane, hold, limit = case.crane, case.controller, case.crane.effort_limit
     times = case.period * np.arange(case.periods(duration) + 1)
@@ -76,9 +80,15 @@ def reference(case: Case, duration: float) -> tuple[np.ndarray, np.ndarray]:
 
     drives = case.crane.layout.drives
     for k, (q, v) in enumerate(zip(rows[:-1, :5], rows[:-1, 5:], strict=True)):
-        effort = hold.feed_forward + hold.stiffness * (rows[0, drives] - q[drives]) - hold.damping * v[drives]
+        effort = (
+            hold.feed_forward
+            + hold.stiffness * (rows[0, drives] - q[drives])
+            - hold.damping * v[drives]
+        )
         span, held = (0.0, case.period), (effort.clip(-limit, limit),)
-        rows[k + 1] = solve_ivp(rates, span, rows[k], method="DOP853", args=held, rtol=1e-13, atol=1e-15).y[:, -1]
+        rows[k + 1] = solve_ivp(
+            rates, span, rows[k], method="DOP853", args=held, rtol=1e-13, atol=1e-15
+        ).y[:, -1]
     return times, rows[:, :5]
 
 
@@ -99,7 +109,11 @@ def swung(case: Case, integrator: Integrator, duration: float) -> Trajectory:
 def errors(crane: Crane, run: Trajectory, times: np.ndarray, exact: np.ndarray) -> Errors:
     """How far a run is off the exact coordinates at its control instants, shape (n, 5)."""
     place = max(
-        float(np.linalg.norm(dynamics.payload_position(crane, one) - dynamics.payload_position(crane, other)))
+        float(
+            np.linalg.norm(
+                dynamics.payload_position(crane, one) - dynamics.payload_position(crane, other)
+            )
+        )
         for one, other in zip(run.q, exact, strict=True)
     )
     period = _period(times, run["phi_rad"]) - _period(times, exact[:, 2])
@@ -111,44 +125,82 @@ def _period(t: np.ndarray, swing: np.ndarray) -> float:
     return 2.0 * float(crossings[-1] - crossings[0]) / (len(crossings) - 1)
 
 
-def integrators(rounds: int, rng: np.random.Generator, *, steps: Sequence[float] = STEPS, duration: float = DURATION) -> Table:
+def integrators(
+    rounds: int,
+    rng: np.random.Generator,
+    *,
+    steps: Sequence[float] = STEPS,
+    duration: float = DURATION,
+) -> Table:
     """Cost and errors of each stepping rule at each step."""
     crane = Case().crane
     times, exact = reference(Case(crane, period=PERIOD), duration)
-    strategies = [(integrator, Case(crane, dt, PERIOD)) for integrator in INTEGRATORS for dt in steps]
-    runs = [swung(case, integrator, duration) for integrator, case in strategies]  # so that nothing in the race is a first
-    costs = np.median(race([partial(swung, case, integrator, duration) for integrator, case in strategies], rounds, rng), axis=1) / duration
+    strategies = [
+        (integrator, Case(crane, dt, PERIOD)) for integrator in INTEGRATORS for dt in steps
+    ]
+    # So that nothing in the race is a first.
+    runs = [swung(case, integrator, duration) for integrator, case in strategies]
+    costs = (
+        np.median(
+            race(
+                [partial(swung, case, integrator, duration) for integrator, case in strategies],
+                rounds,
+                rng,
+            ),
+            axis=1,
+        )
+        / duration
+    )
     rows = []
     for (integrator, case), run, cost in zip(strategies, runs, costs, strict=True):
         off = errors(crane, run, times, exact)
-        rows.append((integrator.name, 1e3 * case.dt, 1e3 * float(cost), off.place, off.period, off.energy))
+        rows.append(
+            (integrator.name, 1e3 * case.dt, 1e3 * float(cost), off.place, off.period, off.energy)
+        )
     columns = [("integrator", ""), ("step [ms]", "g"), ("ms per simulated s", ".3g")]
     columns += [("payload off [m]", ".1e"), ("period off [s]", ".1e"), ("energy off [J]", ".1e")]
     note = (
-        f"Free swing of 0.1 rad at 15 m for {duration:g} s with the drives held at {1.0 / PERIOD:g} Hz, against a solution of order 8 with "
-        f"tolerance 1e-13. Cost: median of {rounds} shuffled rounds of the whole plain loop. Payload off: its largest distance from where "
+        f"Free swing of 0.1 rad at 15 m for {duration:g} s with the drives held at "
+        f"{1.0 / PERIOD:g} Hz, against a solution of order 8 with "
+        f"tolerance 1e-13. Cost: median of {rounds} shuffled rounds of the whole plain loop. "
+        "Payload off: its largest distance from where "
         f"it should be. Energy off: the most that the ledger does not explain."
     )
     return Table("Error against cost", columns, rows, note)
 
 
-def start_up(rounds: int, rng: np.random.Generator, contestants: Sequence[Contestant] = CONTESTANTS) -> Table:
-    """Wall time of fresh processes until a first control period is done, of those that come so far; each starts once before it counts."""
-    names = [one.name for one in contestants if one.missing() is None and _process(_FIRST_STEP, one.name)]
+def start_up(
+    rounds: int, rng: np.random.Generator, contestants: Sequence[Contestant] = CONTESTANTS
+) -> Table:
+    """Wall time of fresh processes until a first control period is done, of those that come so far;
+    each starts once before it counts.
+    """
+    names = [
+        one.name for one in contestants if one.missing() is None and _process(_FIRST_STEP, one.name)
+    ]
     tasks = [partial(_process, "pass"), *(partial(_process, _FIRST_STEP, name) for name in names)]
     taken = np.median(race(tasks, rounds, rng), axis=1)
     note = (
-        f"Wall time of a process from the start of Python until one control period is simulated, median of {rounds} shuffled rounds. "
+        "Wall time of a process from the start of Python until one control period is simulated, "
+        f"median of {rounds} shuffled rounds. "
         f"All but the first import cranedyn, load the crane and make its controller; C is compiled."
     )
-    rows = [(name, 1e3 * float(one)) for name, one in zip(["Python, nothing else", *names], taken, strict=True)]
+    rows = [
+        (name, 1e3 * float(one))
+        for name, one in zip(["Python, nothing else", *names], taken, strict=True)
+    ]
     return Table("To the first step", [("strategy", ""), ("ms", ".0f")], rows, note)
 
 
 def _process(script: str, *arguments: str) -> bool:
     """Run a script in a process of its own; whether it succeeded."""
     command = [sys.executable, "-c", script, *arguments]
-    return subprocess.run(command, cwd=Path(__file__).parents[1], check=False, capture_output=True).returncode == 0
+    return (
+        subprocess.run(
+            command, cwd=Path(__file__).parents[1], check=False, capture_output=True
+        ).returncode
+        == 0
+    )
 
 
 def accuracy_figure(table: Table) -> Figure:

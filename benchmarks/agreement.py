@@ -10,8 +10,9 @@ import numpy as np
 from benchmarks.workload import Case, Contestant, Result, Run, plain
 
 ALLOWED = 1e-9
-"""Largest difference with which a contestant is shown: of a coordinate or rate [rad, m, per second], and of an effort as a share of its
-limit. Rounding makes a hundred-thousandth of that; swing damping of 1 N m s/rad taken at another time in the step already 0.4 of it."""
+"""Largest difference with which a contestant is shown: of a coordinate or rate [rad, m, per
+second], and of an effort as a share of its limit. Rounding makes a hundred-thousandth of that;
+swing damping of 1 N m s/rad taken at another time in the step already 0.4 of it."""
 
 STRETCH = 2.0
 """Length of the common stretch [s]."""
@@ -45,19 +46,29 @@ class Truth:
     def max_deviation(self, run: Run, *, many: bool) -> float:
         """The largest difference of another way, counted as in `ALLOWED`.
 
-        Of many cranes at the end and in their peaks, of single ones in the whole logs from the first and the last start.
+        Of many cranes at the end and in their peaks, of single ones in the whole logs from the
+        first and the last start.
         """
         if many:
             got, expected = run(self._starts, STRETCH), self._results
-            ends, peaks = np.concatenate([one.ends for one in expected]), np.concatenate([one.peaks for one in expected])
+            ends, peaks = (
+                np.concatenate([one.ends for one in expected]),
+                np.concatenate([one.peaks for one in expected]),
+            )
             return max(_largest(got.ends, ends), _largest(got.peaks, peaks))
-        return max(self._of_log(run(self._starts[i][None], STRETCH), self._results[i]) for i in (0, -1))
+        return max(
+            self._of_log(run(self._starts[i][None], STRETCH), self._results[i]) for i in (0, -1)
+        )
 
     def _of_log(self, got: Result, expected: Result) -> float:
         scale = np.concatenate([np.ones(10), self._case.crane.effort_limit])
         if got.log is None or expected.log is None:
             return np.inf
-        return max(_largest(got.log / scale, expected.log / scale), _largest(got.ends, expected.ends), _largest(got.peaks, expected.peaks))
+        return max(
+            _largest(got.log / scale, expected.log / scale),
+            _largest(got.ends, expected.ends),
+            _largest(got.peaks, expected.peaks),
+        )
 
 
 def _largest(one: np.ndarray, other: np.ndarray) -> float:
@@ -67,7 +78,9 @@ def _largest(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.nan_to_num(np.abs(one - other), nan=np.inf).max())
 
 
-def sort(case: Case, contestants: Sequence[Contestant]) -> tuple[list[Ready], list[tuple[str, str]]]:
+def sort(
+    case: Case, contestants: Sequence[Contestant]
+) -> tuple[list[Ready], list[tuple[str, str]]]:
     """Those that can be compared, and the names of the others with the reason."""
     truth, ready, refused = Truth(case), [], []
     for contestant in contestants:
@@ -76,12 +89,18 @@ def sort(case: Case, contestants: Sequence[Contestant]) -> tuple[list[Ready], li
             try:
                 run = contestant.prepare(case)
                 max_deviation = truth.max_deviation(run, many=contestant.many)
-            except Exception as error:  # Engines fail each in its own way, and one of them must not end the others.
-                reason = f"it fails: {type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
+            # Engines fail each in its own way, and one of them must not end the others.
+            except Exception as error:
+                reason = (
+                    f"it fails: {type(error).__name__}: {next(iter(str(error).splitlines()), '')}"
+                )
             else:
                 if max_deviation <= ALLOWED:
                     ready.append(Ready(contestant, run, max_deviation))
                     continue
-                reason = f"it is {max_deviation:.1e} off the plain loop after {STRETCH:g} s, more than {ALLOWED:g}"
+                reason = (
+                    f"it is {max_deviation:.1e} off the plain loop after {STRETCH:g} s, more "
+                    f"than {ALLOWED:g}"
+                )
         refused.append((contestant.name, reason))
     return ready, refused

@@ -1,4 +1,6 @@
-"""The doors to other programs: how long each takes to write, how exactly the other side has it, how fast it goes there."""
+"""The doors to other programs: how long each takes to write, how exactly the other side has it, how
+fast it goes there.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,11 @@ def _mjcf(written: Path, crane: Crane, run: Trajectory) -> Found:
         data.ctrl[:] = brake(t, state, setpoint)
         mujoco.mj_step(model, data, 10)
     speed = 10 * len(run) / (time.process_time() - began)
-    return Found("coordinates and rates, 20 s of swing, hold", float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()), speed)
+    return Found(
+        "coordinates and rates, 20 s of swing, hold",
+        float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()),
+        speed,
+    )
 
 
 def _fmu(written: Path, crane: Crane, run: Trajectory) -> Found:
@@ -78,9 +84,14 @@ def _fmu(written: Path, crane: Crane, run: Trajectory) -> Found:
     description = fmpy.read_model_description(written)
     reference = {variable.name: variable.valueReference for variable in description.modelVariables}
     folder = fmpy.extract(written, written.with_suffix(""))
-    unit = FMU3Slave(guid=description.guid, unzipDirectory=folder, modelIdentifier=fmi.NAME, instanceName="crane")
+    unit = FMU3Slave(
+        guid=description.guid, unzipDirectory=folder, modelIdentifier=fmi.NAME, instanceName="crane"
+    )
     names, start = state_names(crane), run.state(0)
-    states, commands = ([reference[name] for name in group] for group in (names, [f"{i}_command" for i in input_names(crane, "effort")]))
+    states, commands = (
+        [reference[name] for name in group]
+        for group in (names, [f"{i}_command" for i in input_names(crane, "effort")])
+    )
     unit.instantiate()
     unit.enterInitializationMode()
     unit.setFloat64([reference[f"{name}_start"] for name in names], np.concatenate(start).tolist())
@@ -94,29 +105,53 @@ def _fmu(written: Path, crane: Crane, run: Trajectory) -> Found:
     speed = 10 * len(run) / (time.process_time() - began)
     unit.terminate()
     unit.freeInstance()
-    return Found("coordinates and rates, 20 s of swing, hold", float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()), speed)
+    return Found(
+        "coordinates and rates, 20 s of swing, hold",
+        float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max()),
+        speed,
+    )
 
 
 def _mcap(written: Path, crane: Crane, run: Trajectory) -> Found:
     """All coordinates and rates read back."""
-    columns = [f"{s}_{kind}" for s, u in (("gamma", "rad"), ("x", "m"), ("phi", "rad"), ("l", "m")) for kind in (u, f"dot_{u}_s")]
+    columns = [
+        f"{s}_{kind}"
+        for s, u in (("gamma", "rad"), ("x", "m"), ("phi", "rad"), ("l", "m"))
+        for kind in (u, f"dot_{u}_s")
+    ]
     began = time.process_time()
     found = bags.read_columns(written, columns)
     speed = len(run) / (time.process_time() - began)
-    return Found("coordinates and rates, read back", max(float(np.abs(found[c] - run[c]).max()) for c in columns), speed)
+    return Found(
+        "coordinates and rates, read back",
+        max(float(np.abs(found[c] - run[c]).max()) for c in columns),
+        speed,
+    )
 
 
 def _ros2(written: Path, crane: Crane, run: Trajectory) -> Found:
     """The package's URDF loaded: its mass matrix."""
     same = load_crane(written / "urdf" / "crane.urdf", gravity=crane.gravity)
-    apart = np.abs(pin.crba(same.model, same.data, run.q[0]) - pin.crba(crane.model, crane.data, run.q[0])).max()
+    apart = np.abs(
+        pin.crba(same.model, same.data, run.q[0]) - pin.crba(crane.model, crane.data, run.q[0])
+    ).max()
     return Found("mass matrix of its URDF [kg, kg m, kg m²]", float(apart), None)
 
 
-Door = tuple[str, str, Callable[[Path, Crane, Trajectory], object], Callable[[Path, Crane, Trajectory], Found]]
+Door = tuple[
+    str,
+    str,
+    Callable[[Path, Crane, Trajectory], object],
+    Callable[[Path, Crane, Trajectory], Found],
+]
 
 DOORS: tuple[Door, ...] = (
-    ("gazebo", "a1", lambda path, crane, run: gazebo.export(path, programs.program("a1", SETUP)), _gazebo),
+    (
+        "gazebo",
+        "a1",
+        lambda path, crane, run: gazebo.export(path, programs.program("a1", SETUP)),
+        _gazebo,
+    ),
     ("ros2", "package", lambda path, crane, run: ros2.export(path, crane), _ros2),
     ("mjcf", "crane.xml", lambda path, crane, run: mjcf.export(path, crane), _mjcf),
     ("fmu", "crane.fmu", lambda path, crane, run: fmi.export(crane, path), _fmu),
@@ -128,7 +163,14 @@ DOORS: tuple[Door, ...] = (
 def table() -> harness.Table:
     """Go through every door once."""
     crane = SETUP.crane
-    run = SETUP.simulate(crane, hold_controller(crane), None, start=crane.state(phi=0.1, theta=0.05), duration=20.0, label="swing")
+    run = SETUP.simulate(
+        crane,
+        hold_controller(crane),
+        None,
+        start=crane.state(phi=0.1, theta=0.05),
+        duration=20.0,
+        label="swing",
+    )
     rows: list[tuple[str | float | None, ...]] = []
     with tempfile.TemporaryDirectory() as folder:
         for name, target, write, look in DOORS:
@@ -141,17 +183,42 @@ def table() -> harness.Table:
             except (CraneError, ImportError) as error:
                 rows.append((name, None, None, f"not here: {error}", None, None))
                 continue
-            size = sum(file.stat().st_size for file in (path.rglob("*") if path.is_dir() else [path]))
-            rows.append((name, 1e3 * spent, size / 1e3, found.compared, found.apart, found.speed and found.speed / 1e3))
-    columns = [("door", ""), ("written [ms]", ".0f"), ("size [kB]", ".0f"), ("compared", ""), ("apart", ".0e"), ("thousand/s", ".0f")]
-    note = "Processor time. Apart: the largest difference [rad, m, per second] unless said otherwise. Thousand steps or rows a second."
+            size = sum(
+                file.stat().st_size for file in (path.rglob("*") if path.is_dir() else [path])
+            )
+            rows.append(
+                (
+                    name,
+                    1e3 * spent,
+                    size / 1e3,
+                    found.compared,
+                    found.apart,
+                    found.speed and found.speed / 1e3,
+                )
+            )
+    columns = [
+        ("door", ""),
+        ("written [ms]", ".0f"),
+        ("size [kB]", ".0f"),
+        ("compared", ""),
+        ("apart", ".0e"),
+        ("thousand/s", ".0f"),
+    ]
+    note = (
+        "Processor time. Apart: the largest difference [rad, m, per second] unless said "
+        "otherwise. Thousand steps or rows a second."
+    )
     return harness.Table("Doors of this machine", columns, rows, note)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure and print; 0, or 2 for bad arguments or files."""
     parser = Parser(prog="python -m benchmarks.bridges", description=__doc__)
-    parser.add_argument("--document", metavar="FILE.md", help="put the table between its marks <!-- bridges: --> there")
+    parser.add_argument(
+        "--document",
+        metavar="FILE.md",
+        help="put the table between its marks <!-- bridges: --> there",
+    )
     return command(lambda: _main(parser.parse_args(argv)))
 
 

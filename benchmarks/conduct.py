@@ -15,20 +15,42 @@ from experiments.harness.document import read_document
 from experiments.harness.outcome import Outcome, Table, show
 
 Benchmark = Callable[[int, bool], tuple[Sequence[Table], Callable[[], Figure]]]
-"""From the number of rounds and whether to be quick to the tables, and to what measures and draws the figure if one is asked for."""
+"""From the number of rounds and whether to be quick to the tables, and to what measures and draws
+the figure if one is asked for."""
 
 
-def conduct(name: str, about: str | None, benchmark: Benchmark, argv: Sequence[str] | None = None, *, rounds: int = 7) -> int:
+def conduct(
+    name: str,
+    about: str | None,
+    benchmark: Benchmark,
+    argv: Sequence[str] | None = None,
+    *,
+    rounds: int = 7,
+) -> int:
     """Measure, print, and write what the command line asks for.
 
     Returns:
         0, 2 for bad arguments or files, 130 if interrupted.
     """
     parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{name}", description=about)
-    parser.add_argument("--rounds", type=_rounds, default=rounds, metavar="N", help=f"how often each is measured (default {rounds})")
-    parser.add_argument("--quick", action="store_true", help="measure less of each, and less precisely")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"write the figure {name}.png there")
-    parser.add_argument("--document", metavar="FILE.md", help=f"put the tables between their marks <!-- {name}: title --> there")
+    parser.add_argument(
+        "--rounds",
+        type=_rounds,
+        default=rounds,
+        metavar="N",
+        help=f"how often each is measured (default {rounds})",
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="measure less of each, and less precisely"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FOLDER", help=f"write the figure {name}.png there"
+    )
+    parser.add_argument(
+        "--document",
+        metavar="FILE.md",
+        help=f"put the tables between their marks <!-- {name}: title --> there",
+    )
     options = parser.parse_args(argv)
     return command(lambda: _conducted(name, benchmark, options))
 

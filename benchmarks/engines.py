@@ -1,4 +1,6 @@
-"""The plain loop against every other way to run the same crane: the whole workload, with control and logging."""
+"""The plain loop against every other way to run the same crane: the whole workload, with control
+and logging.
+"""
 
 from __future__ import annotations
 
@@ -23,27 +25,53 @@ from experiments.harness.outcome import Table
 CRANES = (64, 1024)
 """How many cranes run together."""
 
-COLUMNS = (("strategy", ""), ("cranes", ",d"), ("million steps/s", ",.6g"), ("real time", ",.6g"), ("ratio", ",.6g"), ("apart", ".0e"))
+COLUMNS = (
+    ("strategy", ""),
+    ("cranes", ",d"),
+    ("million steps/s", ",.6g"),
+    ("real time", ",.6g"),
+    ("ratio", ",.6g"),
+    ("apart", ".0e"),
+)
 
 
-def measure(case: Case, ready: Sequence[Ready], rounds: int, budget: float, rng: np.random.Generator) -> list[list[float | str | None]]:
-    """A row for each way and number of cranes: steps a second, times real time, ratio to the plain loop of the same round.
+def measure(
+    case: Case, ready: Sequence[Ready], rounds: int, budget: float, rng: np.random.Generator
+) -> list[list[float | str | None]]:
+    """A row for each way and number of cranes: steps a second, times real time, ratio to the plain
+    loop of the same round.
 
     Args:
         case: What to run.
         ready: Who, the plain loop among them.
         rounds: How often.
-        budget: How long each takes in a round [s]; a run is cut to fit, never below a control period.
+        budget: How long each takes in a round [s]; a run is cut to fit, never below a control
+            period.
         rng: Shuffles the rounds.
     """
-    entries = [(one, cranes) for one in ready for cranes in (CRANES if one.contestant.many else (1,))]
+    entries = [
+        (one, cranes) for one in ready for cranes in (CRANES if one.contestant.many else (1,))
+    ]
     lengths = [stretch(case, one.run, cranes, budget) for one, cranes in entries]
-    tasks = [partial(one.run, case.starts(cranes), length) for (one, cranes), length in zip(entries, lengths, strict=True)]
-    steps = [cranes * case.steps * case.periods(length) for (_, cranes), length in zip(entries, lengths, strict=True)]
+    tasks = [
+        partial(one.run, case.starts(cranes), length)
+        for (one, cranes), length in zip(entries, lengths, strict=True)
+    ]
+    steps = [
+        cranes * case.steps * case.periods(length)
+        for (_, cranes), length in zip(entries, lengths, strict=True)
+    ]
     rates = np.array(steps)[:, None] / race(tasks, rounds, rng)
-    (plain,) = (rate for rate, (one, _) in zip(rates, entries, strict=True) if one.contestant is PLAIN)
+    (plain,) = (
+        rate for rate, (one, _) in zip(rates, entries, strict=True) if one.contestant is PLAIN
+    )
     return [
-        [one.contestant.name, cranes, *_numbers(case, rate, plain), None if one.contestant is PLAIN else one.max_deviation]
+        [
+            one.contestant.name,
+            cranes,
+            *_numbers(case, rate, plain),
+            None if one.contestant is PLAIN else one.max_deviation,
+        ]
         for (one, cranes), rate in zip(entries, rates, strict=True)
     ]
 
@@ -51,27 +79,40 @@ def measure(case: Case, ready: Sequence[Ready], rounds: int, budget: float, rng:
 def _numbers(case: Case, rate: np.ndarray, plain: np.ndarray) -> tuple[float, float, float]:
     """To three digits."""
     middle = float(np.median(rate))
-    million, real_time, ratio = (float(f"{value:.3g}") for value in (middle / 1e6, middle * case.dt, np.median(rate / plain)))
+    million, real_time, ratio = (
+        float(f"{value:.3g}") for value in (middle / 1e6, middle * case.dt, np.median(rate / plain))
+    )
     return million, real_time, ratio
 
 
-def tables(rows: Sequence[Sequence[float | str | None]], refused: Sequence[tuple[str, str]], rounds: int) -> list[Table]:
+def tables(
+    rows: Sequence[Sequence[float | str | None]], refused: Sequence[tuple[str, str]], rounds: int
+) -> list[Table]:
     """One crane, many cranes, and who is not shown."""
     note = (
-        f"Median of {rounds} shuffled rounds on {os.cpu_count()} processors, with whatever else they did. Real time: simulated time of "
-        f"all cranes over wall time. Ratio: to the plain loop of the same round. Apart: largest difference from the plain loop over "
-        f"{STRETCH:g} s, of a coordinate or rate [rad, m, per second] or of an effort as a share of its limit; {ALLOWED:g} at most."
+        f"Median of {rounds} shuffled rounds on {os.cpu_count()} processors, with whatever else "
+        "they did. Real time: simulated time of "
+        "all cranes over wall time. Ratio: to the plain loop of the same round. Apart: largest "
+        "difference from the plain loop over "
+        f"{STRETCH:g} s, of a coordinate or rate [rad, m, per second] or of an effort as a share "
+        f"of its limit; {ALLOWED:g} at most."
     )
     single = [row for row in rows if row[1] == 1]
-    made = [Table(f"One crane for {DURATION:g} s, or as much of them as fits", COLUMNS, single, note)]
+    made = [
+        Table(f"One crane for {DURATION:g} s, or as much of them as fits", COLUMNS, single, note)
+    ]
     if len(single) < len(rows):
-        made.append(Table("Many cranes at once", COLUMNS, [row for row in rows if row[1] != 1], note))
+        made.append(
+            Table("Many cranes at once", COLUMNS, [row for row in rows if row[1] != 1], note)
+        )
     if refused:
         made.append(Table("Not shown", (("strategy", ""), ("why", "")), refused))
     return made
 
 
-def benchmark(rounds: int, quick: bool, contestants: Sequence[Contestant] = CONTESTANTS) -> tuple[Sequence[Table], Callable[[], Figure]]:
+def benchmark(
+    rounds: int, quick: bool, contestants: Sequence[Contestant] = CONTESTANTS
+) -> tuple[Sequence[Table], Callable[[], Figure]]:
     """The tables, and what measures and draws the figure.
 
     Raises:
@@ -80,7 +121,10 @@ def benchmark(rounds: int, quick: bool, contestants: Sequence[Contestant] = CONT
     case, rng = Case(), np.random.default_rng(0)
     ready, refused = sort(case, contestants)
     if not any(one.contestant is PLAIN for one in ready):
-        raise CraneError(f"Nothing can be compared without the {PLAIN.name}: {dict(refused).get(PLAIN.name, 'it does not take part')}.")
+        raise CraneError(
+            f"Nothing can be compared without the {PLAIN.name}: "
+            f"{dict(refused).get(PLAIN.name, 'it does not take part')}."
+        )
     rows = measure(case, ready, rounds, 0.05 if quick else 1.0, rng)
     return tables(rows, refused, rounds), lambda: engines_figure(case, ready, rng, quick=quick)
 

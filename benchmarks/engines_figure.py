@@ -24,8 +24,11 @@ LENGTHS = (10, 100, 1_000, 10_000, 140_000)
 _MARKS = "osD^vP*X"
 
 
-def engines_figure(case: Case, ready: Sequence[Ready], rng: np.random.Generator, *, quick: bool) -> Figure:
-    """Both as measured, in three shuffled rounds; runs of few steps are repeated until they are worth measuring.
+def engines_figure(
+    case: Case, ready: Sequence[Ready], rng: np.random.Generator, *, quick: bool
+) -> Figure:
+    """Both as measured, in three shuffled rounds; runs of few steps are repeated until they are
+    worth measuring.
 
     Args:
         case: What is run.
@@ -35,19 +38,40 @@ def engines_figure(case: Case, ready: Sequence[Ready], rng: np.random.Generator,
     """
     sizes, lengths = (SIZES[:4], LENGTHS[:3]) if quick else (SIZES, LENGTHS)
     budget, fewest = (0.02, 1_000) if quick else (0.6, 10_000)
-    many = [(one, size, stretch(case, one.run, size, budget)) for one in ready if one.contestant.many for size in sizes]
-    single = [(one, 1, length * case.dt) for one in ready if not one.contestant.many for length in lengths]
+    many = [
+        (one, size, stretch(case, one.run, size, budget))
+        for one in ready
+        if one.contestant.many
+        for size in sizes
+    ]
+    single = [
+        (one, 1, length * case.dt) for one in ready if not one.contestant.many for length in lengths
+    ]
     runs = [*many, *single]
     steps = [cranes * case.steps * case.periods(length) for _, cranes, length in runs]
     times = [max(fewest // count, 1) for count in steps]
-    tasks = [partial(_repeat, one.run, case.starts(cranes), length, n) for (one, cranes, length), n in zip(runs, times, strict=True)]
+    tasks = [
+        partial(_repeat, one.run, case.starts(cranes), length, n)
+        for (one, cranes, length), n in zip(runs, times, strict=True)
+    ]
     costs = 1e9 * np.median(race(tasks, 3, rng), axis=1) / np.multiply(steps, times)
     figure, (left, right) = panels(1, 2, height=5.2, width=11.0, sharey=True)
     for k, one in enumerate(ready):
         ax, at = (left, sizes) if one.contestant.many else (right, lengths)
         cost = [cost for (other, _, _), cost in zip(runs, costs, strict=True) if other is one]
-        colour = "black" if one.contestant is PLAIN else mpl.colormaps["turbo"](0.05 + 0.9 * k / max(len(ready) - 1, 1))
-        ax.plot(at, cost, marker=_MARKS[k % len(_MARKS)], markersize=5.0, color=colour, label=one.contestant.name)
+        colour = (
+            "black"
+            if one.contestant is PLAIN
+            else mpl.colormaps["turbo"](0.05 + 0.9 * k / max(len(ready) - 1, 1))
+        )
+        ax.plot(
+            at,
+            cost,
+            marker=_MARKS[k % len(_MARKS)],
+            markersize=5.0,
+            color=colour,
+            label=one.contestant.name,
+        )
         if one.contestant is PLAIN:
             left.axhline(cost[-1], linestyle=":", color="black", label=f"{PLAIN.name}, one crane")
     left.set(xlabel="cranes at once", ylabel="time per physics step [ns]")

@@ -1,4 +1,6 @@
-"""Steps a second of the environment for learning, each of 200 physics steps: many cranes, each with its own load, wind and episode."""
+"""Steps a second of the environment for learning, each of 200 physics steps: many cranes, each with
+its own load, wind and episode.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,15 @@ COUNTS = (1024, 4096, 16_384, 65_536)
 
 
 def measure(count: int, rounds: int, seconds: float) -> tuple[float, float, float]:
-    """Steps a second of wall time, the best and the median round, and steps in a second of processor time."""
-    env = TowerCraneVectorEnv(count, crane=cranes_between(4, payload_mass=(500.0, 3000.0)), wind=10.0, reach=(0.6, 10.0, 5.0))
+    """Steps a second of wall time, the best and the median round, and steps in a second of
+    processor time.
+    """
+    env = TowerCraneVectorEnv(
+        count,
+        crane=cranes_between(4, payload_mass=(500.0, 3000.0)),
+        wind=10.0,
+        reach=(0.6, 10.0, 5.0),
+    )
     env.reset(seed=0)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (count, 3)).astype(np.float32)
     env.step(actions)
@@ -34,12 +43,18 @@ def measure(count: int, rounds: int, seconds: float) -> tuple[float, float, floa
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure and print; 1 if no number of cranes makes the steps asked for in its best round, else 0."""
+    """Measure and print; 1 if no number of cranes makes the steps asked for in its best round, else
+    0.
+    """
     parser = argparse.ArgumentParser(prog="python -m benchmarks.environment", description=__doc__)
     parser.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="numbers of cranes")
     parser.add_argument("--rounds", type=int, default=9, help="(default 9)")
-    parser.add_argument("--seconds", type=float, default=0.3, help="of a round, one step at least (default 0.3)")
-    parser.add_argument("--least", type=float, default=0.0, help="million steps a second asked for (default none)")
+    parser.add_argument(
+        "--seconds", type=float, default=0.3, help="of a round, one step at least (default 0.3)"
+    )
+    parser.add_argument(
+        "--least", type=float, default=0.0, help="million steps a second asked for (default none)"
+    )
     options = parser.parse_args(argv)
     print("cranes   best [M/s]   median [M/s]   in a second of one processor [M]")
     best = []

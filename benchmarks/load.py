@@ -1,4 +1,6 @@
-"""How long a crane takes to load, each time in a process of its own: imports, the first crane, ten others, and the text with its looks."""
+"""How long a crane takes to load, each time in a process of its own: imports, the first crane, ten
+others, and the text with its looks.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +22,19 @@ for i in range(10):
     load_crane(payload_mass=100.0 * (i + 1))
 others = time.perf_counter()
 crane.urdf
-print(json.dumps([imported - start, first - imported, (others - first) / 10, time.perf_counter() - others]))
+last = time.perf_counter()
+print(json.dumps([imported - start, first - imported, (others - first) / 10, last - others]))
 """
 
 
 def measure(rounds: int) -> list[float]:
-    """Medians [s]: the imports, the first crane after them, each of ten other cranes, the whole URDF."""
-    runs = (subprocess.run([sys.executable, "-c", _PROGRAM], capture_output=True, check=True).stdout for _ in range(rounds))
+    """Medians [s]: the imports, the first crane after them, each of ten other cranes, the whole
+    URDF.
+    """
+    runs = (
+        subprocess.run([sys.executable, "-c", _PROGRAM], capture_output=True, check=True).stdout
+        for _ in range(rounds)
+    )
     return [statistics.median(column) for column in zip(*map(json.loads, runs), strict=True)]
 
 
@@ -34,10 +42,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Measure and print; 0 if the first crane is loaded in the time asked for, 1 if not."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.load", description=__doc__)
     parser.add_argument("--rounds", type=int, default=7, help="processes (default 7)")
-    parser.add_argument("--most", type=float, default=0.15, help="time for the first crane [s] (default 0.15)")
+    parser.add_argument(
+        "--most", type=float, default=0.15, help="time for the first crane [s] (default 0.15)"
+    )
     options = parser.parse_args(argv)
     times = measure(max(options.rounds, 1))
-    for name, seconds in zip(("imports", "first crane", "another crane", "its whole URDF"), times, strict=True):
+    for name, seconds in zip(
+        ("imports", "first crane", "another crane", "its whole URDF"), times, strict=True
+    ):
         print(f"{name:15} {1e3 * seconds:6.1f} ms")
     return 0 if times[1] <= options.most else 1
 

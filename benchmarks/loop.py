@@ -1,4 +1,6 @@
-"""The plain loop against Pinocchio alone: physics steps a second, with control and logging, over bare calls of ``pin.aba``."""
+"""The plain loop against Pinocchio alone: physics steps a second, with control and logging, over
+bare calls of ``pin.aba``.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +23,21 @@ DURATION, STEPS = 20.0, 40_000
 
 def bare(crane: Crane) -> None:
     """As many calls of the articulated-body algorithm as a round has steps, and nothing else."""
-    aba, model, data, tau = pin.aba, crane.model, crane.data, np.array([0.0, 0.0, 0.0, 0.0, -9806.65])
+    aba, model, data, tau = (
+        pin.aba,
+        crane.model,
+        crane.data,
+        np.array([0.0, 0.0, 0.0, 0.0, -9806.65]),
+    )
     q, v = crane.state(phi=0.1, theta=0.05, phi_dot=0.1)
     for _ in range(STEPS):
         aba(model, data, q, v, tau)
 
 
 def plain(crane: Crane) -> None:
-    """A round of free swing: hold control at 200 Hz, every control instant logged, the energy ledger made."""
+    """A round of free swing: hold control at 200 Hz, every control instant logged, the energy
+    ledger made.
+    """
     simulate(crane, hold_controller(crane), start=crane.state(phi=0.1), duration=DURATION)
 
 
@@ -40,9 +49,11 @@ def seconds(task: Callable[[Crane], None], crane: Crane) -> float:
 
 
 def measure(rounds: int) -> tuple[float, float, float]:
-    """Steps a second of bare calls and of the plain loop, and the ratio of the two, measured in turn.
+    """Steps a second of bare calls and of the plain loop, and the ratio of the two, measured in
+    turn.
 
-    The shortest time of each counts: it is the same work every time, and whatever else the machine does only adds to it.
+    The shortest time of each counts: it is the same work every time, and whatever else the machine
+    does only adds to it.
     """
     crane = load_crane()
     pairs = [(seconds(bare, crane), seconds(plain, crane)) for _ in range(rounds)]
@@ -58,7 +69,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     bare_rate, plain_rate, ratio = measure(max(options.rounds, 1))
     print(f"pin.aba from Python    {bare_rate:10,.0f} calls/s")
-    print(f"plain loop, all of it  {plain_rate:10,.0f} steps/s, {plain_rate * DURATION / STEPS:.0f} times real time")
+    print(
+        f"plain loop, all of it  {plain_rate:10,.0f} steps/s, {plain_rate * DURATION / STEPS:.0f} "
+        "times real time"
+    )
     print(f"ratio                  {ratio:10.3f} (asked for {options.least:g})")
     return 0 if ratio >= options.least else 1
 

@@ -18,8 +18,12 @@ def seconds(task: Callable[[], object]) -> float:
     return time.perf_counter() - before
 
 
-def race(tasks: Sequence[Callable[[], object]], rounds: int, rng: np.random.Generator) -> np.ndarray:
-    """Wall time of each task in each round [s], shape (tasks, rounds); every round in an order of its own."""
+def race(
+    tasks: Sequence[Callable[[], object]], rounds: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Wall time of each task in each round [s], shape (tasks, rounds); every round in an order of
+    its own.
+    """
     taken = np.empty((len(tasks), rounds))
     for k in range(rounds):
         for i in rng.permutation(len(tasks)):
@@ -28,9 +32,11 @@ def race(tasks: Sequence[Callable[[], object]], rounds: int, rng: np.random.Gene
 
 
 def stretch(case: Case, run: Run, cranes: int, budget: float) -> float:
-    """Simulated time [s] that takes a way about so many seconds, 70 s at most and a control period at least.
+    """Simulated time [s] that takes a way about so many seconds, 70 s at most and a control period
+    at least.
 
-    It is longer where a run has fixed costs, such as laying out many cranes, so that these are about a tenth of it.
+    It is longer where a run has fixed costs, such as laying out many cranes, so that these are
+    about a tenth of it.
     """
     starts, whole = case.starts(cranes), case.periods(DURATION)
     run(starts, case.period)
@@ -39,5 +45,9 @@ def stretch(case: Case, run: Run, cranes: int, budget: float) -> float:
     while taken < 0.1 * budget + fixed and periods < whole:
         periods = min(10 * periods, whole)
         taken = seconds(partial(run, starts, periods * case.period))
-    each = max(taken - fixed, 0.0) / (periods - 1) if periods > 1 and taken > fixed else taken / periods
+    each = (
+        max(taken - fixed, 0.0) / (periods - 1)
+        if periods > 1 and taken > fixed
+        else taken / periods
+    )
     return min(max(round(max(budget, 10.0 * (fixed - each)) / each), 1), whole) * case.period

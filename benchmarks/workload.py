@@ -1,4 +1,6 @@
-"""The workload that every contestant runs: free swing of the project's crane while hold control brakes its drives, all of it logged."""
+"""The workload that every contestant runs: free swing of the project's crane while hold control
+brakes its drives, all of it logged.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,8 @@ class Result:
     Attributes:
         ends: Coordinates and rates of each crane at the end, shape (cranes, 10).
         peaks: The largest swing of each at a control instant, √(φ² + θ²) [rad], shape (cranes,).
-        log: Of a single crane coordinates, rates and efforts at each control instant, shape (periods + 1, 13); None for many.
+        log: Of a single crane coordinates, rates and efforts at each control instant, shape
+            (periods + 1, 13); None for many.
     """
 
     ends: np.ndarray
@@ -92,8 +95,10 @@ class Contestant:
     Attributes:
         name: What it is called.
         missing: Why it cannot run here, None if it can.
-        prepare: From a case to what runs it: all that is done once, such as loading a model or compiling.
-        many: Whether it runs many cranes at once and leaves no log; the others run one and leave one.
+        prepare: From a case to what runs it: all that is done once, such as loading a model or
+            compiling.
+        many: Whether it runs many cranes at once and leaves no log; the others run one and leave
+            one.
     """
 
     name: str
@@ -103,9 +108,16 @@ class Contestant:
 
 
 def plain(
-    case: Case, start: np.ndarray, duration: float, *, controller: Controller | None = None, engine: EngineName = "pinocchio"
+    case: Case,
+    start: np.ndarray,
+    duration: float,
+    *,
+    controller: Controller | None = None,
+    engine: EngineName = "pinocchio",
 ) -> Result:
-    """The loop of cranedyn from one start, shape (10,), under the case's controller if no other is given."""
+    """The loop of cranedyn from one start, shape (10,), under the case's controller if no other is
+    given.
+    """
     run = simulate(
         case.crane,
         case.controller if controller is None else controller,
@@ -118,11 +130,19 @@ def plain(
     return case.logged(np.hstack([run.q, run.v, run.effort]))
 
 
-def brake(case: Case, start: np.ndarray) -> Callable[[Sequence[float], Sequence[float]], tuple[float, float, float]]:
-    """The hold controller within the limits of the drives on plain numbers, the fastest that a loop in Python has for one crane."""
+def brake(
+    case: Case, start: np.ndarray
+) -> Callable[[Sequence[float], Sequence[float]], tuple[float, float, float]]:
+    """The hold controller within the limits of the drives on plain numbers, the fastest that a loop
+    in Python has for one crane.
+    """
     hold, drives = case.controller, case.crane.layout.drives
     slew, trolley, hoist = drives.tolist()
-    (a, b, c), (d, e, f), (i, j, k) = hold.stiffness.tolist(), hold.damping.tolist(), hold.feed_forward.tolist()
+    (a, b, c), (d, e, f), (i, j, k) = (
+        hold.stiffness.tolist(),
+        hold.damping.tolist(),
+        hold.feed_forward.tolist(),
+    )
     x, y, z = case.crane.effort_limit.tolist()
     gamma, radius, length = start[drives].tolist()
 

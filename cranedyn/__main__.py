@@ -1,4 +1,6 @@
-"""The command ``cranedyn``: run an experiment, list them, look at a recording, describe or export a crane."""
+"""The command ``cranedyn``: run an experiment, list them, look at a recording, describe or export a
+crane.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--version", action="version", version=f"cranedyn {__version__}")
     parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="one of the below")
-    parser.add_argument("rest", nargs=argparse.REMAINDER, metavar="...", help="its arguments; --help tells them")
+    parser.add_argument(
+        "rest", nargs=argparse.REMAINDER, metavar="...", help="its arguments; --help tells them"
+    )
     options = parser.parse_args(argv)
     return COMMANDS[options.command](options.rest)
 
@@ -44,7 +48,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str]) -> int:
     parser = Parser(prog="cranedyn run", description="Run an experiment; cranedyn list names them.")
     parser.add_argument("name", metavar="NAME", help="of the experiment")
-    parser.add_argument("rest", nargs=argparse.REMAINDER, metavar="...", help="its arguments; run NAME --help tells them")
+    parser.add_argument(
+        "rest",
+        nargs=argparse.REMAINDER,
+        metavar="...",
+        help="its arguments; run NAME --help tells them",
+    )
     options = parser.parse_args(argv)
     names: list[str] = []
 
@@ -56,7 +65,9 @@ def _run(argv: Sequence[str]) -> int:
         names.append(options.name)
         return 0
 
-    return command(find) or int(importlib.import_module(f"experiments.{names[0]}").main(options.rest))
+    return command(find) or int(
+        importlib.import_module(f"experiments.{names[0]}").main(options.rest)
+    )
 
 
 def _list(argv: Sequence[str]) -> int:
@@ -75,8 +86,13 @@ def _list(argv: Sequence[str]) -> int:
 
 
 def _catalogue() -> ModuleType:
-    """The experiments: inside the package once installed, beside it in a checkout; never those of somebody else."""
-    folder = next((one for one in (_PACKAGE / "_bundled", _PACKAGE.parent) if (one / "experiments").is_dir()), None)
+    """The experiments: inside the package once installed, beside it in a checkout; never those of
+    somebody else.
+    """
+    folder = next(
+        (one for one in (_PACKAGE / "_bundled", _PACKAGE.parent) if (one / "experiments").is_dir()),
+        None,
+    )
     if folder is None:
         raise CraneError(f"There are no experiments in {_PACKAGE}; install cranedyn again.")
     if str(folder) not in sys.path[:1]:
@@ -87,8 +103,16 @@ def _catalogue() -> ModuleType:
 def _view(argv: Sequence[str]) -> int:
     parser = Parser(prog="cranedyn view", description="Look at a recording.")
     parser.add_argument("file", metavar="FILE.rrd", type=Path, help="the recording")
-    parser.add_argument("--serve", action="store_true", help="in a browser on this machine, until Ctrl-C")
-    parser.add_argument("--port", type=int, default=None, metavar="P", help="of the page, default 9090; the data is at the next port")
+    parser.add_argument(
+        "--serve", action="store_true", help="in a browser on this machine, until Ctrl-C"
+    )
+    parser.add_argument(
+        "--port",
+        type=int,
+        default=None,
+        metavar="P",
+        help="of the page, default 9090; the data is at the next port",
+    )
     options = parser.parse_args(argv)
     if options.port is not None and not options.serve:
         parser.error("--port has no effect without --serve; leave it out")
@@ -100,7 +124,9 @@ def _view(argv: Sequence[str]) -> int:
             recording.open_viewer(options.file)
             return 0
         with (
-            recording.serve(options.file, port=9090 if options.port is None else options.port) as served,
+            recording.serve(
+                options.file, port=9090 if options.port is None else options.port
+            ) as served,
             contextlib.suppress(KeyboardInterrupt),
         ):
             print(served.words, flush=True)
@@ -120,8 +146,14 @@ def _export(argv: Sequence[str]) -> int:
     home = "cranedyn.bridges.command"
 
     def find() -> int:
-        if importlib.util.find_spec("cranedyn.bridges") is None or importlib.util.find_spec(home) is None:
-            raise CraneError("This cranedyn has no bridges to other tools; install one that has cranedyn.bridges.")
+        if (
+            importlib.util.find_spec("cranedyn.bridges") is None
+            or importlib.util.find_spec(home) is None
+        ):
+            raise CraneError(
+                "This cranedyn has no bridges to other tools; install one that has "
+                "cranedyn.bridges."
+            )
         return 0
 
     return command(find) or int(importlib.import_module(home).main([*argv]))

@@ -1,6 +1,8 @@
-"""Arguments held against the annotations of whoever takes them, so that a wrong one is a sentence and not an error from somewhere inside.
+"""Arguments held against the annotations of whoever takes them, so that a wrong one is a sentence
+and not an error from somewhere inside.
 
-`checked` sees to kinds: a number, an array, a crane, a callable of three arguments. Ranges and shapes are for the function itself to check.
+`checked` sees to kinds: a number, an array, a crane, a callable of three arguments. Ranges and
+shapes are for the function itself to check.
 """
 
 from __future__ import annotations
@@ -14,7 +16,17 @@ from functools import cache, wraps
 from numbers import Real
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Literal, Protocol, TypeVar, Union, get_args, get_origin, get_type_hints, runtime_checkable
+from typing import (
+    Any,
+    Literal,
+    Protocol,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+    runtime_checkable,
+)
 
 import numpy as np
 
@@ -55,12 +67,15 @@ class OfCrane(Protocol):
 
 
 def checked(taker: _Any) -> _Any:
-    """Have the arguments of a function, or those that a class is made with, held against their annotations at every call.
+    """Have the arguments of a function, or those that a class is made with, held against their
+    annotations at every call.
 
-    Numbers arrive as floats and arrays as arrays of floats, also where any name may be given one (``**numbers: float``). A callable must
-    take as many arguments as its annotation says. A class can say itself what may stand for it, by a class method ``checked(name, value)``.
+    Numbers arrive as floats and arrays as arrays of floats, also where any name may be given one
+    (``**numbers: float``). A callable must take as many arguments as its annotation says. A class
+    can say itself what may stand for it, by a class method ``checked(name, value)``.
 
-    What is of one kind of crane only, as states and motions are, is held against the argument named ``crane``, see `OfCrane`.
+    What is of one kind of crane only, as states and motions are, is held against the argument named
+    ``crane``, see `OfCrane`.
 
     The function then raises:
         OutOfRange: If an argument is of another kind, or of another crane.
@@ -70,12 +85,15 @@ def checked(taker: _Any) -> _Any:
         return taker
     signature = inspect.signature(taker)
     kinds = cache(lambda: get_type_hints(taker))
-    by_name = next((name for name, one in signature.parameters.items() if one.kind is one.VAR_KEYWORD), "")
+    by_name = next(
+        (name for name, one in signature.parameters.items() if one.kind is one.VAR_KEYWORD), ""
+    )
     right = set[tuple[Any, ...]]()
 
     @wraps(taker)
     def taking(*args: Any, **named: Any) -> Any:
-        # Integrators ask equations many times with numbers and arrays of doubles, of which the first ones tell.
+        # Integrators ask equations many times with numbers and arrays of doubles, of which the
+        # first ones tell.
         axes = [*map(_axes, args), *map(_axes, named.values())]
         asked = (*named, *axes)
         if asked in right:
@@ -85,8 +103,13 @@ def checked(taker: _Any) -> _Any:
         except TypeError:  # one is missing or unknown, which Python says best
             return taker(*args, **named)
         as_given = None not in axes
-        parts = [(given.arguments, name, name) for name in given.arguments.keys() & kinds().keys() - {by_name}]
-        parts += [(given.arguments[by_name], name, by_name) for name in given.arguments.get(by_name, ())]
+        parts = [
+            (given.arguments, name, name)
+            for name in given.arguments.keys() & kinds().keys() - {by_name}
+        ]
+        parts += [
+            (given.arguments[by_name], name, by_name) for name in given.arguments.get(by_name, ())
+        ]
         for holder, name, parameter in parts:
             value = holder[name]
             holder[name] = taken(name, value, kinds()[parameter])
@@ -146,11 +169,16 @@ def described(value: Any) -> str:
 
 
 def told(error: Exception) -> str:
-    """An error as a sentence; one that is not ours, which a caller's own function may raise, with the place where it was raised."""
+    """An error as a sentence; one that is not ours, which a caller's own function may raise, with
+    the place where it was raised.
+    """
     if isinstance(error, CraneError):
         return str(error)
     *_, place = traceback.extract_tb(error.__traceback__)
-    return f"{type(error).__name__} in {place.name}, line {place.lineno} of {Path(place.filename).name}: {written_out(error)}."
+    return (
+        f"{type(error).__name__} in {place.name}, line {place.lineno} of "
+        f"{Path(place.filename).name}: {written_out(error)}."
+    )
 
 
 def check_word(name: str, value: str, kind: Any) -> None:
@@ -185,9 +213,11 @@ def _as(value: Any, kind: Any) -> Any:
 
 def _is(value: Any, kind: Any) -> bool:
     if get_origin(kind) is Literal:
-        return isinstance(value, str)  # which words, whoever takes them says better: often one goes with another only
+        # Which words, whoever takes them says better: often one goes with another only.
+        return isinstance(value, str)
     if kind is int:
-        return isinstance(value, Real) and not isinstance(value, bool)  # `whole` says what is wrong with 2.5
+        # `whole` says what is wrong with 2.5.
+        return isinstance(value, Real) and not isinstance(value, bool)
     if kind is bool:
         return isinstance(value, bool | np.bool_)
     return not isinstance(kind, type) or isinstance(value, kind)
@@ -208,7 +238,9 @@ def _array(value: Any) -> np.ndarray:
 
 def _sequence(value: Any, kind: Any) -> Any:
     numbers = kind is float or get_origin(kind) is collections.abc.Sequence
-    if isinstance(value, str | bytes) or not isinstance(value, Sequence | np.ndarray if numbers else Sequence):
+    if isinstance(value, str | bytes) or not isinstance(
+        value, Sequence | np.ndarray if numbers else Sequence
+    ):
         raise TypeError
     if kind is float:
         return tuple(map(_float, value))
@@ -246,9 +278,16 @@ def _words(kind: Any) -> str:
     if origin is Literal:
         return " or ".join(map(str, inner))
     if origin is collections.abc.Sequence:
-        return "a sequence of numbers" if inner[0] is float else f"a sequence, each {_words(inner[0])}"
+        return (
+            "a sequence of numbers" if inner[0] is float else f"a sequence, each {_words(inner[0])}"
+        )
     if origin is collections.abc.Callable:
-        names = "" if inner[0] is Ellipsis else f" of {len(inner[0])}: {', '.join(getattr(one, '__name__', str(one)) for one in inner[0])}"
+        names = (
+            ""
+            if inner[0] is Ellipsis
+            else f" of {len(inner[0])}: "
+            f"{', '.join(getattr(one, '__name__', str(one)) for one in inner[0])}"
+        )
         return f"a callable{names}"
     if origin is tuple and inner[-1] is Ellipsis:
         return f"a sequence, each {_words(inner[0])}"

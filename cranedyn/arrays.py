@@ -31,7 +31,13 @@ def shaped(name: str, value: Any, *shapes: Shape) -> np.ndarray:
     else:
         try:
             found = np.asarray(value)
-            value = found.astype(float) if found.dtype.kind in "iuf" else f"one of {found.dtype}" if found.shape else type(value).__name__
+            value = (
+                found.astype(float)
+                if found.dtype.kind in "iuf"
+                else f"one of {found.dtype}"
+                if found.shape
+                else type(value).__name__
+            )
         except Exception:  # whatever a stranger's object raises
             value = type(value).__name__
     if isinstance(value, str):
@@ -63,8 +69,12 @@ def fixed(array: np.ndarray) -> np.ndarray:
 
 
 def _fits(found: tuple[int, ...], shape: Shape) -> bool:
-    return len(found) == len(shape) and all(isinstance(b, str) or a == b for a, b in zip(found, shape, strict=True))
+    return len(found) == len(shape) and all(
+        isinstance(b, str) or a == b for a, b in zip(found, shape, strict=True)
+    )
 
 
 def _words(shapes: tuple[Shape, ...]) -> str:
-    return "shape " + " or ".join(f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})" for shape in shapes)
+    return "shape " + " or ".join(
+        f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})" for shape in shapes
+    )

@@ -14,14 +14,16 @@ _MOST_STEPS = 1e10
 """A run of more physics steps than this would take most of a day."""
 
 _MOST_ROWS = 4_000_000
-"""A planned motion of more rows than this would take gigabytes; so many are five hours at 200 Hz."""
+"""A planned motion of more rows than this would take gigabytes; so many are five hours at 200
+Hz."""
 
 _SMALL = 5e-4
 """Longest step in which buffers act, where the stepping rule asks for a smooth motion [s]."""
 
 
 SAME_PERIOD = 1e-3
-"""Share by which two times between control instants may differ and still be the same; a clock at 1e9 s rounds to 1e-7 s."""
+"""Share by which two times between control instants may differ and still be the same; a clock at
+1e9 s rounds to 1e-7 s."""
 
 
 class Clocks(NamedTuple):
@@ -66,7 +68,8 @@ def clocks(duration: float, dt: float, control_period: float) -> Clocks:
         control_period: Time between control instants [s], a multiple of `dt`.
 
     Raises:
-        OutOfRange: If a time is not positive, one does not divide the other, or the run would have more than 1e10 steps.
+        OutOfRange: If a time is not positive, one does not divide the other, or the run would have
+            more than 1e10 steps.
     """
     number("dt", dt, "s", "> 0")
     within("dt", dt, *_STEPS, "s")
@@ -76,24 +79,37 @@ def clocks(duration: float, dt: float, control_period: float) -> Clocks:
     for name, step in (("dt", dt), ("control_period", control_period)):
         if longest / step > _MOST_STEPS:
             raise OutOfRange(
-                name, step, f"{longest / _MOST_STEPS:g} or more for a run of {longest:g} s, that is {_MOST_STEPS:g} steps", "s"
+                name,
+                step,
+                f"{longest / _MOST_STEPS:g} or more for a run of {longest:g} s, that is "
+                f"{_MOST_STEPS:g} steps",
+                "s",
             )
     steps = multiple("control_period", control_period, "dt", dt)
-    return Clocks(dt, control_period, steps, multiple("duration", duration, "control_period", control_period))
+    return Clocks(
+        dt, control_period, steps, multiple("duration", duration, "control_period", control_period)
+    )
 
 
 def soon_enough(own: float, control_period: float) -> None:
-    """Return if a run lets a controller answer at least once in its own control period [s]; else it would do too much of everything.
+    """Return if a run lets a controller answer at least once in its own control period [s]; else it
+    would do too much of everything.
 
     Raises:
         OutOfRange: If it does not, by more than a clock at 1e9 s rounds off.
     """
     if control_period > own * (1.0 + SAME_PERIOD):
-        raise OutOfRange("control period of the run", control_period, f"that for which the controller was made, {own:g} s, or less", "s")
+        raise OutOfRange(
+            "control period of the run",
+            control_period,
+            f"that for which the controller was made, {own:g} s, or less",
+            "s",
+        )
 
 
 def intervals(name: str, duration: float, step: float) -> int:
-    """How many steps a duration takes, the last of which may end after it: one less than there are rows in a table.
+    """How many steps a duration takes, the last of which may end after it: one less than there are
+    rows in a table.
 
     Raises:
         OutOfRange: If one is not positive, or there would be more than 4 million.
@@ -101,7 +117,12 @@ def intervals(name: str, duration: float, step: float) -> int:
     number(name, duration, "s", "> 0")
     number("step", step, "s", "> 0")
     if duration / step > _MOST_ROWS:
-        raise OutOfRange(name, duration, f"{_MOST_ROWS * step:g} or less: {_MOST_ROWS} rows that are {step:g} s apart", "s")
+        raise OutOfRange(
+            name,
+            duration,
+            f"{_MOST_ROWS * step:g} or less: {_MOST_ROWS} rows that are {step:g} s apart",
+            "s",
+        )
     return math.ceil(duration / step - 1e-9)
 
 

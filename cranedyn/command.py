@@ -1,4 +1,6 @@
-"""How every command ends: one sentence for what went wrong, quietly when interrupted; whoever stops listening stops nothing."""
+"""How every command ends: one sentence for what went wrong, quietly when interrupted; whoever stops
+listening stops nothing.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +18,14 @@ from typing import Any, NoReturn
 from cranedyn.errors import CraneError, printable
 
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130
-"""Exit codes: a claim does not hold or a run failed; bad arguments or files; stopped by the user."""
+"""Exit codes: a claim does not hold or a run failed; bad arguments or files; stopped by the
+user."""
 
 
 class Parser(argparse.ArgumentParser):
-    """One whose errors cannot be ended by what they quote, and that takes no ``--`` for a value, which argparse would leave out."""
+    """One whose errors cannot be ended by what they quote, and that takes no ``--`` for a value,
+    which argparse would leave out.
+    """
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong, on one line after the usage, and end with `REFUSED`."""
@@ -31,21 +36,25 @@ class Parser(argparse.ArgumentParser):
         words = [*(sys.argv[1:] if args is None else args)]
         for word in words[: words.index("--") if "--" in words else None]:
             if re.fullmatch(r"-[^=]*=--|-\w--", word):
-                self.error(f"argument {word.removesuffix('--').removesuffix('=')}: -- is not a value")
+                self.error(
+                    f"argument {word.removesuffix('--').removesuffix('=')}: -- is not a value"
+                )
         return super().parse_known_args(words, namespace)
 
 
 def command(run: Callable[[], int]) -> int:
     """Run what stands behind a command line.
 
-    A pipe that is closed or a full disk behind standard output, and letters that a terminal does not have, cost words but no files.
-    SIGTERM is taken like Ctrl-C, so that drafts are removed and viewers ended.
+    A pipe that is closed or a full disk behind standard output, and letters that a terminal does
+    not have, cost words but no files. SIGTERM is taken like Ctrl-C, so that drafts are removed and
+    viewers ended.
 
     Args:
         run: Does it and returns the exit code.
 
     Returns:
-        That code; `REFUSED` after a `CraneError`, whose sentence is printed; `INTERRUPTED` after Ctrl-C or SIGTERM.
+        That code; `REFUSED` after a `CraneError`, whose sentence is printed; `INTERRUPTED` after
+        Ctrl-C or SIGTERM.
     """
     try:
         with _interruptible(), _patient():
@@ -78,7 +87,11 @@ def _interruptible() -> Iterator[None]:
     before = {}
     if threading.current_thread() is threading.main_thread():
         before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    ours = [number for number, handler in before.items() if handler in (signal.SIG_DFL, signal.default_int_handler)]
+    ours = [
+        number
+        for number, handler in before.items()
+        if handler in (signal.SIG_DFL, signal.default_int_handler)
+    ]
     for number in ours:
         signal.signal(number, signal.default_int_handler)
     hook, sys.unraisablehook = sys.unraisablehook, _again
@@ -91,7 +104,9 @@ def _interruptible() -> Iterator[None]:
 
 
 def _again(lost: sys.UnraisableHookArgs) -> None:
-    """An interruption that hits code in which nothing can be raised would be lost: it comes again a moment later."""
+    """An interruption that hits code in which nothing can be raised would be lost: it comes again a
+    moment later.
+    """
     if lost.exc_type is KeyboardInterrupt:
         threading.Timer(0.01, _thread.interrupt_main).start()
     else:
@@ -101,7 +116,10 @@ def _again(lost: sys.UnraisableHookArgs) -> None:
 @contextmanager
 def _patient() -> Iterator[None]:
     with ExitStack() as stack:
-        out, err = (_Patient(stream or stack.enter_context(open(os.devnull, "w"))) for stream in (sys.stdout, sys.stderr))
+        out, err = (
+            _Patient(stream or stack.enter_context(open(os.devnull, "w")))
+            for stream in (sys.stdout, sys.stderr)
+        )
         stack.enter_context(redirect_stdout(out))
         stack.enter_context(redirect_stderr(err))
         yield
@@ -110,7 +128,9 @@ def _patient() -> Iterator[None]:
 
 
 class _Patient:
-    """A stream that goes on when nobody takes what is written, as all of a stream but these two methods."""
+    """A stream that goes on when nobody takes what is written, as all of a stream but these two
+    methods.
+    """
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream

@@ -15,19 +15,25 @@ _PLAIN = re.compile(r"[\w./:+-]+", re.ASCII)
 
 
 def printable(text: object) -> str:
-    """What a stranger wrote, on one line: characters that are not printable are escaped as in Python."""
+    """What a stranger wrote, on one line: characters that are not printable are escaped as in
+    Python.
+    """
     words = str(text)
     return words if words.isprintable() else repr(words)[1:-1]
 
 
 def quoted(text: object) -> str:
-    """The same as part of a sentence: a plain word as it is, all else cut to a length and between quotation marks that it cannot close."""
+    """The same as part of a sentence: a plain word as it is, all else cut to a length and between
+    quotation marks that it cannot close.
+    """
     cut = _shortened(str(text), _LONGEST_QUOTE)
     return cut if _PLAIN.fullmatch(cut) else repr(cut)
 
 
 def shown(value: object) -> str:
-    """A value as in Python; what it is if that cannot be said, as of a whole number of more than 4300 digits."""
+    """A value as in Python; what it is if that cannot be said, as of a whole number of more than
+    4300 digits.
+    """
     try:
         return repr(value)
     except Exception:  # whatever the value of a stranger raises
@@ -41,15 +47,20 @@ def _shortened(text: str, length: int) -> str:
 class CraneError(Exception):
     """Base of every error that cranedyn raises on purpose; its text is one clear sentence.
 
-    Whatever names and values from elsewhere it quotes, it is one line of printable characters and not endless.
+    Whatever names and values from elsewhere it quotes, it is one line of printable characters and
+    not endless.
     """
 
     def __init__(self, sentence: str) -> None:
         """Keep the sentence."""
-        super().__init__("".join(c if c.isprintable() else " " for c in _shortened(sentence, _LONGEST)))
+        super().__init__(
+            "".join(c if c.isprintable() else " " for c in _shortened(sentence, _LONGEST))
+        )
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Come back from another process as what it was, although each kind is made from values of its own."""
+        """Come back from another process as what it was, although each kind is made from values of
+        its own.
+        """
         return _again, (type(self), self.args, self.__dict__)
 
 
@@ -72,11 +83,15 @@ class OutOfRange(CraneError):
     def __init__(self, name: str, value: object, allowed: str, unit: str = "") -> None:
         """Keep the values and phrase the sentence."""
         self.name, self.value, self.allowed, self.unit = name, value, allowed, unit
-        super().__init__(f"{name} is {f'{written_out(value)} {unit}'.strip()}; allowed is {allowed}.")
+        super().__init__(
+            f"{name} is {f'{written_out(value)} {unit}'.strip()}; allowed is {allowed}."
+        )
 
 
 def written_out(value: object) -> str:
-    """A value as text; what it is if there is none, as of a whole number of more than 4300 digits."""
+    """A value as text; what it is if there is none, as of a whole number of more than 4300
+    digits.
+    """
     try:
         return str(value)
     except Exception:  # whatever the value of a stranger raises
@@ -102,7 +117,8 @@ class UnknownName(CraneError):
 
 
 class MissingRole(CraneError):
-    """Something made for a tower crane is asked of a crane in which no joint plays a part that it needs.
+    """Something made for a tower crane is asked of a crane in which no joint plays a part that it
+    needs.
 
     Attributes:
         role: The part.
@@ -118,17 +134,24 @@ class MissingRole(CraneError):
             joints: Names of the joints there are.
         """
         self.role, self.joints = role, tuple(joints)
-        super().__init__(f"{user} needs a joint in the role {role}; the joints of this crane are {', '.join(self.joints)}.")
+        super().__init__(
+            f"{user} needs a joint in the role {role}; the joints of this crane are "
+            f"{', '.join(self.joints)}."
+        )
 
 
 class UnknownColumn(UnknownName, KeyError):
-    """A column that a table does not have; a KeyError, too, for whoever takes the table for a mapping."""
+    """A column that a table does not have; a KeyError, too, for whoever takes the table for a
+    mapping.
+    """
 
     __str__ = Exception.__str__
 
 
 class ModelError(CraneError):
-    """A description that is not a crane: it does not parse, has no payload, or a joint is turned or of a type that it must not be."""
+    """A description that is not a crane: it does not parse, has no payload, or a joint is turned or
+    of a type that it must not be.
+    """
 
 
 class DataError(CraneError):
@@ -145,7 +168,15 @@ class RunError(CraneError):
         trajectory: Everything recorded up to then.
     """
 
-    def __init__(self, sentence: str, *, t: float, joint: str = "", value: float = math.nan, trajectory: Any = None) -> None:
+    def __init__(
+        self,
+        sentence: str,
+        *,
+        t: float,
+        joint: str = "",
+        value: float = math.nan,
+        trajectory: Any = None,
+    ) -> None:
         """Keep the values; the sentence is given."""
         self.t, self.joint, self.value, self.trajectory = t, joint, value, trajectory
         super().__init__(sentence)
@@ -170,7 +201,9 @@ def number(name: str, value: object, unit: str = "", allowed: str = "any") -> fl
             if unit and value.strip().endswith(unit):  # which would be said twice
                 raise OutOfRange(name, quoted(value), f"the number alone, in {unit}") from None
             value = quoted(value)
-        raise OutOfRange(name, value, "a number" if allowed == "any" else f"a number {allowed}", unit) from None
+        raise OutOfRange(
+            name, value, "a number" if allowed == "any" else f"a number {allowed}", unit
+        ) from None
     low, high, strict = _range(allowed)
     if not math.isfinite(x) or x < low or x > high or (strict and x == low):
         raise OutOfRange(name, value, "a finite number" if allowed == "any" else allowed, unit)

@@ -1,4 +1,6 @@
-"""What the parts of the house say to each other: states, setpoints, and the callables that users write."""
+"""What the parts of the house say to each other: states, setpoints, and the callables that users
+write.
+"""
 
 from __future__ import annotations
 
@@ -45,13 +47,22 @@ class State(NamedTuple):
                 number(f"{kind} {i} of {part.size} at the {name}", one)
             part.flags.writeable = False
         if state.q.size != state.v.size:
-            raise OutOfRange(name, f"a state of {state.q.size} coordinates and {state.v.size} rates", "as many of each")
+            raise OutOfRange(
+                name,
+                f"a state of {state.q.size} coordinates and {state.v.size} rates",
+                "as many of each",
+            )
         return state
 
     def check_fits(self, name: str, layout: Any) -> None:
         """See `cranedyn.arguments.OfCrane`."""
-        if isinstance(self.q, np.ndarray) and self.q.shape[-1:] != (layout.n,):  # a batch takes one with rows, and looks at it itself
-            raise OutOfRange(name, f"a state of {self.q.size} coordinates", f"one of {layout.n}: {', '.join(layout.symbols)}")
+        # A batch takes one with rows, and looks at it itself.
+        if isinstance(self.q, np.ndarray) and self.q.shape[-1:] != (layout.n,):
+            raise OutOfRange(
+                name,
+                f"a state of {self.q.size} coordinates",
+                f"one of {layout.n}: {', '.join(layout.symbols)}",
+            )
 
 
 class Setpoint(NamedTuple):
@@ -73,12 +84,14 @@ Reference = Callable[[float], Setpoint]
 
 
 Controller = Callable[[float, State, Setpoint], np.ndarray]
-"""From time [s], state and setpoint to one number for each drive: efforts [N m or N], or accelerations [rad/s² or m/s²] where the drives
-follow prescribed motion. The passive joints cannot be addressed."""
+"""From time [s], state and setpoint to one number for each drive: efforts [N m or N], or
+accelerations [rad/s² or m/s²] where the drives follow prescribed motion. The passive joints cannot
+be addressed."""
 
 
 Disturbance = Callable[[float, State], np.ndarray]
-"""From time [s] and state to outside forces in the world [N], on the points of the crane, the payload first, shape (points, 3)."""
+"""From time [s] and state to outside forces in the world [N], on the points of the crane, the
+payload first, shape (points, 3)."""
 
 
 Drive = Literal["effort", "motion"]
@@ -86,7 +99,8 @@ Drive = Literal["effort", "motion"]
 
 
 Validity = Literal["stop", "buffers", "mark"]
-"""What to do where the model ceases to hold: stop; let buffers end the ranges of the drives and stop at all else; go on and mark it."""
+"""What to do where the model ceases to hold: stop; let buffers end the ranges of the drives and
+stop at all else; go on and mark it."""
 
 
 EngineName = Literal["pinocchio", "compiled"]

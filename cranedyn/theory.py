@@ -1,7 +1,7 @@
 """Closed forms to hold the simulation against. SI units, radians, gravity positive.
 
-Swing angles are positive when the load lags behind the pivot. Each raises `OutOfRange` for arguments that are no numbers or arrays of
-numbers, and where it has no finite answer.
+Swing angles are positive when the load lags behind the pivot. Each raises `OutOfRange` for
+arguments that are no numbers or arrays of numbers, and where it has no finite answer.
 """
 
 from __future__ import annotations
@@ -32,12 +32,20 @@ def _answered(form: _Any) -> _Any:
         try:
             with np.errstate(all="ignore"):
                 answer = held(*args, **named)
-            if math.isfinite(answer) if isinstance(answer, float) else np.isfinite(answer).all():  # the first is much quicker
+            # The first is much quicker.
+            if math.isfinite(answer) if isinstance(answer, float) else np.isfinite(answer).all():
                 return answer
         except (ArithmeticError, ValueError):  # np.linalg.LinAlgError among them
             pass
-        given = ", ".join([*map(described, args), *(f"{name}={described(value)}" for name, value in named.items())])
-        raise OutOfRange(f"the answer of {form.__name__}({given})", "not finite", "what has a finite one")
+        given = ", ".join(
+            [
+                *map(described, args),
+                *(f"{name}={described(value)}" for name, value in named.items()),
+            ]
+        )
+        raise OutOfRange(
+            f"the answer of {form.__name__}({given})", "not finite", "what has a finite one"
+        )
 
     return answering  # type: ignore[return-value]
 
@@ -50,13 +58,16 @@ def point_period(length: float | np.ndarray, gravity: float) -> float | np.ndarr
 
 @_answered
 def rigid_period(length: float, gravity: float, mass: float, inertia: float) -> float:
-    """Small swings of a load with rotational inertia I about its own centre [s]: 2π√((m l² + I)/(m g l)), the compound pendulum."""
+    """Small swings of a load with rotational inertia I about its own centre [s]: 2π√((m l² + I)/(m
+    g l)), the compound pendulum.
+    """
     return 2.0 * math.pi * math.sqrt((mass * length**2 + inertia) / (mass * gravity * length))
 
 
 @_answered
 def amplitude_factor(amplitude: float | np.ndarray) -> float | np.ndarray:
-    """Period of a swing of finite amplitude [rad] over that of a small one: (2/π) K(sin²(A/2)), about 1 + A²/16.
+    """Period of a swing of finite amplitude [rad] over that of a small one: (2/π) K(sin²(A/2)),
+    about 1 + A²/16.
 
     Landau & Lifshitz, Mechanics, §11.
     """
@@ -65,12 +76,18 @@ def amplitude_factor(amplitude: float | np.ndarray) -> float | np.ndarray:
 
 @_answered
 def pivot_compliance(
-    length: float, gravity: float, mass: float, stiffness: float, damping: float = 0.0, trolley_mass: float = 0.0
+    length: float,
+    gravity: float,
+    mass: float,
+    stiffness: float,
+    damping: float = 0.0,
+    trolley_mass: float = 0.0,
 ) -> tuple[float, float]:
     """What a trolley held by k_p [N/m] and k_d [N s/m] does to a small swing.
 
-    The pivot gives by the horizontal rope force times the trolley's compliance at the swing's frequency. Without damping and mass the
-    gain is m g/(2 k_p l): the pendulum turns about a point m g/k_p higher. The damper takes ζ, about ½ (m g/l) ω k_d/k_p².
+    The pivot gives by the horizontal rope force times the trolley's compliance at the swing's
+    frequency. Without damping and mass the gain is m g/(2 k_p l): the pendulum turns about a point
+    m g/k_p higher. The damper takes ζ, about ½ (m g/l) ω k_d/k_p².
 
     Returns:
         Relative gain in period, and damping ratio.
@@ -82,11 +99,14 @@ def pivot_compliance(
 
 
 @_answered
-def hoist_compliance(amplitude: float, length: float, gravity: float, mass: float, stiffness: float, damping: float) -> tuple[float, float]:
+def hoist_compliance(
+    amplitude: float, length: float, gravity: float, mass: float, stiffness: float, damping: float
+) -> tuple[float, float]:
     """What a hoist held by k_p [N/m] and k_d [N s/m] does to a swing of a given amplitude [rad].
 
-    The rope force of a swing A cos ωt varies by m g A² (1/4 - 3/4 cos 2ωt). The hoist gives by that force times its compliance: the
-    mean lengthens the pendulum, the part at 2ω pumps and damps it. Averaging the Lagrangian over a swing gives both, to order A².
+    The rope force of a swing A cos ωt varies by m g A² (1/4 - 3/4 cos 2ωt). The hoist gives by that
+    force times its compliance: the mean lengthens the pendulum, the part at 2ω pumps and damps it.
+    Averaging the Lagrangian over a swing gives both, to order A².
 
     Returns:
         Relative gain in period, and damping ratio.
@@ -94,14 +114,20 @@ def hoist_compliance(amplitude: float, length: float, gravity: float, mass: floa
     omega = math.sqrt(gravity / length)
     compliance = 1.0 / (stiffness - 4.0 * omega**2 * mass + 2.0j * omega * damping)
     scale = mass * gravity * amplitude**2 / length
-    return scale * (1.0 / (8.0 * stiffness) + 9.0 / 16.0 * compliance.real), -9.0 / 16.0 * scale * compliance.imag
+    return scale * (
+        1.0 / (8.0 * stiffness) + 9.0 / 16.0 * compliance.real
+    ), -9.0 / 16.0 * scale * compliance.imag
 
 
 @_answered
-def constant_hoisting(t: np.ndarray, length: float, rate: float, gravity: float, swing: float, swing_rate: float) -> np.ndarray:
-    """Small swing of a point load while the cable runs at constant speed [rad]: (l0 + v t) φ̈ + 2 v φ̇ + g φ = 0.
+def constant_hoisting(
+    t: np.ndarray, length: float, rate: float, gravity: float, swing: float, swing_rate: float
+) -> np.ndarray:
+    """Small swing of a point load while the cable runs at constant speed [rad]: (l0 + v t) φ̈ + 2 v
+    φ̇ + g φ = 0.
 
-    φ = [A J1(u) + B Y1(u)]/u with u = 2√(g l)/|v| (Watson, Theory of Bessel Functions; A and B from the start).
+    φ = [A J1(u) + B Y1(u)]/u with u = 2√(g l)/|v| (Watson, Theory of Bessel Functions; A and B from
+    the start).
 
     Args:
         t: Times since the start [s], shape (n,).
@@ -117,14 +143,20 @@ def constant_hoisting(t: np.ndarray, length: float, rate: float, gravity: float,
 
 
 @_answered
-def constant_hoisting_envelope(t: np.ndarray, length: float, rate: float, gravity: float, swing: float, swing_rate: float) -> np.ndarray:
-    """Amplitude of `constant_hoisting` [rad]: √((A² + B²)(J1² + Y1²))/u, the modulus in which the swing oscillates."""
+def constant_hoisting_envelope(
+    t: np.ndarray, length: float, rate: float, gravity: float, swing: float, swing_rate: float
+) -> np.ndarray:
+    """Amplitude of `constant_hoisting` [rad]: √((A² + B²)(J1² + Y1²))/u, the modulus in which the
+    swing oscillates.
+    """
     a, b = _hoisting_constants(length, rate, gravity, swing, swing_rate)
     u = 2.0 * np.sqrt(gravity * (length + rate * np.asarray(t))) / abs(rate)
     return math.hypot(a, b) * np.hypot(jv(1, u), yv(1, u)) / u
 
 
-def _hoisting_constants(length: float, rate: float, gravity: float, swing: float, swing_rate: float) -> tuple[float, float]:
+def _hoisting_constants(
+    length: float, rate: float, gravity: float, swing: float, swing_rate: float
+) -> tuple[float, float]:
     u = 2.0 * math.sqrt(gravity * length) / abs(rate)
     du = math.copysign(1.0, rate) * math.sqrt(gravity / length)
     # d/du (C1(u)/u) = -C2(u)/u for any cylinder function
@@ -135,13 +167,17 @@ def _hoisting_constants(length: float, rate: float, gravity: float, swing: float
 
 @_answered
 def radial_paper(phi: float, *, length: float, gravity: float, excitation: float) -> float:
-    """φ̈ [rad/s²] by Eq. (8) of Muddassir et al., ISARC 2024: l φ̈ + g φ - ẍ = 0, where push is ẍ [m/s²]."""
+    """φ̈ [rad/s²] by Eq. (8) of Muddassir et al., ISARC 2024: l φ̈ + g φ - ẍ = 0, where push is ẍ
+    [m/s²].
+    """
     return (excitation - gravity * phi) / length
 
 
 @_answered
 def tangential_paper(theta: float, *, length: float, gravity: float, excitation: float) -> float:
-    """θ̈ [rad/s²] by Eq. (10) of Muddassir et al., ISARC 2024: l θ̈ + g θ - x γ̈ = 0, where push is x γ̈ [m/s²]."""
+    """θ̈ [rad/s²] by Eq. (10) of Muddassir et al., ISARC 2024: l θ̈ + g θ - x γ̈ = 0, where push is
+    x γ̈ [m/s²].
+    """
     return (excitation - gravity * theta) / length
 
 
@@ -159,12 +195,14 @@ def small_swing(
     slew_rate: float,
     slew_acceleration: float,
 ) -> np.ndarray:
-    """φ̈, θ̈ [rad/s²] of a point load for small angles but full drive motion, everything that is linear in the swing kept.
+    """φ̈, θ̈ [rad/s²] of a point load for small angles but full drive motion, everything that is
+    linear in the swing kept.
 
     l φ̈ + 2 l̇ φ̇ + g φ = ẍ - γ̇² (x - l φ) + 2 γ̇ (lθ)˙ + γ̈ l θ
     l θ̈ + 2 l̇ θ̇ + g θ = γ̈ (x - l φ) + 2 γ̇ (ẋ - (lφ)˙) + γ̇² l θ
 
-    Follows from the payload at radius x - l φ and tangential offset -l θ in the frame that turns with the jib.
+    Follows from the payload at radius x - l φ and tangential offset -l θ in the frame that turns
+    with the jib.
 
     Args:
         swing: φ, θ [rad], shape (2,).
@@ -183,17 +221,27 @@ def small_swing(
     radial = x - length * phi
     radial_rate = x_rate - length_rate * phi - length * phi_rate
     offset, offset_rate = length * theta, length_rate * theta + length * theta_rate
-    phi_excitation = x_acceleration - slew_rate**2 * radial + 2.0 * slew_rate * offset_rate + slew_acceleration * offset
-    theta_excitation = slew_acceleration * radial + 2.0 * slew_rate * radial_rate + slew_rate**2 * offset
-    return (np.array([phi_excitation, theta_excitation]) - 2.0 * length_rate * rates - gravity * swing) / length
+    phi_excitation = (
+        x_acceleration
+        - slew_rate**2 * radial
+        + 2.0 * slew_rate * offset_rate
+        + slew_acceleration * offset
+    )
+    theta_excitation = (
+        slew_acceleration * radial + 2.0 * slew_rate * radial_rate + slew_rate**2 * offset
+    )
+    return (
+        np.array([phi_excitation, theta_excitation]) - 2.0 * length_rate * rates - gravity * swing
+    ) / length
 
 
 @_answered
 def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) -> np.ndarray:
-    """Amplitude that a swing [rad] keeps when the cable is run slowly from one length [m] to others, of any size below 180°.
+    """Amplitude that a swing [rad] keeps when the cable is run slowly from one length [m] to
+    others, of any size below 180°.
 
-    The action l^(3/2) [E(k) - (1-k²) K(k)] with k = sin(A/2) stays constant (Landau & Lifshitz, Mechanics, §49); for small A it is
-    A² l^(3/2), so A goes with l^(-3/4).
+    The action l^(3/2) [E(k) - (1-k²) K(k)] with k = sin(A/2) stays constant (Landau & Lifshitz,
+    Mechanics, §49); for small A it is A² l^(3/2), so A goes with l^(-3/4).
     """
 
     def action(a: float) -> float:
@@ -201,16 +249,23 @@ def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) ->
         return float(ellipe(m) - (1.0 - m) * ellipk(m))
 
     goal, ratios = action(amplitude), np.atleast_1d(shaped("lengths", lengths, (), ("n",))) / length
-    return np.array([brentq(lambda a, ratio=ratio: action(a) * ratio**1.5 - goal, 1e-9, 3.1) for ratio in ratios])
+    return np.array(
+        [
+            brentq(lambda a, ratio=ratio: action(a) * ratio**1.5 - goal, 1e-9, 3.1)
+            for ratio in ratios
+        ]
+    )
 
 
 @_answered
 def apsidal_precession(length: float, far: float, near: float) -> float:
-    """Angle by which the orbit of a spherical pendulum turns in one revolution [rad], from 4 times the apsidal angle ψ.
+    """Angle by which the orbit of a spherical pendulum turns in one revolution [rad], from 4 times
+    the apsidal angle ψ.
 
-    The load is let go at the distance a from the vertical [m], with a horizontal speed across of b √(g/l). With u the cosine of the
-    angle from the vertical, ψ = ∫ h du / ((1-u²) √f) between two roots of the cubic f = 2 (ε + u) (1 - u²) - h², where ε and h are
-    energy and angular momentum in units of m g l and m √(g l³) (Landau & Lifshitz, Mechanics, §14). Gravity drops out.
+    The load is let go at the distance a from the vertical [m], with a horizontal speed across of b
+    √(g/l). With u the cosine of the angle from the vertical, ψ = ∫ h du / ((1-u²) √f) between two
+    roots of the cubic f = 2 (ε + u) (1 - u²) - h², where ε and h are energy and angular momentum in
+    units of m g l and m √(g l³) (Landau & Lifshitz, Mechanics, §14). Gravity drops out.
 
     Args:
         length: Cable length [m].
@@ -220,7 +275,8 @@ def apsidal_precession(length: float, far: float, near: float) -> float:
     u0 = math.sqrt(1.0 - (far / length) ** 2)
     h = far * near / length**2
     energy = (near / length) ** 2 / 2.0 - u0
-    # u0 is one root, since the start is an apse; sum and product of the other two follow from the cubic's coefficients
+    # u0 is one root, since the start is an apse; sum and product of the other two follow from the
+    # cubic's coefficients
     half_sum, product = -(energy + u0) / 2.0, (energy - h**2 / 2.0) / u0
     spread = math.sqrt(half_sum**2 - product)
     u1, u2 = half_sum + spread, half_sum - spread
@@ -229,20 +285,27 @@ def apsidal_precession(length: float, far: float, near: float) -> float:
         u = (u0 + u1) / 2.0 + (u1 - u0) / 2.0 * math.sin(s)
         return h / ((1.0 - u**2) * math.sqrt(2.0 * (u - u2)))
 
-    return float(4.0 * quad(turned, -math.pi / 2.0, math.pi / 2.0, epsabs=1e-13, epsrel=1e-13)[0] - 2.0 * math.pi)
+    return float(
+        4.0 * quad(turned, -math.pi / 2.0, math.pi / 2.0, epsabs=1e-13, epsrel=1e-13)[0]
+        - 2.0 * math.pi
+    )
 
 
 @_answered
 def airy_precession(length: float, far: float, near: float) -> float:
-    """The same to lowest order in the half axes a and b of the orbit [rad]: 3π a b/(4 l²) (Airy, Memoirs of the RAS 20, 1851)."""
+    """The same to lowest order in the half axes a and b of the orbit [rad]: 3π a b/(4 l²) (Airy,
+    Memoirs of the RAS 20, 1851).
+    """
     return 3.0 * math.pi * far * near / (4.0 * length**2)
 
 
 @_answered
 def slewing_swing(radius: float, length: float, rate: float, gravity: float) -> float:
-    """φ [rad] at which a point load hangs while the jib turns steadily [rad/s]; negative, because the load swings out.
+    """φ [rad] at which a point load hangs while the jib turns steadily [rad/s]; negative, because
+    the load swings out.
 
-    tan|φ| = Ω² (x + l sin|φ|)/g, the balance of weight, rope and circular motion at the radius x + l sin|φ|.
+    tan|φ| = Ω² (x + l sin|φ|)/g, the balance of weight, rope and circular motion at the radius x +
+    l sin|φ|.
     """
 
     def short(out: float) -> float:
@@ -252,23 +315,32 @@ def slewing_swing(radius: float, length: float, rate: float, gravity: float) -> 
 
 
 @_answered
-def slewing_tension(radius: float, length: float, rate: float, gravity: float, mass: float) -> float:
+def slewing_tension(
+    radius: float, length: float, rate: float, gravity: float, mass: float
+) -> float:
     """Tension of the rope then [N]: m √(g² + Ω⁴ r²) with r the radius of the load."""
-    return mass * math.hypot(gravity, rate**2 * (radius - length * math.sin(slewing_swing(radius, length, rate, gravity))))
+    return mass * math.hypot(
+        gravity,
+        rate**2 * (radius - length * math.sin(slewing_swing(radius, length, rate, gravity))),
+    )
 
 
 @_answered
 def rolling_period(length: float, gravity: float, mass: float, trolley: float) -> float:
-    """Small swings under a trolley that rolls without drive or friction [s]: 2π √(l M/((M + m) g)), M the trolley's mass."""
+    """Small swings under a trolley that rolls without drive or friction [s]: 2π √(l M/((M + m) g)),
+    M the trolley's mass.
+    """
     return 2.0 * math.pi * math.sqrt(length * trolley / ((trolley + mass) * gravity))
 
 
 @_answered
 def pulse_residual(acceleration: float, pulse: float, length: float, gravity: float) -> float:
-    """Amplitude that a trolley leaves when it accelerates for a time and then runs on [rad], small angles: (2a/g) |sin(ω t_p/2)|.
+    """Amplitude that a trolley leaves when it accelerates for a time and then runs on [rad], small
+    angles: (2a/g) |sin(ω t_p/2)|.
 
-    Each step of the acceleration starts a swing of a/g about its own lag, and the two add as vectors (Singhose, Int. J. of Precision
-    Engineering and Manufacturing 10, 2009, reviews the method).
+    Each step of the acceleration starts a swing of a/g about its own lag, and the two add as
+    vectors (Singhose, Int. J. of Precision Engineering and Manufacturing 10, 2009, reviews the
+    method).
 
     Args:
         acceleration: a [m/s²].
@@ -276,12 +348,18 @@ def pulse_residual(acceleration: float, pulse: float, length: float, gravity: fl
         length: Cable length [m].
         gravity: Gravity [m/s²].
     """
-    return 2.0 * abs(acceleration) / gravity * abs(math.sin(math.sqrt(gravity / length) * pulse / 2.0))
+    return (
+        2.0 * abs(acceleration) / gravity * abs(math.sin(math.sqrt(gravity / length) * pulse / 2.0))
+    )
 
 
 @_answered
-def coast_residual(acceleration: float, pulse: float, coast: float, length: float, gravity: float) -> float:
-    """The same after it has also coasted for t_c and braked as it accelerated [rad]: the above times 2 |sin(ω (t_p + t_c)/2)|."""
+def coast_residual(
+    acceleration: float, pulse: float, coast: float, length: float, gravity: float
+) -> float:
+    """The same after it has also coasted for t_c and braked as it accelerated [rad]: the above
+    times 2 |sin(ω (t_p + t_c)/2)|.
+    """
     later = math.sin(math.sqrt(gravity / length) * (pulse + coast) / 2.0)
     return 2.0 * pulse_residual(acceleration, pulse, length, gravity) * abs(later)
 
@@ -290,8 +368,8 @@ def coast_residual(acceleration: float, pulse: float, coast: float, length: floa
 def quintic_residual(distance: float, duration: float, length: float, gravity: float) -> float:
     """Amplitude that a quintic spline of the trolley leaves, rest to rest [rad], small angles.
 
-    The Fourier transform of the trolley's acceleration at the frequency of the swing, over √(g l); with w = ω T it is
-    D/(T l ω) · |120 (w² sin(w/2) + 6 w cos(w/2) - 12 sin(w/2))/w⁴|.
+    The Fourier transform of the trolley's acceleration at the frequency of the swing, over √(g l);
+    with w = ω T it is D/(T l ω) · |120 (w² sin(w/2) + 6 w cos(w/2) - 12 sin(w/2))/w⁴|.
 
     Args:
         distance: D [m].
@@ -306,11 +384,14 @@ def quintic_residual(distance: float, duration: float, length: float, gravity: f
 
 
 @_answered
-def double_pendulum(cable: float, sling: float, hook: float, load: float, gravity: float) -> tuple[float, float]:
-    """Small swings of a point load slung below a point hook, whose trolley stands still: slow and fast [rad/s].
+def double_pendulum(
+    cable: float, sling: float, hook: float, load: float, gravity: float
+) -> tuple[float, float]:
+    """Small swings of a point load slung below a point hook, whose trolley stands still: slow and
+    fast [rad/s].
 
-    ω² = (g/2) [(1 + R)(1/l₁ + 1/l₂) ∓ √((1 + R)² (1/l₁ + 1/l₂)² - 4 (1 + R)/(l₁ l₂))] with R the load's mass over the hook's
-    (Singhose, Kim & Kenison, J. Dyn. Sys. Meas. Control 130, 2008).
+    ω² = (g/2) [(1 + R)(1/l₁ + 1/l₂) ∓ √((1 + R)² (1/l₁ + 1/l₂)² - 4 (1 + R)/(l₁ l₂))] with R the
+    load's mass over the hook's (Singhose, Kim & Kenison, J. Dyn. Sys. Meas. Control 130, 2008).
 
     Args:
         cable: l₁, pivot to hook [m].
@@ -321,14 +402,16 @@ def double_pendulum(cable: float, sling: float, hook: float, load: float, gravit
     """
     heavier = 1.0 + load / hook
     half = heavier * (1.0 / cable + 1.0 / sling) / 2.0
-    # product of both roots over the larger, since the difference of nearly equal numbers would lose digits
+    # product of both roots over the larger, since the difference of nearly equal numbers would lose
+    # digits
     fast = half + math.sqrt(half**2 - heavier / (cable * sling))
     return math.sqrt(gravity * heavier / (cable * sling) / fast), math.sqrt(gravity * fast)
 
 
 @_answered
 def rope_bounce(stiffness: float, length: float, mass: float) -> float:
-    """How fast a load bounces on a rope whose drum stands still [rad/s]: √(k/m) with k = EA/l of the cable, without its own mass.
+    """How fast a load bounces on a rope whose drum stands still [rad/s]: √(k/m) with k = EA/l of
+    the cable, without its own mass.
 
     Args:
         stiffness: EA, Young's modulus times the cross-section [N].
@@ -340,10 +423,11 @@ def rope_bounce(stiffness: float, length: float, mass: float) -> float:
 
 @_answered
 def pickup_factor(speed: float, frequency: float, gravity: float) -> float:
-    """Largest tension of a rope over the load's weight when the load is picked up at a hoisting speed: 1 + v ω/g.
+    """Largest tension of a rope over the load's weight when the load is picked up at a hoisting
+    speed: 1 + v ω/g.
 
-    The load leaves the ground when the rope carries its weight, while the rope still shortens at v: it swings by v/ω about that
-    stretch, an undamped oscillator of one mass.
+    The load leaves the ground when the rope carries its weight, while the rope still shortens at v:
+    it swings by v/ω about that stretch, an undamped oscillator of one mass.
 
     Args:
         speed: v [m/s].
@@ -355,10 +439,12 @@ def pickup_factor(speed: float, frequency: float, gravity: float) -> float:
 
 @_answered
 def drop_factor(dropped: float, left: float) -> float:
-    """Largest distance of the tension of a rope from the weight of the load left, over it, when a part is dropped at once.
+    """Largest distance of the tension of a rope from the weight of the load left, over it, when a
+    part is dropped at once.
 
-    That part's share of the static load that is left: the rope is stretched for both, and the load left swings about its own stretch.
-    So the tension lies between 1 - this and 1 + this times the weight left.
+    That part's share of the static load that is left: the rope is stretched for both, and the load
+    left swings about its own stretch. So the tension lies between 1 - this and 1 + this times the
+    weight left.
 
     Args:
         dropped: Mass of the part [kg].
@@ -369,12 +455,19 @@ def drop_factor(dropped: float, left: float) -> float:
 
 @_answered
 def twisting_tower(
-    inertia: float, torsion: float, radius: float, length: float, mass: float, gravity: float, trolley: float = 0.0
+    inertia: float,
+    torsion: float,
+    radius: float,
+    length: float,
+    mass: float,
+    gravity: float,
+    trolley: float = 0.0,
 ) -> tuple[float, float]:
-    """A tower that twists and the tangential swing of a point load below its jib, slew drive and trolley locked: slow and fast [rad/s].
+    """A tower that twists and the tangential swing of a point load below its jib, slew drive and
+    trolley locked: slow and fast [rad/s].
 
-    M = [[J + (M_t + m) x², -m x l], [-m x l, m l²]], K = diag(k, m g l), for the twist and the swing θ, by Lagrange: the load moves by
-    x ψ - l θ across the jib.
+    M = [[J + (M_t + m) x², -m x l], [-m x l, m l²]], K = diag(k, m g l), for the twist and the
+    swing θ, by Lagrange: the load moves by x ψ - l θ across the jib.
 
     Args:
         inertia: J of the upper structure about the slew axis [kg m²].
@@ -386,17 +479,32 @@ def twisting_tower(
         trolley: Mass M_t of the trolley as a point [kg].
     """
     pull = mass * gravity * length
-    return _two_modes(inertia + (trolley + mass) * radius**2, mass * radius * length, mass * length**2, torsion, pull)
+    return _two_modes(
+        inertia + (trolley + mass) * radius**2,
+        mass * radius * length,
+        mass * length**2,
+        torsion,
+        pull,
+    )
 
 
 @_answered
 def bending_tower(
-    inertia: float, stiffness: float, moment: float, height: float, length: float, mass: float, gravity: float
+    inertia: float,
+    stiffness: float,
+    moment: float,
+    height: float,
+    length: float,
+    mass: float,
+    gravity: float,
 ) -> tuple[float, float]:
-    """A tower that bends at its foot across the jib and the tangential swing of a point load, drives locked: slow and fast [rad/s].
+    """A tower that bends at its foot across the jib and the tangential swing of a point load,
+    drives locked: slow and fast [rad/s].
 
-    M = [[I + m h², -m h l], [-m h l, m l²]], K = diag(k - (S + m h) g, m g l), for the bend and the load's angle from the vertical, by
-    Lagrange: the load moves by h ψ - l α, and all that stands above the foot pushes it further over.
+    M = [[I + m h², -m h l], [-m h l, m l²]], K = diag(k - (S + m h) g, m g l), for the bend and the
+    load's angle from the vertical, by
+    Lagrange: the load moves by h ψ - l α, and all that stands above the foot pushes it further
+        over.
 
     Args:
         inertia: I of all but the load about the foot [kg m²].
@@ -408,11 +516,21 @@ def bending_tower(
         gravity: g [m/s²].
     """
     stiff = stiffness - (moment + mass * height) * gravity
-    return _two_modes(inertia + mass * height**2, mass * height * length, mass * length**2, stiff, mass * gravity * length)
+    return _two_modes(
+        inertia + mass * height**2,
+        mass * height * length,
+        mass * length**2,
+        stiff,
+        mass * gravity * length,
+    )
 
 
-def _two_modes(first: float, coupling: float, second: float, stiff: float, pull: float) -> tuple[float, float]:
-    """Slow and fast frequency [rad/s] of M = [[first, -coupling], [-coupling, second]] and K = diag(stiff, pull)."""
+def _two_modes(
+    first: float, coupling: float, second: float, stiff: float, pull: float
+) -> tuple[float, float]:
+    """Slow and fast frequency [rad/s] of M = [[first, -coupling], [-coupling, second]] and K =
+    diag(stiff, pull).
+    """
     square, middle, last = first * second - coupling**2, first * pull + second * stiff, stiff * pull
     fast = (middle + math.sqrt(middle**2 - 4.0 * square * last)) / (2.0 * square)
     return math.sqrt(last / square / fast), math.sqrt(fast)
@@ -420,9 +538,11 @@ def _two_modes(first: float, coupling: float, second: float, stiff: float, pull:
 
 @_answered
 def bending_jib(stiffness: float, inertia: float, radius: float, mass: float) -> float:
-    """How fast a jib that bends down at its root bounces with what hangs on it [rad/s]: √(k/(I + m x²)), for a small droop.
+    """How fast a jib that bends down at its root bounces with what hangs on it [rad/s]: √(k/(I + m
+    x²)), for a small droop.
 
-    The load follows the pivot's height and feels nothing of it sideways, but for what the droop at rest, squared, adds.
+    The load follows the pivot's height and feels nothing of it sideways, but for what the droop at
+    rest, squared, adds.
 
     Args:
         stiffness: k of the root [N m/rad].
@@ -435,10 +555,12 @@ def bending_jib(stiffness: float, inertia: float, radius: float, mass: float) ->
 
 @_answered
 def convolved_zv(frequency: float, modes: Sequence[float]) -> float:
-    """Share of an undamped swing that zero-vibration shapers for several modes, convolved, leave of it: Π |cos(π ω/(2 ω_i))|.
+    """Share of an undamped swing that zero-vibration shapers for several modes, convolved, leave of
+    it: Π |cos(π ω/(2 ω_i))|.
 
-    Each shaper is two halves, half a period of its mode apart, and the transfer functions of convolved shapers multiply (Singer &
-    Seering, J. Dyn. Sys. Meas. Control 112, 1990; Singhose, Kim & Kenison 2008 for double pendulums).
+    Each shaper is two halves, half a period of its mode apart, and the transfer functions of
+    convolved shapers multiply (Singer & Seering, J. Dyn. Sys. Meas. Control 112, 1990; Singhose,
+    Kim & Kenison 2008 for double pendulums).
 
     Args:
         frequency: ω of the swing [rad/s].

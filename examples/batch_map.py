@@ -1,4 +1,6 @@
-"""A thousand pulses at once: how the swing that is left depends on cable and pulse. Needs: llvmlite."""
+"""A thousand pulses at once: how the swing that is left depends on cable and pulse. Needs:
+llvmlite.
+"""
 
 import numpy as np
 
@@ -10,7 +12,11 @@ from cranedyn.references import hold, pulse
 crane = cd.load_crane()
 lengths, widths = np.linspace(5.0, 20.0, 32), np.linspace(1.0, 9.0, 32)
 starts = [crane.state(l=length) for length in lengths]
-cases = [(start, pulse(crane, hold(crane, start), "x", 0.3, at=0.5, width=width)) for start in starts for width in widths]
+cases = [
+    (start, pulse(crane, hold(crane, start), "x", 0.3, at=0.5, width=width))
+    for start in starts
+    for width in widths
+]
 
 found = cd.simulate_batch(
     crane,

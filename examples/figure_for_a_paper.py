@@ -1,4 +1,6 @@
-"""A figure for a paper: two runs in one style, as a drawing of a given width, and the numbers of its caption."""
+"""A figure for a paper: two runs in one style, as a drawing of a given width, and the numbers of
+its caption.
+"""
 
 import numpy as np
 

@@ -1,4 +1,6 @@
-"""The fastest move of the trolley that ends without swing, beside a spline of the same time. Needs: casadi."""
+"""The fastest move of the trolley that ends without swing, beside a spline of the same time. Needs:
+casadi.
+"""
 
 import math
 
@@ -22,7 +24,9 @@ smooth = plumb(crane, spline(crane, start, [aim], [duration]), duration)
 
 runs = {}
 for name, motion in {"least time": fastest, "spline": smooth}.items():
-    runs[name] = cd.simulate(crane, lqr(crane, motion, every=50), motion, start=start, duration=20.0)
+    runs[name] = cd.simulate(
+        crane, lqr(crane, motion, every=50), motion, start=start, duration=20.0
+    )
     left = np.abs(runs[name].since(duration)["phi_rad"]).max()
     print(f"{name:10} in {duration:.2f} s leaves {1e3 * left:.2f} mrad")
 plot_runs(runs).savefig("least_time.png")

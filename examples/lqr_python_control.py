@@ -1,4 +1,6 @@
-"""LQR by python-control on the crane's own linear model, run on the full multibody. Needs: control."""
+"""LQR by python-control on the crane's own linear model, run on the full multibody. Needs:
+control.
+"""
 
 import control
 import numpy as np
@@ -20,5 +22,8 @@ print(f"slowest pole of the closed loop: {abs(poles).max():.6f} a control period
 effort = np.atleast_2d(holding_effort(crane, goal.q))
 lqr = Tracking(model.period, effort, np.asarray(gain)[None], np.concatenate(goal)[None])
 run = cd.simulate(crane, lqr, start=crane.state(x=11.5, phi=0.05), duration=20.0)
-print(f"off the goal by {1e3 * abs(run['x_m'][-1] - 12.0):.3f} mm, swing {1e3 * abs(run['phi_rad'][-1]):.4f} mrad")
+print(
+    f"off the goal by {1e3 * abs(run['x_m'][-1] - 12.0):.3f} mm, swing "
+    f"{1e3 * abs(run['phi_rad'][-1]):.4f} mrad"
+)
 run.plot("x_m", "phi_rad", "F_x_N").savefig("lqr.png")

@@ -1,4 +1,6 @@
-"""A controller of one's own: the brake, and a trolley that goes after the load until it hangs still."""
+"""A controller of one's own: the brake, and a trolley that goes after the load until it hangs
+still.
+"""
 
 import numpy as np
 

@@ -6,7 +6,10 @@ import cranedyn as cd
 from cranedyn.model.description import arguments, describe
 
 for name in ("payload_mass", "hoist_init", "damp_swing"):
-    print(f"{name:14} {arguments()[name].default:>8} {arguments()[name].unit:10} {arguments()[name].meaning}")
+    print(
+        f"{name:14} {arguments()[name].default:>8} {arguments()[name].unit:10} "
+        f"{arguments()[name].meaning}"
+    )
 
 longer = cd.load_crane(payload_mass=1500, trolley_max=30.0, hoist_init=20.0)
 print(longer)

@@ -1,4 +1,6 @@
-"""A reference of one's own: the trolley goes to and fro, once slowly and once in the rhythm of the load."""
+"""A reference of one's own: the trolley goes to and fro, once slowly and once in the rhythm of the
+load.
+"""
 
 import math
 
@@ -18,14 +20,21 @@ def to_and_fro(period: float) -> Reference:
     rate = 2.0 * math.pi / period
 
     def reference(t: float) -> cd.Setpoint:
-        x = [0.1 * math.sin(rate * t), 0.1 * rate * math.cos(rate * t), -0.1 * rate**2 * math.sin(rate * t)]
+        x = [
+            0.1 * math.sin(rate * t),
+            0.1 * rate * math.cos(rate * t),
+            -0.1 * rate**2 * math.sin(rate * t),
+        ]
         return cd.Setpoint([0.0, 10.0 + x[0], length], [0.0, x[1], 0.0], [0.0, x[2], 0.0])
 
     return reference
 
 
 runs = {
-    f"in {period:.1f} s": cd.simulate(crane, hold_controller(crane), to_and_fro(period), duration=40.0) for period in (3.0 * rhythm, rhythm)
+    f"in {period:.1f} s": cd.simulate(
+        crane, hold_controller(crane), to_and_fro(period), duration=40.0
+    )
+    for period in (3.0 * rhythm, rhythm)
 }
 for name, run in runs.items():
     print(f"{name}: {math.degrees(abs(run['phi_rad']).max()):.2f}° at most")

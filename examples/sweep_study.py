@@ -18,7 +18,9 @@ def main() -> int:
     end = sweep(period, grid(l_m=lengths, A_rad=amplitudes), "periods", workers=1)
     table = results("periods")
     print(f"{end.done} cases, {end.done - end.before} of them computed just now")
-    print(f"periods from {min(table['T_s'].to_pylist()):.3f} to {max(table['T_s'].to_pylist()):.3f} s")
+    print(
+        f"periods from {min(table['T_s'].to_pylist()):.3f} to {max(table['T_s'].to_pylist()):.3f} s"
+    )
     return 0
 
 

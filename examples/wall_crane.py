@@ -1,4 +1,6 @@
-"""A crane that is not in the project, from its own URDF: held by LQR, swept, recorded. ``python examples/wall_crane.py [FOLDER]``."""
+"""A crane that is not in the project, from its own URDF: held by LQR, swept, recorded. ``python
+examples/wall_crane.py [FOLDER]``.
+"""
 
 import sys
 from pathlib import Path
@@ -13,22 +15,35 @@ from cranedyn.references import hold
 from cranedyn.references.motion import plumb
 from cranedyn.simulation.simulate import simulate
 
-ROLES = {"slew": "bracket", "trolley": "carriage", "radial_swing": "sway", "tangential_swing": "surge", "hoist": "winch"}
+ROLES = {
+    "slew": "bracket",
+    "trolley": "carriage",
+    "radial_swing": "sway",
+    "tangential_swing": "surge",
+    "hoist": "winch",
+}
 
 
 def main(folder: Path) -> None:
     """Run it; what comes of it goes into a folder."""
-    crane = load_crane(Path(__file__).with_name("wall_crane.urdf"), joints=ROLES, driven=["bracket", "carriage", "winch"])
+    crane = load_crane(
+        Path(__file__).with_name("wall_crane.urdf"),
+        joints=ROLES,
+        driven=["bracket", "carriage", "winch"],
+    )
     rest = plumb(crane, hold(crane, crane.state(x=4.0, l=2.5)), duration=0.01)
     controller = lqr(crane, rest)
-    run = simulate(crane, controller, rest, start=crane.state(x=4.0, l=2.5, phi=0.1, theta=-0.1), duration=20.0)
+    run = simulate(
+        crane, controller, rest, start=crane.state(x=4.0, l=2.5, phi=0.1, theta=-0.1), duration=20.0
+    )
     left = np.hypot(*run.since(15.0).coordinates("phi", "theta").T).max()
     print(f"A swing of {1e3 * np.hypot(0.1, 0.1):.0f} mrad: {1e3 * left:.2f} mrad in the last 5 s.")
     swings = np.linspace(-0.2, 0.2, 20)
     starts = [crane.state(x=4.0, l=2.5, phi=phi, theta=theta) for phi in swings for theta in swings]
     batch = simulate_batch(crane, controller, rest, start=starts, duration=20.0, residual_from=15.0)
     print(f"From {len(batch)} starts: {1e3 * batch.residual_swing.max():.2f} mrad at most.")
-    print(f"Written to {record(folder / 'wall_crane.rrd', [Run('wall crane', crane, run)], title='Wall crane')}.")
+    path = record(folder / "wall_crane.rrd", [Run("wall crane", crane, run)], title="Wall crane")
+    print(f"Written to {path}.")
 
 
 if __name__ == "__main__":

@@ -5,11 +5,13 @@ import signal
 import sys
 from contextlib import suppress
 
-# While Python locates the module of "python -m", argv[0] is "-m": Ctrl-C then, before anything has begun, ends the program at once.
+# While Python locates the module of "python -m", argv[0] is "-m": Ctrl-C then, before anything has
+# begun, ends the program at once.
 if sys.argv[:1] == ["-m"] and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-# Figures go to files, for which any backend will do, but matplotlib is not imported at all where this variable names one that it lacks.
+# Figures go to files, for which any backend will do, but matplotlib is not imported at all where
+# this variable names one that it lacks.
 if _backend := os.environ.pop("MPLBACKEND", ""):
     import matplotlib as mpl
 

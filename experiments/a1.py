@@ -1,4 +1,6 @@
-"""A1, free swing: the period at four cable lengths, every part of its error explained, and predicted before it is measured."""
+"""A1, free swing: the period at four cable lengths, every part of its error explained, and
+predicted before it is measured.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ from experiments import harness
 
 
 class Published(NamedTuple):
-    """A row of the article's table: period [s], errors against point and rigid pendulum [%], ζ, amplitude [rad]."""
+    """A row of the article's table: period [s], errors against point and rigid pendulum [%], ζ,
+    amplitude [rad].
+    """
 
     period: float | None
     point: float
@@ -45,12 +49,15 @@ ROUNDING = {"error": 0.005, "damping ratio": 0.000005, "amplitude": 0.00005}
 """Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad]."""
 
 LEFT = {"error": 0.017, "damping ratio": 0.000011, "amplitude": 0.00025}
-"""The most that the gains identified from these columns leave of them (docs/findings.md, ``--identify``)."""
+"""The most that the gains identified from these columns leave of them (docs/findings.md,
+``--identify``)."""
 
 SOFT = (15.0, 3.0e4, 1.2e4, Published(None, 1.18, None, None, None))
-"""The article's run with a soft trolley: cable length [m], k_p [N/m], k_d [N s/m], what is published.
+"""The article's run with a soft trolley: cable length [m], k_p [N/m], k_d [N s/m], what is
+published.
 
-This k_d is chosen to meet the published error; with the 5e4 N s/m of the stiff trolley the error would be +0.55 %.
+This k_d is chosen to meet the published error; with the 5e4 N s/m of the stiff trolley the error
+would be +0.55 %.
 """
 
 SWING, PULSE_AT, DURATION, FIT_FROM = 0.10, 2.0, 70.0, 12.0
@@ -95,7 +102,9 @@ class Case:
 
     @property
     def of_finite_swing(self) -> float:
-        """By how much a finite swing changes the compliance of the pivot, of the order A² of it, relative to the period."""
+        """By how much a finite swing changes the compliance of the pivot, of the order A² of it,
+        relative to the period.
+        """
         return self.predicted.amplitude**2 * self.budget["pivot spring"]
 
     @property
@@ -113,7 +122,8 @@ def run(
     damping: Gains = None,
     published: Published | None = None,
 ) -> Case:
-    """Swing the load by moving the trolley aside and back after half a period, and fit what is left.
+    """Swing the load by moving the trolley aside and back after half a period, and fit what is
+    left.
 
     Args:
         setup: Where and with what it runs.
@@ -128,15 +138,39 @@ def run(
     number("swing", number("swing", swing, "rad", "> 0"), "rad", f"0 to {math.pi / 2:.4f}")
     brake = hold_controller(crane, stiffness=stiffness, damping=damping)
     reference = pulse(
-        crane, hold(crane, start), "x", swing * length / 2.0, at=PULSE_AT, width=math.pi * math.sqrt(length / STANDARD_GRAVITY)
+        crane,
+        hold(crane, start),
+        "x",
+        swing * length / 2.0,
+        at=PULSE_AT,
+        width=math.pi * math.sqrt(length / STANDARD_GRAVITY),
     )
-    trajectory = setup.simulate(crane, brake, reference, start=start, duration=DURATION, label=f"l = {length:g} m")
+    trajectory = setup.simulate(
+        crane, brake, reference, start=start, duration=DURATION, label=f"l = {length:g} m"
+    )
     late = trajectory.since(FIT_FROM)
     fit = fit_swing(late.t, late["phi_rad"])
-    predicted = free_swing(crane, brake, reference, start, since=FIT_FROM, until=DURATION, dt=setup.dt, control_period=setup.control_period)
+    predicted = free_swing(
+        crane,
+        brake,
+        reference,
+        start,
+        since=FIT_FROM,
+        until=DURATION,
+        dt=setup.dt,
+        control_period=setup.control_period,
+    )
     amplitude = float(np.sqrt(np.mean(fit.amplitude_at(late.t) ** 2)))
     stiff = float(brake.stiffness @ crane.layout.along("x"))
-    return Case(length, stiff, published, fit, predicted, budget(crane, length, amplitude, brake), trajectory)
+    return Case(
+        length,
+        stiff,
+        published,
+        fit,
+        predicted,
+        budget(crane, length, amplitude, brake),
+        trajectory,
+    )
 
 
 def budget(crane: Crane, length: float, amplitude: float, brake: Hold) -> dict[str, float]:
@@ -151,11 +185,15 @@ def budget(crane: Crane, length: float, amplitude: float, brake: Hold) -> dict[s
         "payload inertia": payload / point - 1.0,
         "dummy inertia": links / payload - 1.0,
         "pivot spring": spring,
-        "pivot damper": theory.pivot_compliance(length, g, m, brake.stiffness[trolley], brake.damping[trolley], crane.trolley_mass)[0]
+        "pivot damper": theory.pivot_compliance(
+            length, g, m, brake.stiffness[trolley], brake.damping[trolley], crane.trolley_mass
+        )[0]
         - spring,
         "amplitude": float(theory.amplitude_factor(amplitude)) - 1.0,
         "gravity": math.sqrt(STANDARD_GRAVITY / g) - 1.0,
-        "hoist compliance": theory.hoist_compliance(amplitude, length, g, m, brake.stiffness[hoist], brake.damping[hoist])[0],
+        "hoist compliance": theory.hoist_compliance(
+            amplitude, length, g, m, brake.stiffness[hoist], brake.damping[hoist]
+        )[0],
     }
 
 
@@ -168,10 +206,18 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
 
         return identify(setup)
     if len({f"{length:g}" for length in options.length}) < len(options.length):
-        raise OutOfRange("length", options.length, "each length once, as far as six digits tell", "m")
+        raise OutOfRange(
+            "length", options.length, "each length once, as far as six digits tell", "m"
+        )
     as_published = options.swing == SWING
     cases = [
-        run(setup, length, swing=options.swing, published=PUBLISHED.get(length) if as_published else None) for length in options.length
+        run(
+            setup,
+            length,
+            swing=options.swing,
+            published=PUBLISHED.get(length) if as_published else None,
+        )
+        for length in options.length
     ]
     length, k_p, k_d, published = SOFT
     soft = run(
@@ -199,28 +245,63 @@ def outcome(setup: harness.Setup, cases: Sequence[Case], soft: Case) -> harness.
             prediction_table([*cases, soft]),
         ],
         claims=_claims(setup, cases, soft),
-        parameters=setup.parameters() | {"stiffness": STIFFNESS, "damping": DAMPING, "fit_from_s": FIT_FROM, "pulse_at_s": PULSE_AT},
-        trajectories={f"a1_l{case.length:g}": case.trajectory for case in cases} | {"a1_soft": soft.trajectory},
-        figures={"waveform": waveform_figure(cases), "period": period_figure(cases), "budget": budget_figure(cases)},
-        recording=[Run(f"l = {case.length:g} m", setup.crane, case.trajectory, (20.0 * i, 0.0, 0.0)) for i, case in enumerate(cases)],
+        parameters=setup.parameters()
+        | {
+            "stiffness": STIFFNESS,
+            "damping": DAMPING,
+            "fit_from_s": FIT_FROM,
+            "pulse_at_s": PULSE_AT,
+        },
+        trajectories={f"a1_l{case.length:g}": case.trajectory for case in cases}
+        | {"a1_soft": soft.trajectory},
+        figures={
+            "waveform": waveform_figure(cases),
+            "period": period_figure(cases),
+            "budget": budget_figure(cases),
+        },
+        recording=[
+            Run(f"l = {case.length:g} m", setup.crane, case.trajectory, (20.0 * i, 0.0, 0.0))
+            for i, case in enumerate(cases)
+        ],
     )
 
 
 def _claims(setup: harness.Setup, cases: Sequence[Case], soft: Case) -> list[harness.Claim]:
     listed = [(case, case.published) for case in cases if case.published]
     every = [*cases, soft]
-    explained, budget = _within([case.unexplained for case in every], [case.second_order for case in every])
-    small = all(case.predicted.amplitude < 1.1 * SWING for case in every)  # the prediction is of lowest order in the swing
-    agree, finite = _within([case.fit.period / case.predicted.period - 1.0 for case in every], [case.of_finite_swing for case in every])
+    explained, budget = _within(
+        [case.unexplained for case in every], [case.second_order for case in every]
+    )
+    # The prediction is of lowest order in the swing.
+    small = all(case.predicted.amplitude < 1.1 * SWING for case in every)
+    agree, finite = _within(
+        [case.fit.period / case.predicted.period - 1.0 for case in every],
+        [case.of_finite_swing for case in every],
+    )
     return [
-        _met(setup, "error", "percentage points", [100 * case.error - p.point for case, p in listed]),
-        _met(setup, "damping ratio", "", [case.fit.damping_ratio - p.zeta for case, p in listed if p.zeta]),
-        _met(setup, "amplitude", "rad", [case.fit.amplitude - p.amplitude for case, p in listed if p.amplitude]),
-        harness.Claim(
-            f"What the budget leaves unexplained of a period is of second order in its parts (at most {budget}).", setup.judged(explained)
+        _met(
+            setup, "error", "percentage points", [100 * case.error - p.point for case, p in listed]
+        ),
+        _met(
+            setup,
+            "damping ratio",
+            "",
+            [case.fit.damping_ratio - p.zeta for case, p in listed if p.zeta],
+        ),
+        _met(
+            setup,
+            "amplitude",
+            "rad",
+            [case.fit.amplitude - p.amplitude for case, p in listed if p.amplitude],
         ),
         harness.Claim(
-            f"Predicted and simulated period differ by less than a finite swing A changes the pivot's give, A² of it (at most {finite}).",
+            "What the budget leaves unexplained of a period is of second order in its parts (at "
+            f"most {budget}).",
+            setup.judged(explained),
+        ),
+        harness.Claim(
+            "Predicted and simulated period differ by less than a finite swing A changes the "
+            f"pivot's give, A² of it (at most {finite}).",
             agree if small else None,
         ),
     ]
@@ -233,17 +314,22 @@ def _met(setup: harness.Setup, column: str, unit: str, misses: Sequence[float]) 
         return harness.Claim(f"{sentence} (none was run).", None)
     worst = max(map(abs, misses))
     return harness.Claim(
-        f"{sentence}, half its last digit and what the identified gains leave (worst {worst:.2g}).", setup.judged(worst < allowed)
+        f"{sentence}, half its last digit and what the identified gains leave (worst {worst:.2g}).",
+        setup.judged(worst < allowed),
     )
 
 
 def _within(misses: Sequence[float], allowed: Sequence[float]) -> tuple[bool, str]:
     """Whether all are smaller than allowed, and the one that comes nearest to that [%]."""
-    miss, most = max(zip(map(abs, misses), allowed, strict=True), key=lambda pair: pair[0] / pair[1])
+    miss, most = max(
+        zip(map(abs, misses), allowed, strict=True), key=lambda pair: pair[0] / pair[1]
+    )
     return miss < most, f"{100 * miss:.4f} % where {100 * most:.4f} % are allowed"
 
 
-def _from_files(files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str], crane: Crane) -> harness.Outcome:
+def _from_files(
+    files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str], crane: Crane
+) -> harness.Outcome:
     from experiments.a1_tables import pendulums
 
     rows = []
@@ -251,7 +337,10 @@ def _from_files(files: Sequence[str], columns_there: Sequence[str], joints: Sequ
         data = harness.recorded(file, COLUMNS, columns_there, joints)
         late = data["t_s"] >= FIT_FROM
         with harness.analysing(file):
-            fit, length = fit_swing(data["t_s"][late], data["phi_rad"][late]), _length(file, data, late)
+            fit, length = (
+                fit_swing(data["t_s"][late], data["phi_rad"][late]),
+                _length(file, data, late),
+            )
         point, rigid = pendulums(crane, length)
         rows.append(
             (
@@ -275,12 +364,19 @@ def _from_files(files: Sequence[str], columns_there: Sequence[str], joints: Sequ
         ("A [rad]", ".5f"),
         ("fit rms [rad]", ".1e"),
     ]
-    note = f"Fitted from t = {FIT_FROM:g} s; rigid pendulum of {crane.payload_mass:g} kg and {crane.payload_inertia[0, 0]:g} kg m²."
-    return harness.Outcome([harness.Table("Free swing in files recorded elsewhere", columns, rows, note)], [])
+    note = (
+        f"Fitted from t = {FIT_FROM:g} s; rigid pendulum of {crane.payload_mass:g} kg and "
+        f"{crane.payload_inertia[0, 0]:g} kg m²."
+    )
+    return harness.Outcome(
+        [harness.Table("Free swing in files recorded elsewhere", columns, rows, note)], []
+    )
 
 
 def _length(file: str, data: Mapping[str, np.ndarray], late: np.ndarray) -> float:
-    """Cable length [m]: in a record of ours the setpoint of the hoist, as this experiment has it, else the mean of what was measured."""
+    """Cable length [m]: in a record of ours the setpoint of the hoist, as this experiment has it,
+    else the mean of what was measured.
+    """
     try:
         return float(read_columns(file, ["l_setpoint_m"])["l_setpoint_m"][late].mean())
     except DataError:
@@ -289,11 +385,26 @@ def _length(file: str, data: Mapping[str, np.ndarray], late: np.ndarray) -> floa
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("a1", "Free swing at four cable lengths: the period, its error budget, and its prediction.")
+    made = harness.parser(
+        "a1", "Free swing at four cable lengths: the period, its error budget, and its prediction."
+    )
     harness.add_setup(made, "hoist_init")
-    made.add_argument("--length", type=float, nargs="+", default=list(PUBLISHED), metavar="L", help="cable lengths [m]")
-    made.add_argument("--swing", type=float, default=SWING, metavar="PHI", help="swing to aim at [rad]")
-    made.add_argument("--identify", action="store_true", help="find the unpublished gains of trolley and hoist from the published columns")
+    made.add_argument(
+        "--length",
+        type=float,
+        nargs="+",
+        default=list(PUBLISHED),
+        metavar="L",
+        help="cable lengths [m]",
+    )
+    made.add_argument(
+        "--swing", type=float, default=SWING, metavar="PHI", help="swing to aim at [rad]"
+    )
+    made.add_argument(
+        "--identify",
+        action="store_true",
+        help="find the unpublished gains of trolley and hoist from the published columns",
+    )
     harness.add_files(made, COLUMNS, "values")
     harness.add_mode(made, "identify", "gravity", "dt", "control_period", "values", "engine")
     return harness.conduct(made, experiment, argv)

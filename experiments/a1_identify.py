@@ -1,4 +1,6 @@
-"""Which gains the article must have had: the unpublished gains of trolley and hoist, from the three published columns of A1."""
+"""Which gains the article must have had: the unpublished gains of trolley and hoist, from the three
+published columns of A1.
+"""
 
 from __future__ import annotations
 
@@ -11,23 +13,39 @@ from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from experiments import a1, harness
 
 ROUNDING = np.array(list(a1.ROUNDING.values()))
-"""Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad], shape (3,)."""
+"""Half a unit in the last published digit of error [percentage points], ζ, and amplitude [rad],
+shape (3,)."""
 
 TROLLEY = (4.0e4, 4.5e4, 5.0e4, 5.5e4, 6.0e4)
 """Values of the trolley's k_d tried [N s/m], with a stiff hoist."""
 
 STIFF_HOIST = (1.0e6, 6.0e4)
-HOIST = (STIFF_HOIST, (1.0e5, 2.0e4), (5.0e4, 2.0e4), (3.0e4, 2.0e4), (3.0e4, 1.0e4), (2.0e4, 2.0e4), (1.0e4, 2.0e4))
-"""Pairs of the hoist's k_p [N/m] and k_d [N s/m] tried, with the trolley's k_d of `cranedyn.controllers.hold`."""
+HOIST = (
+    STIFF_HOIST,
+    (1.0e5, 2.0e4),
+    (5.0e4, 2.0e4),
+    (3.0e4, 2.0e4),
+    (3.0e4, 1.0e4),
+    (2.0e4, 2.0e4),
+    (1.0e4, 2.0e4),
+)
+"""Pairs of the hoist's k_p [N/m] and k_d [N s/m] tried, with the trolley's k_d of
+`cranedyn.controllers.hold`."""
 
 
 def differences(setup: harness.Setup, trolley_damping: float, hoist: Sequence[float]) -> np.ndarray:
-    """Ours less the published error [percentage points], ζ and amplitude [rad] at the four lengths, shape (4, 3)."""
+    """Ours less the published error [percentage points], ζ and amplitude [rad] at the four lengths,
+    shape (4, 3).
+    """
     stiffness, damping = {"l": hoist[0]}, {"x": trolley_damping, "l": hoist[1]}
     cases = [a1.run(setup, length, stiffness=stiffness, damping=damping) for length in a1.PUBLISHED]
     return np.array(
         [
-            (100 * c.error - p.point, c.fit.damping_ratio - (p.zeta or 0.0), c.fit.amplitude - (p.amplitude or 0.0))
+            (
+                100 * c.error - p.point,
+                c.fit.damping_ratio - (p.zeta or 0.0),
+                c.fit.amplitude - (p.amplitude or 0.0),
+            )
             for c, p in zip(cases, a1.PUBLISHED.values(), strict=True)
         ]
     )
@@ -52,7 +70,8 @@ def identify(setup: harness.Setup) -> harness.Outcome:
     return harness.Outcome(
         tables=[
             _table(
-                "Trolley k_d with a stiff hoist (k_p = 1e6 N/m, k_d = 6e4 N s/m): ours less the published columns",
+                "Trolley k_d with a stiff hoist (k_p = 1e6 N/m, k_d = 6e4 N s/m): ours less the "
+                "published columns",
                 [(f"{k:.2e}",) for k in TROLLEY],
                 ("k_d [N s/m]",),
                 scan,
@@ -76,13 +95,15 @@ def identify(setup: harness.Setup) -> harness.Outcome:
                     ("hoist k_p [N/m]", best[1], STIFFNESS["hoist"]),
                     ("hoist k_d [N s/m]", best[2], DAMPING["hoist"]),
                 ],
-                f"ζ left unexplained (ours less published) at 5, 10, 15, 20 m: {', '.join(rest)} with the gains "
+                f"ζ left unexplained (ours less published) at 5, 10, 15, 20 m: {', '.join(rest)} "
+                "with the gains "
                 f"taken; {', '.join(stiff)} with a stiff hoist.",
             ),
         ],
         claims=[
             harness.Claim(
-                f"The compliance of the hoist lowers the misfit of ζ at least tenfold ({misfit(hoists[0]):.1e} to {misfit(ours):.1e}).",
+                "The compliance of the hoist lowers the misfit of ζ at least tenfold "
+                f"({misfit(hoists[0]):.1e} to {misfit(ours):.1e}).",
                 setup.judged(misfit(hoists[0]) > 10.0 * misfit(ours)),
             )
         ],
@@ -101,7 +122,9 @@ def misfit(differences: np.ndarray) -> float:
     return float(np.sqrt(np.mean(differences[:, 1] ** 2)))
 
 
-def _table(title: str, labels: Sequence[Sequence[str]], headers: Sequence[str], values: np.ndarray) -> harness.Table:
+def _table(
+    title: str, labels: Sequence[Sequence[str]], headers: Sequence[str], values: np.ndarray
+) -> harness.Table:
     lengths = [f"{length:g} m" for length in a1.PUBLISHED]
     columns = [
         *((h, "") for h in headers),
@@ -111,13 +134,18 @@ def _table(title: str, labels: Sequence[Sequence[str]], headers: Sequence[str], 
     ]
     columns.append(("misfit", ".2f"))
     rows = [
-        (*label, *(value * (1.0, 1e5, 1e4)).T.ravel().tolist(), float(np.sqrt(np.mean((value / ROUNDING) ** 2))))
+        (
+            *label,
+            *(value * (1.0, 1e5, 1e4)).T.ravel().tolist(),
+            float(np.sqrt(np.mean((value / ROUNDING) ** 2))),
+        )
         for label, value in zip(labels, values, strict=True)
     ]
     return harness.Table(
         title,
         columns,
         rows,
-        "Error in percentage points, ζ in 1e-5, A in 1e-4 rad; misfit is the root mean square over all "
+        "Error in percentage points, ζ in 1e-5, A in 1e-4 rad; misfit is the root mean square over "
+        "all "
         "twelve numbers in units of half their last digit.",
     )

@@ -22,7 +22,9 @@ def article_table(crane: Crane, cases: Sequence[Case]) -> harness.Table:
         p = case.published
         point, rigid = pendulums(crane, case.length)
         period, published, diff, of_rigid, zeta, amplitude = (
-            (p.period, p.point, 100 * case.error - p.point, p.rigid, p.zeta, p.amplitude) if p else (None,) * 6
+            (p.period, p.point, 100 * case.error - p.point, p.rigid, p.zeta, p.amplitude)
+            if p
+            else (None,) * 6
         )
         rows.append(
             (
@@ -57,7 +59,8 @@ def article_table(crane: Crane, cases: Sequence[Case]) -> harness.Table:
         ("art.", ".4f"),
     ]
     note = (
-        "Errors against the point and the rigid pendulum (payload inertia alone) in standard gravity, as "
+        "Errors against the point and the rigid pendulum (payload inertia alone) in standard "
+        "gravity, as "
         "published. The article's world had 9.8 m/s²: --gravity 9.8."
     )
     return harness.Table("Free swing beside the article (art.)", columns, rows, note)
@@ -77,7 +80,17 @@ def budget_table(cases: Sequence[Case]) -> harness.Table:
     for case in cases:
         parts = [100 * case.budget[cause] for cause in causes]
         published = case.published.point if case.published else None
-        rows.append((case.length, case.stiffness, *parts, sum(parts), 100 * case.error, 100 * case.error - sum(parts), published))
+        rows.append(
+            (
+                case.length,
+                case.stiffness,
+                *parts,
+                sum(parts),
+                100 * case.error,
+                100 * case.error - sum(parts),
+                published,
+            )
+        )
     columns = [
         ("l [m]", "g"),
         ("k_p", ".0e"),
@@ -94,13 +107,30 @@ def damping_table(crane: Crane, cases: Sequence[Case]) -> harness.Table:
     """What each cause adds to the damping ratio."""
     g, m, rows = crane.gravity, crane.payload_mass, []
     for case in cases:
-        length = case.length + (crane.payload_inertia[0, 0] + crane.dummy_inertia[0]) / (m * case.length)
-        pivot = theory.pivot_compliance(length, g, m, STIFFNESS["trolley"], DAMPING["trolley"], crane.trolley_mass)[1]
-        hoist = theory.hoist_compliance(case.predicted.amplitude, length, g, m, STIFFNESS["hoist"], DAMPING["hoist"])[1]
+        length = case.length + (crane.payload_inertia[0, 0] + crane.dummy_inertia[0]) / (
+            m * case.length
+        )
+        pivot = theory.pivot_compliance(
+            length, g, m, STIFFNESS["trolley"], DAMPING["trolley"], crane.trolley_mass
+        )[1]
+        hoist = theory.hoist_compliance(
+            case.predicted.amplitude, length, g, m, STIFFNESS["hoist"], DAMPING["hoist"]
+        )[1]
         joint = float(crane.damping[2]) / (2.0 * m * length**2 * math.sqrt(g / length))
         zeta = case.fit.damping_ratio
         published = case.published.zeta if case.published else None
-        rows.append((case.length, pivot, hoist, joint, pivot + hoist + joint, zeta, published, zeta - published if published else None))
+        rows.append(
+            (
+                case.length,
+                pivot,
+                hoist,
+                joint,
+                pivot + hoist + joint,
+                zeta,
+                published,
+                zeta - published if published else None,
+            )
+        )
     columns = [
         ("l [m]", "g"),
         ("trolley k_d", ".6f"),
@@ -115,7 +145,8 @@ def damping_table(crane: Crane, cases: Sequence[Case]) -> harness.Table:
         "Where the damping ratio ζ comes from",
         columns,
         rows,
-        "By closed forms for the reduced length l + I/(m l). The compliance of the hoist is the part that no trolley k_d explains.",
+        "By closed forms for the reduced length l + I/(m l). The compliance of the hoist is the "
+        "part that no trolley k_d explains.",
     )
 
 
@@ -142,4 +173,8 @@ def prediction_table(cases: Sequence[Case]) -> harness.Table:
         )
         for c in cases
     ]
-    return harness.Table("Predicted: eigenvalue of the sampled linear loop, times the factors of finite amplitude", columns, rows)
+    return harness.Table(
+        "Predicted: eigenvalue of the sampled linear loop, times the factors of finite amplitude",
+        columns,
+        rows,
+    )

@@ -1,4 +1,6 @@
-"""A2, hoisting while swinging: the period follows the cable, the amplitude grows as the cable shortens, and how fast."""
+"""A2, hoisting while swinging: the period follows the cable, the amplitude grows as the cable
+shortens, and how fast.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ from cranedyn.references import hold, pulse, ramp
 from experiments import harness
 
 LENGTH, TARGET, RATE, HOIST_AT, DURATION = 20.0, 8.0, 0.5, 30.0, 110.0
-"""Cable length before and after [m], hoisting speed [m/s], when it starts, and how long the run lasts [s]."""
+"""Cable length before and after [m], hoisting speed [m/s], when it starts, and how long the run
+lasts [s]."""
 
 PULSE, PULSE_AT, ANALYSED_FROM = 1.0, 2.0, 12.0
 """Trolley pulse [m], when it starts (not published), and from when the record is analysed [s]."""
@@ -37,12 +40,20 @@ PUBLISHED = {
     "before": 0.10,
     "after": 0.19,
 }
-"""The article's results: period error mean and largest [%], exponents and their number of points, amplitude before and after [rad]."""
+"""The article's results: period error mean and largest [%], exponents and their number of points,
+amplitude before and after [rad]."""
 
-BESSEL, SMALL = "this speed, small swing: Bessel envelope", "exact drives, point load, a hundredth of the swing"
-"""Two of the stages in which the exponent is explained: the closed form, and the simulation that must meet it."""
+BESSEL, SMALL = (
+    "this speed, small swing: Bessel envelope",
+    "exact drives, point load, a hundredth of the swing",
+)
+"""Two of the stages in which the exponent is explained: the closed form, and the simulation that
+must meet it."""
 
-STIFF = ((STIFFNESS["slew"], STIFFNESS["trolley"], 1.0e6), (DAMPING["slew"], DAMPING["trolley"], 6.0e4))
+STIFF = (
+    (STIFFNESS["slew"], STIFFNESS["trolley"], 1.0e6),
+    (DAMPING["slew"], DAMPING["trolley"], 6.0e4),
+)
 
 
 COLUMNS = ("t_s", "phi_rad", "l_m")
@@ -54,7 +65,8 @@ class Reading:
     """What a record of t, φ, l says.
 
     Attributes:
-        times, errors: Middle of each half swing [s], and its period against 2π√(l/g) there, relative.
+        times, errors: Middle of each half swing [s], and its period against 2π√(l/g) there,
+            relative.
         lengths, amplitudes: Cable length [m] at each peak of |φ|, and the peak [rad].
         hoisting: Which peaks lie where the cable runs at more than half its speed.
         everywhere, section: Power laws through all peaks and through those.
@@ -74,18 +86,26 @@ class Reading:
         return float(np.abs(self.errors).max())
 
 
-def read(t: np.ndarray, phi: np.ndarray, length: np.ndarray, *, since: float = ANALYSED_FROM) -> Reading:
+def read(
+    t: np.ndarray, phi: np.ndarray, length: np.ndarray, *, since: float = ANALYSED_FROM
+) -> Reading:
     """Read period and amplitude off a swing on a moving cable, shapes (n,), from a time on."""
     late = t >= since
     crossings = zero_crossings(t[late], phi[late])
     middle = (crossings[1:] + crossings[:-1]) / 2.0
-    errors = 2.0 * np.diff(crossings) / theory.point_period(np.interp(middle, t, length), STANDARD_GRAVITY) - 1.0
+    errors = (
+        2.0
+        * np.diff(crossings)
+        / theory.point_period(np.interp(middle, t, length), STANDARD_GRAVITY)
+        - 1.0
+    )
     when, amplitudes = peaks(t[late], phi[late])
     lengths = np.interp(when, t, length)
     hoisting = np.abs(np.interp(when, t, np.gradient(length, t))) > RATE / 2.0
     if hoisting.sum() < 3:
         raise DataError(
-            f"From {since:g} s on the swing has {hoisting.sum()} peaks while the cable runs at {RATE / 2:g} m/s or more; three are needed."
+            f"From {since:g} s on the swing has {hoisting.sum()} peaks while the cable runs at "
+            f"{RATE / 2:g} m/s or more; three are needed."
         )
     return Reading(
         middle,
@@ -98,13 +118,33 @@ def read(t: np.ndarray, phi: np.ndarray, length: np.ndarray, *, since: float = A
     )
 
 
-def run(setup: harness.Setup, *, stiffness: Gains = None, damping: Gains = None, pulse_at: float = PULSE_AT) -> Trajectory:
+def run(
+    setup: harness.Setup,
+    *,
+    stiffness: Gains = None,
+    damping: Gains = None,
+    pulse_at: float = PULSE_AT,
+) -> Trajectory:
     """Swing the load by a trolley pulse, then hoist."""
     crane = setup.crane
     start = crane.state(l=LENGTH)
-    swung = pulse(crane, hold(crane, start), "x", PULSE, at=pulse_at, width=math.pi * math.sqrt(LENGTH / STANDARD_GRAVITY))
+    swung = pulse(
+        crane,
+        hold(crane, start),
+        "x",
+        PULSE,
+        at=pulse_at,
+        width=math.pi * math.sqrt(LENGTH / STANDARD_GRAVITY),
+    )
     brake = hold_controller(crane, stiffness=stiffness, damping=damping)
-    return setup.simulate(crane, brake, _hoist(crane, swung, HOIST_AT), start=start, duration=DURATION, label=f"pulse at {pulse_at:g} s")
+    return setup.simulate(
+        crane,
+        brake,
+        _hoist(crane, swung, HOIST_AT),
+        start=start,
+        duration=DURATION,
+        label=f"pulse at {pulse_at:g} s",
+    )
 
 
 def _hoist(crane: Crane, base: Reference, at: float) -> Reference:
@@ -112,7 +152,8 @@ def _hoist(crane: Crane, base: Reference, at: float) -> Reference:
 
 
 def exact(setup: harness.Setup, crane: Crane, start: State) -> PowerLaw:
-    """The law of the hoisting section from a state of swing at its start, with drives that follow the ramp exactly.
+    """The law of the hoisting section from a state of swing at its start, with drives that follow
+    the ramp exactly.
 
     A ramp stops at once, in which a real rope would go slack for an instant.
     """
@@ -120,7 +161,14 @@ def exact(setup: harness.Setup, crane: Crane, start: State) -> PowerLaw:
     drives = follow(crane, reference, setup.control_period)
     duration = (LENGTH - TARGET) / RATE + 4.0
     trajectory = setup.simulate(
-        crane, drives, reference, start=start, duration=duration, label="exact drives", drive="motion", validity="mark"
+        crane,
+        drives,
+        reference,
+        start=start,
+        duration=duration,
+        label="exact drives",
+        drive="motion",
+        validity="mark",
     )
     return read(trajectory.t, trajectory["phi_rad"], trajectory["l_m"], since=0.0).section
 
@@ -130,25 +178,42 @@ def exponents(setup: harness.Setup, ours: Reading, stiff: Trajectory) -> dict[st
     row = int(np.searchsorted(stiff.t, HOIST_AT))
     swing, rate = float(stiff["phi_rad"][row]), float(stiff["phi_dot_rad_s"][row])
     lengths, g = ours.lengths[ours.hoisting], setup.gravity
-    bessel = theory.constant_hoisting_envelope((LENGTH - lengths) / RATE, LENGTH, -RATE, g, swing, rate)
-    slow = theory.adiabatic_amplitude(lengths, LENGTH, float(np.hypot(swing, rate * math.sqrt(LENGTH / g))))
+    bessel = theory.constant_hoisting_envelope(
+        (LENGTH - lengths) / RATE, LENGTH, -RATE, g, swing, rate
+    )
+    slow = theory.adiabatic_amplitude(
+        lengths, LENGTH, float(np.hypot(swing, rate * math.sqrt(LENGTH / g)))
+    )
     point = setup.variant(payload_inertia=0, dummy_inertia=0, dummy_mass=0, damp_swing=0)
     return {
         "slow hoisting, small swing: l^(-3/4)": fit_power_law(lengths, lengths**-0.75),
         "slow hoisting, swing of this size: the action": fit_power_law(lengths, slow),
         BESSEL: fit_power_law(lengths, bessel),
         SMALL: exact(setup, point, point.state(l=LENGTH, phi=swing / 100, phi_dot=rate / 100)),
-        "exact drives, point load, this swing": exact(setup, point, point.state(l=LENGTH, phi=swing, phi_dot=rate)),
-        "exact drives, this load": exact(setup, setup.crane, setup.crane.state(l=LENGTH, phi=swing, phi_dot=rate)),
+        "exact drives, point load, this swing": exact(
+            setup, point, point.state(l=LENGTH, phi=swing, phi_dot=rate)
+        ),
+        "exact drives, this load": exact(
+            setup, setup.crane, setup.crane.state(l=LENGTH, phi=swing, phi_dot=rate)
+        ),
         "hold with a stiff hoist": _read_run(stiff).section,
         "hold with the hoist identified in A1": ours.section,
     }
 
 
 def _exponents_table(stages: dict[str, PowerLaw]) -> harness.Table:
-    rows = [(name, law.exponent, law.exponent - PUBLISHED["hoisting"], law.r2, law.points) for name, law in stages.items()]
+    rows = [
+        (name, law.exponent, law.exponent - PUBLISHED["hoisting"], law.r2, law.points)
+        for name, law in stages.items()
+    ]
     rows.append(("article", PUBLISHED["hoisting"], 0.0, 1.0, int(PUBLISHED["hoisting points"])))
-    columns = [("hoisting section, effect by effect", ""), ("exponent", "+.4f"), ("less article", "+.4f"), ("R²", ".6f"), ("points", "d")]
+    columns = [
+        ("hoisting section, effect by effect", ""),
+        ("exponent", "+.4f"),
+        ("less article", "+.4f"),
+        ("R²", ".6f"),
+        ("points", "d"),
+    ]
     return harness.Table("Where the exponent comes from", columns, rows)
 
 
@@ -204,7 +269,8 @@ def _summary(readings: dict[str, Reading]) -> harness.Table:
         ("A after", ".4f"),
     ]
     note = (
-        "Period of each half swing against 2π√(l/g) at its middle. Neither half nor whole swings give the "
+        "Period of each half swing against 2π√(l/g) at its middle. Neither half nor whole swings "
+        "give the "
         "article's 35 and 10 points: 98 s hold 29 half swings, 6 in the hoisting."
     )
     return harness.Table("Hoisting while swinging, beside the article", columns, rows, note)
@@ -212,7 +278,14 @@ def _summary(readings: dict[str, Reading]) -> harness.Table:
 
 def _phase_table(readings: dict[float, Reading]) -> harness.Table:
     rows = [
-        (at, 100 * float(r.errors.mean()), 100 * r.worst, r.everywhere.exponent, r.section.exponent, float(r.amplitudes[-1]))
+        (
+            at,
+            100 * float(r.errors.mean()),
+            100 * r.worst,
+            r.everywhere.exponent,
+            r.section.exponent,
+            float(r.amplitudes[-1]),
+        )
         for at, r in readings.items()
     ]
     p = PUBLISHED
@@ -225,8 +298,10 @@ def _phase_table(readings: dict[float, Reading]) -> harness.Table:
         ("A after", ".4f"),
     ]
     note = (
-        "The article does not say when its pulse came. The phase in which the hoist stops decides the "
-        "largest error and the exponent over all points; no phase tried meets all its numbers at once."
+        "The article does not say when its pulse came. The phase in which the hoist stops decides "
+        "the "
+        "largest error and the exponent over all points; no phase tried meets all its numbers at "
+        "once."
     )
     return harness.Table(
         "The phase of the swing when the hoist stops",
@@ -248,21 +323,27 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     phases = {at: _read_run(run(setup, pulse_at=at)) for at in (1.0, 3.0, 4.0, 4.5, 5.0, 5.25)}
     stages = exponents(setup, ours, stiff)
     small, bessel = stages[SMALL].exponent, stages[BESSEL].exponent
-    missed, without = (abs(reading.section.exponent - PUBLISHED["hoisting"]) for reading in (ours, hard))
+    missed, without = (
+        abs(reading.section.exponent - PUBLISHED["hoisting"]) for reading in (ours, hard)
+    )
     means = [100 * float(reading.errors.mean()) for reading in (ours, *phases.values())]
     claims = [
         harness.Claim(
-            f"The exponent over the hoisting section ({ours.section.exponent:.4f}) misses the published by {missed:.4f}, less than the "
+            f"The exponent over the hoisting section ({ours.section.exponent:.4f}) misses the "
+            f"published by {missed:.4f}, less than the "
             f"hoist identified in A1 takes off ({without - missed:.4f} of {without:.4f}).",
             setup.judged(missed < without - missed),
         ),
         harness.Claim(
-            f"With exact drives and a small swing it is the Bessel envelope's ({bessel:.4f}) within 0.001 ({small:.4f}).",
+            f"With exact drives and a small swing it is the Bessel envelope's ({bessel:.4f}) "
+            f"within 0.001 ({small:.4f}).",
             abs(small - bessel) < 0.001,
         ),
         harness.Claim(
-            f"The mean period error ({means[0]:.2f} %) misses the published by {abs(means[0] - PUBLISHED['mean']):.3f} points, no more "
-            f"than the unpublished time of the pulse moves it ({min(means):.2f} to {max(means):.2f} %).",
+            f"The mean period error ({means[0]:.2f} %) misses the published by "
+            f"{abs(means[0] - PUBLISHED['mean']):.3f} points, no more "
+            f"than the unpublished time of the pulse moves it ({min(means):.2f} to "
+            f"{max(means):.2f} %).",
             setup.judged(abs(means[0] - PUBLISHED["mean"]) <= max(means) - min(means)),
         ),
     ]
@@ -273,7 +354,8 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             _phase_table({PULSE_AT: ours, **phases}),
         ],
         claims=claims,
-        parameters=setup.parameters() | {"stiffness": STIFFNESS, "damping": DAMPING, "pulse_at_s": PULSE_AT},
+        parameters=setup.parameters()
+        | {"stiffness": STIFFNESS, "damping": DAMPING, "pulse_at_s": PULSE_AT},
         trajectories={"a2": trajectory, "a2_stiff": stiff},
         figures={"hoisting": hoisting_figure(trajectory, ours), "fits": fits_figure(ours)},
         recording=[Run("hoisting", setup.crane, trajectory)],
@@ -284,7 +366,9 @@ def _read_run(trajectory: Trajectory) -> Reading:
     return read(trajectory.t, trajectory["phi_rad"], trajectory["l_m"])
 
 
-def _from_files(files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str]) -> harness.Outcome:
+def _from_files(
+    files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str]
+) -> harness.Outcome:
     readings = {}
     for file in files:
         data = harness.recorded(file, COLUMNS, columns_there, joints)
@@ -295,7 +379,9 @@ def _from_files(files: Sequence[str], columns_there: Sequence[str], joints: Sequ
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("a2", "Hoisting while swinging: period and amplitude against cable length.")
+    made = harness.parser(
+        "a2", "Hoisting while swinging: period and amplitude against cable length."
+    )
     harness.add_setup(made, "hoist_init")
     harness.add_files(made, COLUMNS)
     return harness.conduct(made, experiment, argv)

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 
 def hoisting_figure(trajectory: Trajectory, reading: Reading) -> Figure:
-    """Swing with its envelope, cable length, and the period of each half swing on the theoretical curve."""
+    """Swing with its envelope, cable length, and the period of each half swing on the theoretical
+    curve.
+    """
     figure, (swing, cable, period) = panels(3, height=2.2, sharex=True)
     t = trajectory.t
     swing.plot(t, np.degrees(trajectory["phi_rad"]), color=COLOURS["phi"])
@@ -26,10 +28,16 @@ def hoisting_figure(trajectory: Trajectory, reading: Reading) -> Figure:
     cable.plot(t, trajectory["l_setpoint_m"], "--", color=COLOURS["setpoint"], label="setpoint")
     cable.plot(t, trajectory["l_m"], color=COLOURS["l"], label="cable length")
     cable.set_ylabel("l [m]")
-    period.plot(t, theory.point_period(trajectory["l_m"], STANDARD_GRAVITY), color=COLOURS["setpoint"], label="2π√(l(t)/g)")
+    period.plot(
+        t,
+        theory.point_period(trajectory["l_m"], STANDARD_GRAVITY),
+        color=COLOURS["setpoint"],
+        label="2π√(l(t)/g)",
+    )
     period.plot(
         reading.times,
-        (1 + reading.errors) * theory.point_period(np.interp(reading.times, t, trajectory["l_m"]), STANDARD_GRAVITY),
+        (1 + reading.errors)
+        * theory.point_period(np.interp(reading.times, t, trajectory["l_m"]), STANDARD_GRAVITY),
         "o",
         color=COLOURS["phi"],
         label="half swings, doubled",
@@ -47,7 +55,11 @@ def fits_figure(reading: Reading) -> Figure:
     anchor = reading.amplitudes[0] * reading.lengths[0] ** 0.75
     moving = reading.hoisting
     for ax, law, mask, name in zip(
-        axes, (reading.everywhere, reading.section), (np.ones_like(moving), moving), ("all points", "hoisting only"), strict=True
+        axes,
+        (reading.everywhere, reading.section),
+        (np.ones_like(moving), moving),
+        ("all points", "hoisting only"),
+        strict=True,
     ):
         ax.plot(
             reading.lengths[~moving],
@@ -57,10 +69,33 @@ def fits_figure(reading: Reading) -> Figure:
             label="cable at rest" if mask.all() else None,
             alpha=1.0 if mask.all() else 0.25,
         )
-        ax.plot(reading.lengths[moving], np.degrees(reading.amplitudes[moving]), "o", color=COLOURS["l"], label="cable running")
-        ax.plot(fine, np.degrees(law(fine)), color=COLOURS["phi"], label=f"fit: exponent {law.exponent:.3f}")
-        ax.plot(fine, np.degrees(anchor * fine**-0.75), "--", color=COLOURS["unexplained"], linewidth=1.0, label="exponent -3/4")
-        ax.set(xscale="log", yscale="log", xlabel="cable length [m]", title=f"{name}, {law.points} points")
+        ax.plot(
+            reading.lengths[moving],
+            np.degrees(reading.amplitudes[moving]),
+            "o",
+            color=COLOURS["l"],
+            label="cable running",
+        )
+        ax.plot(
+            fine,
+            np.degrees(law(fine)),
+            color=COLOURS["phi"],
+            label=f"fit: exponent {law.exponent:.3f}",
+        )
+        ax.plot(
+            fine,
+            np.degrees(anchor * fine**-0.75),
+            "--",
+            color=COLOURS["unexplained"],
+            linewidth=1.0,
+            label="exponent -3/4",
+        )
+        ax.set(
+            xscale="log",
+            yscale="log",
+            xlabel="cable length [m]",
+            title=f"{name}, {law.points} points",
+        )
         ax.xaxis.set_major_formatter(ScalarFormatter())
         ax.yaxis.set_major_formatter(ScalarFormatter())
         ax.xaxis.set_minor_formatter(NullFormatter())

@@ -1,4 +1,6 @@
-"""A3, slewing: the tangential swing against the paper's Eq. (10), its sign, and what the rest of the difference is made of."""
+"""A3, slewing: the tangential swing against the paper's Eq. (10), its sign, and what the rest of
+the difference is made of.
+"""
 
 from __future__ import annotations
 
@@ -23,16 +25,20 @@ from cranedyn.references import hold, pulse
 from experiments import harness
 
 RADIUS, LENGTH, PULSE, PULSE_AT, DURATION, ANALYSED_FROM = 20.0, 15.0, 0.05, 5.0, 70.0, 4.0
-"""Trolley radius and cable length [m], slew pulse [rad], when it starts (ours), length of the run, start of the comparison [s]."""
+"""Trolley radius and cable length [m], slew pulse [rad], when it starts (ours), length of the run,
+start of the comparison [s]."""
 
 SMOOTHING = 11
-"""Samples in the Savitzky-Golay window (cubic) that turns the slew rate into a slew acceleration; ours, none is published."""
+"""Samples in the Savitzky-Golay window (cubic) that turns the slew rate into a slew acceleration;
+ours, none is published."""
 
 STRONGEST = 1000.0
-"""Largest x γ̈ that a model of the swing is integrated with [m/s²], a hundred times gravity; there is no such crane."""
+"""Largest x γ̈ that a model of the swing is integrated with [m/s²], a hundred times gravity; there
+is no such crane."""
 
 DIGITS = Agreement(measured=1e-4, modelled=1e-4, correlation=1e-4, rms=1e-5)
-"""The last digits of the article's result: half of each is its rounding, half is left for our slew gains, which are round numbers."""
+"""The last digits of the article's result: half of each is its rounding, half is left for our slew
+gains, which are round numbers."""
 
 PUBLISHED = Agreement(measured=0.0504, modelled=0.0504, correlation=0.9994, rms=0.00047)
 """The article's result."""
@@ -50,30 +56,44 @@ def filtered(t: np.ndarray, slew_rate: np.ndarray) -> np.ndarray:
         DataError: If the samples are too few or not evenly spaced within 1 %.
     """
     if len(t) < SMOOTHING or np.ptp(np.diff(t)) > 0.01 * (t[1] - t[0]):
-        raise DataError(f"The slew acceleration needs {SMOOTHING} rows or more, evenly spaced in time.")
+        raise DataError(
+            f"The slew acceleration needs {SMOOTHING} rows or more, evenly spaced in time."
+        )
     return savgol_filter(slew_rate, SMOOTHING, 3, deriv=1, delta=float(t[1] - t[0]))
 
 
 def exact(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Acceleration as the simulation knows it: the change of rate over each control period is exact; here at the instants between them."""
+    """Acceleration as the simulation knows it: the change of rate over each control period is
+    exact; here at the instants between them.
+    """
     change = np.diff(rate) / np.diff(t)
     return np.concatenate([[change[0]], (change[1:] + change[:-1]) / 2.0, [change[-1]]])
 
 
 def paper_model(
-    t: np.ndarray, theta: np.ndarray, theta_rate: np.ndarray, excitation: np.ndarray, length: float, gravity: float
+    t: np.ndarray,
+    theta: np.ndarray,
+    theta_rate: np.ndarray,
+    excitation: np.ndarray,
+    length: float,
+    gravity: float,
 ) -> np.ndarray:
-    """Eq. (10) integrated from the first measured state, driven by measured x(t) γ̈(t); shapes (n,)."""
+    """Eq. (10) integrated from the first measured state, driven by measured x(t) γ̈(t); shapes
+    (n,).
+    """
 
     def rates(s: float, y: np.ndarray) -> tuple[float, float]:
         here = float(np.interp(s, t, excitation))
-        return y[1], theory.tangential_paper(float(y[0]), length=length, gravity=gravity, excitation=here)
+        return y[1], theory.tangential_paper(
+            float(y[0]), length=length, gravity=gravity, excitation=here
+        )
 
     return _integrate(rates, t, [theta[0], theta_rate[0]])[0]
 
 
 def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0) -> np.ndarray:
-    """θ by the equations with all rates (`theory.small_swing`), driven by the motion of the drives as simulated; shape (n,).
+    """θ by the equations with all rates (`theory.small_swing`), driven by the motion of the drives
+    as simulated; shape (n,).
 
     Args:
         trajectory: The run, already cut to the comparison.
@@ -81,15 +101,28 @@ def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0
         extra_length: Length that rotational inertia adds to the restoring pendulum, I/(m l) [m].
     """
     t = trajectory.t
-    rates = {name: trajectory[f"{name}_dot_{unit}"] for name, unit in (("gamma", "rad_s"), ("x", "m_s"), ("l", "m_s"))}
+    rates = {
+        name: trajectory[f"{name}_dot_{unit}"]
+        for name, unit in (("gamma", "rad_s"), ("x", "m_s"), ("l", "m_s"))
+    }
     table = np.stack(
-        [trajectory["l_m"], rates["l"], trajectory["x_m"], rates["x"], exact(t, rates["x"]), rates["gamma"], exact(t, rates["gamma"])],
+        [
+            trajectory["l_m"],
+            rates["l"],
+            trajectory["x_m"],
+            rates["x"],
+            exact(t, rates["x"]),
+            rates["gamma"],
+            exact(t, rates["gamma"]),
+        ],
         axis=1,
     )
     drive = make_interp_spline(t, table, k=1)
 
     def derivative(s: float, y: np.ndarray) -> np.ndarray:
-        length, length_rate, x, x_rate, x_acceleration, slew_rate, slew_acceleration = drive(s).tolist()
+        length, length_rate, x, x_rate, x_acceleration, slew_rate, slew_acceleration = drive(
+            s
+        ).tolist()
         excitation = theory.small_swing(
             y[:2],
             y[2:],
@@ -109,10 +142,20 @@ def full_model(trajectory: Trajectory, gravity: float, extra_length: float = 0.0
 
 
 def _integrate(derivative: Callable, t: np.ndarray, start: Sequence[float]) -> np.ndarray:
-    found = solve_ivp(derivative, (t[0], t[-1]), start, method="DOP853", t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.05)
+    found = solve_ivp(
+        derivative,
+        (t[0], t[-1]),
+        start,
+        method="DOP853",
+        t_eval=t,
+        rtol=1e-8,
+        atol=1e-10,
+        max_step=0.05,
+    )
     if not found.success:
         raise DataError(
-            f"A model of the swing cannot be integrated beyond t = {found.t[-1] if len(found.t) else t[0]:g} s: {found.message}"
+            "A model of the swing cannot be integrated beyond t = "
+            f"{found.t[-1] if len(found.t) else t[0]:g} s: {found.message}"
         )
     return found.y
 
@@ -137,8 +180,17 @@ def run(
     crane = crane or setup.crane
     start = crane.state(x=radius, l=length)
     brake = hold_controller(crane, stiffness={"gamma": slew[0]}, damping={"gamma": slew[1]})
-    reference = pulse(crane, hold(crane, start), "gamma", PULSE, at=PULSE_AT, width=math.pi * math.sqrt(length / STANDARD_GRAVITY))
-    return setup.simulate(crane, brake, reference, start=start, duration=DURATION, label=f"slew k_p = {slew[0]:.0e}")
+    reference = pulse(
+        crane,
+        hold(crane, start),
+        "gamma",
+        PULSE,
+        at=PULSE_AT,
+        width=math.pi * math.sqrt(length / STANDARD_GRAVITY),
+    )
+    return setup.simulate(
+        crane, brake, reference, start=start, duration=DURATION, label=f"slew k_p = {slew[0]:.0e}"
+    )
 
 
 def by_paper(
@@ -146,19 +198,33 @@ def by_paper(
     acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray] = filtered,
     gravity: float = STANDARD_GRAVITY,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Times, measured θ, θ by Eq. (10) and its push x γ̈, from the start of the comparison; from a run or from recorded columns.
+    """Times, measured θ, θ by Eq. (10) and its push x γ̈, from the start of the comparison; from a
+    run or from recorded columns.
 
     Raises:
         DataError: If the record is too short or too coarse, or x γ̈ is beyond `STRONGEST`.
     """
     late = data["t_s"] >= ANALYSED_FROM
     if np.count_nonzero(late) < 2:
-        raise DataError(f"The record ends at {data['t_s'][-1]:g} s; the comparison starts at {ANALYSED_FROM:g} s.")
-    t, x, theta, theta_rate, length = (data[name][late] for name in COLUMNS if name != "gamma_dot_rad_s")
+        raise DataError(
+            f"The record ends at {data['t_s'][-1]:g} s; the comparison starts at {ANALYSED_FROM:g} "
+            "s."
+        )
+    t, x, theta, theta_rate, length = (
+        data[name][late] for name in COLUMNS if name != "gamma_dot_rad_s"
+    )
     excitation = x * acceleration(data["t_s"], data["gamma_dot_rad_s"])[late]
     if (strongest := float(np.abs(excitation).max())) > STRONGEST:
-        raise DataError(f"The jib accelerates the trolley sideways by up to {strongest:.3g} m/s²; allowed is up to {STRONGEST:g} m/s².")
-    return t, theta, paper_model(t, theta, theta_rate, excitation, float(length.mean()), gravity), excitation
+        raise DataError(
+            f"The jib accelerates the trolley sideways by up to {strongest:.3g} m/s²; allowed is "
+            f"up to {STRONGEST:g} m/s²."
+        )
+    return (
+        t,
+        theta,
+        paper_model(t, theta, theta_rate, excitation, float(length.mean()), gravity),
+        excitation,
+    )
 
 
 def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
@@ -175,7 +241,9 @@ def stages(crane: Crane, trajectory: Trajectory) -> list[tuple[str, Agreement]]:
         "and the gravity of the world": by_paper(trajectory, exact, g)[2],
         "and all rates kept": full_model(late, g),
         "and rotational inertia": full_model(late, g, inertia),
-        "and the period of a finite swing": full_model(late, g, inertia + (slower - 1.0) * (length + inertia)),
+        "and the period of a finite swing": full_model(
+            late, g, inertia + (slower - 1.0) * (length + inertia)
+        ),
     }
     return [(name, agreement(theta, model)) for name, model in models.items()]
 
@@ -191,23 +259,31 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     soft, stiff = run(setup, **place), run(setup, STIFF_SLEW, **place)
     found = {"soft": stages(setup.crane, soft), "stiff": stages(setup.crane, stiff)}
     ours, hard = found["soft"][0][1], found["stiff"][0][1]
-    rows = [_row(drive, name, result) for drive, results in found.items() for name, result in results]
+    rows = [
+        _row(drive, name, result) for drive, results in found.items() for name, result in results
+    ]
     last = [results[-1][1].relative for results in found.values()]
     return harness.Outcome(
         tables=[_table([*rows, _row("article", "Eq. (10), γ̈ filtered", PUBLISHED)])],
         claims=[
             harness.Claim(
-                f"θ has the sign of Eq. (10): correlation {ours.correlation:+.4f} with a soft slew drive, "
+                f"θ has the sign of Eq. (10): correlation {ours.correlation:+.4f} with a soft slew "
+                "drive, "
                 f"{hard.correlation:+.4f} with a stiff one.",
                 min(ours.correlation, hard.correlation) > 0.99,
             ),
             harness.Claim(
-                f"Amplitude, correlation and RMS are the published within {DIGITS.measured:g} rad, {DIGITS.correlation:g} and "
-                f"{DIGITS.rms:.0e} rad, one of their last digits ({ours.measured:.5f}, {ours.correlation:+.5f}, {ours.rms:.6f}).",
-                setup.judged(_published(ours)) if place == {"radius": RADIUS, "length": LENGTH} else None,
+                f"Amplitude, correlation and RMS are the published within {DIGITS.measured:g} rad, "
+                f"{DIGITS.correlation:g} and "
+                f"{DIGITS.rms:.0e} rad, one of their last digits ({ours.measured:.5f}, "
+                f"{ours.correlation:+.5f}, {ours.rms:.6f}).",
+                setup.judged(_published(ours))
+                if place == {"radius": RADIUS, "length": LENGTH}
+                else None,
             ),
             harness.Claim(
-                f"With every cause gone the rest is below 0.5 % of the amplitude ({100 * last[0]:.2f} % soft, "
+                "With every cause gone the rest is below 0.5 % of the amplitude "
+                f"({100 * last[0]:.2f} % soft, "
                 f"{100 * last[1]:.2f} % stiff).",
                 max(last) < 0.005,
             ),
@@ -226,7 +302,9 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-def _from_files(files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str]) -> harness.Outcome:
+def _from_files(
+    files: Sequence[str], columns_there: Sequence[str], joints: Sequence[str]
+) -> harness.Outcome:
     rows = []
     for file in files:
         data = harness.recorded(file, COLUMNS, columns_there, joints)
@@ -236,7 +314,10 @@ def _from_files(files: Sequence[str], columns_there: Sequence[str], joints: Sequ
 
 
 def _published(ours: Agreement) -> bool:
-    values = ((getattr(found, name) for found in (ours, PUBLISHED, DIGITS)) for name in ("measured", "correlation", "rms"))
+    values = (
+        (getattr(found, name) for found in (ours, PUBLISHED, DIGITS))
+        for name in ("measured", "correlation", "rms")
+    )
     return all(abs(value - published) < allowed for value, published, allowed in values)
 
 
@@ -255,7 +336,8 @@ def _table(rows: Sequence[Sequence[str | float]]) -> harness.Table:
         ("of amplitude [%]", ".2f"),
     ]
     note = (
-        "Amplitudes are the largest |θ|. From one row to the next one cause of difference goes: the filter, "
+        "Amplitudes are the largest |θ|. From one row to the next one cause of difference goes: "
+        "the filter, "
         "the constant of gravity, the dropped rates, the inertia, the small angle."
     )
     return harness.Table("Tangential swing after a slew pulse", columns, rows, note)
@@ -263,9 +345,13 @@ def _table(rows: Sequence[Sequence[str | float]]) -> harness.Table:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("a3", "Tangential swing after a slew pulse, against Eq. (10) and the full equations.")
+    made = harness.parser(
+        "a3", "Tangential swing after a slew pulse, against Eq. (10) and the full equations."
+    )
     harness.add_setup(made, "trolley_init", "hoist_init")
-    made.add_argument("--radius", type=float, default=RADIUS, metavar="X", help="trolley radius [m]")
+    made.add_argument(
+        "--radius", type=float, default=RADIUS, metavar="X", help="trolley radius [m]"
+    )
     made.add_argument("--length", type=float, default=LENGTH, metavar="L", help="cable length [m]")
     harness.add_files(made, COLUMNS)
     return harness.conduct(made, experiment, argv)

@@ -11,13 +11,22 @@ from cranedyn.analysis.swing import Agreement
 from cranedyn.plotting.figures import COLOURS, panels
 
 
-def slewing_figure(t: np.ndarray, measured: np.ndarray, modelled: np.ndarray, excitation: np.ndarray) -> Figure:
+def slewing_figure(
+    t: np.ndarray, measured: np.ndarray, modelled: np.ndarray, excitation: np.ndarray
+) -> Figure:
     """The push x γ̈ above, measured and modelled swing below."""
     figure, (above, below) = panels(2, height=2.6, sharex=True)
     above.plot(t, excitation, color=COLOURS["gamma"])
     above.set_ylabel("x γ̈ [m/s²]")
     below.plot(t, np.degrees(measured), color=COLOURS["theta"], label="θ simulated")
-    below.plot(t, np.degrees(modelled), "--", color=COLOURS["unexplained"], linewidth=1.0, label="θ by Eq. (10)")
+    below.plot(
+        t,
+        np.degrees(modelled),
+        "--",
+        color=COLOURS["unexplained"],
+        linewidth=1.0,
+        label="θ by Eq. (10)",
+    )
     below.set(ylabel="θ [°]", xlabel="time [s]")
     below.legend(loc="upper right", ncols=2)
     return figure
@@ -26,7 +35,9 @@ def slewing_figure(t: np.ndarray, measured: np.ndarray, modelled: np.ndarray, ex
 def stages_figure(found: Mapping[str, Sequence[tuple[str, Agreement]]]) -> Figure:
     """What is left of the difference as one cause after the other is removed."""
     figure, (ax,) = panels(1, height=3.0)
-    for (drive, results), colour, shift in zip(found.items(), (COLOURS["theta"], COLOURS["gamma"]), (-0.18, 0.18), strict=True):
+    for (drive, results), colour, shift in zip(
+        found.items(), (COLOURS["theta"], COLOURS["gamma"]), (-0.18, 0.18), strict=True
+    ):
         bars = ax.barh(
             np.arange(len(results)) + shift,
             [100 * result.relative for _, result in results],

@@ -1,4 +1,6 @@
-"""B1, the paper's control: quintic splines, two decoupled LQRs and a hoist PID, beside what is simpler and what is better."""
+"""B1, the paper's control: quintic splines, two decoupled LQRs and a hoist PID, beside what is
+simpler and what is better.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +31,22 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     from cranedyn.recording import Run
 
     made = {
-        move: {strategy: make(setup, move, STRATEGIES[strategy](setup, move), label=f"{move.name}, {strategy}") for strategy in SHOWN}
+        move: {
+            strategy: make(
+                setup, move, STRATEGIES[strategy](setup, move), label=f"{move.name}, {strategy}"
+            )
+            for strategy in SHOWN
+        }
         for move in MOVES
     }
-    runs = {move: {strategy: run for strategy, (run, _) in of_move.items()} for move, of_move in made.items()}
-    scores = {move: {strategy: found for strategy, (_, found) in of_move.items()} for move, of_move in made.items()}
+    runs = {
+        move: {strategy: run for strategy, (run, _) in of_move.items()}
+        for move, of_move in made.items()
+    }
+    scores = {
+        move: {strategy: found for strategy, (_, found) in of_move.items()}
+        for move, of_move in made.items()
+    }
     combined = MOVES[-1]
     return harness.Outcome(
         tables=[_table(move, of_move) for move, of_move in scores.items()],
@@ -45,10 +58,20 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             "paper_slew_weights": [np.diag(w).tolist() for w in paper.SLEW_WEIGHTS],
             "paper_hoist_pid": paper.HOIST,
         },
-        trajectories={f"b1_{move.name}_{_plain(strategy)}": runs[move][strategy] for move in MOVES for strategy in (PD, PAPER, LQR, FLAT)},
-        figures={f"tracking_{move.name}": _tracking_figure(of_move[PAPER]) for move, of_move in runs.items()}
+        trajectories={
+            f"b1_{move.name}_{_plain(strategy)}": runs[move][strategy]
+            for move in MOVES
+            for strategy in (PD, PAPER, LQR, FLAT)
+        },
+        figures={
+            f"tracking_{move.name}": _tracking_figure(of_move[PAPER])
+            for move, of_move in runs.items()
+        }
         | {f"swing_{move.name}": _swing_figure(move, of_move) for move, of_move in runs.items()},
-        recording=[Run(strategy, setup.crane, runs[combined][strategy], colour=strategy_colour(strategy)) for strategy in (PD, PAPER)],
+        recording=[
+            Run(strategy, setup.crane, runs[combined][strategy], colour=strategy_colour(strategy))
+            for strategy in (PD, PAPER)
+        ],
     )
 
 
@@ -63,18 +86,23 @@ def _claims(setup: harness.Setup, move: Move, found: Mapping[str, Score]) -> lis
     sampling = of_sampling(setup.gravity, best.length, setup.control_period, plan)
     return [
         harness.Claim(
-            f"Combined move: within {AFTER:g} s of the arrival the paper's control settles to {1000 * CLOSE:g} mm ({_settled(ours)}), "
+            f"Combined move: within {AFTER:g} s of the arrival the paper's control settles to "
+            f"{1000 * CLOSE:g} mm ({_settled(ours)}), "
             f"the PD does not ({_settled(pd)}).",
             math.isfinite(ours.settled) and not math.isfinite(pd.settled),
         ),
-        harness.Claim(f"The full-model LQR does, too ({_settled(lqr)}).", math.isfinite(lqr.settled)),
         harness.Claim(
-            f"Flat feed-forward with LQR leaves no swing at the arrival: {1000 * best.arrival:.4f} mrad, where efforts that are held for "
+            f"The full-model LQR does, too ({_settled(lqr)}).", math.isfinite(lqr.settled)
+        ),
+        harness.Claim(
+            f"Flat feed-forward with LQR leaves no swing at the arrival: {1000 * best.arrival:.4f} "
+            "mrad, where efforts that are held for "
             f"{1000 * setup.control_period:g} ms may leave {1000 * sampling:.4f} mrad.",
             best.arrival < sampling,
         ),
         harness.Claim(
-            f"Its peak swing ({1000 * best.peak:.3f} mrad) is the planned ({1000 * plan:.3f} mrad) within the same.",
+            f"Its peak swing ({1000 * best.peak:.3f} mrad) is the planned ({1000 * plan:.3f} mrad) "
+            "within the same.",
             abs(best.peak - plan) < sampling,
         ),
     ]
@@ -113,23 +141,37 @@ def _table(move: Move, found: Mapping[str, Score]) -> harness.Table:
         ("F_l [N]", ".0f"),
     ]
     note = (
-        "Swing amplitudes in mrad; settled: the payload stays within 10 mm of its goal, a dash where it does "
+        "Swing amplitudes in mrad; settled: the payload stays within 10 mm of its goal, a dash "
+        "where it does "
         "not in 20 s. Off: the drives' largest "
-        "distance from their reference. Efforts: the largest beyond holding the load. Spline, planes "
+        "distance from their reference. Efforts: the largest beyond holding the load. Spline, "
+        "planes "
         "(7)-(10), LQR and PID are the paper's; "
         "weights, gains and durations are ours, since the paper's are not public."
     )
-    return harness.Table(f"Move {move.name}: {move.start} to {move.goal} in {move.duration:g} s", columns, rows, note)
+    return harness.Table(
+        f"Move {move.name}: {move.start} to {move.goal} in {move.duration:g} s", columns, rows, note
+    )
 
 
 def _tracking_figure(run: Trajectory) -> Figure:
     """Drives and their references, in the manner of the paper's Fig. 5."""
     figure, axes = panels(3, height=1.8, sharex=True)
     scale = np.degrees(1.0)
-    for ax, column, factor in zip(axes, ("gamma_{}rad", "x_{}m", "l_{}m"), (scale, 1.0, 1.0), strict=True):
+    for ax, column, factor in zip(
+        axes, ("gamma_{}rad", "x_{}m", "l_{}m"), (scale, 1.0, 1.0), strict=True
+    ):
         name = column.partition("_")[0]
-        ax.plot(run.t, factor * run[column.format("setpoint_")], "--", color=COLOURS["setpoint"], label="setpoint")
-        ax.plot(run.t, factor * run[column.format("")], color=COLOURS[name], label="paper's control")
+        ax.plot(
+            run.t,
+            factor * run[column.format("setpoint_")],
+            "--",
+            color=COLOURS["setpoint"],
+            label="setpoint",
+        )
+        ax.plot(
+            run.t, factor * run[column.format("")], color=COLOURS[name], label="paper's control"
+        )
         ax.set_ylabel({"gamma": "γ [°]", "x": "x [m]", "l": "l [m]"}[name])
     axes[0].legend(loc="lower right")
     axes[-1].set_xlabel("time [s]")
@@ -142,7 +184,13 @@ def _swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
     for ax, column, name in zip(axes, ("phi_rad", "theta_rad"), ("φ", "θ"), strict=True):
         for strategy in (PD, PAPER, LQR, FLAT):
             style, colour = STYLES[column.removesuffix("_rad")], strategy_colour(strategy)
-            ax.plot(runs[strategy].t, np.degrees(runs[strategy][column]), style, color=colour, label=strategy)
+            ax.plot(
+                runs[strategy].t,
+                np.degrees(runs[strategy][column]),
+                style,
+                color=colour,
+                label=strategy,
+            )
         ax.axvline(move.duration, linestyle=":", color=COLOURS["unexplained"], linewidth=1.0)
         ax.set_ylabel(f"{name} [°]")
     axes[0].legend(ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0))
@@ -152,7 +200,11 @@ def _swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("b1", "The paper's control on single-axis and combined moves, beside PD, full-model LQR and flat feed-forward.")
+    made = harness.parser(
+        "b1",
+        "The paper's control on single-axis and combined moves, beside PD, full-model LQR and flat "
+        "feed-forward.",
+    )
     harness.add_setup(made)
     return harness.conduct(made, experiment, argv)
 

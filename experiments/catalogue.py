@@ -1,4 +1,6 @@
-"""Which experiments there are: what each is called in front of people, and with which arguments the report makes it."""
+"""Which experiments there are: what each is called in front of people, and with which arguments the
+report makes it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ class Entry(NamedTuple):
         line: What it shows.
         words: The arguments with which the report makes it.
         quick: Arguments that make the least of it; its claims need not hold then.
-        figures: A caption for each of its figures, by name; one that ends in a star is for all that begin so.
+        figures: A caption for each of its figures, by name; one that ends in a star is for all that
+            begin so.
     """
 
     title: str
@@ -43,9 +46,11 @@ EXPERIMENTS = {
         _ARTICLE,
         ("--length", "5"),
         {
-            "waveform": "Swing over time, and the same wave at the period of a point pendulum: the phase lost is the error.",
+            "waveform": "Swing over time, and the same wave at the period of a point pendulum: the "
+            "phase lost is the error.",
             "period": "Period over cable length, and its error beside the published one.",
-            "budget": "What each cause adds to the period, stacked, beside what was simulated and published.",
+            "budget": "What each cause adds to the period, stacked, beside what was simulated and "
+            "published.",
         },
     ),
     "a2": Entry(
@@ -54,8 +59,10 @@ EXPERIMENTS = {
         _ARTICLE,
         _ARTICLE,
         {
-            "hoisting": "Swing, cable length, and the period of each half swing on the theoretical curve.",
-            "fits": "Amplitude over cable length: through all points, and through those where the cable runs.",
+            "hoisting": "Swing, cable length, and the period of each half swing on the theoretical "
+            "curve.",
+            "fits": "Amplitude over cable length: through all points, and through those where the "
+            "cable runs.",
         },
     ),
     "a3": Entry(
@@ -64,7 +71,8 @@ EXPERIMENTS = {
         _ARTICLE,
         _ARTICLE,
         {
-            "slewing": "Above, the acceleration of the trolley's path; below, the swing simulated and by Eq. (10).",
+            "slewing": "Above, the acceleration of the trolley's path; below, the swing simulated "
+            "and by Eq. (10).",
             "stages": "What is left of the difference as one cause after the other is removed.",
         },
     ),
@@ -91,7 +99,8 @@ EXPERIMENTS = {
         "The plant against closed forms of mechanics.",
         quick=("--halvings", "3"),
         figures={
-            "convergence": "Error over time step, each over its error at the coarsest: slopes one and two.",
+            "convergence": "Error over time step, each over its error at the coarsest: slopes one "
+            "and two.",
             "ripple": "Energy of a large swing at steps of which each is half of the one before.",
             "oval": "The load from above, and where the far ends of its oval must come to lie.",
         },
@@ -100,7 +109,8 @@ EXPERIMENTS = {
         "Linear models",
         "The paper's linear equations beside the whole multibody.",
         figures={
-            "swing_*": "Both swing angles of the multibody, of the paper's equations, and with all rates kept.",
+            "swing_*": "Both swing angles of the multibody, of the paper's equations, and with all "
+            "rates kept.",
             "slews": "Error of the linear equations over slew rate and slew angle, for each crane.",
             "dropped": "How large the terms are that the linear equations leave out.",
         },
@@ -123,7 +133,8 @@ EXPERIMENTS = {
         quick=("--only", "spline alone", "flat + LQR"),
         figures={
             "swing": "Swing over time under each strategy, on one scale.",
-            "robustness": "Swing 20 s after arrival under each strategy as load, cable, sensors and air change.",
+            "robustness": "Swing 20 s after arrival under each strategy as load, cable, sensors "
+            "and air change.",
         },
     ),
     "sweep": Entry(
@@ -132,12 +143,14 @@ EXPERIMENTS = {
         quick=("--points", "2", "--durations", "2"),
         figures={
             "sweep_map": "Swing left over load and cable, for each strategy.",
-            "sweep_timing": "Swing left over the time for the move: median, and a band from least to most.",
+            "sweep_timing": "Swing left over the time for the move: median, and a band from least "
+            "to most.",
         },
     ),
     "lift": Entry(
         "A lift, planned",
-        "From a site with obstacles to a motion that provably touches nothing, and what is left of that when the lift is not as planned.",
+        "From a site with obstacles to a motion that provably touches nothing, and what is left of "
+        "that when the lift is not as planned.",
         (),
         ("--site", "cranedyn/planning/sites/open_yard.toml", "--lifts", "20"),
         {
@@ -147,7 +160,8 @@ EXPERIMENTS = {
     ),
     "lift_benchmark": Entry(
         "Lifts on random sites",
-        "Random sites planned and certified: success, time to plan, duration over the bound of a grid.",
+        "Random sites planned and certified: success, time to plan, duration over the bound of a "
+        "grid.",
         ("--sites", "20"),
         ("--sites", "1"),
     ),

@@ -1,4 +1,6 @@
-"""Compare: every strategy for a move beside every other, as planned and when load, cable, sensors and air are not as planned."""
+"""Compare: every strategy for a move beside every other, as planned and when load, cable, sensors
+and air are not as planned.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +26,28 @@ from cranedyn.sweep.processes import end_with_parent
 from experiments import harness
 from experiments.compare_figures import robustness_figure, swing_figure
 from experiments.scenarios.colours import strategy_colour
-from experiments.scenarios.moves import DWELL, LIMITS, MOVES, SWINGING, TOUR_LIMITS, Move, Score, of_sampling, residual
+from experiments.scenarios.moves import (
+    DWELL,
+    LIMITS,
+    MOVES,
+    SWINGING,
+    TOUR_LIMITS,
+    Move,
+    Score,
+    of_sampling,
+    residual,
+)
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, make
-from experiments.scenarios.strategies import FASTEST, FLAT, MPC, PAPER, PD, STRATEGIES, TIME, mpc_period
+from experiments.scenarios.strategies import (
+    FASTEST,
+    FLAT,
+    MPC,
+    PAPER,
+    PD,
+    STRATEGIES,
+    TIME,
+    mpc_period,
+)
 from experiments.scenarios.tours import CONTROLS
 
 COMBINED = MOVES[-1]
@@ -59,9 +80,13 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     moves = [*MOVES, SWINGING]
     with _workers(options.jobs) as workers:
         tasks: dict[Future[dict[str, Result]], tuple[Move, str]] = {
-            workers.submit(_made, alone, move, strategy, move == COMBINED): (move, strategy) for move in moves for strategy in strategies
+            workers.submit(_made, alone, move, strategy, move == COMBINED): (move, strategy)
+            for move in moves
+            for strategy in strategies
         }
-        tours: dict[Future[Toured | str], str] = {workers.submit(_toured, alone, control): control for control in CONTROLS}
+        tours: dict[Future[Toured | str], str] = {
+            workers.submit(_toured, alone, control): control for control in CONTROLS
+        }
         update = setup.reporter.count("comparison", len(tasks) + len(tours))
         everything: list[Future[Any]] = [*tasks, *tours]
         for done, _ in enumerate(as_completed(everything), start=1):
@@ -84,17 +109,23 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         | {
             "rate_limits": list(LIMITS.rates),
             "acceleration_limits": list(LIMITS.accelerations),
-            "moves": {move.name: [move.start, move.goal, move.duration, move.swing] for move in moves},
+            "moves": {
+                move.name: [move.start, move.goal, move.duration, move.swing] for move in moves
+            },
         },
         trajectories={f"compare_{_plain(strategy)}": run for strategy, run in kept.items()},
         figures={"swing": swing_figure(COMBINED, kept), "robustness": robustness_figure(combined)},
-        recording=[Run(s, setup.crane, kept[s], colour=strategy_colour(s)) for s in RECORDED if s in kept],
+        recording=[
+            Run(s, setup.crane, kept[s], colour=strategy_colour(s)) for s in RECORDED if s in kept
+        ],
     )
 
 
 @contextmanager
 def _workers(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
-    """Processes that end with the context, whatever ends it, and with this process, even if that is killed."""
+    """Processes that end with the context, whatever ends it, and with this process, even if that is
+    killed.
+    """
     if jobs is not None:
         number("jobs", jobs, "", "1 to 1024")
     pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=end_with_parent)
@@ -104,14 +135,18 @@ def _workers(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
         for child in active_children():
             child.terminate()
         if isinstance(error, BrokenProcessPool):
-            raise CraneError("A process of the comparison was ended from outside; what it had done is lost.") from None
+            raise CraneError(
+                "A process of the comparison was ended from outside; what it had done is lost."
+            ) from None
         raise
     finally:
         pool.shutdown(cancel_futures=True)
 
 
 def _made(setup: harness.Setup, move: Move, strategy: str, all_cases: bool) -> dict[str, Result]:
-    """A move by one strategy, as planned and perhaps under every case; what breaks off or cannot be is told, not raised."""
+    """A move by one strategy, as planned and perhaps under every case; what breaks off or cannot be
+    is told, not raised.
+    """
     try:
         plan = STRATEGIES[strategy](setup, move)
     except CraneError as error:
@@ -122,10 +157,16 @@ def _made(setup: harness.Setup, move: Move, strategy: str, all_cases: bool) -> d
             found[case.name] = Result(None, UNSEEING)
             continue
         calls: list[float] = []
-        noted = plan._replace(controller=partial(_timed, plan.controller, calls)) if strategy == MPC else plan
+        noted = (
+            plan._replace(controller=partial(_timed, plan.controller, calls))
+            if strategy == MPC
+            else plan
+        )
         try:
             run, scored = make(setup, move, noted, case)
-            found[case.name] = Result(scored, "", run if case == NOMINAL and all_cases else None, np.array(calls))
+            found[case.name] = Result(
+                scored, "", run if case == NOMINAL and all_cases else None, np.array(calls)
+            )
         except CraneError as error:
             if isinstance(error.__context__, KeyboardInterrupt):
                 raise KeyboardInterrupt from None
@@ -134,7 +175,9 @@ def _made(setup: harness.Setup, move: Move, strategy: str, all_cases: bool) -> d
 
 
 def _timed(make_controller: Callable[[], Controller], calls: list[float]) -> Controller:
-    """A controller that notes the processor time of each call [s], to which other work of the machine adds nothing."""
+    """A controller that notes the processor time of each call [s], to which other work of the
+    machine adds nothing.
+    """
     controller = make_controller()
 
     def timed(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -147,7 +190,9 @@ def _timed(make_controller: Callable[[], Controller], calls: list[float]) -> Con
 
 
 class Toured(NamedTuple):
-    """The seven legs under one control: length of the cycle [s], swing left in the dwells [mrad], at the hook [mm], on the way [mrad]."""
+    """The seven legs under one control: length of the cycle [s], swing left in the dwells [mrad],
+    at the hook [mm], on the way [mrad].
+    """
 
     cycle: float
     worst: float
@@ -169,12 +214,18 @@ def _toured(setup: harness.Setup, control: str) -> Toured | str:
 def _tour(setup: harness.Setup, control: str) -> Toured:
     reference, controller = CONTROLS[control](setup, TOUR_LIMITS, DWELL)
     duration = setup.control_period * round(reference.duration / setup.control_period)
-    run = setup.simulate(setup.crane, controller, reference, start=setup.crane.start, duration=duration, label="")
+    run = setup.simulate(
+        setup.crane, controller, reference, start=setup.crane.start, duration=duration, label=""
+    )
     rests = [run.between(stage.arrival, stage.end) for stage in reference.stages]
     left = [1000.0 * residual(rest) for rest in rests]
     hook = max(swing * float(rest["l_m"][-1]) for swing, rest in zip(left, rests, strict=True))
     return Toured(
-        duration, max(left), float(np.mean(left)), hook, 1000.0 * float(np.linalg.norm(run.coordinates("phi", "theta"), axis=1).max())
+        duration,
+        max(left),
+        float(np.mean(left)),
+        hook,
+        1000.0 * float(np.linalg.norm(run.coordinates("phi", "theta"), axis=1).max()),
     )
 
 
@@ -196,7 +247,13 @@ def _reasons(results: Mapping[str, Result]) -> str:
 
 
 def _table(move: Move, found: Results) -> harness.Table:
-    columns = [("strategy", ""), ("arrives [s]", ".2f"), ("peak [mrad]", ".1f"), ("at arrival [mrad]", ".3g"), ("hook [mm]", ".4g")]
+    columns = [
+        ("strategy", ""),
+        ("arrives [s]", ".2f"),
+        ("peak [mrad]", ".1f"),
+        ("at arrival [mrad]", ".3g"),
+        ("hook [mm]", ".4g"),
+    ]
     columns += [("20 s later [mrad]", ".3g"), ("settled [s]", ".2f"), ("cycle [s]", ".2f")]
     nominal = {strategy: results[NOMINAL.name] for strategy, results in found.items()}
     rows = [
@@ -215,32 +272,65 @@ def _table(move: Move, found: Results) -> harness.Table:
         for strategy, s in ((strategy, result.score) for strategy, result in nominal.items())
     ]
     note = (
-        "Amplitudes of the swing; hook: the same at the hook on arrival; settled: time after it from which the payload stays within 10 mm "
-        f"of its goal, a dash where it does not in 20 s; cycle: from the start until then.{_reasons(nominal)}"
+        "Amplitudes of the swing; hook: the same at the hook on arrival; settled: time after it "
+        "from which the payload stays within 10 mm "
+        "of its goal, a dash where it does not in 20 s; cycle: from the start until "
+        f"then.{_reasons(nominal)}"
     )
     return harness.Table(f"Move {move.name}: {move.start} to {move.goal}", columns, rows, note)
 
 
 def _drives_table(move: Move, found: Results) -> harness.Table:
-    names = [f"{drive} {kind} [{unit}]" for kind in ("peak", "RMS") for drive, unit in (("T_γ", "kN m"), ("F_x", "kN"), ("F_l", "kN"))]
+    names = [
+        f"{drive} {kind} [{unit}]"
+        for kind in ("peak", "RMS")
+        for drive, unit in (("T_γ", "kN m"), ("F_x", "kN"), ("F_l", "kN"))
+    ]
     rows = [
-        (strategy, *(1e-3 * s.effort).tolist(), *(1e-3 * s.rms).tolist(), 1e-3 * s.work, s.rate, s.acceleration)
-        for strategy, s in ((strategy, results[NOMINAL.name].score) for strategy, results in found.items())
+        (
+            strategy,
+            *(1e-3 * s.effort).tolist(),
+            *(1e-3 * s.rms).tolist(),
+            1e-3 * s.work,
+            s.rate,
+            s.acceleration,
+        )
+        for strategy, s in (
+            (strategy, results[NOMINAL.name].score) for strategy, results in found.items()
+        )
         if s
     ]
     note = (
-        "Efforts beyond holding the load at rest; work: what the drives put in, not counting what they took back; rate, acc.: largest rate "
-        "and acceleration as a share of the limits that the plans keep. Feedback is limited by effort only."
+        "Efforts beyond holding the load at rest; work: what the drives put in, not counting what "
+        "they took back; rate, acc.: largest rate "
+        "and acceleration as a share of the limits that the plans keep. Feedback is limited by "
+        "effort only."
     )
-    columns = [("strategy", ""), *((name, ".2f") for name in names), ("work [kJ]", ".1f"), ("rate", ".2f"), ("acc.", ".2f")]
+    columns = [
+        ("strategy", ""),
+        *((name, ".2f") for name in names),
+        ("work [kJ]", ".1f"),
+        ("rate", ".2f"),
+        ("acc.", ".2f"),
+    ]
     return harness.Table(f"What move {move.name} asks of the drives", columns, rows, note)
 
 
 def _tour_table(tours: Mapping[str, Toured | str]) -> harness.Table:
-    columns = [("control", ""), ("cycle [s]", ".1f"), ("worst dwell [mrad]", ".4g"), ("mean of dwells [mrad]", ".4g")]
+    columns = [
+        ("control", ""),
+        ("cycle [s]", ".1f"),
+        ("worst dwell [mrad]", ".4g"),
+        ("mean of dwells [mrad]", ".4g"),
+    ]
     columns += [("worst at the hook [mm]", ".4g"), ("peak on the way [mrad]", ".1f")]
-    rows = [(control, *([None] * 5 if isinstance(found, str) else found)) for control, found in tours.items()]
-    reasons = "".join(f" {control}: {found}" for control, found in tours.items() if isinstance(found, str))
+    rows = [
+        (control, *([None] * 5 if isinstance(found, str) else found))
+        for control, found in tours.items()
+    ]
+    reasons = "".join(
+        f" {control}: {found}" for control, found in tours.items() if isinstance(found, str)
+    )
     note = f"Half the way across, radial and tangential together.{reasons}"
     return harness.Table("The article's seven legs as one tour", columns, rows, note)
 
@@ -249,16 +339,33 @@ def _case_tables(found: Results) -> Iterator[harness.Table]:
     columns = [("strategy", ""), *((case.name, ".3g") for case in PERTURBATIONS)]
     for title, value in (
         ("Swing 20 s after the arrival [mrad], combined move", lambda s: 1e3 * s.later),
-        ("Settled within 10 mm [s after the arrival], combined move", lambda s: _seconds(s.settled)),
+        (
+            "Settled within 10 mm [s after the arrival], combined move",
+            lambda s: _seconds(s.settled),
+        ),
     ):
         rows = [
-            (strategy, *(value(r.score) if (r := results.get(case.name)) and r.score else None for case in PERTURBATIONS))
+            (
+                strategy,
+                *(
+                    value(r.score) if (r := results.get(case.name)) and r.score else None
+                    for case in PERTURBATIONS
+                ),
+            )
             for strategy, results in found.items()
         ]
         reasons = _reasons(
-            {f"{strategy}, {case}": r for strategy, results in found.items() for case, r in results.items() if r.why != UNSEEING}
+            {
+                f"{strategy}, {case}": r
+                for strategy, results in found.items()
+                for case, r in results.items()
+                if r.why != UNSEEING
+            }
         )
-        note = f"A dash: it does not look at the swing, or does not settle in 20 s, or breaks off.{reasons}"
+        note = (
+            "A dash: it does not look at the swing, or does not settle in 20 s, or breaks "
+            f"off.{reasons}"
+        )
         yield harness.Table(title, columns, rows, note)
 
 
@@ -273,7 +380,8 @@ def _claims(setup: harness.Setup, found: Results) -> list[harness.Claim]:
         sampling = of_sampling(setup.gravity, flat.length, setup.control_period, flat.peak)
         claims.append(
             harness.Claim(
-                f"On arrival flat paths with LQR leave no swing: {1e3 * flat.arrival:.4f} mrad, where efforts that are held for "
+                f"On arrival flat paths with LQR leave no swing: {1e3 * flat.arrival:.4f} mrad, "
+                "where efforts that are held for "
                 f"{1e3 * setup.control_period:g} ms may leave {1e3 * sampling:.4f} mrad.",
                 flat.arrival < sampling,
             )
@@ -283,15 +391,20 @@ def _claims(setup: harness.Setup, found: Results) -> list[harness.Claim]:
         slowest = max(s.settled for s in loads)
         claims.append(
             harness.Claim(
-                f"With half or one and a half of the load they settle within a second of the arrival ({slowest:.2f} s).", slowest < 1.0
+                "With half or one and a half of the load they settle within a second of the "
+                f"arrival ({slowest:.2f} s).",
+                slowest < 1.0,
             )
         )
-    others = {strategy: s.cycle for strategy in found if strategy != TIME and (s := score(strategy))}
+    others = {
+        strategy: s.cycle for strategy in found if strategy != TIME and (s := score(strategy))
+    }
     if shortest and FASTEST in others:
         second = min(others, key=lambda strategy: others[strategy])
         claims.append(
             harness.Claim(
-                f"Under the same limits the move of least time settles before any other ({shortest.cycle:.2f} s; next is {second} after "
+                "Under the same limits the move of least time settles before any other "
+                f"({shortest.cycle:.2f} s; next is {second} after "
                 f"{others[second]:.2f} s).",
                 shortest.cycle < others[second],
             )
@@ -301,15 +414,22 @@ def _claims(setup: harness.Setup, found: Results) -> list[harness.Claim]:
 
 def _in_time(setup: harness.Setup, moves: Iterable[Results]) -> list[harness.Claim]:
     """Whether the MPC is done within its period, in every period of every run."""
-    runs = [result.calls for found in moves for result in found.get(MPC, {}).values() if len(result.calls)]
+    runs = [
+        result.calls
+        for found in moves
+        for result in found.get(MPC, {}).values()
+        if len(result.calls)
+    ]
     if not runs:
         return []
     calls, period = np.concatenate(runs), mpc_period(setup)
     solves = np.concatenate([run[:: round(period / setup.control_period)] for run in runs])
     return [
         harness.Claim(
-            f"The MPC is done within its period of {1e3 * period:g} ms: it takes {1e3 * calls.max():.2g} ms of processor time at most, "
-            f"{1e3 * np.median(solves):.2g} ms in the median, in {len(solves):,} periods on this machine.",
+            f"The MPC is done within its period of {1e3 * period:g} ms: it takes "
+            f"{1e3 * calls.max():.2g} ms of processor time at most, "
+            f"{1e3 * np.median(solves):.2g} ms in the median, in {len(solves):,} periods on this "
+            "machine.",
             bool(calls.max() < period),
         )
     ]
@@ -318,13 +438,25 @@ def _in_time(setup: harness.Setup, moves: Iterable[Results]) -> list[harness.Cla
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = harness.parser(
-        "compare", "every strategy for a move, on the same moves and limits, as planned and when things are not as planned."
+        "compare",
+        "every strategy for a move, on the same moves and limits, as planned and when things are "
+        "not as planned.",
     )
     harness.add_setup(made, "damp_swing")
     made.add_argument(
-        "--only", nargs="+", choices=STRATEGIES, metavar="STRATEGY", help=f"only these strategies, of: {', '.join(STRATEGIES)}"
+        "--only",
+        nargs="+",
+        choices=STRATEGIES,
+        metavar="STRATEGY",
+        help=f"only these strategies, of: {', '.join(STRATEGIES)}",
     )
-    made.add_argument("--jobs", type=int, default=None, metavar="N", help="processes, by default one for each processor")
+    made.add_argument(
+        "--jobs",
+        type=int,
+        default=None,
+        metavar="N",
+        help="processes, by default one for each processor",
+    )
     return harness.conduct(made, experiment, argv)
 
 

@@ -21,7 +21,11 @@ def swing_figure(move: Move, runs: Mapping[str, Trajectory]) -> Figure:
     """Swing of each strategy over time, one strip for each on the same scale."""
     figure, axes = panels(max(len(runs), 1), height=0.75, sharex=True, sharey=True)
     for ax, (strategy, run) in zip(axes, runs.items(), strict=False):
-        ax.plot(run.t, np.degrees(np.linalg.norm(run.coordinates("phi", "theta"), axis=1)), color=strategy_colour(strategy))
+        ax.plot(
+            run.t,
+            np.degrees(np.linalg.norm(run.coordinates("phi", "theta"), axis=1)),
+            color=strategy_colour(strategy),
+        )
         ax.axvline(move.duration, linestyle=":", color="#999999", linewidth=1.0)
         ax.text(1.0, 0.95, strategy, transform=ax.transAxes, ha="right", va="top", fontsize=9.0)
     axes[-1].set_xlabel(f"time [s]; dotted: {move.duration:g} s")
@@ -41,8 +45,20 @@ def robustness_figure(found: Mapping[str, Mapping[str, Any]]) -> Figure:
             if (r := found[strategy].get(case)) and r.score
         ]
         if points:
-            ax.plot(*zip(*points, strict=True), _MARKERS[k % 10], markersize=4.5, linestyle="none", color=run_colour(k), label=case)
-    ax.set(xscale="log", xlabel="swing 20 s after the arrival [mrad]", yticks=range(len(strategies), 0, -1), yticklabels=strategies)
+            ax.plot(
+                *zip(*points, strict=True),
+                _MARKERS[k % 10],
+                markersize=4.5,
+                linestyle="none",
+                color=run_colour(k),
+                label=case,
+            )
+    ax.set(
+        xscale="log",
+        xlabel="swing 20 s after the arrival [mrad]",
+        yticks=range(len(strategies), 0, -1),
+        yticklabels=strategies,
+    )
     if ax.lines:  # some strategy could be made
         ax.legend(ncols=5, loc="lower left", bbox_to_anchor=(-0.3, 1.0), fontsize=9.0)
     return figure

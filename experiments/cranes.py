@@ -1,4 +1,6 @@
-"""Cranes of other topology: hook and slung load, rope, tower and jib that give, overhead crane; what is made for any crane, on each."""
+"""Cranes of other topology: hook and slung load, rope, tower and jib that give, overhead crane;
+what is made for any crane, on each.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,11 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     for i, relative in enumerate(RELATIVES):
         controlled.append(control(relative, setup.engine))
         done(3 + len(RELATIVES) + i)
-    shaped, moved, growth = pendulum.shaping(setup.engine), list(pendulum.moves(setup.engine)), pendulum.growth()
+    shaped, moved, growth = (
+        pendulum.shaping(setup.engine),
+        list(pendulum.moves(setup.engine)),
+        pendulum.growth(),
+    )
     stirred = pendulum.stirred(setup.engine)
     others = robots.robots()
     done(4 + 2 * len(RELATIVES))
@@ -44,7 +50,9 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             tables.agreement(agreed),
             tables.control(controlled),
             tables.left("Double pendulum: shaped moves of an operator", shaped, _SHAPED),
-            tables.left(f"Double pendulum: {pendulum.WAY:g} m of the trolley", moved, tables.unaware(growth)),
+            tables.left(
+                f"Double pendulum: {pendulum.WAY:g} m of the trolley", moved, tables.unaware(growth)
+            ),
             tables.robots(others),
         ],
         claims=[
@@ -63,17 +71,24 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             "duration_s": DURATION,
             "engine": setup.engine,
         },
-        trajectories={relative.name.replace(" ", "_"): each.run for relative, each in zip(RELATIVES, agreed, strict=True)}
+        trajectories={
+            relative.name.replace(" ", "_"): each.run
+            for relative, each in zip(RELATIVES, agreed, strict=True)
+        }
         | {"double_pendulum_unaware": moved[-1].run},
         recording=[
-            Run(each.relative.name, crane_of(each.relative), each.run, (*site, 0.0)) for site, each in zip(SITES, agreed, strict=True)
+            Run(each.relative.name, crane_of(each.relative), each.run, (*site, 0.0))
+            for site, each in zip(SITES, agreed, strict=True)
         ],
     )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("cranes", "Cranes of other topology: closed forms, three engines, energy, and control on each.")
+    made = harness.parser(
+        "cranes",
+        "Cranes of other topology: closed forms, three engines, energy, and control on each.",
+    )
     return harness.conduct(made, experiment, argv)
 
 

@@ -1,4 +1,6 @@
-"""The demo: seven legs at limited rates, again and again, and the swing that is left while the drives stand still."""
+"""The demo: seven legs at limited rates, again and again, and the swing that is left while the
+drives stand still.
+"""
 
 from __future__ import annotations
 
@@ -43,35 +45,66 @@ PACES = "0.001 to 1e6"
 """How many times real time the demo may go: slower, a piece would not end in minutes."""
 
 
-def pieces(setup: harness.Setup, tour: Timetable, controller: Controller, until: float) -> Iterator[Trajectory]:
+def pieces(
+    setup: harness.Setup, tour: Timetable, controller: Controller, until: float
+) -> Iterator[Trajectory]:
     """Simulate the tour piece by piece up to a time [s], which may be infinite."""
     crane, state, now = setup.crane, setup.crane.start, 0.0
     while until - now > setup.control_period / 2.0:
         stage, cycle = tour.stage(now + setup.control_period / 2.0)
-        length = setup.control_period * max(1, math.ceil(min(PIECE, until - now, cycle + stage.end - now) / setup.control_period - 1e-6))
-        piece = setup.simulate(crane, controller, tour, start=state, since=now, duration=length, label="")
+        length = setup.control_period * max(
+            1,
+            math.ceil(
+                min(PIECE, until - now, cycle + stage.end - now) / setup.control_period - 1e-6
+            ),
+        )
+        piece = setup.simulate(
+            crane, controller, tour, start=state, since=now, duration=length, label=""
+        )
         state, now = piece.state(-1), float(piece.t[-1])
         yield piece
 
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
-    """Run until the cycles are done or the user interrupts; either way everything so far is kept."""
+    """Run until the cycles are done or the user interrupts; either way everything so far is
+    kept.
+    """
     from cranedyn.recording import Run
 
     setup = replace(setup, reporter=harness.ProgressReporter(None))
     if options.payload_mass is not None:
         if "payload_mass" in setup.values:
-            raise CraneError("payload_mass is given twice, by --payload-mass and by --set; leave one out.")
+            raise CraneError(
+                "payload_mass is given twice, by --payload-mass and by --set; leave one out."
+            )
         setup = replace(setup, values={**setup.values, "payload_mass": options.payload_mass})
-    pace = options.pace if options.pace is not None else (1.0 if options.view or options.serve else None)
-    rates = setup.crane.layout.for_drives("rate limit", (options.rate_slew, options.rate_x, options.rate_hoist), "/s", "> 0")
+    pace = (
+        options.pace
+        if options.pace is not None
+        else (1.0 if options.view or options.serve else None)
+    )
+    rates = setup.crane.layout.for_drives(
+        "rate limit", (options.rate_slew, options.rate_x, options.rate_hoist), "/s", "> 0"
+    )
     limits = Limits(rates.tolist(), TOUR_LIMITS.accelerations)
-    tour, controller = CONTROLS[options.control](setup, limits, number("dwell", options.dwell, "s", "> 0"))
-    until = math.inf if options.cycles is None else number("cycles", options.cycles, "", "> 0") * tour.duration
+    tour, controller = CONTROLS[options.control](
+        setup, limits, number("dwell", options.dwell, "s", "> 0")
+    )
+    until = (
+        math.inf
+        if options.cycles is None
+        else number("cycles", options.cycles, "", "> 0") * tour.duration
+    )
     if until < setup.control_period:
-        raise OutOfRange("cycles", options.cycles, f"{setup.control_period / tour.duration:.3g} or more, one control period")
+        raise OutOfRange(
+            "cycles",
+            options.cycles,
+            f"{setup.control_period / tour.duration:.3g} or more, one control period",
+        )
     bare = None if options.control == "none" else Bare(setup, limits, options.dwell, tour)
-    show = _Show(options, setup, tour, bare, None if pace is None else number("pace", pace, "", PACES))
+    show = _Show(
+        options, setup, tour, bare, None if pace is None else number("pace", pace, "", PACES)
+    )
     run = show.run(pieces(setup, tour, controller, until))
     rows, parts = show.dwells.rows, [part.name for part in show.record.parts]
     tables = [_table(rows, options.control, float(run.t[0]), parts)]
@@ -90,7 +123,12 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         tables=tables,
         claims=claims,
         parameters=setup.parameters()
-        | {"rates": list(limits.rates), "accelerations": list(limits.accelerations), "dwell_s": options.dwell, "control": options.control}
+        | {
+            "rates": list(limits.rates),
+            "accelerations": list(limits.accelerations),
+            "dwell_s": options.dwell,
+            "control": options.control,
+        }
         | ({"earlier_parts": parts} if parts else {}),
         trajectories=kept,
         figures={"swing": _figure(tour, run)},
@@ -99,26 +137,41 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
 
 
 def in_step(tour: Timetable, leader: Timetable) -> Timetable:
-    """A tour at full rate whose legs begin when those of another begin; it waits for the other, which cannot be faster."""
+    """A tour at full rate whose legs begin when those of another begin; it waits for the other,
+    which cannot be faster.
+    """
     pairs = zip(tour.stages, leader.stages, strict=True)
     return replace(
         tour,
-        stages=tuple(one._replace(begin=o.begin, arrival=o.begin + one.arrival - one.begin, end=o.end) for one, o in pairs),
+        stages=tuple(
+            one._replace(begin=o.begin, arrival=o.begin + one.arrival - one.begin, end=o.end)
+            for one, o in pairs
+        ),
     )
 
 
 class Bare:
-    """The same tour without swing control, leg by leg with the other, simulated alongside for as long as all of it is kept."""
+    """The same tour without swing control, leg by leg with the other, simulated alongside for as
+    long as all of it is kept.
+    """
 
-    def __init__(self, setup: harness.Setup, limits: Limits, dwell: float, leader: Timetable) -> None:
+    def __init__(
+        self, setup: harness.Setup, limits: Limits, dwell: float, leader: Timetable
+    ) -> None:
         """Begin at the start of the tour."""
         tour, brake = CONTROLS["none"](setup, limits, dwell)
         tour = in_step(tour, leader)
-        self._coming, self._done, self._broken = pieces(setup, tour, brake, 2.0 * PART), list[Trajectory](), False
+        self._coming, self._done, self._broken = (
+            pieces(setup, tour, brake, 2.0 * PART),
+            list[Trajectory](),
+            False,
+        )
         self.dwells = Dwells(tour, setup.control_period)
 
     def follow(self, t: float) -> None:
-        """Simulate up to a time [s], the end of what is kept, or where it breaks off, which is said."""
+        """Simulate up to a time [s], the end of what is kept, or where it breaks off, which is
+        said.
+        """
         while not self._broken and (not self._done or self._done[-1].t[-1] < t - 1e-9):
             try:
                 piece = next(self._coming, None)
@@ -139,14 +192,26 @@ class Bare:
         return join(self._done).before(t + 1e-9) if self._done and not self._broken else None
 
 
-def _table(rows: Sequence[Dwell], control: str, begin: float = 0.0, parts: Sequence[str] = ()) -> harness.Table:
-    columns = [("leg", ""), ("arrives [s]", ".1f"), ("residual swing [mrad]", ".4g"), ("at the hook [mm]", ".4g")]
-    title = "Swing that is left in the dwells, " + ("without swing control" if control == "none" else f"control {control}")
+def _table(
+    rows: Sequence[Dwell], control: str, begin: float = 0.0, parts: Sequence[str] = ()
+) -> harness.Table:
+    columns = [
+        ("leg", ""),
+        ("arrives [s]", ".1f"),
+        ("residual swing [mrad]", ".4g"),
+        ("at the hook [mm]", ".4g"),
+    ]
+    title = "Swing that is left in the dwells, " + (
+        "without swing control" if control == "none" else f"control {control}"
+    )
     note = "Half the way across, radial and tangential together."
     if len(rows) > MOST_ROWS:
         note += f" The last {MOST_ROWS} of {len(rows)} dwells."
     if parts:
-        note += f" What happened before t = {begin:.0f} s is in {', '.join(parts if len(parts) < 3 else [parts[0], '…', parts[-1]])}."
+        note += (
+            f" What happened before t = {begin:.0f} s is in "
+            f"{', '.join(parts if len(parts) < 3 else [parts[0], '…', parts[-1]])}."
+        )
     return harness.Table(title, columns, rows[-MOST_ROWS:], note)
 
 
@@ -154,53 +219,78 @@ def _bare(setup: harness.Setup, tour: Timetable, dwells: Dwells) -> list[harness
     """Without swing control: it keeps swinging, and after the first leg as the closed form says."""
     least, hook = min(row.swing for row in dwells.rows), min(row.deviation for row in dwells.rows)
     left, length = dwells.first, dwells.first["l_m"]
-    found = float(swing_amplitude(left.coordinates("phi", "theta"), left.rates("phi", "theta"), length, setup.gravity)[0])
+    found = float(
+        swing_amplitude(
+            left.coordinates("phi", "theta"), left.rates("phi", "theta"), length, setup.gravity
+        )[0]
+    )
     closed, allowed = started_and_stopped(setup, tour.stages[0], float(length[0]))
     limited = bool((dwells.effort >= setup.crane.effort_limit).any())
     return [
         harness.Claim(
-            f"Without swing control the load keeps swinging in every dwell: {least:.1f} mrad and {hook:.0f} mm at the hook at least, where "
+            f"Without swing control the load keeps swinging in every dwell: {least:.1f} mrad and "
+            f"{hook:.0f} mm at the hook at least, where "
             f"{1000 * CLOSE:g} mm count as settled.",
             hook > 1000.0 * CLOSE,
         ),
         harness.Claim(
-            f"After the first leg it swings {1000 * found:.1f} mrad; a trolley that starts and stops at once leaves "
-            f"{1000 * closed:.1f} mrad by closed form, to which a finite swing adds or takes {1000 * allowed:.1f} mrad at most.",
+            f"After the first leg it swings {1000 * found:.1f} mrad; a trolley that starts and "
+            "stops at once leaves "
+            f"{1000 * closed:.1f} mrad by closed form, to which a finite swing adds or takes "
+            f"{1000 * allowed:.1f} mrad at most.",
             None if limited else abs(found - closed) < allowed,
         ),
     ]
 
 
 def started_and_stopped(setup: harness.Setup, stage: Stage, length: float) -> tuple[float, float]:
-    """Swing left by a leg of the trolley at a constant rate v in a time T on a cable [m], and what finite swing may change of it [rad].
+    """Swing left by a leg of the trolley at a constant rate v in a time T on a cable [m], and what
+    finite swing may change of it [rad].
 
-    Start and stop leave A = 2 v/√(g l) at most, and A |sin ωT/2| together. The drive lags by k_d/k_p, which takes √(1 + (ω k_d/k_p)²)
-    off a swing of the frequency ω, and gives way a little. A finite swing changes A² of the swing, and A²/16 of its phase.
+    Start and stop leave A = 2 v/√(g l) at most, and A |sin ωT/2| together. The drive lags by
+    k_d/k_p, which takes √(1 + (ω k_d/k_p)²) off a swing of the frequency ω, and gives way a little.
+    A finite swing changes A² of the swing, and A²/16 of its phase.
     """
     crane, duration = setup.crane, stage.arrival - stage.begin
-    reduced = length + (crane.payload_inertia[0, 0] + crane.dummy_inertia[0]) / (crane.payload_mass * length)
-    give = theory.pivot_compliance(reduced, setup.gravity, crane.payload_mass, STIFFNESS["trolley"])[0]
+    reduced = length + (crane.payload_inertia[0, 0] + crane.dummy_inertia[0]) / (
+        crane.payload_mass * length
+    )
+    give = theory.pivot_compliance(
+        reduced, setup.gravity, crane.payload_mass, STIFFNESS["trolley"]
+    )[0]
     omega = 2.0 * math.pi / (float(theory.point_period(reduced, setup.gravity)) * (1.0 + give))
     rate = abs(float((stage.target - stage.origin) @ crane.layout.along("x"))) / duration
-    most = 2.0 * rate / math.sqrt(setup.gravity * reduced) / math.hypot(1.0, omega * DAMPING["trolley"] / STIFFNESS["trolley"])
+    most = (
+        2.0
+        * rate
+        / math.sqrt(setup.gravity * reduced)
+        / math.hypot(1.0, omega * DAMPING["trolley"] / STIFFNESS["trolley"])
+    )
     return most * abs(math.sin(omega * duration / 2.0)), most**3 * (1.0 + omega * duration / 16.0)
 
 
 def _better(after: Sequence[Dwell], before: Sequence[Dwell], control: str) -> harness.Claim:
-    """Dwell by dwell: each leaves a quarter of what the same dwell leaves without control, or less."""
+    """Dwell by dwell: each leaves a quarter of what the same dwell leaves without control, or
+    less.
+    """
     pairs = [(row.swing, other.swing) for row, other in zip(after, before, strict=False)]
     worst = max(with_control / without for with_control, without in pairs)
     return harness.Claim(
-        f"With {control} every dwell has at most a quarter of its swing without control (worst: 1/{1 / worst:.0f}).", worst < 0.25
+        f"With {control} every dwell has at most a quarter of its swing without control (worst: "
+        f"1/{1 / worst:.0f}).",
+        worst < 0.25,
     )
 
 
 def _nothing(setup: harness.Setup, dwells: Dwells) -> harness.Claim:
-    """Flat paths leave nothing: what is left is what the sampling of the efforts makes of the swing on the way."""
+    """Flat paths leave nothing: what is left is what the sampling of the efforts makes of the swing
+    on the way.
+    """
     left, peak = max(row.swing for row in dwells.rows), dwells.peak
     allowed = 1000.0 * of_sampling(setup.gravity, dwells.shortest, setup.control_period, peak)
     return harness.Claim(
-        f"Flat paths leave no swing: {left:.4f} mrad at most, where efforts that are held for {1000 * setup.control_period:g} ms may leave "
+        f"Flat paths leave no swing: {left:.4f} mrad at most, where efforts that are held for "
+        f"{1000 * setup.control_period:g} ms may leave "
         f"{allowed:.4f} of {1000 * peak:.1f} mrad on the way.",
         left < allowed,
     )
@@ -214,7 +304,9 @@ def _figure(tour: Timetable, run: Trajectory) -> Figure:
     drives.plot(run.t, np.degrees(run["gamma_rad"]), color=COLOURS["gamma"], label="γ [°]")
     swing.plot(run.t, np.degrees(run["phi_rad"]), color=COLOURS["phi"], label="φ radial")
     swing.plot(run.t, np.degrees(run["theta_rad"]), color=COLOURS["theta"], label="θ tangential")
-    for cycle in tour.duration * np.arange(run.t[0] // tour.duration, math.ceil(run.t[-1] / tour.duration)):
+    for cycle in tour.duration * np.arange(
+        run.t[0] // tour.duration, math.ceil(run.t[-1] / tour.duration)
+    ):
         for stage in tour.stages:
             if run.t[0] < cycle + stage.end and cycle + stage.arrival < run.t[-1]:
                 swing.axvspan(
@@ -233,10 +325,26 @@ def _figure(tour: Timetable, run: Trajectory) -> Figure:
 class _Show:
     """Simulates, announces, streams; keeps what happened until the end or the interruption."""
 
-    def __init__(self, options: argparse.Namespace, setup: harness.Setup, tour: Timetable, bare: Bare | None, pace: float | None) -> None:
-        self._options, self._world, self._tour, self._bare, self._pace = options, setup, tour, bare, pace
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        setup: harness.Setup,
+        tour: Timetable,
+        bare: Bare | None,
+        pace: float | None,
+    ) -> None:
+        self._options, self._world, self._tour, self._bare, self._pace = (
+            options,
+            setup,
+            tour,
+            bare,
+            pace,
+        )
         self._console = Console(highlight=False)
-        self.record, self.dwells = Record(options.folder / "demo.parquet"), Dwells(tour, setup.control_period)
+        self.record, self.dwells = (
+            Record(options.folder / "demo.parquet"),
+            Dwells(tour, setup.control_period),
+        )
 
     def run(self, pieces: Iterator[Trajectory]) -> Trajectory:
         """What is kept in memory of the pieces, the last minutes."""
@@ -248,10 +356,16 @@ class _Show:
                     self._add(piece)
                     sinks.append(piece)
                     if self._pace:
-                        time.sleep(max(0.0, float(piece.t[-1]) / self._pace - (time.monotonic() - began)))
+                        time.sleep(
+                            max(0.0, float(piece.t[-1]) / self._pace - (time.monotonic() - began))
+                        )
             except (KeyboardInterrupt, RunError) as error:
                 if not interrupted(error):
-                    if isinstance(error, RunError) and error.trajectory is not None and len(error.trajectory):
+                    if (
+                        isinstance(error, RunError)
+                        and error.trajectory is not None
+                        and len(error.trajectory)
+                    ):
                         error.trajectory = self.record.last(error.trajectory)
                     raise
                 self._console.print("Interrupted; what was recorded so far is kept.")
@@ -269,13 +383,18 @@ class _Show:
         if self._bare is not None:
             self._bare.follow(float(piece.t[-1]))
         if (left := self.dwells.add(piece)) is not None:
-            self._console.print(f"            the load still swings {left.swing:.1f} mrad, {left.deviation:.0f} mm at the hook")
+            self._console.print(
+                f"            the load still swings {left.swing:.1f} mrad, {left.deviation:.0f} mm "
+                "at the hook"
+            )
 
 
 class _Sinks:
-    """Where the pieces go while the run is under way: the recording's file, readable at any time, and a viewer if one is asked for.
+    """Where the pieces go while the run is under way: the recording's file, readable at any time,
+    and a viewer if one is asked for.
 
-    Rerun keeps some 40 kB for each second in memory until a file is closed, so a long one comes in parts. What a viewer is shown has none.
+    Rerun keeps some 40 kB for each second in memory until a file is closed, so a long one comes in
+    parts. What a viewer is shown has none.
     """
 
     def __init__(self, options: argparse.Namespace, setup: harness.Setup, stack: ExitStack) -> None:
@@ -315,29 +434,62 @@ class _Sinks:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("demo", "The seven legs of the article's demonstration, until Ctrl-C, and the swing that is left in every dwell.")
+    made = harness.parser(
+        "demo",
+        "The seven legs of the article's demonstration, until Ctrl-C, and the swing that is left "
+        "in every dwell.",
+    )
     harness.add_setup(made)
     made.set_defaults(live=True)
     made.add_argument(
         "--control",
         choices=CONTROLS,
         default="none",
-        help="none: PD without swing control; shaped: the same with shaped commands; paper, lqr: splines with the paper's control or the "
-        "full-model LQR; flat: paths of the payload. All but none are recorded over the same tour without control",
+        help="none: PD without swing control; shaped: the same with shaped commands; paper, lqr: "
+        "splines with the paper's control or the "
+        "full-model LQR; flat: paths of the payload. All but none are recorded over the same tour "
+        "without control",
     )
     made.add_argument("--cycles", type=float, metavar="N", help="stop after so many cycles")
-    made.add_argument("--rate-x", type=float, default=TOUR_LIMITS.rates[1], metavar="V", help="rate of the trolley [m/s]")
-    made.add_argument("--rate-slew", type=float, default=TOUR_LIMITS.rates[0], metavar="W", help="rate of the slew [rad/s]")
-    made.add_argument("--rate-hoist", type=float, default=TOUR_LIMITS.rates[2], metavar="V", help="rate of the hoist [m/s]")
-    made.add_argument("--dwell", type=float, default=DWELL, metavar="T", help="time at rest after each leg [s]")
+    made.add_argument(
+        "--rate-x",
+        type=float,
+        default=TOUR_LIMITS.rates[1],
+        metavar="V",
+        help="rate of the trolley [m/s]",
+    )
+    made.add_argument(
+        "--rate-slew",
+        type=float,
+        default=TOUR_LIMITS.rates[0],
+        metavar="W",
+        help="rate of the slew [rad/s]",
+    )
+    made.add_argument(
+        "--rate-hoist",
+        type=float,
+        default=TOUR_LIMITS.rates[2],
+        metavar="V",
+        help="rate of the hoist [m/s]",
+    )
+    made.add_argument(
+        "--dwell", type=float, default=DWELL, metavar="T", help="time at rest after each leg [s]"
+    )
     made.add_argument(
         "--pace",
         type=float,
         default=None,
         metavar="FACTOR",
-        help=f"times real time, {PACES}; 1 with --view or --serve if not given, else as fast as it goes",
+        help=f"times real time, {PACES}; 1 with --view or --serve if not given, else as fast as it "
+        "goes",
     )
-    made.add_argument("--payload-mass", type=float, default=None, metavar="M", help="payload [kg], short for --set payload_mass:=M")
+    made.add_argument(
+        "--payload-mass",
+        type=float,
+        default=None,
+        metavar="M",
+        help="payload [kg], short for --set payload_mass:=M",
+    )
     return harness.conduct(made, experiment, argv)
 
 

@@ -1,4 +1,6 @@
-"""A run without end in bounded memory: its last minutes, files of what came before, and what was left in each dwell."""
+"""A run without end in bounded memory: its last minutes, files of what came before, and what was
+left in each dwell.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ class Record:
     """The pieces of a run as they come.
 
     Attributes:
-        parts: The files in which earlier parts stand, in order; no row stands twice, and the sums of each begin at zero.
+        parts: The files in which earlier parts stand, in order; no row stands twice, and the sums
+            of each begin at zero.
     """
 
     def __init__(self, file: Path) -> None:
@@ -62,11 +65,19 @@ class Record:
 
 def _anew(run: Trajectory) -> Trajectory:
     """The same with all sums from its first row on."""
-    return replace(run, **{name: getattr(run, name) - getattr(run, name)[0] for name in ("work", "dissipated", "outside")})
+    return replace(
+        run,
+        **{
+            name: getattr(run, name) - getattr(run, name)[0]
+            for name in ("work", "dissipated", "outside")
+        },
+    )
 
 
 class Dwell(NamedTuple):
-    """What is left after a leg: its name, when it ended [s], swing [mrad] and deviation at the hook [mm]."""
+    """What is left after a leg: its name, when it ended [s], swing [mrad] and deviation at the hook
+    [mm].
+    """
 
     leg: str
     arrival: float
@@ -86,7 +97,9 @@ class Dwells:
     """
 
     def __init__(self, tour: Timetable, period: float) -> None:
-        """Begin without a piece of a tour; the control period [s] is how near a piece may be to the end of its leg."""
+        """Begin without a piece of a tour; the control period [s] is how near a piece may be to the
+        end of its leg.
+        """
         self._tour, self._period = tour, period
         self._begin = -np.inf
         self._low, self._high, self._count = np.full(2, np.inf), np.full(2, -np.inf), 0
@@ -101,12 +114,16 @@ class Dwells:
         return None if cycle + stage.begin == self._begin else stage
 
     def add(self, piece: Trajectory) -> Dwell | None:
-        """Look at a piece, which lies within one leg and its dwell; what is left, if the dwell is over with it."""
+        """Look at a piece, which lies within one leg and its dwell; what is left, if the dwell is
+        over with it.
+        """
         stage, cycle = self._stage(piece)
         if cycle + stage.begin != self._begin:
             self._begin = cycle + stage.begin
             self._low, self._high, self._count = np.full(2, np.inf), np.full(2, -np.inf), 0
-        self.peak = max(self.peak, float(np.linalg.norm(piece.coordinates("phi", "theta"), axis=1).max()))
+        self.peak = max(
+            self.peak, float(np.linalg.norm(piece.coordinates("phi", "theta"), axis=1).max())
+        )
         self.shortest = min(self.shortest, float(piece["l_m"].min()))
         if not self.rows:
             self.effort = np.maximum(self.effort, np.abs(piece.effort).max(axis=0))
@@ -114,14 +131,19 @@ class Dwells:
         rest = piece.between(cycle + stage.arrival, end)
         if len(rest):
             swing = rest.coordinates("phi", "theta")
-            self._low, self._high = np.minimum(self._low, swing.min(axis=0)), np.maximum(self._high, swing.max(axis=0))
+            self._low, self._high = (
+                np.minimum(self._low, swing.min(axis=0)),
+                np.maximum(self._high, swing.max(axis=0)),
+            )
             self._count += len(rest)
         if piece.t[-1] < end - 1e-6 or self._count < 2:
             return None
         left = 1000.0 * float(np.hypot(*((self._high - self._low) / 2.0)))
         if not self.rows:
             self.first = piece.between(float(piece.t[-1]), float(piece.t[-1]))
-        self.rows.append(Dwell(stage.leg.name, cycle + stage.arrival, left, left * float(rest["l_m"][-1])))
+        self.rows.append(
+            Dwell(stage.leg.name, cycle + stage.arrival, left, left * float(rest["l_m"][-1]))
+        )
         return self.rows[-1]
 
     def _stage(self, piece: Trajectory) -> tuple[Stage, float]:

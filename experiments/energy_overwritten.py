@@ -1,4 +1,6 @@
-"""The article's broken crane: what a plugin that overwrites the passive velocities at every step does to the swing, in closed form."""
+"""The article's broken crane: what a plugin that overwrites the passive velocities at every step
+does to the swing, in closed form.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ JOINTS = ("gamma", "rad"), ("x", "m"), ("phi", "rad"), ("theta", "rad"), ("l", "
 """Coordinates and units in the recordings."""
 
 APART = 1e-6
-"""Largest difference in the swing of 6 s from Gazebo's [rad]; its step moves centres along chords, h l ω²/2 of the cable."""
+"""Largest difference in the swing of 6 s from Gazebo's [rad]; its step moves centres along chords,
+h l ω²/2 of the cable."""
 
 
 class Oscillation(NamedTuple):
@@ -44,14 +47,17 @@ class Oscillation(NamedTuple):
         """Swing at given times, as a share of that at the start, for ζ < 1."""
         damped = math.sqrt(1.0 - self.ratio**2)
         turned = self.frequency * damped * t
-        return np.exp(-self.ratio * self.frequency * t) * (np.cos(turned) + self.ratio / damped * np.sin(turned))
+        return np.exp(-self.ratio * self.frequency * t) * (
+            np.cos(turned) + self.ratio / damped * np.sin(turned)
+        )
 
 
 def closed_form(crane: Crane, length: float, dt: float) -> Oscillation:
     """The swing under the plugin.
 
-    At every step the two dummy links lose their rates, I φ̇, which the joints to the load give back to them from its swing: the torque
-    (ΣI/dt) φ̇. The joints' own dampers see a rate of zero and exert nothing.
+    At every step the two dummy links lose their rates, I φ̇, which the joints to the load give back
+    to them from its swing: the torque (ΣI/dt) φ̇. The joints' own dampers see a rate of zero and
+    exert nothing.
 
     Args:
         crane: The crane.
@@ -75,12 +81,18 @@ def fitted(t: np.ndarray, phi: np.ndarray) -> Oscillation:
 
 def recorded(name: str) -> dict[str, np.ndarray]:
     """A recording of the swing in Gazebo, with coordinates and rates."""
-    columns = ["t_s", *(f"{symbol}_{unit}" for symbol, unit in JOINTS), *(f"{symbol}_dot_{unit}_s" for symbol, unit in JOINTS)]
+    columns = [
+        "t_s",
+        *(f"{symbol}_{unit}" for symbol, unit in JOINTS),
+        *(f"{symbol}_dot_{unit}_s" for symbol, unit in JOINTS),
+    ]
     return read_columns(RECORDINGS / f"{name}.parquet", columns)
 
 
 def left_there(crane: Crane, data: dict[str, np.ndarray]) -> float:
-    """Swing energy at the end of a recording [J], above the load hanging at rest where the drives started."""
+    """Swing energy at the end of a recording [J], above the load hanging at rest where the drives
+    started.
+    """
     first, last, rates = (
         np.array([data[f"{symbol}_{kind.format(unit)}"][row] for symbol, unit in JOINTS])
         for kind, row in (("{}", 0), ("{}", -1), ("dot_{}_s", -1))
@@ -95,7 +107,11 @@ def experiment(setup: harness.Setup, swing: float, length: float) -> harness.Out
     crane = cranes[1.0]
     expected = closed_form(crane, length, setup.dt)
     if not expected.ratio < 1.0:
-        raise OutOfRange("damping ratio under the plugin", f"{expected.ratio:.3g}", "below 1: a longer dt, lighter links, a longer cable")
+        raise OutOfRange(
+            "damping ratio under the plugin",
+            f"{expected.ratio:.3g}",
+            "below 1: a longer dt, lighter links, a longer cable",
+        )
     broken = setup.variant(damp_swing=crane.dummy_inertia[0] / setup.dt)
     runs = {d: run(setup, one, swing, length, AUDIT) for d, one in cranes.items()}
     stopped = run(setup, broken, swing, length, AUDIT)
@@ -103,7 +119,9 @@ def experiment(setup: harness.Setup, swing: float, length: float) -> harness.Out
     fits = fitted(stopped.t, stopped["phi_rad"]), fitted(there["t_s"], there["phi_rad"])
     left = float(swing_energy(broken, stopped)[-1])
     gazebo = left_there(broken, there)
-    same = bool(setup.judged(True)) and np.allclose((swing, length), (there["phi_rad"][0], there["l_m"][0]), rtol=1e-12)
+    same = bool(setup.judged(True)) and np.allclose(
+        (swing, length), (there["phi_rad"][0], there["l_m"][0]), rtol=1e-12
+    )
     apart = float(np.abs(stopped["phi_rad"] - there["phi_rad"]).max()) if same else math.inf
     lift = crane.payload_mass * crane.gravity * float(stopped["l_m"][0] - stopped["l_m"][-1])
     tables = [
@@ -113,49 +131,75 @@ def experiment(setup: harness.Setup, swing: float, length: float) -> harness.Out
     off = abs(fits[0].ratio / expected.ratio - 1.0)
     claims = [
         harness.Claim(
-            f"The plugin is a damper of ΣI/dt = {crane.dummy_inertia[0] / setup.dt:.3g} N m s/rad: ζ = (ΣI/dt)/(2 J ω) = "
-            f"{expected.ratio:.4f}, simulated {fits[0].ratio:.4f}, off by {off:.1e}, within A²/8 = {swing**2 / 8:.1e}, by which a swing A "
+            f"The plugin is a damper of ΣI/dt = {crane.dummy_inertia[0] / setup.dt:.3g} N m s/rad: "
+            "ζ = (ΣI/dt)/(2 J ω) = "
+            f"{expected.ratio:.4f}, simulated {fits[0].ratio:.4f}, off by {off:.1e}, within A²/8 = "
+            f"{swing**2 / 8:.1e}, by which a swing A "
             "weakens gravity's spring.",
             off < swing**2 / 8,
         ),
         harness.Claim(
-            f"Gazebo with such a plugin swings as this crane with that damper within {APART:g} rad ({apart:.1e} rad), and keeps "
+            f"Gazebo with such a plugin swings as this crane with that damper within {APART:g} rad "
+            f"({apart:.1e} rad), and keeps "
             f"{gazebo:.2f} J where this one keeps {left:.2f} J.",
             apart < APART and abs(gazebo - left) < 0.01 if same else None,
         ),
         harness.Claim(
-            f"That is the article's loss: ζ = {fits[0].ratio:.3f} where it saw about {RATIO:g}, half a unit of its last digit allowed.",
+            f"That is the article's loss: ζ = {fits[0].ratio:.3f} where it saw about {RATIO:g}, "
+            "half a unit of its last digit allowed.",
             abs(fits[0].ratio - RATIO) < 0.005 if same else None,
         ),
     ]
     return harness.Outcome(
         tables=tables,
         claims=claims,
-        parameters=setup.parameters() | {"swing_rad": swing, "length_m": length, "overwritten": True},
+        parameters=setup.parameters()
+        | {"swing_rad": swing, "length_m": length, "overwritten": True},
         trajectories={"energy_overwritten": stopped},
         figures={"overwritten": _figure(runs[1.0], stopped, there if same else None)},
     )
 
 
-def _ratios(expected: Oscillation, fits: tuple[Oscillation, Oscillation], left: float, gazebo: float, lift: float) -> harness.Table:
+def _ratios(
+    expected: Oscillation,
+    fits: tuple[Oscillation, Oscillation],
+    left: float,
+    gazebo: float,
+    lift: float,
+) -> harness.Table:
     rows = [
         ("closed form", expected.ratio, expected.frequency, None),
         ("here, damper ΣI/dt", fits[0].ratio, fits[0].frequency, left),
         ("Gazebo 11.1, rates overwritten", fits[1].ratio, fits[1].frequency, gazebo),
         ("article", RATIO, None, PUBLISHED[1]),
     ]
-    columns = [("swing with its passive rates overwritten", ""), ("ζ", ".4f"), ("ω [rad/s]", ".4f"), ("energy left [J]", ".2f")]
-    note = f"Of the energy left {lift:.2f} J are the load's height: the hoist's feed-forward believes in standard gravity and lifts it."
+    columns = [
+        ("swing with its passive rates overwritten", ""),
+        ("ζ", ".4f"),
+        ("ω [rad/s]", ".4f"),
+        ("energy left [J]", ".2f"),
+    ]
+    note = (
+        f"Of the energy left {lift:.2f} J are the load's height: the hoist's feed-forward "
+        "believes in standard gravity and lifts it."
+    )
     return harness.Table(f"The article's loss, after {AUDIT:g} s", columns, rows, note)
 
 
 def _dampings(left: dict[float, float], stopped: float) -> harness.Table:
     rows = [(damping, joules, stopped) for damping, joules in left.items()]
-    columns = [("damp_swing [N m s/rad]", "g"), ("left as it should be [J]", ".2f"), ("left under the plugin [J]", ".2f")]
+    columns = [
+        ("damp_swing [N m s/rad]", "g"),
+        ("left as it should be [J]", ".2f"),
+        ("left under the plugin [J]", ".2f"),
+    ]
     note = (
-        "Under the plugin a joint's damper sees a rate of zero. In Gazebo the three runs are then the same to the byte, as in the article."
+        "Under the plugin a joint's damper sees a rate of zero. In Gazebo the three runs are "
+        "then the same to the byte, as in the article."
     )
-    return harness.Table("Damping of the swing joints does not reach the swing", columns, rows, note)
+    return harness.Table(
+        "Damping of the swing joints does not reach the swing", columns, rows, note
+    )
 
 
 def _figure(free: Trajectory, stopped: Trajectory, there: dict[str, np.ndarray] | None) -> Figure:
@@ -163,7 +207,13 @@ def _figure(free: Trajectory, stopped: Trajectory, there: dict[str, np.ndarray] 
     ax.plot(free.t, free["phi_rad"], color=COLOURS["energy"], label="as it should be")
     ax.plot(stopped.t, stopped["phi_rad"], color=COLOURS["unexplained"], label="damper ΣI/dt, here")
     if there is not None:
-        ax.plot(there["t_s"][::40], there["phi_rad"][::40], "x", color=COLOURS["x"], label="rates overwritten, Gazebo")
+        ax.plot(
+            there["t_s"][::40],
+            there["phi_rad"][::40],
+            "x",
+            color=COLOURS["x"],
+            label="rates overwritten, Gazebo",
+        )
     ax.set(xlabel="time [s]", ylabel="φ [rad]")
     ax.legend(loc="lower left")
     return figure

@@ -1,4 +1,6 @@
-"""The same runs in Gazebo Classic, the article's own simulator: recordings made there beside runs made here."""
+"""The same runs in Gazebo Classic, the article's own simulator: recordings made there beside runs
+made here.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,8 @@ GRAVITY = 9.8
 ALLOWED = 1e-4
 """Largest difference in a swing angle at any time of a whole run [rad].
 
-Gazebo moves centres of mass along chords, so that a slider on a rotating link gains h l ω²/2 in a step; its difference from the runs
-here halves with the step.
+Gazebo moves centres of mass along chords, so that a slider on a rotating link gains h l ω²/2 in a
+step; its difference from the runs here halves with the step.
 """
 
 RECORDINGS = Path(__file__).with_name("recordings") / "gazebo"
@@ -72,11 +74,16 @@ def pairs(setup: harness.Setup) -> dict[str, Pair]:
     length, stiffness, damping, _ = a1.SOFT
     runs = {f"a1_l{length:g}": a1.run(setup, length).trajectory for length in a1.PUBLISHED}
     runs |= {
-        "a1_soft": a1.run(setup, length, stiffness={"x": stiffness}, damping={"x": damping}).trajectory,
+        "a1_soft": a1.run(
+            setup, length, stiffness={"x": stiffness}, damping={"x": damping}
+        ).trajectory,
         "a2": a2.run(setup),
         "a3": a3.run(setup),
     }
-    return {name: Pair(name, read_columns(RECORDINGS / f"{name}.parquet", COLUMNS), run) for name, run in runs.items()}
+    return {
+        name: Pair(name, read_columns(RECORDINGS / f"{name}.parquet", COLUMNS), run)
+        for name, run in runs.items()
+    }
 
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
@@ -85,14 +92,20 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     found = pairs(world)
     free = [pair for name, pair in found.items() if name.startswith("a1")]
     apart = {
-        "A1, φ at four cable lengths and with a soft trolley": max(pair.largest("phi_rad") for pair in free),
+        "A1, φ at four cable lengths and with a soft trolley": max(
+            pair.largest("phi_rad") for pair in free
+        ),
         "A2, φ while the hoist runs": found["a2"].largest("phi_rad"),
         "A3, θ after the slew pulse": found["a3"].largest("theta_rad"),
     }
     return harness.Outcome(
         tables=[_swings(free), _hoisting(found["a2"]), _slewing(found["a3"])],
         claims=[
-            harness.Claim(f"{name}: never further than {ALLOWED:g} rad from Gazebo ({worst:.1e} rad at most).", worst < ALLOWED)
+            harness.Claim(
+                f"{name}: never further than {ALLOWED:g} rad from Gazebo ({worst:.1e} rad at "
+                "most).",
+                worst < ALLOWED,
+            )
             for name, worst in apart.items()
         ],
         parameters=world.parameters(),
@@ -117,7 +130,17 @@ def _swings(free: Sequence[Pair]) -> harness.Table:
         ratios = there.damping_ratio, here.damping_ratio, published.zeta
         amplitudes = there.amplitude, here.amplitude, published.amplitude
         name = f"{length:g} m{', soft' if pair.name == 'a1_soft' else ''}"
-        rows.append((name, *periods, *errors, published.point, *ratios, *amplitudes, pair.largest("phi_rad")))
+        rows.append(
+            (
+                name,
+                *periods,
+                *errors,
+                published.point,
+                *ratios,
+                *amplitudes,
+                pair.largest("phi_rad"),
+            )
+        )
     columns = [
         ("l", ""),
         *(("T Gazebo [s]", ".6f"), ("here", ".6f")),
@@ -126,7 +149,10 @@ def _swings(free: Sequence[Pair]) -> harness.Table:
         *(("A Gazebo [rad]", ".5f"), ("here", ".5f"), ("article", ".4f")),
         ("apart [rad]", ".1e"),
     ]
-    note = "Apart: the largest difference in φ at any time of the 70 s. Errors against the point pendulum in standard gravity."
+    note = (
+        "Apart: the largest difference in φ at any time of the 70 s. Errors against the point "
+        "pendulum in standard gravity."
+    )
     return harness.Table("Free swing (A1) in Gazebo and here", columns, rows, note)
 
 
@@ -146,18 +172,27 @@ def _hoisting(pair: Pair) -> harness.Table:
         ("exp. hoisting", "+.4f"),
         ("A after [rad]", ".4f"),
     ]
-    note = f"φ is never further apart than {pair.largest('phi_rad'):.1e} rad, the cable length {pair.largest('l_m'):.1e} m."
+    note = (
+        f"φ is never further apart than {pair.largest('phi_rad'):.1e} rad, the cable length "
+        f"{pair.largest('l_m'):.1e} m."
+    )
     return harness.Table("Hoisting while swinging (A2) in Gazebo and here", columns, rows, note)
 
 
 def _slewing(pair: Pair) -> harness.Table:
     p, rows = a3.PUBLISHED, []
-    for name, data in (("Gazebo", dict(pair.there)), ("here", {c: pair.here[c] for c in a3.COLUMNS})):
+    for name, data in (
+        ("Gazebo", dict(pair.there)),
+        ("here", {c: pair.here[c] for c in a3.COLUMNS}),
+    ):
         found = agreement(*a3.by_paper(data)[1:3])
         rows.append((name, found.measured, found.correlation, found.rms))
     rows.append(("article", p.measured, p.correlation, p.rms))
     columns = [("run", ""), ("θ [rad]", ".4f"), ("correlation", "+.5f"), ("RMS [rad]", ".6f")]
-    note = f"Against the paper's Eq. (10). θ is never further apart than {pair.largest('theta_rad'):.1e} rad."
+    note = (
+        "Against the paper's Eq. (10). θ is never further apart than "
+        f"{pair.largest('theta_rad'):.1e} rad."
+    )
     return harness.Table("Slewing (A3) in Gazebo and here", columns, rows, note)
 
 
@@ -173,7 +208,11 @@ def _figure(found: Mapping[str, Pair]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("gazebo", "Runs of the article's own simulator, Gazebo Classic 11.1, beside the same runs here.", recording=False)
+    made = harness.parser(
+        "gazebo",
+        "Runs of the article's own simulator, Gazebo Classic 11.1, beside the same runs here.",
+        recording=False,
+    )
     return harness.conduct(made, experiment, argv)
 
 

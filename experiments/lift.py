@@ -1,4 +1,6 @@
-"""From a site with obstacles to a motion that provably touches nothing: planned, certified, and made ten thousand times not quite so."""
+"""From a site with obstacles to a motion that provably touches nothing: planned, certified, and
+made ten thousand times not quite so.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ LIFTS = 10_000
 """How many lifts are made that are not quite as planned."""
 
 OF_BOUND, OF_GRID = 1.25, 1.02
-"""How long a motion may last over what the drives alone would need, and how long a way may be over the best on a grid."""
+"""How long a motion may last over what the drives alone would need, and how long a way may be over
+the best on a grid."""
 
 _APART = 90.0
 
@@ -58,17 +61,28 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     names = [Path(file).stem for file in options.site] if options.site else list(EXAMPLES)
     if len(set(names)) < len(names):
         raise DataError(f"Two sites have one name: {', '.join(names)}.")
-    sites = [read_site(file) for file in options.site or [SITES / f"{name}.toml" for name in EXAMPLES]]
+    sites = [
+        read_site(file) for file in options.site or [SITES / f"{name}.toml" for name in EXAMPLES]
+    ]
     for what in ("start", "goal"):
         if getattr(options, what) is not None and len(sites) != 1:
-            raise DataError(f"--{'from' if what == 'start' else 'to'} is for one site; give one with --site.")
-    made = {name: _made(setup, site, options, count) for name, site in zip(names, sites, strict=True)}
+            raise DataError(
+                f"--{'from' if what == 'start' else 'to'} is for one site; give one with --site."
+            )
+    made = {
+        name: _made(setup, site, options, count) for name, site in zip(names, sites, strict=True)
+    }
     certified = {name: one for name, one in made.items() if one.certificate.holds}
     return harness.Outcome(
         tables=[*_tables(certified), _times(made)],
         claims=[claim for name, one in made.items() for claim in _claims(name, one)],
         parameters=setup.parameters()
-        | {"sites": names, "lifts": count, "rates": list(LIMITS.rates), "accelerations": list(LIMITS.accelerations)},
+        | {
+            "sites": names,
+            "lifts": count,
+            "rates": list(LIMITS.rates),
+            "accelerations": list(LIMITS.accelerations),
+        },
         trajectories={f"lift_{name}": one.certificate.run for name, one in made.items()},
         figures={
             f"{kind}_{name}": draw(one.certificate)
@@ -76,7 +90,13 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             for kind, draw in (("site", views), ("time", over_time))
         },
         recording=[
-            Run(one.site.name, one.certificate.lift.crane, one.certificate.run, (_APART * i, 0.0, 0.0), scenery=scenery(one.certificate))
+            Run(
+                one.site.name,
+                one.certificate.lift.crane,
+                one.certificate.run,
+                (_APART * i, 0.0, 0.0),
+                scenery=scenery(one.certificate),
+            )
             for i, one in enumerate(made.values())
         ],
     )
@@ -86,18 +106,25 @@ def _made(setup: harness.Setup, site: Site, options: argparse.Namespace, count: 
     begun = time.monotonic()
     crane = crane_of(site, gravity=setup.gravity, **setup.values)
     start, goal = (
-        None if point is None else np.array([number("coordinate", one, "m") for one in point]) for point in (options.start, options.goal)
+        None if point is None else np.array([number("coordinate", one, "m") for one in point])
+        for point in (options.start, options.goal)
     )
     lift = plan_lift(site, LIMITS, start=start, goal=goal, crane=crane, period=setup.control_period)
     planned = time.monotonic()
     certificate = certify(lift, dt=setup.dt, engine=setup.engine)
     done = time.monotonic()
-    perturbed = perturb(certificate, count, dt=2.0 * setup.dt) if count and certificate.holds else None
-    return Made(site, certificate, perturbed, (planned - begun, done - planned, time.monotonic() - done))
+    perturbed = (
+        perturb(certificate, count, dt=2.0 * setup.dt) if count and certificate.holds else None
+    )
+    return Made(
+        site, certificate, perturbed, (planned - begun, done - planned, time.monotonic() - done)
+    )
 
 
 def _tables(made: dict[str, Made]) -> list[harness.Table]:
-    """What was certified, and what became of lifts not quite like it; nothing of a plan that does not hold."""
+    """What was certified, and what became of lifts not quite like it; nothing of a plan that does
+    not hold.
+    """
     rows: list[list[float | str | None]] = []
     spread: list[list[float | str | None]] = []
     for name, one in made.items():
@@ -113,7 +140,9 @@ def _tables(made: dict[str, Made]) -> list[harness.Table]:
             least, lifts = float(np.nanmin(one.perturbed.least)), len(one.perturbed.least)
             share = 100.0 * one.perturbed.nearer / lifts
             swing = 1e3 * float(one.perturbed.swing.max())
-            spread.append([name, lifts, one.perturbed.nearer, share, 100.0 * low, 100.0 * high, least, swing])
+            spread.append(
+                [name, lifts, one.perturbed.nearer, share, 100.0 * low, 100.0 * high, least, swing]
+            )
     columns = [
         ("site", ""),
         ("way [s]", ".2f"),
@@ -125,8 +154,10 @@ def _tables(made: dict[str, Made]) -> list[harness.Table]:
     ]
     columns += [("clearance [m]", ".2f"), ("of", ""), ("swing [mrad]", ".1f")]
     note = (
-        "Way: the path at full speed of the drives; grid: the best on cells of 1 s with the same room; nearer grid: "
-        "with no more than required. Drives: what they need along the path without a thought of the load; motion: "
+        "Way: the path at full speed of the drives; grid: the best on cells of 1 s with the same "
+        "room; nearer grid: "
+        "with no more than required. Drives: what they need along the path without a thought of "
+        "the load; motion: "
         "with the load at rest at the end. Clearance: the least in the simulation."
     )
     tables = [harness.Table("Certified lifts", columns, rows, note)]
@@ -142,8 +173,10 @@ def _tables(made: dict[str, Made]) -> list[harness.Table]:
             ("swing after [mrad]", ".1f"),
         ]
         note = (
-            f"Nearer than required; its probability lies from … to with {100 * CONFIDENCE:g} % confidence (Clopper "
-            "and Pearson). Load ±30 %, cable ±0.5 m off its measure, wind up to 4 m/s with a gust of up to 6 m/s "
+            f"Nearer than required; its probability lies from … to with {100 * CONFIDENCE:g} % "
+            "confidence (Clopper "
+            "and Pearson). Load ±30 %, cable ±0.5 m off its measure, wind up to 4 m/s with a gust "
+            "of up to 6 m/s "
             "more, sensors up to 20 ms late. Least: negative where something is run into."
         )
         tables.append(harness.Table("Lifts not quite as planned", columns, spread, note))
@@ -151,24 +184,39 @@ def _tables(made: dict[str, Made]) -> list[harness.Table]:
 
 
 def _times(made: dict[str, Made]) -> harness.Table:
-    columns = [("site", ""), ("planned [s]", ".1f"), ("certified [s]", ".1f"), ("perturbed [s]", ".1f")]
-    return harness.Table("How long it took on this machine", columns, [(name, *one.seconds) for name, one in made.items()])
+    columns = [
+        ("site", ""),
+        ("planned [s]", ".1f"),
+        ("certified [s]", ".1f"),
+        ("perturbed [s]", ".1f"),
+    ]
+    return harness.Table(
+        "How long it took on this machine",
+        columns,
+        [(name, *one.seconds) for name, one in made.items()],
+    )
 
 
 def _claims(name: str, made: Made) -> list[harness.Claim]:
     lift = made.certificate.lift
     ratio = lift.timed.motion.arrival / lift.timed.bound
-    claims = [harness.Claim(f"{name}: {check.sentence}", check.holds) for check in made.certificate.checks]
+    claims = [
+        harness.Claim(f"{name}: {check.sentence}", check.holds) for check in made.certificate.checks
+    ]
     if made.certificate.holds:
         over = lift.way / lift.on_grid.duration
         claims.append(
             harness.Claim(
-                f"{name}: the motion lasts {ratio:.3f} times what the drives alone would need, at most {OF_BOUND:g}.", ratio <= OF_BOUND
+                f"{name}: the motion lasts {ratio:.3f} times what the drives alone would need, at "
+                f"most {OF_BOUND:g}.",
+                ratio <= OF_BOUND,
             )
         )
         claims.append(
             harness.Claim(
-                f"{name}: the way lasts {over:.3f} times the best on a grid with the same room, at most {OF_GRID:g}.", over <= OF_GRID
+                f"{name}: the way lasts {over:.3f} times the best on a grid with the same room, at "
+                f"most {OF_GRID:g}.",
+                over <= OF_GRID,
             )
         )
     return claims
@@ -177,10 +225,18 @@ def _claims(name: str, made: Made) -> list[harness.Claim]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = harness.parser(
-        "lift", "From a site with obstacles to a motion that provably touches nothing.", engines=("compiled", "pinocchio")
+        "lift",
+        "From a site with obstacles to a motion that provably touches nothing.",
+        engines=("compiled", "pinocchio"),
     )
     harness.add_setup(made, "payload_mass")
-    made.add_argument("--site", nargs="+", metavar="FILE", default=None, help="sites as TOML, see docs/lift.md; all examples if not given")
+    made.add_argument(
+        "--site",
+        nargs="+",
+        metavar="FILE",
+        default=None,
+        help="sites as TOML, see docs/lift.md; all examples if not given",
+    )
     made.add_argument(
         "--from",
         dest="start",
@@ -189,9 +245,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar=("X", "Y", "Z"),
         help="centre of the load at the start, in the site's frame [m]",
     )
-    made.add_argument("--to", dest="goal", nargs=3, type=float, metavar=("X", "Y", "Z"), help="the same at the end")
     made.add_argument(
-        "--lifts", type=int, default=LIFTS, metavar="N", help="how many lifts to make that are not quite as planned; 0 for none"
+        "--to",
+        dest="goal",
+        nargs=3,
+        type=float,
+        metavar=("X", "Y", "Z"),
+        help="the same at the end",
+    )
+    made.add_argument(
+        "--lifts",
+        type=int,
+        default=LIFTS,
+        metavar="N",
+        help="how many lifts to make that are not quite as planned; 0 for none",
     )
     return harness.conduct(made, experiment, argv)
 

@@ -1,4 +1,6 @@
-"""A hundred random sites: how often a lift is found and certified, how fast, how near the best; beside what else one might do."""
+"""A hundred random sites: how often a lift is found and certified, how fast, how near the best;
+beside what else one might do.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,8 @@ SITES, SEED = 100, 14
 """How many sites, and the seed of them."""
 
 OF_GRID, OF_BOUND, SECONDS = 1.02, 1.25, 10.0
-"""What is asked: the way over the best on a grid, the motion over what the drives alone need, seconds for both."""
+"""What is asked: the way over the best on a grid, the motion over what the drives alone need,
+seconds for both."""
 
 _LOAD = np.array([[x, y, z] for x in (-0.75, 0.75) for y in (-1.0, 1.0) for z in (-0.6, 0.6)])
 
@@ -47,7 +50,8 @@ class Tried:
         why: Why there is none, or what its certificate lacks.
         seconds: For plan and certificate [s].
         clearance: Least in the simulation [m].
-        others: Duration [s], least distance [m] and swing at the arrival [rad] of other means along the same way, by name.
+        others: Duration [s], least distance [m] and swing at the arrival [rad] of other means along
+            the same way, by name.
     """
 
     lift: Lift | None
@@ -58,12 +62,16 @@ class Tried:
 
 
 def sites(crane: Crane, count: int, seed: int = SEED) -> Iterator[Site]:
-    """Random sites on which start and goal are free: 4 to 10 boxes, some of them as high as the jib allows."""
+    """Random sites on which start and goal are free: 4 to 10 boxes, some of them as high as the jib
+    allows.
+    """
     rng = np.random.default_rng(seed)
     made = 0
     while made < count:
         solids = tuple(_box(rng, i) for i in range(rng.integers(4, 11)))
-        start, goal = (np.array([radius * math.cos(a), radius * math.sin(a), z]) for radius, a, z in _ends(rng))
+        start, goal = (
+            np.array([radius * math.cos(a), radius * math.sin(a), z]) for radius, a, z in _ends(rng)
+        )
         site = Site(f"site {made + 1}", solids, load=_LOAD, start=start, goal=goal)
         asked = Clearance(crane, site)
         if min(asked.room(asked.place(point)) for point in (start, goal)) > 0.1:
@@ -74,12 +82,20 @@ def sites(crane: Crane, count: int, seed: int = SEED) -> Iterator[Site]:
 def _box(rng: np.random.Generator, i: int) -> Solid:
     angle, radius = rng.uniform(-math.pi, math.pi), rng.uniform(6.0, 22.0)
     size = [*rng.uniform(1.0, 7.0, 2), float(rng.uniform(3.0, 20.0))]
-    return box(f"box {i + 1}", (radius * math.cos(angle), radius * math.sin(angle)), size, 0.0, rng.uniform(0.0, math.pi))
+    return box(
+        f"box {i + 1}",
+        (radius * math.cos(angle), radius * math.sin(angle)),
+        size,
+        0.0,
+        rng.uniform(0.0, math.pi),
+    )
 
 
 def _ends(rng: np.random.Generator) -> list[tuple[float, float, float]]:
     begin, turn = rng.uniform(-math.pi, math.pi), rng.uniform(0.8, 2.8) * rng.choice([-1.0, 1.0])
-    return [(rng.uniform(6.0, 20.0), angle, rng.uniform(3.0, 12.0)) for angle in (begin, begin + turn)]
+    return [
+        (rng.uniform(6.0, 20.0), angle, rng.uniform(3.0, 12.0)) for angle in (begin, begin + turn)
+    ]
 
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
@@ -109,10 +125,14 @@ def _tried(setup: harness.Setup, site: Site) -> Tried:
 
 
 def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, float]]:
-    """The same way by other means: stopping at every corner, by splines under PD, and by an operator one drive after the other."""
+    """The same way by other means: stopping at every corner, by splines under PD, and by an
+    operator one drive after the other.
+    """
     start, _ = lift.states()
     corners = lift.points[1:].tolist()
-    durations = shortest(lift.crane, start, corners, rates=LIMITS.rates, accelerations=LIMITS.accelerations)
+    durations = shortest(
+        lift.crane, start, corners, rates=LIMITS.rates, accelerations=LIMITS.accelerations
+    )
     splines = spline(lift.crane, start, corners, durations)
     joystick, end = _operated(lift)
     return {
@@ -123,11 +143,15 @@ def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, f
 
 
 def _operated(lift: Lift) -> tuple[Reference, float]:
-    """An operator who goes from corner to corner, all drives at full rate, and waits for the slowest at each."""
+    """An operator who goes from corner to corner, all drives at full rate, and waits for the
+    slowest at each.
+    """
     pulses, at, drives = [], 0.0, [joint.symbol for joint in lift.crane.layout.driven]
     for one, other in itertools.pairwise(lift.points):
         lasts = 0.0
-        for drive, way, rate, acceleration in zip(drives, other - one, LIMITS.rates, LIMITS.accelerations, strict=True):
+        for drive, way, rate, acceleration in zip(
+            drives, other - one, LIMITS.rates, LIMITS.accelerations, strict=True
+        ):
             if abs(way) > 1e-6:
                 speed = min(rate, math.sqrt(abs(way) * acceleration))
                 pulses.append(JoystickPulse(drive, math.copysign(speed, way), at, abs(way) / speed))
@@ -136,19 +160,40 @@ def _operated(lift: Lift) -> tuple[Reference, float]:
     return operator(lift.crane, lift.states()[0], pulses, accelerations=LIMITS.accelerations), at
 
 
-def _run(setup: harness.Setup, lift: Lift, reference: Reference, arrives: float, exact: bool) -> tuple[float, float, float]:
-    """Duration [s], least distance [m] and swing at the arrival [rad] of a lift by a reference, drives exact or under PD."""
-    controller = follow(lift.crane, reference, setup.control_period) if exact else hold_controller(lift.crane)
+def _run(
+    setup: harness.Setup, lift: Lift, reference: Reference, arrives: float, exact: bool
+) -> tuple[float, float, float]:
+    """Duration [s], least distance [m] and swing at the arrival [rad] of a lift by a reference,
+    drives exact or under PD.
+    """
+    controller = (
+        follow(lift.crane, reference, setup.control_period)
+        if exact
+        else hold_controller(lift.crane)
+    )
     duration, start = instant(setup, arrives + AFTER), lift.states()[0]
     batch = simulate_batch(
-        lift.crane, controller, reference, start=start, duration=duration, dt=setup.dt, control_period=setup.control_period,
-        drive="motion" if exact else "effort", record=20, threads=1,
-    )  # fmt: skip
+        lift.crane,
+        controller,
+        reference,
+        start=start,
+        duration=duration,
+        dt=setup.dt,
+        control_period=setup.control_period,
+        drive="motion" if exact else "effort",
+        record=20,
+        threads=1,
+    )
     least = min(lift.clearance.true_room(q) for q in batch.q[0]) + lift.clearance.site.distance
     k = int(np.searchsorted(batch.t, arrives))
     passive, hoist = lift.crane.layout.passive, lift.clearance.joints.hoist
     here = slice(k, k + 1)
-    swing = swing_amplitude(batch.q[0, here][:, passive], batch.v[0, here][:, passive], float(batch.q[0, k, hoist]), lift.crane.gravity)
+    swing = swing_amplitude(
+        batch.q[0, here][:, passive],
+        batch.v[0, here][:, passive],
+        float(batch.q[0, k, hoist]),
+        lift.crane.gravity,
+    )
     return arrives, least, float(swing[0])
 
 
@@ -162,15 +207,24 @@ def _summary(tried: Sequence[Tried]) -> harness.Table:
     measured: dict[str, list[float]] = {
         "plan and certificate [s]": [one.seconds for one, _ in held],
         "way over grid, same room": [lift.way / lift.on_grid.duration for _, lift in held],
-        "way over grid, no more room than required": [lift.way / lift.on_grid_without_extra.duration for _, lift in held],
+        "way over grid, no more room than required": [
+            lift.way / lift.on_grid_without_extra.duration for _, lift in held
+        ],
         "motion over drives": [lift.timed.motion.arrival / lift.timed.bound for _, lift in held],
         "motion [s]": [lift.timed.motion.arrival for _, lift in held],
         "least clearance [m]": [-one.clearance for one, _ in held],
     }
     rows: list[list[float | str | None]] = [
-        [name, *(abs(float(np.quantile(values, share))) for share in (0.5, 0.9, 1.0))] for name, values in measured.items() if values
+        [name, *(abs(float(np.quantile(values, share))) for share in (0.5, 0.9, 1.0))]
+        for name, values in measured.items()
+        if values
     ]
-    columns = [("of certified lifts", ""), ("median", ".3f"), ("worst tenth", ".3f"), ("worst", ".3f")]
+    columns = [
+        ("of certified lifts", ""),
+        ("median", ".3f"),
+        ("worst tenth", ".3f"),
+        ("worst", ".3f"),
+    ]
     note = f"{len(held)} of {len(tried)} sites certified, every segment proven."
     return harness.Table("Random sites", columns, rows, note)
 
@@ -181,11 +235,20 @@ def _beside(tried: Sequence[Tried]) -> harness.Table:
     rows: list[list[float | str | None]] = []
     if held:
         rows.append(
-            ["planned", float(np.median([lift.timed.motion.arrival for _, lift in held])), min(one.clearance for one, _ in held), 0, 0.0]
+            [
+                "planned",
+                float(np.median([lift.timed.motion.arrival for _, lift in held])),
+                min(one.clearance for one, _ in held),
+                0,
+                0.0,
+            ]
         )
         for name in held[0][0].others:
             of = [one.others[name] for one, _ in held]
-            nearer = sum(least < lift.clearance.site.distance for (_, least, _), (_, lift) in zip(of, held, strict=True))
+            nearer = sum(
+                least < lift.clearance.site.distance
+                for (_, least, _), (_, lift) in zip(of, held, strict=True)
+            )
             rows.append(
                 [
                     name,
@@ -202,7 +265,12 @@ def _beside(tried: Sequence[Tried]) -> harness.Table:
         ("nearer than required", "d"),
         ("swing at arrival [mrad]", ".2f"),
     ]
-    return harness.Table("Beside it", columns, rows, "The planned ones arrive with less than 0.05 mrad, or they are not certified.")
+    return harness.Table(
+        "Beside it",
+        columns,
+        rows,
+        "The planned ones arrive with less than 0.05 mrad, or they are not certified.",
+    )
 
 
 def _failed(tried: Sequence[Tried]) -> harness.Table:
@@ -218,22 +286,31 @@ def _claims(tried: Sequence[Tried]) -> list[harness.Claim]:
     planned = sum(one.lift is not None for one in tried)
     return [
         harness.Claim(
-            f"Every lift that is planned is certified: {len(held)} of {planned}; {len(refused)} sites are refused.",
+            f"Every lift that is planned is certified: {len(held)} of {planned}; {len(refused)} "
+            "sites are refused.",
             len(held) == planned > 0,
         ),
         harness.Claim(
-            f"Ways last at most {OF_GRID:g} times the best on a grid with the same room: {max(over, default=0):.3f}.",
+            f"Ways last at most {OF_GRID:g} times the best on a grid with the same room: "
+            f"{max(over, default=0):.3f}.",
             max(over, default=9) <= OF_GRID,
         ),
         harness.Claim(
-            f"Motions last at most {OF_BOUND:g} times what the drives need: {max(bound, default=0):.3f}.", max(bound, default=9) <= OF_BOUND
+            f"Motions last at most {OF_BOUND:g} times what the drives need: "
+            f"{max(bound, default=0):.3f}.",
+            max(bound, default=9) <= OF_BOUND,
         ),
     ]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("lift_benchmark", "Lifts on random sites, beside other means.", recording=False, engines=("compiled",))
+    made = harness.parser(
+        "lift_benchmark",
+        "Lifts on random sites, beside other means.",
+        recording=False,
+        engines=("compiled",),
+    )
     harness.add_setup(made)
     made.add_argument("--sites", type=int, default=SITES, metavar="N", help="how many sites")
     return harness.conduct(made, experiment, argv)

@@ -1,4 +1,6 @@
-"""Figures and scenery of planned lifts: plan, elevation, clearance over time, and what the recording shows of the site."""
+"""Figures and scenery of planned lifts: plan, elevation, clearance over time, and what the
+recording shows of the site.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +25,23 @@ _PALETTE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 
 
 def views(certificate: Certificate) -> Figure:
-    """Plan and two elevations of a site with the path of the load, its envelope at the nearest point, and the reach of the crane."""
+    """Plan and two elevations of a site with the path of the load, its envelope at the nearest
+    point, and the reach of the crane.
+    """
     lift = certificate.lift
     site, clearance = lift.clearance.site, lift.clearance
     path = site.to_site(clearance.point(lift.timed.places))
-    near = site.to_site(clearance.point(certificate.run.q[np.searchsorted(certificate.run.t, certificate.at)][clearance.place_of]))
+    near = site.to_site(
+        clearance.point(
+            certificate.run.q[np.searchsorted(certificate.run.t, certificate.at)][
+                clearance.place_of
+            ]
+        )
+    )
     figure, axes = panels(1, 3, height=4.2, width=13.0)
-    for ax, (i, j), names in zip(axes, ((0, 1), (0, 2), (1, 2)), (("x", "y"), ("x", "z"), ("y", "z")), strict=True):
+    for ax, (i, j), names in zip(
+        axes, ((0, 1), (0, 2), (1, 2)), (("x", "y"), ("x", "z"), ("y", "z")), strict=True
+    ):
         for solid in site.solids:
             ax.add_collection(_outlines(solid, i, j))
         mast = site.to_site(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, clearance.height]]))
@@ -37,15 +49,30 @@ def views(certificate: Certificate) -> Figure:
         ax.plot(path[:, i], path[:, j], color=COLOURS["x"], label="centre of the load")
         ax.plot(path[0, i], path[0, j], "o", color=COLOURS["x"])
         ax.plot(path[-1, i], path[-1, j], "*", color=COLOURS["x"], markersize=12)
-        ax.plot(near[i], near[j], "x", color="#000000", label=f"nearest, {certificate.nearest.distance:.2f} m")
+        ax.plot(
+            near[i],
+            near[j],
+            "x",
+            color="#000000",
+            label=f"nearest, {certificate.nearest.distance:.2f} m",
+        )
         if j == 2:
             ax.axhline(site.ground, color="#777777", linewidth=1.0)
         ax.set(xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]")
         ax.set_aspect("equal", adjustable="datalim")
         ax.autoscale_view()
     angle = np.linspace(0.0, 2.0 * math.pi, 100)
-    for radius in (lift.crane.lower[clearance.joints.trolley], lift.crane.upper[clearance.joints.trolley]):
-        axes[0].plot(site.foot[0] + radius * np.cos(angle), site.foot[1] + radius * np.sin(angle), ":", color="#999999", linewidth=1.0)
+    for radius in (
+        lift.crane.lower[clearance.joints.trolley],
+        lift.crane.upper[clearance.joints.trolley],
+    ):
+        axes[0].plot(
+            site.foot[0] + radius * np.cos(angle),
+            site.foot[1] + radius * np.sin(angle),
+            ":",
+            color="#999999",
+            linewidth=1.0,
+        )
     axes[0].legend(loc="best", fontsize=9)
     figure.suptitle(site.name)
     return figure
@@ -56,7 +83,10 @@ def over_time(certificate: Certificate) -> Figure:
     site = certificate.lift.clearance.site
     figure, (clear, swing) = panels(2, height=2.6, sharex=True)
     zones = {solid.name for solid in site.solids if solid.zone}
-    names = sorted((name for name in certificate.distances if name not in zones), key=lambda name: certificate.distances[name].min().item())
+    names = sorted(
+        (name for name in certificate.distances if name not in zones),
+        key=lambda name: certificate.distances[name].min().item(),
+    )
     for name, colour in zip(names[:_SHOWN], _PALETTE, strict=False):
         clear.plot(certificate.t, certificate.distances[name], color=colour, label=name)
     clear.axhline(site.distance, color="#000000", linestyle="--", linewidth=1.0, label="required")
@@ -66,7 +96,9 @@ def over_time(certificate: Certificate) -> Figure:
     swing.plot(run.t, 1e3 * run["phi_rad"], color=COLOURS["phi"], label="φ radial")
     swing.plot(run.t, 1e3 * run["theta_rad"], color=COLOURS["theta"], label="θ tangential")
     for sign in (1.0, -1.0):
-        swing.axhline(sign * 1e3 * site.swing, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
+        swing.axhline(
+            sign * 1e3 * site.swing, color=COLOURS["limit"], linestyle="--", linewidth=1.0
+        )
     swing.axvline(certificate.lift.timed.motion.arrival, color=COLOURS["limit"], linewidth=1.0)
     swing.set(xlabel="time [s], the line is the arrival", ylabel="swing [mrad]")
     swing.legend(loc="upper right", ncols=2, fontsize=9)
@@ -74,11 +106,19 @@ def over_time(certificate: Certificate) -> Figure:
 
 
 def scenery(certificate: Certificate) -> Scenery:
-    """What the recording shows of a site: obstacles, marked while they are nearer than twice what is required beyond the envelope."""
+    """What the recording shows of a site: obstacles, marked while they are nearer than twice what
+    is required beyond the envelope.
+    """
     lift, clearance = certificate.lift, certificate.lift.clearance
     mark = clearance.site.distance + 2.0 * clearance.envelope(float(lift.ends[:, 2].mean()))
     obstacles = [
-        Obstacle(one.name, one.vertices, one.triangles, one.zone, () if one.zone else _spells(certificate, one.name, mark))
+        Obstacle(
+            one.name,
+            one.vertices,
+            one.triangles,
+            one.zone,
+            () if one.zone else _spells(certificate, one.name, mark),
+        )
         for one in clearance.solids
     ]
     return Scenery(obstacles, clearance.point(lift.timed.places[::5]), _swept(lift))
@@ -115,4 +155,10 @@ def _outlines(solid: Solid, i: int, j: int) -> PolyCollection:
         if len(flat) > 2 and np.linalg.matrix_rank(flat - flat[0], tol=1e-5) == 2:
             shapes.append(flat[ConvexHull(flat).vertices])
     colour = "#CC3311" if solid.zone else "#8C8475"
-    return PolyCollection(shapes, facecolor=colour, edgecolor=colour, alpha=0.25 if solid.zone else 0.55, linewidth=0.8)
+    return PolyCollection(
+        shapes,
+        facecolor=colour,
+        edgecolor=colour,
+        alpha=0.25 if solid.zone else 0.55,
+        linewidth=0.8,
+    )

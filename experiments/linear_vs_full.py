@@ -1,4 +1,6 @@
-"""Where the paper's linear swing, Eqs. (8) and (10), is good enough and where not, beside the plant under the same motion of the drives."""
+"""Where the paper's linear swing, Eqs. (8) and (10), is good enough and where not, beside the plant
+under the same motion of the drives.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,14 @@ from dataclasses import replace
 from experiments import harness
 from experiments.linear.runs import Case, cases, powers, reaches, scan
 from experiments.linear.sites import ANGLES, SHARES, SITES, short_slews, slow_slews
-from experiments.linear.tables import RPM, angles_table, dropped_table, errors_table, powers_table, rates_table
+from experiments.linear.tables import (
+    RPM,
+    angles_table,
+    dropped_table,
+    errors_table,
+    powers_table,
+    rates_table,
+)
 
 DT, CONTROL_PERIOD = 4e-3, 4e-2
 """Coarser than elsewhere [s]."""
@@ -39,8 +48,12 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     setup = replace(setup, dt=DT, control_period=CONTROL_PERIOD)
     cranes = {site: site.crane(setup) for site in SITES}
     found = [case for site, crane in cranes.items() for case in cases(setup, site, crane)]
-    slow = {site.name: scan(setup, crane, slow_slews(site, crane)) for site, crane in cranes.items()}
-    short = {site.name: scan(setup, crane, short_slews(site, crane)) for site, crane in cranes.items()}
+    slow = {
+        site.name: scan(setup, crane, slow_slews(site, crane)) for site, crane in cranes.items()
+    }
+    short = {
+        site.name: scan(setup, crane, short_slews(site, crane)) for site, crane in cranes.items()
+    }
     rates = {site.name: site.slew * reaches(SHARES, slow[site.name], GOOD) for site in SITES}
     angles = {site.name: reaches(ANGLES, short[site.name], GOOD) for site in SITES}
     hoisted = {site.name: powers(setup, site, crane) for site, crane in cranes.items()}
@@ -55,47 +68,80 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             powers_table(hoisted),
         ],
         claims=claims(found, rates, angles, hoisted),
-        parameters={"gravity_m_s2": setup.gravity, "dt_s": setup.dt, "control_period_s": setup.control_period, "engine": setup.engine},
-        trajectories={case.job.name.replace(", ", "_").replace(" ", "_"): case.run for case in shown},
-        figures={name: swing_figure(case, setup.gravity) for name, case in zip(("swing_slew", "swing_all"), shown, strict=True)}
+        parameters={
+            "gravity_m_s2": setup.gravity,
+            "dt_s": setup.dt,
+            "control_period_s": setup.control_period,
+            "engine": setup.engine,
+        },
+        trajectories={
+            case.job.name.replace(", ", "_").replace(" ", "_"): case.run for case in shown
+        },
+        figures={
+            name: swing_figure(case, setup.gravity)
+            for name, case in zip(("swing_slew", "swing_all"), shown, strict=True)
+        }
         | {"slews": slew_figure(slow, short, GOOD), "dropped": dropped_figure(found, SHOWN)},
-        recording=[Run(case.job.name, cranes[case.site], case.run, (120.0 * i, 0.0, 0.0)) for i, case in enumerate(shown)],
+        recording=[
+            Run(case.job.name, cranes[case.site], case.run, (120.0 * i, 0.0, 0.0))
+            for i, case in enumerate(shown)
+        ],
     )
 
 
 def claims(
-    found: Sequence[Case], rates: Mapping[str, float], angles: Mapping[str, float], hoisted: Mapping[str, Sequence[float]]
+    found: Sequence[Case],
+    rates: Mapping[str, float],
+    angles: Mapping[str, float],
+    hoisted: Mapping[str, Sequence[float]],
 ) -> list[harness.Claim]:
     """What holds where, as far as these moves show it."""
     alone = [case.paper.rms for case in found if case.job.name in ALONE]
     slewing = [case for case in found if case.job.name.startswith("slew")]
-    terms = [case.dropped[name] for case in slewing for name in OF_SLEWING if case.site is SITES[1] and "spline" not in case.job.name]
+    terms = [
+        case.dropped[name]
+        for case in slewing
+        for name in OF_SLEWING
+        if case.site is SITES[1] and "spline" not in case.job.name
+    ]
     off, back = [case.paper.rms for case in slewing], [case.rates.rms for case in found]
     others = min(case.paper.rms for case in found if case.job.name not in ALONE)
     shares = [rates[site.name] / site.slew for site in SITES]
     plant, eq8 = ([powers[k] for powers in hoisted.values()] for k in (0, 1))
     return [
         harness.Claim(
-            f"Trolley alone at full speed: Eq. (8) is off by {_span(alone)} on every crane, less than the step's own {100 * OF_STEP:g} %.",
+            f"Trolley alone at full speed: Eq. (8) is off by {_span(alone)} on every crane, less "
+            f"than the step's own {100 * OF_STEP:g} %.",
             max(alone) < OF_STEP,
         ),
         harness.Claim(
-            f"Jib of 50 m at 0.8 rpm: the centrifugal and Coriolis terms dropped are {_span(terms)} of the kept term, all above 15 %.",
+            "Jib of 50 m at 0.8 rpm: the centrifugal and Coriolis terms dropped are "
+            f"{_span(terms)} of the kept term, all above 15 %.",
             min(terms) > 0.15,
         ),
-        harness.Claim(f"At the cranes' slew rates Eqs. (8) and (10) are off by {_span(off)}, above 30 % in every move.", min(off) > 0.3),
         harness.Claim(
-            f"With the dropped terms put back every move is within 5 % ({_span(back)}), left by finite angles.", max(back) < 0.05
+            f"At the cranes' slew rates Eqs. (8) and (10) are off by {_span(off)}, above 30 % in "
+            "every move.",
+            min(off) > 0.3,
         ),
         harness.Claim(
-            f"Hoisted slowly a swing goes with the power {plant[0]:+.3f} of the cable, by Eq. (8) with {eq8[0]:+.3f}: -3/4 and +1/4 "
-            "within 0.005 on every crane, so that Eq. (8) is off by the ratio of the lengths, at any speed.",
+            f"With the dropped terms put back every move is within 5 % ({_span(back)}), left by "
+            "finite angles.",
+            max(back) < 0.05,
+        ),
+        harness.Claim(
+            f"Hoisted slowly a swing goes with the power {plant[0]:+.3f} of the cable, by Eq. (8) "
+            f"with {eq8[0]:+.3f}: -3/4 and +1/4 "
+            "within 0.005 on every crane, so that Eq. (8) is off by the ratio of the lengths, at "
+            "any speed.",
             all(abs(p + 0.75) < 0.005 for p in plant) and all(abs(p - 0.25) < 0.005 for p in eq8),
         ),
         harness.Claim(
-            f"Good to {100 * GOOD:g} % are the trolley alone, slews of {min(angles.values()):.1f}° or less, and slews at "
+            f"Good to {100 * GOOD:g} % are the trolley alone, slews of {min(angles.values()):.1f}° "
+            "or less, and slews at "
             f"{RPM * min(rates.values()):.2f} rpm or less, a tenth of the crane's rate at most; "
-            f"every move at full speed that slews or hoists is off by {100 * others:.0f} % or more.",
+            f"every move at full speed that slews or hoists is off by {100 * others:.0f} % or "
+            "more.",
             max(alone) < GOOD < others and max(shares) < 0.1,
         ),
     ]
@@ -107,7 +153,10 @@ def _span(shares: Sequence[float]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("linear_vs_full", "The paper's linear swing, Eqs. (8) and (10), beside the plant on four cranes.")
+    made = harness.parser(
+        "linear_vs_full",
+        "The paper's linear swing, Eqs. (8) and (10), beside the plant on four cranes.",
+    )
     return harness.conduct(made, experiment, argv)
 
 

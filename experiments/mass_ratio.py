@@ -1,4 +1,6 @@
-"""Mass ratio: the links between the swing joints may be as light as one likes, and a point load swings alike whatever it weighs."""
+"""Mass ratio: the links between the swing joints may be as light as one likes, and a point load
+swings alike whatever it weighs.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,15 @@ def swing(setup: harness.Setup, link: float) -> Trajectory:
     """Free swing from rest with the drives locked and dummy links of a given mass [kg]."""
     crane = setup.variant(dummy_mass=link, dummy_inertia=link, damp_swing=0)
     start = crane.state(l=LENGTH, phi=SWING)
-    return setup.simulate(crane, locked(crane), None, start=start, duration=DURATION, label=f"links of {link:g} kg", drive="motion")
+    return setup.simulate(
+        crane,
+        locked(crane),
+        None,
+        start=start,
+        duration=DURATION,
+        label=f"links of {link:g} kg",
+        drive="motion",
+    )
 
 
 def period(trajectory: Trajectory) -> float:
@@ -46,18 +56,30 @@ def period(trajectory: Trajectory) -> float:
     """
     crossings = zero_crossings(trajectory.t, trajectory["phi_rad"])
     if len(crossings) < 2:
-        raise DataError(f"The load swings through {len(crossings)} times in {DURATION:g} s; a period needs two.")
+        raise DataError(
+            f"The load swings through {len(crossings)} times in {DURATION:g} s; a period needs two."
+        )
     return 2.0 * float(crossings[-1] - crossings[0]) / (len(crossings) - 1)
 
 
 def of_step(setup: harness.Setup, period: float) -> float:
-    """Share by which semi-implicit Euler shortens the period [s] of a small swing, (ω dt)²/24; a finite swing A changes A² of it."""
+    """Share by which semi-implicit Euler shortens the period [s] of a small swing, (ω dt)²/24; a
+    finite swing A changes A² of it.
+    """
     return (2.0 * math.pi / period * setup.dt) ** 2 / 24.0
 
 
 def between_rows(setup: harness.Setup, period: float) -> float:
-    """What straight lines between rows h apart may add to the period [s], relative: twice (ω h)² h/(36 √3) over the run."""
-    return 2.0 * (2.0 * math.pi / period * setup.control_period) ** 2 * setup.control_period / (36.0 * math.sqrt(3.0)) / (DURATION - period)
+    """What straight lines between rows h apart may add to the period [s], relative: twice (ω h)²
+    h/(36 √3) over the run.
+    """
+    return (
+        2.0
+        * (2.0 * math.pi / period * setup.control_period) ** 2
+        * setup.control_period
+        / (36.0 * math.sqrt(3.0))
+        / (DURATION - period)
+    )
 
 
 def rounding(setup: harness.Setup, duration: float) -> float:
@@ -71,7 +93,9 @@ def tour(setup: harness.Setup, crane: Crane) -> Trajectory:
     reference = spline(crane, start, [(0.4, 14.0, LENGTH - 4.0)], [12.0], at=1.0)
     drives = follow(crane, reference, setup.control_period)
     label = f"load of {crane.payload_mass:g} kg"
-    return setup.simulate(crane, drives, reference, start=start, duration=TOUR, label=label, drive="motion")
+    return setup.simulate(
+        crane, drives, reference, start=start, duration=TOUR, label=label, drive="motion"
+    )
 
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
@@ -82,32 +106,50 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     runs = {m: swing(setup, m) for m in LINKS}
     periods = {m: period(r) for m, r in runs.items()}
     theory_periods = {
-        m: theory.rigid_period(LENGTH, crane.gravity, crane.payload_mass, crane.payload_inertia[0, 0] + 2.0 * m)
+        m: theory.rigid_period(
+            LENGTH, crane.gravity, crane.payload_mass, crane.payload_inertia[0, 0] + 2.0 * m
+        )
         * float(theory.amplitude_factor(SWING))
         for m in LINKS
     }
     finite = all(np.isfinite(r.q).all() for r in runs.values())
-    off = max(abs(periods[m] / theory_periods[m] - 1.0 + of_step(setup, theory_periods[m])) for m in LINKS)
-    allowed = SWING**2 * of_step(setup, theory_periods[0.0]) + between_rows(setup, theory_periods[0.0])
+    off = max(
+        abs(periods[m] / theory_periods[m] - 1.0 + of_step(setup, theory_periods[m])) for m in LINKS
+    )
+    allowed = SWING**2 * of_step(setup, theory_periods[0.0]) + between_rows(
+        setup, theory_periods[0.0]
+    )
     light, inertia = (found[1e-6] / found[0.0] - 1.0 for found in (periods, theory_periods))
-    points = {m: tour(setup, setup.variant(payload_mass=m, payload_inertia=0, dummy_mass=0, dummy_inertia=0, damp_swing=0)) for m in LOADS}
+    points = {
+        m: tour(
+            setup,
+            setup.variant(
+                payload_mass=m, payload_inertia=0, dummy_mass=0, dummy_inertia=0, damp_swing=0
+            ),
+        )
+        for m in LOADS
+    }
     rigid = {m: tour(setup, setup.variant(payload_mass=m, damp_swing=0)) for m in LOADS}
     spread, spread_rigid = _spread(points), _spread(rigid)
     return harness.Outcome(
         tables=[_links_table(crane, periods, theory_periods), _loads_table(points, rigid)],
         claims=[
             harness.Claim(
-                "Dummy links from 50 kg down to none run without trouble, and their periods are those of the compound pendulum less "
-                f"(ω dt)²/24 of the step, {of_step(setup, theory_periods[0.0]):.1e}, within {allowed:.1e} (worst {off:.1e}).",
+                "Dummy links from 50 kg down to none run without trouble, and their periods are "
+                "those of the compound pendulum less "
+                f"(ω dt)²/24 of the step, {of_step(setup, theory_periods[0.0]):.1e}, within "
+                f"{allowed:.1e} (worst {off:.1e}).",
                 finite and off < allowed,
             ),
             harness.Claim(
-                f"Links of 1e-6 kg beside a load of {crane.payload_mass:g} kg change the period by {light:.1e}, as their inertia must, "
+                f"Links of 1e-6 kg beside a load of {crane.payload_mass:g} kg change the period by "
+                f"{light:.1e}, as their inertia must, "
                 f"within rounding, {rounding(setup, DURATION):.0e}.",
                 abs(light - inertia) < rounding(setup, DURATION),
             ),
             harness.Claim(
-                f"With exact drives a point load of 10 kg and one of 100 t swing alike within rounding, {rounding(setup, TOUR):.0e} rad "
+                "With exact drives a point load of 10 kg and one of 100 t swing alike within "
+                f"rounding, {rounding(setup, TOUR):.0e} rad "
                 f"({spread:.0e}); with inertia they do not ({spread_rigid:.1e}).",
                 spread < rounding(setup, TOUR) < spread_rigid,
             ),
@@ -125,9 +167,19 @@ def _spread(runs: dict[float, Trajectory]) -> float:
     return float(np.ptp(swings, axis=0).max())
 
 
-def _links_table(crane: Crane, periods: dict[float, float], expected: dict[float, float]) -> harness.Table:
+def _links_table(
+    crane: Crane, periods: dict[float, float], expected: dict[float, float]
+) -> harness.Table:
     rows = [
-        (m, crane.payload_mass / m if m else None, T, expected[m], T / expected[m] - 1, T / periods[0.0] - 1) for m, T in periods.items()
+        (
+            m,
+            crane.payload_mass / m if m else None,
+            T,
+            expected[m],
+            T / expected[m] - 1,
+            T / periods[0.0] - 1,
+        )
+        for m, T in periods.items()
     ]
     columns = [
         ("link [kg]", "g"),
@@ -138,12 +190,25 @@ def _links_table(crane: Crane, periods: dict[float, float], expected: dict[float
         ("against no links", "+.1e"),
     ]
     return harness.Table(
-        "Free swing with ever lighter links between the swing joints", columns, rows, "The article's engine diverged at 1 kg."
+        "Free swing with ever lighter links between the swing joints",
+        columns,
+        rows,
+        "The article's engine diverged at 1 kg.",
     )
 
 
 def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]) -> harness.Table:
-    rows = [(m, *(float(np.abs(r[m][name]).max()) for r in (points, rigid) for name in ("phi_rad", "theta_rad"))) for m in points]
+    rows = [
+        (
+            m,
+            *(
+                float(np.abs(r[m][name]).max())
+                for r in (points, rigid)
+                for name in ("phi_rad", "theta_rad")
+            ),
+        )
+        for m in points
+    ]
     columns = [
         ("load [kg]", "g"),
         ("point: max φ [rad]", ".9f"),
@@ -151,7 +216,9 @@ def _loads_table(points: dict[float, Trajectory], rigid: dict[float, Trajectory]
         ("400 kg m²: max φ [rad]", ".9f"),
         ("max θ [rad]", ".9f"),
     ]
-    return harness.Table("All drives in prescribed motion: swing of loads of different mass", columns, rows)
+    return harness.Table(
+        "All drives in prescribed motion: swing of loads of different mass", columns, rows
+    )
 
 
 def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
@@ -166,7 +233,12 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
         label="I/(2 m l²), two links",
     )
     ax.axvline(1.0, linestyle=":", color=COLOURS["unexplained"])
-    ax.annotate("the article's engine\ndiverged here", (1.0, gain.min()), xytext=(6, 0), textcoords="offset points")
+    ax.annotate(
+        "the article's engine\ndiverged here",
+        (1.0, gain.min()),
+        xytext=(6, 0),
+        textcoords="offset points",
+    )
     ax.set(xlabel="mass of each link [kg]", ylabel="gain in period over no links")
     ax.legend()
     return figure
@@ -174,7 +246,9 @@ def _links_figure(crane: Crane, periods: dict[float, float]) -> Figure:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("mass_ratio", "Light links between the swing joints, and loads of any mass.")
+    made = harness.parser(
+        "mass_ratio", "Light links between the swing joints, and loads of any mass."
+    )
     harness.add_setup(made, "dummy_mass", "dummy_inertia", "damp_swing", "hoist_init")
     return harness.conduct(made, experiment, argv)
 

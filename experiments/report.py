@@ -1,4 +1,6 @@
-"""All experiments on one page: claims, tables beside the published numbers, figures, and how to make each again."""
+"""All experiments on one page: claims, tables beside the published numbers, figures, and how to
+make each again.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,15 @@ from typing import Any
 
 from cranedyn import __version__
 from cranedyn.command import INTERRUPTED, Parser, command
-from cranedyn.data.files import check_writable, digest, parse_json, read_bytes, read_text, reserved, write_text
+from cranedyn.data.files import (
+    check_writable,
+    digest,
+    parse_json,
+    read_bytes,
+    read_text,
+    reserved,
+    write_text,
+)
 from cranedyn.errors import DataError, UnknownName
 from experiments import harness
 from experiments.catalogue import EXPERIMENTS, Entry
@@ -45,10 +55,15 @@ def page(folders: Sequence[Path]) -> str:
         DataError: If a result cannot be read.
     """
     results = [_read(folder) for folder in folders]
-    sections = [_checked_section(folder, result) for folder, result in zip(folders, results, strict=True)]
-    links = "".join(f'<a href="#{escape(r["experiment"])}">{escape(_entry(r).title)}</a>' for r in results)
+    sections = [
+        _checked_section(folder, result) for folder, result in zip(folders, results, strict=True)
+    ]
+    links = "".join(
+        f'<a href="#{escape(r["experiment"])}">{escape(_entry(r).title)}</a>' for r in results
+    )
     return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+        'content="width=device-width, initial-scale=1">'
         '<link rel="icon" href="data:,">'
         f"<title>cranedyn: experiments</title><style>{STYLE}</style></head><body>"
         f'<nav><a href="#top">Summary</a>{links}</nav>\n<main id="top">{_first(results)}\n'
@@ -60,7 +75,9 @@ def page(folders: Sequence[Path]) -> str:
 def _first(results: Sequence[dict[str, Any]]) -> str:
     """The first screen: when, the crane, how many claims hold, a line for each experiment."""
     today = date.today()
-    claims = [harness.Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]]
+    claims = [
+        harness.Claim(c["sentence"], c["holds"]) for result in results for c in result["claims"]
+    ]
     held, failed = (sum(claim.holds is kind for claim in claims) for kind in (True, False))
     rows = "".join(
         f'<tr><td><a href="#{escape(r["experiment"])}">{escape(_entry(r).title)}</a></td>'
@@ -75,7 +92,8 @@ def _first(results: Sequence[dict[str, Any]]) -> str:
         f'<p class="count {verdict}">{held} of {len(claims)}</p><p>{escape(words)}</p></div>'
         f'<figure><img alt="The crane from the side" src="{_crane()}">'
         "<figcaption>The crane of the experiments, from the side.</figcaption></figure></div>"
-        '<div class="table"><table class="summary"><thead><tr><th>experiment</th><th>what it shows</th>'
+        '<div class="table"><table class="summary"><thead><tr><th>experiment</th><th>what it '
+        "shows</th>"
         f"<th>claims that hold</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
 
@@ -84,7 +102,9 @@ def _of_total(claims: Sequence[Mapping[str, Any]]) -> str:
     held, failed = (sum(c["holds"] is kind for c in claims) for kind in (True, False))
     kind = "fails" if failed else "held" if held == len(claims) else "open"
     unknown = len(claims) - held - failed
-    return f'<span class="{kind}">{held} of {len(claims)}</span>' + (f", {unknown} not judged" if unknown else "")
+    return f'<span class="{kind}">{held} of {len(claims)}</span>' + (
+        f", {unknown} not judged" if unknown else ""
+    )
 
 
 def _crane() -> str:
@@ -123,7 +143,9 @@ def _read(folder: Path) -> dict[str, Any]:
     try:
         result = parse_json(read_text(file))
         _check_set(folder, result["files"])
-        if not all(isinstance(result[name], str) for name in ("experiment", "about", "command", "machine")):
+        if not all(
+            isinstance(result[name], str) for name in ("experiment", "about", "command", "machine")
+        ):
             raise TypeError("a word is not text")
         for claim in result["claims"]:
             if not isinstance(claim["sentence"], str) or claim["holds"] not in (True, False, None):
@@ -147,14 +169,21 @@ def _checked_section(folder: Path, result: dict[str, Any]) -> str:
 
 
 def _none(file: Path, error: Exception) -> DataError:
-    return DataError(f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: {error}).")
+    return DataError(
+        f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: "
+        f"{error})."
+    )
 
 
 def _made(folder: Path) -> bool:
-    """Whether a result is there, and every file that it lists; what is wrong with it otherwise is said when it is read."""
+    """Whether a result is there, and every file that it lists; what is wrong with it otherwise is
+    said when it is read.
+    """
     file = folder / "result.json"
     try:
-        return os.path.isfile(file) and all(os.path.isfile(folder / name) for name in parse_json(read_text(file))["files"])
+        return os.path.isfile(file) and all(
+            os.path.isfile(folder / name) for name in parse_json(read_text(file))["files"]
+        )
     except (DataError, LookupError, TypeError, ValueError, RecursionError):
         return True
 
@@ -165,26 +194,36 @@ def _check_set(folder: Path, files: Mapping[str, str]) -> None:
         if Path(name).name != name or not os.path.isfile(folder / name):
             raise ValueError(f"{name!r} is no file in its folder")
         if digest(folder / name) != expected:
-            raise DataError(f"Cannot read {folder}: {name} there is of another run than its result.json; run it --again.")
+            raise DataError(
+                f"Cannot read {folder}: {name} there is of another run than its result.json; run "
+                "it --again."
+            )
 
 
 def _section(folder: Path, result: dict[str, Any]) -> str:
     entry = _entry(result)
-    claims = "".join(f"<li>{_mark(c['holds'])}{escape(c['sentence'])}</li>" for c in result["claims"])
+    claims = "".join(
+        f"<li>{_mark(c['holds'])}{escape(c['sentence'])}</li>" for c in result["claims"]
+    )
     if strange := set(result["figures"]) - set(result["files"]):
         raise ValueError(f"its figures {sorted(strange)} are not among its files")
     figures = "".join(
-        f"<figure>{_figure(folder, _best(name, result['files']))}<figcaption>{escape(entry.caption(Path(name).stem))}</figcaption></figure>"
+        f"<figure>{_figure(folder, _best(name, result['files']))}"
+        f"<figcaption>{escape(entry.caption(Path(name).stem))}</figcaption></figure>"
         for name in result["figures"]
     )
-    versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items() if version)
+    versions = ", ".join(
+        f"{name} {version}" for name, version in result["versions"].items() if version
+    )
     return (
         f'<section id="{escape(result["experiment"])}"><h2>{escape(entry.title)}</h2>'
-        f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p><ul class="claims">{claims}</ul>'
+        f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p><ul '
+        f'class="claims">{claims}</ul>'
         f"{''.join(map(_table, result['tables']))}{figures}"
         f"<p>Again: <code>{escape(result['command'])}</code></p>"
         "<details><summary>Parameters and "
-        f"versions</summary><pre>{escape(json.dumps(result['parameters'], indent=1, ensure_ascii=False))}</pre>"
+        "versions</summary>"
+        f"<pre>{escape(json.dumps(result['parameters'], indent=1, ensure_ascii=False))}</pre>"
         f'<p class="note">{escape(versions)}; {escape(result["machine"])}</p></details></section>'
     )
 
@@ -197,14 +236,21 @@ def _mark(holds: bool | None) -> str:
 def _table(table: dict[str, Any]) -> str:
     made = harness.Table.of(table)
     kinds = ["" if form else ' class="text"' for _, form in made.columns]
-    head = "".join(f"<th{kind}>{escape(header)}</th>" for (header, _), kind in zip(made.columns, kinds, strict=True))
+    head = "".join(
+        f"<th{kind}>{escape(header)}</th>"
+        for (header, _), kind in zip(made.columns, kinds, strict=True)
+    )
     body = "".join(
-        f"<tr>{''.join(f'<td{kind}>{escape(cell)}</td>' for cell, kind in zip(row, kinds, strict=True))}</tr>" for row in made.shown()
+        f"<tr>{''.join(map('<td{}>{}</td>'.format, kinds, map(escape, row)))}</tr>"
+        for row in made.shown()
     )
     note = f'<p class="note">{escape(made.note)}</p>' if made.note else ""
     rows = f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody>"
     letters = sum(column.least + 2 for column in columns_of(made))
-    return f'<div class="table"><table style="--letters: {letters}"><caption>{escape(made.title)}</caption>{rows}</table></div>{note}'
+    return (
+        '<div class="table"><table style="--letters: '
+        f'{letters}"><caption>{escape(made.title)}</caption>{rows}</table></div>{note}'
+    )
 
 
 def _best(name: str, files: Mapping[str, str]) -> str:
@@ -224,11 +270,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run what is missing, write the page; 0, or the first code of an experiment that is not 0."""
     parser = Parser(prog=called("report"), description="All experiments on one page, report.html.")
     parser.add_argument(
-        "--out", metavar="DIR", default="out", help="folder of all results, one folder inside for each experiment (default out)"
+        "--out",
+        metavar="DIR",
+        default="out",
+        help="folder of all results, one folder inside for each experiment (default out)",
     )
-    parser.add_argument("--only", nargs="+", metavar="NAME", default=list(EXPERIMENTS), help="which experiments (default all)")
-    parser.add_argument("--again", action="store_true", help="run experiments whose results are there already, too")
-    parser.add_argument("--quick", action="store_true", help="run the least of what is missing, to see the page; claims need not hold")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="NAME",
+        default=list(EXPERIMENTS),
+        help="which experiments (default all)",
+    )
+    parser.add_argument(
+        "--again", action="store_true", help="run experiments whose results are there already, too"
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="run the least of what is missing, to see the page; claims need not hold",
+    )
     add_engine(parser)
     return command(lambda: _main(parser.parse_args(argv)))
 
@@ -243,14 +304,23 @@ def _main(options: argparse.Namespace) -> int:
         check_writable(file)
     with reserved(folder):  # it is there for them, and gone again if they leave nothing
         for name in missing:
-            print(f"Experiment {options.only.index(name) + 1} of {len(options.only)}: {EXPERIMENTS[name].title} ({name})", flush=True)
-            code = importlib.import_module(f"experiments.{name}").main(_words(name, options, folder))
+            print(
+                f"Experiment {options.only.index(name) + 1} of {len(options.only)}: "
+                f"{EXPERIMENTS[name].title} ({name})",
+                flush=True,
+            )
+            code = importlib.import_module(f"experiments.{name}").main(
+                _words(name, options, folder)
+            )
             if code == INTERRUPTED:
                 return code
             codes.append(code)
         made = [name for name in options.only if os.path.isfile(folder / name / "result.json")]
         for name in set(options.only) - set(made):
-            print(f"{EXPERIMENTS[name].title} ({name}) could not be made and is not on the page.", file=sys.stderr)
+            print(
+                f"{EXPERIMENTS[name].title} ({name}) could not be made and is not on the page.",
+                file=sys.stderr,
+            )
         if not made:
             return max(codes)
         write_text(folder / "report.html", page([folder / name for name in made]))

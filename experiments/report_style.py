@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 STYLE = """
-:root { color-scheme: light dark; --ink: #1c2430; --soft: #5a6675; --line: #d5dbe3; --page: #fff; --card: #f5f7fa;
+:root { color-scheme: light dark; --ink: #1c2430; --soft: #5a6675; --line: #d5dbe3; --page: #fff;
+  --card: #f5f7fa;
   --held: #00734f; --fails: #c02a1d; --link: #0b5cad; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e6eaf0; --soft: #a3adba; --line: #39424f; --page: #14181f;
+@media (prefers-color-scheme: dark) { :root { --ink: #e6eaf0; --soft: #a3adba; --line: #39424f;
+  --page: #14181f;
   --card: #1d232c; --held: #4cc79b; --fails: #ff8a7d; --link: #7db8f5; } }
 * { box-sizing: border-box; }
-body { font: 16px/1.55 system-ui, sans-serif; margin: 0; color: var(--ink); background: var(--page); }
+body { font: 16px/1.55 system-ui, sans-serif; margin: 0; color: var(--ink);
+  background: var(--page); }
 a { color: var(--link); }
 h1, h2 { line-height: 1.2; }
 h1 { font-size: 2rem; margin: 0 0 0.3rem; }
 h2 { margin: 0 0 0.3rem; }
-nav { position: sticky; top: 0; z-index: 1; background: var(--page); border-bottom: 1px solid var(--line);
+nav { position: sticky; top: 0; z-index: 1; background: var(--page);
+  border-bottom: 1px solid var(--line);
   display: flex; gap: 1rem; overflow-x: auto; padding: 0.6rem 1rem; white-space: nowrap; }
 main { padding: 1.5rem 1rem 4rem; min-width: 0; }
-section { border-top: 1px solid var(--line); margin-top: 3rem; padding-top: 1.5rem; scroll-margin-top: 3rem; }
+section { border-top: 1px solid var(--line); margin-top: 3rem; padding-top: 1.5rem;
+  scroll-margin-top: 3rem; }
 p, ul { max-width: 46rem; }
 .lead, .note { color: var(--soft); }
 .note { font-size: 0.85rem; margin: 0.2rem 0 1.5rem; }
@@ -27,7 +32,8 @@ p, ul { max-width: 46rem; }
 .table { overflow-x: auto; margin: 1.2rem 0 0.4rem; }
 table { border-collapse: collapse; font-size: 0.875rem; font-variant-numeric: tabular-nums; }
 caption { text-align: left; font-weight: 600; padding: 0.3rem 0; }
-th, td { border-bottom: 1px solid var(--line); padding: 0.25rem 0.6rem; text-align: right; vertical-align: bottom; }
+th, td { border-bottom: 1px solid var(--line); padding: 0.25rem 0.6rem; text-align: right;
+  vertical-align: bottom; }
 td { white-space: nowrap; }
 td.text { white-space: normal; min-width: 9rem; }
 th.text, td.text { text-align: left; }
@@ -38,20 +44,24 @@ ul.claims li { padding-left: 1.6rem; text-indent: -1.6rem; margin: 0.25rem 0; }
 .mark { display: inline-block; width: 1.6rem; text-indent: 0; font-weight: 700; }
 .held { color: var(--held); } .fails { color: var(--fails); } .open { color: var(--soft); }
 figure { margin: 1.5rem 0; max-width: 60rem; }
-figure img { width: 100%; height: auto; background: #fff; border-radius: 6px; padding: 0.4rem; display: block; }
+figure img { width: 100%; height: auto; background: #fff; border-radius: 6px; padding: 0.4rem;
+  display: block; }
 figcaption { color: var(--soft); font-size: 0.9rem; padding-top: 0.4rem; }
-code, pre { background: var(--card); border-radius: 4px; padding: 0.1rem 0.3rem; overflow-wrap: anywhere; }
+code, pre { background: var(--card); border-radius: 4px; padding: 0.1rem 0.3rem;
+  overflow-wrap: anywhere; }
 pre { padding: 0.8rem; overflow-x: auto; white-space: pre-wrap; }
 @media (min-width: 70rem) {
   body { display: grid; grid-template-columns: 13rem minmax(0, 1fr); }
-  nav { flex-direction: column; gap: 0.35rem; height: 100vh; border-bottom: 0; border-right: 1px solid var(--line);
+  nav { flex-direction: column; gap: 0.35rem; height: 100vh; border-bottom: 0;
+    border-right: 1px solid var(--line);
     padding: 2rem 1.2rem; }
   main { padding: 2rem 3rem 4rem; max-width: 110rem; }
   section { scroll-margin-top: 0; }
 }
 @page { size: A4; margin: 14mm 12mm; }
 @media print {
-  :root { --ink: #000; --soft: #444; --line: #bbb; --page: #fff; --card: #f2f2f2; --held: #00734f; --fails: #c02a1d;
+  :root { --ink: #000; --soft: #444; --line: #bbb; --page: #fff; --card: #f2f2f2; --held: #00734f;
+    --fails: #c02a1d;
     --link: #000; }
   body { display: block; font-size: 10pt; }
   nav, details { display: none; }

@@ -1,4 +1,6 @@
-"""Sweep: a hundred thousand moves by cranes that are not quite those planned for; how much swing each strategy leaves."""
+"""Sweep: a hundred thousand moves by cranes that are not quite those planned for; how much swing
+each strategy leaves.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ from experiments.scenarios.strategies import FLAT, PAPER, PD
 from experiments.sweep_figures import map_figure, timing_figure
 
 LOADS, CABLES, DURATIONS = (0.5, 1.5), (-1.5, 1.5), (13.0, 35.0)
-"""Ranges: mass of the payload over that planned for, length of the cable less that measured [m], time for the move [s]."""
+"""Ranges: mass of the payload over that planned for, length of the cable less that measured [m],
+time for the move [s]."""
 
 _COLUMNS = 7
 """Of the design."""
@@ -32,7 +35,8 @@ Columns = Mapping[str, np.ndarray]
 
 
 def design(setup: harness.Setup, points: int, durations: int) -> Design:
-    """Every strategy with every duration, each on a square of loads and cables; cases of one plan stand together.
+    """Every strategy with every duration, each on a square of loads and cables; cases of one plan
+    stand together.
 
     Raises:
         DataError: If the table would not fit the memory, told before any of it is made.
@@ -89,10 +93,19 @@ def _strategies(found: Columns) -> harness.Table:
     rows = []
     for strategy in STRATEGIES:
         mine = found["strategy"] == strategy
-        left, peak, off = (found[name][mine] for name in ("residual_swing_rad", "peak_swing_rad", "off_goal_m"))
+        left, peak, off = (
+            found[name][mine] for name in ("residual_swing_rad", "peak_swing_rad", "off_goal_m")
+        )
         bad = int(np.isnan(left).sum())
         rows.append(
-            (strategy, len(left), bad, *(1e3 * np.nanquantile(left, [0.5, 0.95, 1.0])), 1e3 * np.nanmax(peak), 1e3 * np.nanmax(off))
+            (
+                strategy,
+                len(left),
+                bad,
+                *(1e3 * np.nanquantile(left, [0.5, 0.95, 1.0])),
+                1e3 * np.nanmax(peak),
+                1e3 * np.nanmax(off),
+            )
         )
     columns = [
         ("strategy", ""),
@@ -104,24 +117,35 @@ def _strategies(found: Columns) -> harness.Table:
     ]
     columns += [("worst on the way [mrad]", ".3g"), ("worst off goal [mm]", ".3g")]
     note = (
-        f"Swing that is left {AFTER:g} s after the arrival of the {COMBINED.name} move. Loads are {LOADS[0]:g} to {LOADS[1]:g} times that "
-        f"planned for, cables up to {CABLES[1]:g} m longer or shorter than measured, times for the move {DURATIONS[0]:g} to "
-        f"{DURATIONS[1]:g} s. Strategies without a controller in their name have drives that follow exactly."
+        f"Swing that is left {AFTER:g} s after the arrival of the {COMBINED.name} move. Loads are "
+        f"{LOADS[0]:g} to {LOADS[1]:g} times that "
+        f"planned for, cables up to {CABLES[1]:g} m longer or shorter than measured, times for the "
+        f"move {DURATIONS[0]:g} to "
+        f"{DURATIONS[1]:g} s. Strategies without a controller in their name have drives that "
+        "follow exactly."
     )
     return harness.Table(f"Swing left by {len(found['case']):,} moves", columns, rows, note)
 
 
 def _claims(found: Columns, errors: int) -> list[harness.Claim]:
     left = {
-        strategy: found["residual_swing_rad"][found["strategy"] == strategy].reshape(len(np.unique(found["duration_s"])), -1)
+        strategy: found["residual_swing_rad"][found["strategy"] == strategy].reshape(
+            len(np.unique(found["duration_s"])), -1
+        )
         for strategy in STRATEGIES
     }
     others = np.array([swing for strategy, swing in left.items() if strategy != FLAT])
     return [
-        harness.Claim(f"Each of the {len(found['case']):,} cases is done and none is bad.", errors == 0),
-        harness.Claim(f"{FLAT} leaves less swing than any other strategy, case by case.", bool((left[FLAT] < others).all())),
         harness.Claim(
-            f"At every time for the move the worst that {PAPER} leaves is below the median of {PD}, which leaves less in "
+            f"Each of the {len(found['case']):,} cases is done and none is bad.", errors == 0
+        ),
+        harness.Claim(
+            f"{FLAT} leaves less swing than any other strategy, case by case.",
+            bool((left[FLAT] < others).all()),
+        ),
+        harness.Claim(
+            f"At every time for the move the worst that {PAPER} leaves is below the median of "
+            f"{PD}, which leaves less in "
             f"{(left[PAPER] >= left[PD]).sum():,} of {left[PD].size:,} cases.",
             bool((left[PAPER].max(axis=1) < np.median(left[PD], axis=1)).all()),
         ),
@@ -132,26 +156,52 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     made = harness.parser(
         "sweep",
-        "How much swing each strategy for the combined move leaves where load, cable and time for it differ, case by case.",
+        "How much swing each strategy for the combined move leaves where load, cable and time for "
+        "it differ, case by case.",
         recording=False,
         engines=("compiled",),
     )
-    made.add_argument("--points", type=_count, default=32, metavar="N", help="loads, and cables, between the ends of their ranges")
-    made.add_argument("--durations", type=_count, default=13, metavar="N", help="times for the move")
-    made.add_argument("--workers", type=_count, default=None, metavar="N", help="processes, by default one for each processor")
     made.add_argument(
-        "--limit", type=float, default=None, metavar="S", help="seconds that a case may take; one that takes longer is a bad one"
+        "--points",
+        type=_count,
+        default=32,
+        metavar="N",
+        help="loads, and cables, between the ends of their ranges",
+    )
+    made.add_argument(
+        "--durations", type=_count, default=13, metavar="N", help="times for the move"
+    )
+    made.add_argument(
+        "--workers",
+        type=_count,
+        default=None,
+        metavar="N",
+        help="processes, by default one for each processor",
+    )
+    made.add_argument(
+        "--limit",
+        type=float,
+        default=None,
+        metavar="S",
+        help="seconds that a case may take; one that takes longer is a bad one",
     )
     made.add_argument(
         "--scheduler",
         metavar="tcp://HOST:PORT",
         default=None,
-        help="run on the workers of this Dask scheduler instead; it and all of them can run code in this program: give one that you trust, "
-        "which listens where you want it to, as one started by `dask scheduler --host 127.0.0.1 --port 8786 --no-dashboard "
-        "--dashboard-address 127.0.0.1:0` and `dask worker tcp://127.0.0.1:8786 --host 127.0.0.1 --no-dashboard --dashboard-address "
+        help="run on the workers of this Dask scheduler instead; it and all of them can run code "
+        "in this program: give one that you trust, "
+        "which listens where you want it to, as one started by `dask scheduler --host 127.0.0.1 "
+        "--port 8786 --no-dashboard "
+        "--dashboard-address 127.0.0.1:0` and `dask worker tcp://127.0.0.1:8786 --host 127.0.0.1 "
+        "--no-dashboard --dashboard-address "
         "127.0.0.1:0`; with more than one machine by TLS, see docs/sweeps.md",
     )
-    made.add_argument("--tls-ca-file", metavar="FILE", help="certificates of those to trust, for a scheduler at tls://HOST:PORT")
+    made.add_argument(
+        "--tls-ca-file",
+        metavar="FILE",
+        help="certificates of those to trust, for a scheduler at tls://HOST:PORT",
+    )
     made.add_argument("--tls-cert", metavar="FILE", help="the certificate of this program")
     made.add_argument("--tls-key", metavar="FILE", help="its private key")
     return harness.conduct(made, experiment, argv)

@@ -26,7 +26,14 @@ def map_figure(found: Columns) -> Figure:
     for ax, strategy in zip(axes, strategies, strict=False):
         mine = found["strategy"][here] == strategy
         loads, cables = (np.unique(found[name][here][mine]) for name in ("load", "cable_error_m"))
-        drawn = ax.pcolormesh(cables, loads, left[mine].reshape(len(loads), len(cables)), norm=norm, cmap="viridis", rasterized=True)
+        drawn = ax.pcolormesh(
+            cables,
+            loads,
+            left[mine].reshape(len(loads), len(cables)),
+            norm=norm,
+            cmap="viridis",
+            rasterized=True,
+        )
         ax.set_title(strategy, fontsize=10.0)
         ax.grid(visible=False)
     for ax in axes[len(strategies) :]:
@@ -39,13 +46,28 @@ def map_figure(found: Columns) -> Figure:
 
 
 def timing_figure(found: Columns) -> Figure:
-    """Residual swing of each strategy over the time for the move: median, and a band from the least to the most."""
+    """Residual swing of each strategy over the time for the move: median, and a band from the least
+    to the most.
+    """
     figure, (ax,) = panels(height=4.6)
     durations = np.unique(found["duration_s"])
     for k, strategy in enumerate(dict.fromkeys(found["strategy"].tolist())):
-        left = [1e3 * found["residual_swing_rad"][(found["strategy"] == strategy) & (found["duration_s"] == d)] for d in durations]
+        left = [
+            1e3
+            * found["residual_swing_rad"][
+                (found["strategy"] == strategy) & (found["duration_s"] == d)
+            ]
+            for d in durations
+        ]
         least, middle, most = np.nanquantile(np.array(left), [0.0, 0.5, 1.0], axis=1)
-        (line,) = ax.plot(durations, middle, marker="osv^D*Px"[k % 8], markersize=4.0, color=strategy_colour(strategy), label=strategy)
+        (line,) = ax.plot(
+            durations,
+            middle,
+            marker="osv^D*Px"[k % 8],
+            markersize=4.0,
+            color=strategy_colour(strategy),
+            label=strategy,
+        )
         ax.fill_between(durations, least, most, color=line.get_color(), alpha=0.15, linewidth=0.0)
     ax.set(yscale="log", xlabel="time for the move [s]", ylabel="swing left 10 s after it [mrad]")
     ax.legend(ncols=2, fontsize=9.0)

@@ -1,4 +1,6 @@
-"""The plant against mechanics: closed forms beside runs of the plant, with the step's own error known from halving it."""
+"""The plant against mechanics: closed forms beside runs of the plant, with the step's own error
+known from halving it.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,10 @@ ORDER = 0.02
 
 def checks(bench: Bench, halvings: int) -> dict[str, list[Check]]:
     """Every oracle of every part, run."""
-    return {title: [check(oracle, halvings) for oracle in oracles(bench)] for title, oracles in PARTS.items()}
+    return {
+        title: [check(oracle, halvings) for oracle in oracles(bench)]
+        for title, oracles in PARTS.items()
+    }
 
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
@@ -39,7 +44,10 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     from cranedyn.recording import Run
     from experiments.oracles.figures import convergence_figure, oval_figure, ripple_figure
 
-    halvings, spoilt = int(number("halvings", options.halvings, "", "3 to 6")), parse_values(options.spoil)
+    halvings, spoilt = (
+        int(number("halvings", options.halvings, "", "3 to 6")),
+        parse_values(options.spoil),
+    )
 
     def build(**values: object) -> Crane:
         return point_crane(**{**values, **spoilt})
@@ -53,7 +61,16 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     runs = {
         name: (
             crane,
-            setup.simulate(crane, locked(crane), None, start=start, duration=duration, label=name, drive="motion", validity="mark"),
+            setup.simulate(
+                crane,
+                locked(crane),
+                None,
+                start=start,
+                duration=duration,
+                label=name,
+                drive="motion",
+                validity="mark",
+            ),
         )
         for name, (crane, start, duration) in telling.items()
     }
@@ -77,13 +94,19 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             "ripple": ripple_figure(bench, build()),
             "oval": oval_figure(runs["oval swing"][1]),
         },
-        recording=[Run(name, crane, run, (100.0 * i, 0.0, 0.0)) for i, (name, (crane, run)) in enumerate(runs.items())],
+        recording=[
+            Run(name, crane, run, (100.0 * i, 0.0, 0.0))
+            for i, (name, (crane, run)) in enumerate(runs.items())
+        ],
     )
 
 
 def table(title: str, found: Sequence[Check]) -> harness.Table:
     """One part of mechanics."""
-    rows = [(_named(c), c.oracle.closed, c.values[-1], c.error, c.of_step, c.rest, c.allowed, c.order) for c in found]
+    rows = [
+        (_named(c), c.oracle.closed, c.values[-1], c.error, c.of_step, c.rest, c.allowed, c.order)
+        for c in found
+    ]
     columns = [
         ("oracle", ""),
         ("closed form", ".10g"),
@@ -115,25 +138,43 @@ def _claim(found: Check) -> harness.Claim:
 def _order(found: Sequence[Check]) -> harness.Claim:
     orders = [c.order for c in found if c.order is not None]
     first, second = ([order for order in orders if round(order) == power] for power in (1, 2))
-    spans = [f"{min(some):.3f} to {max(some):.3f} in {len(some)} rows" for some in (first, second) if some]
+    spans = [
+        f"{min(some):.3f} to {max(some):.3f} in {len(some)} rows"
+        for some in (first, second)
+        if some
+    ]
     return harness.Claim(
-        f"The error goes with the first power of the step, or where the step is symmetric with the second: orders {', '.join(spans)}, "
+        "The error goes with the first power of the step, or where the step is symmetric with the "
+        f"second: orders {', '.join(spans)}, "
         f"within {ORDER:g} of whole numbers.",
-        len(first) >= len(orders) / 2 and len(first) + len(second) == len(orders) and all(abs(o - round(o)) < ORDER for o in orders),
+        len(first) >= len(orders) / 2
+        and len(first) + len(second) == len(orders)
+        and all(abs(o - round(o)) < ORDER for o in orders),
     )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser("validate", "The plant against the closed forms of mechanics, its error for a vanishing step, and its order.")
-    made.add_argument("--halvings", type=int, default=4, metavar="N", help=f"how often the step of {1000 * STEP:g} ms is halved, 3 to 6")
+    made = harness.parser(
+        "validate",
+        "The plant against the closed forms of mechanics, its error for a vanishing step, and its "
+        "order.",
+    )
+    made.add_argument(
+        "--halvings",
+        type=int,
+        default=4,
+        metavar="N",
+        help=f"how often the step of {1000 * STEP:g} ms is halved, 3 to 6",
+    )
     made.add_argument(
         "--spoil",
         nargs="+",
         action="extend",
         default=[],
         metavar="name:=value",
-        help="change the cranes but not the closed forms, to see which rows notice; see python -m cranedyn.model.description --list",
+        help="change the cranes but not the closed forms, to see which rows notice; see python -m "
+        "cranedyn.model.description --list",
     )
     return harness.conduct(made, experiment, argv)
 

@@ -12,11 +12,17 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile(
-    "cranedyn", deadline=None, derandomize=True, max_examples=25, database=None, suppress_health_check=[HealthCheck.differing_executors]
+    "cranedyn",
+    deadline=None,
+    derandomize=True,
+    max_examples=25,
+    database=None,
+    suppress_health_check=[HealthCheck.differing_executors],
 )
 settings.load_profile("cranedyn")
 
-# Whoever starts the tests in the background has Ctrl-C ignored, in them and in all that they start; some of them test Ctrl-C.
+# Whoever starts the tests in the background has Ctrl-C ignored, in them and in all that they start;
+# some of them test Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _TRIED: Counter[str] = Counter()
@@ -37,7 +43,9 @@ def limited() -> Iterator[None]:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Keep how many inputs the fuzzing of this process tried; a worker hands it to the process that sums up."""
+    """Keep how many inputs the fuzzing of this process tried; a worker hands it to the process that
+    sums up.
+    """
     tried = getattr(sys.modules.get("tests.system.test_fuzz"), "TRIED", {})
     if hasattr(session.config, "workeroutput"):
         session.config.workeroutput["tried"] = dict(tried)
@@ -54,4 +62,7 @@ def pytest_testnodedown(node: Any) -> None:
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say how many inputs the fuzzing tried, and how they ended."""
     if _TRIED:
-        terminalreporter.write_line(f"fuzzed {_TRIED.total()}: {', '.join(f'{name} {count}' for name, count in sorted(_TRIED.items()))}")
+        terminalreporter.write_line(
+            f"fuzzed {_TRIED.total()}: "
+            f"{', '.join(f'{name} {count}' for name, count in sorted(_TRIED.items()))}"
+        )

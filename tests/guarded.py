@@ -1,7 +1,8 @@
 """Public calls of compiled code with every array of NumPy's between pages that nobody may touch.
 
-``python -m tests.guarded --cases 10000 --seed 1`` tries as many calls, right and wrong ones, and prints how they ended and a digest of what
-came out. A read or a write beside an array ends the process by SIGSEGV. ``--plain`` leaves the arrays where they are, for a run under
+``python -m tests.guarded --cases 10000 --seed 1`` tries as many calls, right and wrong ones, and
+prints how they ended and a digest of what came out. A read or a write beside an array ends the
+process by SIGSEGV. ``--plain`` leaves the arrays where they are, for a run under
 ``MALLOC_PERTURB_`` and ``MALLOC_CHECK_``, or valgrind.
 """
 
@@ -96,11 +97,13 @@ done:
   ret ptr %place
 }
 """
-"""Memory of pages of its own for each piece, which by turns ends and begins where a page without access does; its length stands in a page
-before. What nobody has written yet is filled with a byte that makes no sensible number."""
+"""Memory of pages of its own for each piece, which by turns ends and begins where a page without
+access does; its length stands in a page before. What nobody has written yet is filled with a byte
+that makes no sensible number."""
 
 _SET_HANDLER = 304
-"""Place of PyDataMem_SetHandler in NumPy's table of functions, part of its binary interface (NEP 49)."""
+"""Place of PyDataMem_SetHandler in NumPy's table of functions, part of its binary interface (NEP
+49)."""
 
 
 class _Handler(ctypes.Structure):
@@ -124,13 +127,24 @@ def guard() -> None:
     target = binding.Target.from_default_triple().create_target_machine(jit=True)
     engine = binding.create_mcjit_compiler(binding.parse_assembly(_ALLOCATOR), target)
     engine.finalize_object()
-    strategies = (engine.get_function_address(f"guarded_{name}") for name in ("malloc", "calloc", "realloc", "free"))
+    strategies = (
+        engine.get_function_address(f"guarded_{name}")
+        for name in ("malloc", "calloc", "realloc", "free")
+    )
     handler = _Handler(b"guarded", 1, None, *strategies)
     python = ctypes.pythonapi
-    python.PyCapsule_New.restype, python.PyCapsule_New.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
-    python.PyCapsule_GetPointer.restype, python.PyCapsule_GetPointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    python.PyCapsule_New.restype, python.PyCapsule_New.argtypes = (
+        ctypes.py_object,
+        [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p],
+    )
+    python.PyCapsule_GetPointer.restype, python.PyCapsule_GetPointer.argtypes = (
+        ctypes.c_void_p,
+        [ctypes.py_object, ctypes.c_char_p],
+    )
     name, table = b"mem_handler", np._core._multiarray_umath._ARRAY_API  # type: ignore[attr-defined]
-    functions = ctypes.cast(python.PyCapsule_GetPointer(table, None), ctypes.POINTER(ctypes.c_void_p))
+    functions = ctypes.cast(
+        python.PyCapsule_GetPointer(table, None), ctypes.POINTER(ctypes.c_void_p)
+    )
     capsule = python.PyCapsule_New(ctypes.addressof(handler), name, None)
     set_handler = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.py_object)(functions[_SET_HANDLER])
     _ALIVE.extend((name, engine, handler, capsule, set_handler(capsule)))
@@ -176,7 +190,9 @@ def _maybe(rng: np.random.Generator, array: np.ndarray, often: float) -> Any:
 
 
 class _Odd:
-    """A controller whose common form may be wrong, as its generator says, and differently at each call."""
+    """A controller whose common form may be wrong, as its generator says, and differently at each
+    call.
+    """
 
     def __init__(self, brake: Any, rng: np.random.Generator, often: float) -> None:
         self._brake, self._rng, self._often = brake, rng, often
@@ -188,7 +204,12 @@ class _Odd:
         from cranedyn.controllers.affine import Affine
 
         form = self._brake.affine(times, positions)
-        return Affine(*(_maybe(self._rng, getattr(form, name), self._often) for name in Affine.__dataclass_fields__))
+        return Affine(
+            *(
+                _maybe(self._rng, getattr(form, name), self._often)
+                for name in Affine.__dataclass_fields__
+            )
+        )
 
 
 class _Elsewhere:
@@ -203,7 +224,9 @@ class _Elsewhere:
     def at(self, times: np.ndarray) -> Any:
         from cranedyn.interfaces import Setpoint
 
-        return Setpoint(*(_maybe(self._rng, np.array(part), self._often) for part in self._still.at(times)))
+        return Setpoint(
+            *(_maybe(self._rng, np.array(part), self._often) for part in self._still.at(times))
+        )
 
 
 def _common(rng: np.random.Generator) -> tuple[Any, dict[str, Any], Callable[[], Any], Any]:
@@ -213,7 +236,12 @@ def _common(rng: np.random.Generator) -> tuple[Any, dict[str, Any], Callable[[],
     from cranedyn.references import hold
 
     if not _CRANES:
-        _CRANES.extend([[load_crane(**more), load_crane(payload_mass=700.0, **more)] for more in ({}, {"hook_mass": 200.0})])
+        _CRANES.extend(
+            [
+                [load_crane(**more), load_crane(payload_mass=700.0, **more)]
+                for more in ({}, {"hook_mass": 200.0})
+            ]
+        )
     cranes, period = _CRANES[rng.random() < 0.2], 1e-2
     crane = cranes[0]
     buffers = bool(rng.random() < 0.2)
@@ -254,8 +282,14 @@ def _batch(rng: np.random.Generator) -> Call:
     else:
         how["record"] = int(rng.choice([0, 1, 3, 10**30]))
     one = rng.random() < 0.5
-    controllers, several = (controller(), cranes[0]) if one else ([controller() for _ in range(n)], [cranes[i % 2] for i in range(n)])
-    return lambda: simulate_batch(several, controllers, reference, **how, threads=int(rng.integers(1, 4)))
+    controllers, several = (
+        (controller(), cranes[0])
+        if one
+        else ([controller() for _ in range(n)], [cranes[i % 2] for i in range(n)])
+    )
+    return lambda: simulate_batch(
+        several, controllers, reference, **how, threads=int(rng.integers(1, 4))
+    )
 
 
 def _run(rng: np.random.Generator) -> Call:
@@ -263,7 +297,11 @@ def _run(rng: np.random.Generator) -> Call:
 
     (crane, _), how, controller, reference = _common(rng)
     buffers = how.pop("buffers"), how.pop("often")
-    how |= {"validity": "buffers" if buffers[0] else "mark", "start": crane.state(phi=0.1), "engine": "compiled"}
+    how |= {
+        "validity": "buffers" if buffers[0] else "mark",
+        "start": crane.state(phi=0.1),
+        "engine": "compiled",
+    }
     one = controller()
     if rng.random() < 0.3:
         return lambda: simulate(crane, lambda t, state, setpoint: one(t, state, setpoint), **how)
@@ -287,21 +325,37 @@ def _fleet(rng: np.random.Generator) -> Call:
 
     cranes = _common(rng)[0]
     joints, drives, points = cranes[0].layout.n, cranes[0].layout.m, len(cranes[0].points)
-    n, often, forces = int(rng.integers(1, 40)), float(rng.choice([0.0, 0.1])), bool(rng.random() < 0.5)
+    n, often, forces = (
+        int(rng.integers(1, 40)),
+        float(rng.choice([0.0, 0.1])),
+        bool(rng.random() < 0.5),
+    )
     drive = str(rng.choice(["motion", "effort"]))
     which = rng.choice(n, int(rng.integers(0, n + 1)), replace=False)
     q, v = np.tile(cranes[0].start.q, (len(which), 1)), np.zeros((len(which), joints))
     start = State(_maybe(rng, q, often), _maybe(rng, v, often))
     kinds, given = rng.integers(0, 2, len(which)), rng.normal(size=(drives, n))
-    chosen, kinds, command = _maybe(rng, which, often), _maybe(rng, kinds, often), _maybe(rng, given, often)
-    force, part = _maybe(rng, np.zeros((len(which), 3 * points)), often), int(rng.integers(-1, 3)) if rng.random() < often else 0
+    chosen, kinds, command = (
+        _maybe(rng, which, often),
+        _maybe(rng, kinds, often),
+        _maybe(rng, given, often),
+    )
+    force, part = (
+        _maybe(rng, np.zeros((len(which), 3 * points)), often),
+        int(rng.integers(-1, 3)) if rng.random() < often else 0,
+    )
 
     def call() -> np.ndarray:
         fleet = Fleet(cranes, n, control_period=1e-2, drive=drive, forces=forces, threads=2)
         fleet.place(chosen, start, kinds)
         if forces or rng.random() < often:
             fleet.push(chosen, force)
-        fleet.advance(part, command[:, fleet.parts[0]] if isinstance(command, np.ndarray) and command.ndim > 1 else command)
+        fleet.advance(
+            part,
+            command[:, fleet.parts[0]]
+            if isinstance(command, np.ndarray) and command.ndim > 1
+            else command,
+        )
         return fleet.step(command).copy()
 
     return call
@@ -318,7 +372,9 @@ def main() -> None:
     """Try, count and print."""
     from cranedyn.errors import CraneError
 
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cases", type=int, default=10000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--plain", action="store_true")
@@ -339,7 +395,10 @@ def main() -> None:
             ended["ran"] += 1
             for part in _numbers(found):
                 digest.update(np.ascontiguousarray(part).tobytes())
-    print(f"{given.cases} calls: {', '.join(f'{name} {count}' for name, count in sorted(ended.items()))}")
+    print(
+        f"{given.cases} calls: "
+        f"{', '.join(f'{name} {count}' for name, count in sorted(ended.items()))}"
+    )
     print(digest.hexdigest())
 
 

@@ -39,7 +39,9 @@ def _loaded(**values: float) -> Crane | CraneError:
 
 
 def crane(**values: float) -> Crane:
-    """The crane with some numbers changed, in the gravity of the closed forms; loaded, or refused, once a session."""
+    """The crane with some numbers changed, in the gravity of the closed forms; loaded, or refused,
+    once a session.
+    """
     found = _loaded(**values)
     if isinstance(found, CraneError):
         raise found
@@ -47,7 +49,9 @@ def crane(**values: float) -> Crane:
 
 
 def big_crane(**values: float) -> Crane:
-    """A point load on a massless, frictionless rope, with a jib and a hook path as long as those of real cranes."""
+    """A point load on a massless, frictionless rope, with a jib and a hook path as long as those of
+    real cranes.
+    """
     point = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
     return crane(**point, trolley_max=80.0, hoist_max=60.0, pivot_height=90.0, **values)
 
@@ -63,28 +67,61 @@ def constant(*command: float) -> Callable[[float, State, Setpoint], np.ndarray]:
 
 
 def flow(
-    crane: Crane, start: State, times: np.ndarray, drive: Callable[[float], np.ndarray] | None = None
+    crane: Crane,
+    start: State,
+    times: np.ndarray,
+    drive: Callable[[float], np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and rates at given times, shape (times, n) each, under prescribed drive accelerations; by DOP853 to 1e-10."""
+    """Coordinates and rates at given times, shape (times, n) each, under prescribed drive
+    accelerations; by DOP853 to 1e-10.
+    """
     n, m = crane.layout.n, crane.layout.m
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         given = np.zeros(m) if drive is None else drive(t)
-        return np.concatenate([y[n:], prescribed_acceleration(crane, State(y[:n], y[n:]), given)[0]])
+        return np.concatenate(
+            [y[n:], prescribed_acceleration(crane, State(y[:n], y[n:]), given)[0]]
+        )
 
-    y = solve_ivp(rates, (0.0, times[-1]), np.concatenate(start), method="DOP853", t_eval=times, rtol=1e-10, atol=1e-12, max_step=0.5).y.T
+    y = solve_ivp(
+        rates,
+        (0.0, times[-1]),
+        np.concatenate(start),
+        method="DOP853",
+        t_eval=times,
+        rtol=1e-10,
+        atol=1e-12,
+        max_step=0.5,
+    ).y.T
     return y[:, :n], y[:, n:]
 
 
 def extrapolated(run: Callable[[float], np.ndarray | float], dt: float) -> np.ndarray:
-    """The limit dt → 0 of a quantity with an error of order dt, from dt, dt/2, dt/4; what is left is of order dt³."""
+    """The limit dt → 0 of a quantity with an error of order dt, from dt, dt/2, dt/4; what is left
+    is of order dt³.
+    """
     one, two, four = (np.asarray(run(dt / n)) for n in (1, 2, 4))
     return (one - 6.0 * two + 8.0 * four) / 3.0
 
 
-def moved(crane: Crane, start: State, duration: float, dt: float, controller: Callable = locked, period: float | None = None) -> Trajectory:
+def moved(
+    crane: Crane,
+    start: State,
+    duration: float,
+    dt: float,
+    controller: Callable = locked,
+    period: float | None = None,
+) -> Trajectory:
     """A run with drives of prescribed motion."""
-    return simulate(crane, controller, start=start, duration=duration, dt=dt, control_period=period or dt, drive="motion")
+    return simulate(
+        crane,
+        controller,
+        start=start,
+        duration=duration,
+        dt=dt,
+        control_period=period or dt,
+        drive="motion",
+    )
 
 
 FAST: EngineName = "compiled" if importlib.util.find_spec("llvmlite") else "pinocchio"
@@ -100,10 +137,14 @@ def turned(old: str, new: str, text: str) -> str:
     return text.replace(old, new)
 
 
-def python(script: str, *arguments: object, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
+def python(
+    script: str, *arguments: object, timeout: float = 60.0
+) -> subprocess.CompletedProcess[str]:
     """A script in a process of its own, in the root of the repository."""
     command = [sys.executable, "-c", script, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, cwd=ROOT, check=False)
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=timeout, cwd=ROOT, check=False
+    )
 
 
 def files(folder: Path) -> list[str]:

@@ -1,4 +1,6 @@
-"""Where a program holds a coordinate's number: integer indices into coordinates, rates and what belongs to drives, by its syntax tree."""
+"""Where a program holds a coordinate's number: integer indices into coordinates, rates and what
+belongs to drives, by its syntax tree.
+"""
 
 from __future__ import annotations
 
@@ -9,22 +11,35 @@ from pathlib import Path
 COORDINATES = frozenset({"q", "v"})
 """Names of arrays along whose last axis are joints."""
 
-DRIVES = frozenset({"effort", "command", "setpoint", "work", "position", "velocity", "acceleration"})
+DRIVES = frozenset(
+    {"effort", "command", "setpoint", "work", "position", "velocity", "acceleration"}
+)
 """Names of arrays along whose last axis are drives; alone, with one index, they may be rows."""
 
 STATES = frozenset({"state", "start", "goal", "rest", "here"})
-"""Names of states, whose arrays have one axis; those of all else may be rows of which the first and the last have numbers."""
+"""Names of states, whose arrays have one axis; those of all else may be rows of which the first and
+the last have numbers."""
 
 
 def integer_indices(source: str) -> list[tuple[int, str]]:
-    """Line and text of each place where such an array is indexed by an integer, or sliced at one, along its last axis."""
-    return sorted((node.lineno, ast.unparse(node)) for node in _subscripts(source) if _is_forbidden(node))
+    """Line and text of each place where such an array is indexed by an integer, or sliced at one,
+    along its last axis.
+    """
+    return sorted(
+        (node.lineno, ast.unparse(node)) for node in _subscripts(source) if _is_forbidden(node)
+    )
 
 
 def everywhere(folders: list[Path], without: Path) -> list[str]:
     """The same in all modules of folders but one folder, as ``file:line: text``."""
-    files = sorted(path for folder in folders for path in folder.rglob("*.py") if without not in path.parents)
-    return [f"{path}:{line}: {text}" for path in files for line, text in integer_indices(path.read_text(encoding="utf-8"))]
+    files = sorted(
+        path for folder in folders for path in folder.rglob("*.py") if without not in path.parents
+    )
+    return [
+        f"{path}:{line}: {text}"
+        for path in files
+        for line, text in integer_indices(path.read_text(encoding="utf-8"))
+    ]
 
 
 def _subscripts(source: str) -> Iterator[ast.Subscript]:
@@ -39,7 +54,11 @@ def _is_forbidden(node: ast.Subscript) -> bool:
         return len(node.slice.elts) > 1 and _is_fixed(node.slice.elts[-1])
     if name in DRIVES:
         return False
-    is_row = isinstance(node.value, ast.Attribute) and owner not in STATES and _integer(node.slice) in (0, -1)
+    is_row = (
+        isinstance(node.value, ast.Attribute)
+        and owner not in STATES
+        and _integer(node.slice) in (0, -1)
+    )
     return _is_fixed(node.slice) and not is_row
 
 
@@ -53,7 +72,10 @@ def _named(node: ast.expr) -> tuple[str, str]:
 def _is_fixed(index: ast.expr) -> bool:
     """Whether an index is an integer, a list of some, or a slice from or to one."""
     if isinstance(index, ast.Slice):
-        return any(part is not None and _integer(part) not in (None, 0) for part in (index.lower, index.upper))
+        return any(
+            part is not None and _integer(part) not in (None, 0)
+            for part in (index.lower, index.upper)
+        )
     if isinstance(index, ast.List | ast.Tuple):
         return any(_integer(part) is not None for part in index.elts)
     return _integer(index) is not None

@@ -1,6 +1,8 @@
-"""The crane by hand: kinetic and potential energy on paper, differentiated by complex steps; without URDF and without Pinocchio.
+"""The crane by hand: kinetic and potential energy on paper, differentiated by complex steps;
+without URDF and without Pinocchio.
 
-In the frame that turns with the jib the payload stands at radius x - l cos θ sin φ, aside by -l sin θ, and l cos θ cos φ below the pivot.
+In the frame that turns with the jib the payload stands at radius x - l cos θ sin φ, aside by -l sin
+θ, and l cos θ cos φ below the pivot.
 """
 
 from __future__ import annotations
@@ -44,7 +46,9 @@ class Lagrangian:
         slew, x_dot, phi_dot, theta_dot, length_dot = v
         sp, cp, st, ct = np.sin(phi), np.cos(phi), np.sin(theta), np.cos(theta)
         radius, aside = x - length * ct * sp, -length * st
-        radial = x_dot - length_dot * ct * sp + length * theta_dot * st * sp - length * phi_dot * ct * cp
+        radial = (
+            x_dot - length_dot * ct * sp + length * theta_dot * st * sp - length * phi_dot * ct * cp
+        )
         sideways = -length_dot * st - length * theta_dot * ct
         upward = -length_dot * ct * cp + length * theta_dot * st * cp + length * phi_dot * ct * sp
         load = (radial - aside * slew) ** 2 + (sideways + radius * slew) ** 2 + upward**2
@@ -66,16 +70,28 @@ class Lagrangian:
         """M of T = v·M v/2, shape (5, 5), by polarisation."""
         e = np.eye(5)
         single = [self.kinetic(q, row) for row in e]
-        return np.array([[self.kinetic(q, e[i] + e[j]) - single[i] - single[j] for j in range(5)] for i in range(5)])
+        return np.array(
+            [
+                [self.kinetic(q, e[i] + e[j]) - single[i] - single[j] for j in range(5)]
+                for i in range(5)
+            ]
+        )
 
     def forces(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Generalized forces d/dt ∂T/∂v - ∂T/∂q + ∂V/∂q that this motion needs, shape (5,); exact to rounding."""
+        """Generalized forces d/dt ∂T/∂v - ∂T/∂q + ∂V/∂q that this motion needs, shape (5,); exact
+        to rounding.
+        """
         bend = (self.mass_matrix(q + 1j * _STEP * v) @ v).imag / _STEP
-        slope = [(self.kinetic(q + 1j * _STEP * e, v) - self.potential(q + 1j * _STEP * e)).imag / _STEP for e in np.eye(5)]
+        slope = [
+            (self.kinetic(q + 1j * _STEP * e, v) - self.potential(q + 1j * _STEP * e)).imag / _STEP
+            for e in np.eye(5)
+        ]
         return self.mass_matrix(q).real @ a + bend - np.array(slope)
 
     def payload_acceleration(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """p̈ in the world, shape (3,); central differences of the complex-step velocity, O(step²) = 1e-8 relative."""
+        """p̈ in the world, shape (3,); central differences of the complex-step velocity, O(step²) =
+        1e-8 relative.
+        """
 
         def velocity(t: float) -> np.ndarray:
             return self.payload(q + t * v + 0.5 * t**2 * a + 1j * _STEP * (v + t * a)).imag / _STEP

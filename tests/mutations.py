@@ -1,12 +1,15 @@
-"""Break the physics, one thing at a time, and see that the tests notice: ``python -m tests.mutations``.
+"""Break the physics, one thing at a time, and see that the tests notice: ``python -m
+tests.mutations``.
 
-Each mutation is made in a copy of the project; the tests that stand beside it run there and must fail. Exit code 1 if one survives.
+Each mutation is made in a copy of the project; the tests that stand beside it run there and must
+fail. Exit code 1 if one survives.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -20,7 +23,9 @@ ROOT = Path(__file__).parent.parent
 
 
 class Mutation(NamedTuple):
-    """What is broken: a text in a file that is there exactly once, what takes its place, and which tests should see it."""
+    """What is broken: a text in a file that is there exactly once, however its lines are broken,
+    what takes its place, and which tests should see it.
+    """
 
     what: str
     file: str
@@ -32,7 +37,13 @@ class Mutation(NamedTuple):
 URDF = "urdf/tower_crane.urdf.xacro"
 
 MUTATIONS = (
-    Mutation("the axis of the tangential swing is turned round", URDF, 'axis xyz="0 1 0"', 'axis xyz="0 -1 0"', ("crane",)),
+    Mutation(
+        "the axis of the tangential swing is turned round",
+        URDF,
+        'axis xyz="0 1 0"',
+        'axis xyz="0 -1 0"',
+        ("crane",),
+    ),
     Mutation(
         "the inertia of the upper structure stands at the wrong axis",
         URDF,
@@ -100,7 +111,8 @@ MUTATIONS = (
         "a command acts one control period late",
         "cranedyn/dynamics/drives.py",
         "self._dt2 * self._effort\n        return command, self._effort",
-        "self._dt2 * getattr(self, '_before', self._effort)\n        self._before = self._effort\n        return command, self._effort",
+        "self._dt2 * getattr(self, '_before', self._effort)\n        self._before = self._effort\n "
+        "       return command, self._effort",
         ("simulate", "linear"),
     ),
     Mutation(
@@ -204,7 +216,8 @@ MUTATIONS = (
     Mutation(
         "a flat path takes the load for a point",
         "cranedyn/references/flat.py",
-        "inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass",
+        "inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / "
+        "crane.payload_mass",
         "inertia = 0.0",
         ("control",),
     ),
@@ -365,7 +378,8 @@ MUTATIONS = (
     Mutation(
         "the tension of a rope that stretches is the force of its drum",
         "cranedyn/dynamics/joint_forces.py",
-        "if springs is not None and springs.rope is not None:\n        stretch, length, stiffness = springs.rope\n        return",
+        "if springs is not None and springs.rope is not None:\n        stretch, length, stiffness "
+        "= springs.rope\n        return",
         "if False:\n        stretch, length, stiffness = springs.rope\n        return",
         ("cranes",),
     ),
@@ -435,34 +449,81 @@ MUTATIONS = (
 )
 
 
+def mutated(text: str, mutation: Mutation) -> str:
+    """A text with the mutation; how its lines are broken does not matter.
+
+    Raises:
+        SystemExit: If what it replaces is not there exactly once.
+    """
+    marks = re.findall(r"\w+|[^\w\s]", mutation.old)
+    pattern = r"\s*".join(r"(?:,\s*)?" * (mark in ")]}") + re.escape(mark) for mark in marks)
+    found = re.findall(pattern, text)
+    if len(found) != 1:
+        raise SystemExit(
+            f"{mutation.file} holds {len(found)} times what mutation {mutation.what!r} replaces, "
+            "not once."
+        )
+    before = mutation.old[: len(mutation.old) - len(mutation.old.lstrip())]
+    after = mutation.old[len(mutation.old.rstrip()) :]
+    return text.replace(found[0], mutation.new.removeprefix(before).removesuffix(after))
+
+
 def caught(mutation: Mutation, parent: Path) -> tuple[bool, str]:
     """Whether the tests fail in a copy with the mutation, and the first that does."""
     copy = parent / mutation.what.replace(" ", "_").replace("'", "")
-    shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".git", ".venv", "out", "docs", "__pycache__", ".*cache", "*.egg-info"))
+    shutil.copytree(
+        ROOT,
+        copy,
+        ignore=shutil.ignore_patterns(
+            ".git", ".venv", "out", "docs", "__pycache__", ".*cache", "*.egg-info"
+        ),
+    )
     path = copy / mutation.file
-    text = path.read_text(encoding="utf-8")
-    if text.count(mutation.old) != 1:
-        raise SystemExit(f"{mutation.file} holds {text.count(mutation.old)} times what mutation {mutation.what!r} replaces, not once.")
-    path.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *(f"tests/test_{name}.py" for name in mutation.tests)]
+    path.write_text(mutated(path.read_text(encoding="utf-8"), mutation), encoding="utf-8")
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-x",
+        "-p",
+        "no:cacheprovider",
+        *(f"tests/test_{name}.py" for name in mutation.tests),
+    ]
     run = subprocess.run(
-        command, cwd=copy, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1"}
+        command,
+        cwd=copy,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1"},
     )
     shutil.rmtree(copy)
     words = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    return run.returncode == 1, words[0].split(" - ")[0] if words else run.stdout[-300:] + run.stderr[-300:]
+    return run.returncode == 1, words[0].split(" - ")[0] if words else run.stdout[
+        -300:
+    ] + run.stderr[-300:]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = argparse.ArgumentParser(prog="python -m tests.mutations", description="Break the physics and see that the tests notice.")
-    made.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="how many at a time")
-    made.add_argument("--only", metavar="WORDS", default="", help="only mutations with these words in their name")
+    made = argparse.ArgumentParser(
+        prog="python -m tests.mutations",
+        description="Break the physics and see that the tests notice.",
+    )
+    made.add_argument(
+        "--jobs", type=int, default=os.cpu_count(), metavar="N", help="how many at a time"
+    )
+    made.add_argument(
+        "--only", metavar="WORDS", default="", help="only mutations with these words in their name"
+    )
     options = made.parse_args(argv)
     chosen = [mutation for mutation in MUTATIONS if options.only in mutation.what]
     survived = 0
     with tempfile.TemporaryDirectory() as parent, ThreadPoolExecutor(options.jobs) as pool:
-        for mutation, (found, by) in zip(chosen, pool.map(lambda m: caught(m, Path(parent)), chosen), strict=True):
+        for mutation, (found, by) in zip(
+            chosen, pool.map(lambda m: caught(m, Path(parent)), chosen), strict=True
+        ):
             survived += not found
             print(f"{'caught' if found else 'SURVIVES':9} {mutation.what}: {by}", flush=True)
     print(f"{len(chosen) - survived} of {len(chosen)} mutations caught.")

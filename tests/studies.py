@@ -26,14 +26,20 @@ def logged(cases: Columns) -> Columns:
 
 
 def troubled(cases: Columns) -> Columns:
-    """Squares, but 1 cannot be computed, 2 ends in NaN, 3 in infinity; 4 has none and needs none."""
+    """Squares, but 1 cannot be computed, 2 ends in NaN, 3 in infinity; 4 has none and needs
+    none.
+    """
     if (cases["x"] == 1.0).any():
         raise ArithmeticError("one\nis too much")
     y = cases["x"] ** 2
     y[cases["x"] == 2.0] = np.nan
     y[cases["x"] == 3.0] = -np.inf
     cases["x"][:] = 0.0  # a study may do what it likes with what it gets
-    return {"y": np.ma.masked_equal(y, 16.0), "n": np.arange(len(y)) % 2, "word": np.array(["even", "odd"])[np.arange(len(y)) % 2]}
+    return {
+        "y": np.ma.masked_equal(y, 16.0),
+        "n": np.arange(len(y)) % 2,
+        "word": np.array(["even", "odd"])[np.arange(len(y)) % 2],
+    }
 
 
 def hopeless(cases: Columns) -> Columns:
@@ -91,7 +97,9 @@ def stuck(cases: Columns) -> Columns:
 
 
 def deaf(seconds: int) -> None:
-    """Sleep in native code that keeps Python's lock, after a line in the log with the number of the process."""
+    """Sleep in native code that keeps Python's lock, after a line in the log with the number of the
+    process.
+    """
     if "SWEEP_LOG" in os.environ:
         with open(os.environ["SWEEP_LOG"], "a") as log:
             log.write(f"{os.getpid()} 0\n")

@@ -10,14 +10,31 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from cranedyn.analysis.swing import PowerLaw, SwingFit, agreement, fit_power_law, fit_swing, peaks, zero_crossings
+from cranedyn.analysis.swing import (
+    PowerLaw,
+    SwingFit,
+    agreement,
+    fit_power_law,
+    fit_swing,
+    peaks,
+    zero_crossings,
+)
 from cranedyn.errors import DataError
 
 T = np.arange(0.0, 60.0, 0.005)
 
 
-@given(st.floats(1.5, 12), st.floats(-0.005, 0.02), st.floats(1e-3, 1), st.floats(0, 6.28), st.floats(-0.2, 0.2), st.floats(-20, 100))
-def test_a_swing_without_noise_is_recovered(period: float, ratio: float, size: float, phase: float, offset: float, since: float) -> None:
+@given(
+    st.floats(1.5, 12),
+    st.floats(-0.005, 0.02),
+    st.floats(1e-3, 1),
+    st.floats(0, 6.28),
+    st.floats(-0.2, 0.2),
+    st.floats(-20, 100),
+)
+def test_a_swing_without_noise_is_recovered(
+    period: float, ratio: float, size: float, phase: float, offset: float, since: float
+) -> None:
     true = SwingFit(period, ratio, size, phase, size * offset, 0.0)
     t = T + since
     y = true(t)
@@ -30,11 +47,16 @@ def test_a_swing_without_noise_is_recovered(period: float, ratio: float, size: f
 
 
 def test_a_noisy_swing_is_recovered_within_the_cramer_rao_bound() -> None:
-    true, sigma, rng = SwingFit(7.796, 0.00021, 0.0986, 1.0, 0.002, 0.0), 0.003, np.random.default_rng(7)
+    true, sigma, rng = (
+        SwingFit(7.796, 0.00021, 0.0986, 1.0, 0.002, 0.0),
+        0.003,
+        np.random.default_rng(7),
+    )
     fit = fit_swing(T, true(T) + sigma * rng.normal(size=len(T)))
     bound = sigma / true.amplitude / math.sqrt(len(T))  # of a phase, up to a factor
     omega = 2.0 * math.pi / true.period
-    # five times the standard deviations √24, √24, √2 (at mid record), 1 of frequency, decay, amplitude, offset
+    # five times the standard deviations √24, √24, √2 (at mid record), 1 of frequency, decay,
+    # amplitude, offset
     assert abs(fit.period / true.period - 1) < 5 * math.sqrt(24) * bound / (omega * 60.0)
     assert abs(fit.damping_ratio - true.damping_ratio) < 5 * math.sqrt(24) * bound / (omega * 60.0)
     assert abs(fit.amplitude_at(30.0) / true.amplitude_at(30.0) - 1) < 5 * math.sqrt(2) * bound
@@ -47,19 +69,26 @@ def test_the_amplitude_is_that_at_time_zero_even_if_the_record_starts_later() ->
     fit = fit_swing(T + 12.0, true(T + 12.0))
     assert fit.amplitude == pytest.approx(0.2, rel=1e-6)
     assert fit.phase == pytest.approx(0.3, abs=1e-6)
-    assert fit.decay_rate == pytest.approx(0.01 * 2 * math.pi / 8.0 / math.sqrt(1 - 1e-4), rel=1e-6)  # ζ ω_n
+    # ζ ω_n.
+    assert fit.decay_rate == pytest.approx(0.01 * 2 * math.pi / 8.0 / math.sqrt(1 - 1e-4), rel=1e-6)
 
 
 @pytest.mark.parametrize(
     ("t", "y", "sentence"),
     [
-        (T[:1000], np.cos(T[:1000]), r"The record from 0 to 4.995 s holds \d half swings; at least four are needed"),
+        (
+            T[:1000],
+            np.cos(T[:1000]),
+            r"The record from 0 to 4.995 s holds \d half swings; at least four are needed",
+        ),
         (T, np.ones_like(T), "holds 0 half swings"),
         (T[:0], T[:0], "holds no row"),
     ],
     ids=["short", "still", "empty"],
 )
-def test_a_record_without_two_swings_is_refused(t: np.ndarray, y: np.ndarray, sentence: str) -> None:
+def test_a_record_without_two_swings_is_refused(
+    t: np.ndarray, y: np.ndarray, sentence: str
+) -> None:
     with pytest.raises(DataError, match=sentence):
         fit_swing(t, y)
 
@@ -74,7 +103,8 @@ def test_zero_crossings_are_found_between_samples(period: float, phase: float) -
     found = zero_crossings(t, np.cos(omega * t + phase))
     found = found[(found > 0.02) & (found < 9.97)]
     assume(len(found) == len(expected))
-    assert_allclose(found, expected, atol=omega**2 * 0.01**3)  # linear interpolation where the curvature is zero: (ω dt)² dt / 16
+    # Linear interpolation where the curvature is zero: (ω dt)² dt / 16.
+    assert_allclose(found, expected, atol=omega**2 * 0.01**3)
 
 
 def test_a_sample_on_zero_is_one_crossing() -> None:
@@ -89,8 +119,13 @@ def test_peaks_are_found_between_samples_with_their_heights() -> None:
     # derivative zero: tan(ωt + phase) = -0.01/ω
     n = np.arange(1, 1 + len(when))
     expected = (n * math.pi - phase - math.atan(0.01 / omega)) / omega
-    assert_allclose(when, expected, atol=omega**2 * 0.01**3)  # parabola through three samples: order (ω dt)² dt
-    assert_allclose(height, 0.2 * np.exp(-0.01 * expected) * math.cos(math.atan(0.01 / omega)), rtol=(omega * 0.01) ** 4)
+    # Parabola through three samples: order (ω dt)² dt.
+    assert_allclose(when, expected, atol=omega**2 * 0.01**3)
+    assert_allclose(
+        height,
+        0.2 * np.exp(-0.01 * expected) * math.cos(math.atan(0.01 / omega)),
+        rtol=(omega * 0.01) ** 4,
+    )
 
 
 @given(st.floats(-3, 3), st.floats(0.01, 100))
@@ -110,12 +145,15 @@ def test_a_noisy_power_law_has_the_coefficient_of_determination_of_its_scatter()
     spread = np.std(np.log(x))
     assert abs(law.exponent + 0.75) < 5 * 0.1 / (spread * 20.0)  # five standard deviations
     signal = (0.75 * spread) ** 2
-    assert law.r2 == pytest.approx(signal / (signal + 0.01), abs=0.06)  # five standard deviations of some 1e-2
+    # Five standard deviations of some 1e-2.
+    assert law.r2 == pytest.approx(signal / (signal + 0.01), abs=0.06)
 
 
 @pytest.mark.parametrize("x", [[1.0, 2.0], [3.0, 3.0, 3.0, 3.0], []])
 def test_a_power_law_needs_three_different_points(x: list[float]) -> None:
-    with pytest.raises(DataError, match=f"A power law needs three points of different abscissa, here are {len(x)}"):
+    with pytest.raises(
+        DataError, match=f"A power law needs three points of different abscissa, here are {len(x)}"
+    ):
         fit_power_law(np.array(x), np.ones(len(x)))
 
 
@@ -130,7 +168,9 @@ def test_agreement_is_amplitudes_correlation_and_rms() -> None:
     assert same.measured == pytest.approx(0.05, rel=1e-6)
     assert same.modelled == pytest.approx(0.04, rel=1e-6)
     assert same.correlation == pytest.approx(math.cos(0.1), abs=1e-3)
-    assert same.rms == pytest.approx(math.sqrt((0.05**2 + 0.04**2 - 2 * 0.05 * 0.04 * math.cos(0.1)) / 2), rel=1e-3)
+    assert same.rms == pytest.approx(
+        math.sqrt((0.05**2 + 0.04**2 - 2 * 0.05 * 0.04 * math.cos(0.1)) / 2), rel=1e-3
+    )
     assert same.relative == pytest.approx(same.rms / 0.05, rel=1e-6)
     assert agreement(np.sin(t), -np.sin(t)).correlation == pytest.approx(-1.0, abs=1e-12)
 

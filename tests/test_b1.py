@@ -32,14 +32,19 @@ def test_every_claim_holds(result: tuple[Path, dict[str, Any]]) -> None:
     assert [claim["holds"] for claim in result[1]["claims"]] == [True] * 4
 
 
-def test_every_way_is_scored_on_every_move_and_the_spline_alone_among_them(result: tuple[Path, dict[str, Any]]) -> None:
+def test_every_way_is_scored_on_every_move_and_the_spline_alone_among_them(
+    result: tuple[Path, dict[str, Any]],
+) -> None:
     for table, move in zip(result[1]["tables"], MOVES, strict=True):
         assert move.name in table["title"]
         assert [row[0] for row in table["rows"]] == list(STRATEGIES)
 
 
-def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(result: tuple[Path, dict[str, Any]]) -> None:
-    # Quintic of 10 m in 20 s on 15 m of cable: what a linear pendulum of the reduced length keeps; 16 mrad is small (A²/16 = 2e-5).
+def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(
+    result: tuple[Path, dict[str, Any]],
+) -> None:
+    # Quintic of 10 m in 20 s on 15 m of cable: what a linear pendulum of the reduced length keeps;
+    # 16 mrad is small (A²/16 = 2e-5).
     length = 15.0 + 500.0 / (1000.0 * 15.0)
     closed = 1000.0 * theory.quintic_residual(10.0, 20.0, length, 9.80665)
     row = result[1]["tables"][0]["rows"][0]
@@ -48,8 +53,13 @@ def test_the_spline_alone_on_the_trolley_leaves_the_swing_of_the_closed_form(res
 
 
 @pytest.mark.parametrize("document", ["docs/control.md"])
-def test_documents_show_the_tables_as_printed(document: str, result: tuple[Path, dict[str, Any]]) -> None:
-    assert read_document(ROOT / document, "b1").stale([Table.of(kept) for kept in result[1]["tables"]]) == []
+def test_documents_show_the_tables_as_printed(
+    document: str, result: tuple[Path, dict[str, Any]]
+) -> None:
+    assert (
+        read_document(ROOT / document, "b1").stale([Table.of(kept) for kept in result[1]["tables"]])
+        == []
+    )
 
 
 def test_figures_and_trajectories_are_written(result: tuple[Path, dict[str, Any]]) -> None:
@@ -71,7 +81,15 @@ def test_swing_amplitude_of_a_free_swing_is_its_amplitude_at_any_time() -> None:
 
 
 @pytest.mark.parametrize(
-    ("distance", "settled"), [([5, 2, 5, 1, 1], 3.0), ([1, 1, 1, 1, 1], 0.0), ([1, 1, 1, 1, 5], math.inf), ([5, 1, math.nan, 1, 1], 3.0)]
+    ("distance", "settled"),
+    [
+        ([5, 2, 5, 1, 1], 3.0),
+        ([1, 1, 1, 1, 1], 0.0),
+        ([1, 1, 1, 1, 5], math.inf),
+        ([5, 1, math.nan, 1, 1], 3.0),
+    ],
 )
-def test_settling_is_when_the_distance_is_small_for_good(distance: list[float], settled: float) -> None:
+def test_settling_is_when_the_distance_is_small_for_good(
+    distance: list[float], settled: float
+) -> None:
     assert settling_time(np.arange(5.0), np.array(distance, dtype=float), 2.0) == settled

@@ -43,11 +43,17 @@ CLOCK: dict[str, Any] = {"duration": LASTS, "dt": 1e-3, "control_period": PERIOD
 ROWS = 51
 
 
-# --- each as if it were alone --------------------------------------------------------------------------------------------------------
+# --- each as if it were alone ---------------------------------------------------------------------
+# -----------------------------------
 
 
 def _cranes(count: int) -> list[Crane]:
-    sizes = [{}, {"payload_mass": 700.0}, {"payload_mass": 2500.0, "damp_swing": 900.0}, {"trolley_mass": 900.0, "trolley_effort": 3e3}]
+    sizes = [
+        {},
+        {"payload_mass": 700.0},
+        {"payload_mass": 2500.0, "damp_swing": 900.0},
+        {"trolley_mass": 900.0, "trolley_effort": 3e3},
+    ]
     return [crane(**sizes[i % 4]) for i in range(count)]
 
 
@@ -60,7 +66,10 @@ def _starts(count: int) -> State:
 def _references(count: int) -> list[Reference]:
     c, starts = crane(), _starts(count)
     held = [hold(c, State(*rows)) for rows in zip(*starts, strict=True)]
-    return [ramp(c, still, "xl"[i % 2], 0.2, rate=0.3 + 0.05 * i, at=0.1) for i, still in enumerate(held)]
+    return [
+        ramp(c, still, "xl"[i % 2], 0.2, rate=0.3 + 0.05 * i, at=0.1)
+        for i, still in enumerate(held)
+    ]
 
 
 @cache
@@ -81,7 +90,9 @@ def _controllers(count: int) -> list[Any]:
 
 
 def _offset(controller: Controller, offset: np.ndarray) -> Controller:
-    return lambda t, state, setpoint: controller(t, State(state.q + offset[:5], state.v + offset[5:]), setpoint)
+    return lambda t, state, setpoint: controller(
+        t, State(state.q + offset[:5], state.v + offset[5:]), setpoint
+    )
 
 
 def _same(c: Crane, alone: Trajectory, batch: Batch, i: int, share: float = 1e-12) -> None:
@@ -89,12 +100,21 @@ def _same(c: Crane, alone: Trajectory, batch: Batch, i: int, share: float = 1e-1
     allowed = allowed_between(c, alone, share)
     for name in ("q", "v", "command", "effort", "energy"):
         off = np.abs(getattr(alone, name) - getattr(batch, name)[i]).max(axis=0)
-        assert (off <= allowed[name]).all(), f"crane {i}, {name}: {off} where {allowed[name]} is allowed"
-    assert [batch.end.q[i].tolist(), batch.end.v[i].tolist()] == [batch.q[i, -1].tolist(), batch.v[i, -1].tolist()]
-    assert batch.peak_swing[i] == pytest.approx(np.hypot(alone.q[:, 2], alone.q[:, 3]).max(), rel=1e-11)
+        assert (off <= allowed[name]).all(), (
+            f"crane {i}, {name}: {off} where {allowed[name]} is allowed"
+        )
+    assert [batch.end.q[i].tolist(), batch.end.v[i].tolist()] == [
+        batch.q[i, -1].tolist(),
+        batch.v[i, -1].tolist(),
+    ]
+    assert batch.peak_swing[i] == pytest.approx(
+        np.hypot(alone.q[:, 2], alone.q[:, 3]).max(), rel=1e-11
+    )
     assert_allclose(batch.largest_effort[i], np.abs(alone.effort).max(axis=0), rtol=1e-11)
     invalid = np.flatnonzero(alone.valid == 0.0)
-    assert batch.valid_until[i] == (pytest.approx(alone.t[invalid[0]]) if len(invalid) else math.inf)
+    assert batch.valid_until[i] == (
+        pytest.approx(alone.t[invalid[0]]) if len(invalid) else math.inf
+    )
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 20])
@@ -102,7 +122,16 @@ def test_each_crane_of_a_batch_does_what_it_does_alone(count: int) -> None:
     cranes, starts, references = _cranes(count), _starts(count), _references(count)
     rng = np.random.default_rng(6)
     force, offsets = rng.normal(size=(count, 30, 6)) * 200.0, rng.normal(size=(count, 10)) * 0.01
-    batch = simulate_batch(cranes, _controllers(count), references, start=starts, force=force, sensor_offset=offsets, record=1, **CLOCK)
+    batch = simulate_batch(
+        cranes,
+        _controllers(count),
+        references,
+        start=starts,
+        force=force,
+        sensor_offset=offsets,
+        record=1,
+        **CLOCK,
+    )
     assert len(batch) == count
     for i, controller in enumerate(_controllers(count)):
 
@@ -110,24 +139,49 @@ def test_each_crane_of_a_batch_does_what_it_does_alone(count: int) -> None:
             return rows[min(round(t / PERIOD), 29)].reshape(2, 3)
 
         asked = _offset(controller, offsets[i])
-        alone = simulate(cranes[i], asked, references[i], start=State(starts.q[i], starts.v[i]), disturbance=push, validity="mark", **CLOCK)
+        alone = simulate(
+            cranes[i],
+            asked,
+            references[i],
+            start=State(starts.q[i], starts.v[i]),
+            disturbance=push,
+            validity="mark",
+            **CLOCK,
+        )
         _same(cranes[i], alone, batch, i)
 
 
-@pytest.mark.parametrize(("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"])
+@pytest.mark.parametrize(
+    ("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"]
+)
 @pytest.mark.parametrize("drive", ["effort", "motion"])
-def test_drives_and_stepping_rules_are_those_of_a_run_alone(drive: Any, integrator: Integrator, dt: float) -> None:
+def test_drives_and_stepping_rules_are_those_of_a_run_alone(
+    drive: Any, integrator: Integrator, dt: float
+) -> None:
     count, how = 9, {**CLOCK, "dt": dt, "drive": drive, "integrator": integrator}
     cranes, starts, references = _cranes(count), _starts(count), _references(count)
-    controllers = [follow(crane(), reference, PERIOD) for reference in references] if drive == "motion" else hold_controller(crane())
-    batch = simulate_batch(cranes, controllers, references, start=starts, record=1, since=1.0, **how)
+    controllers = (
+        [follow(crane(), reference, PERIOD) for reference in references]
+        if drive == "motion"
+        else hold_controller(crane())
+    )
+    batch = simulate_batch(
+        cranes, controllers, references, start=starts, record=1, since=1.0, **how
+    )
     for i in range(count):
         one = controllers if isinstance(controllers, Hold) else controllers[i]
         start = State(starts.q[i], starts.v[i])
-        _same(cranes[i], simulate(cranes[i], one, references[i], start=start, since=1.0, validity="mark", **how), batch, i)
+        _same(
+            cranes[i],
+            simulate(cranes[i], one, references[i], start=start, since=1.0, validity="mark", **how),
+            batch,
+            i,
+        )
 
 
-@pytest.mark.parametrize(("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"])
+@pytest.mark.parametrize(
+    ("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"]
+)
 def test_buffers_act_on_the_cranes_that_reach_them(integrator: Integrator, dt: float) -> None:
     count, c, how = 9, crane(trolley_max=11.0), {**CLOCK, "dt": dt, "integrator": integrator}
     starts = [c.state(x=9.0 + 0.24 * i, x_dot=0.5, phi=0.05, theta=0.02) for i in range(count)]
@@ -141,7 +195,15 @@ def test_buffers_act_on_the_cranes_that_reach_them(integrator: Integrator, dt: f
 
 def test_without_a_reference_each_holds_where_it_starts_and_what_is_given_once_is_for_all() -> None:
     c, brake, starts = crane(), hold_controller(crane(), gravity=G), _starts(5)
-    batch = simulate_batch(c, brake, start=starts, force=np.full((1, 6), 100.0), sensor_offset=np.full(10, 0.001), record=1, **CLOCK)
+    batch = simulate_batch(
+        c,
+        brake,
+        start=starts,
+        force=np.full((1, 6), 100.0),
+        sensor_offset=np.full(10, 0.001),
+        record=1,
+        **CLOCK,
+    )
     each = simulate_batch(
         [c] * 5,
         [brake] * 5,
@@ -152,7 +214,8 @@ def test_without_a_reference_each_holds_where_it_starts_and_what_is_given_once_i
         record=1,
         **CLOCK,
     )
-    assert_allclose(batch.q, each.q, rtol=0, atol=1e-12)  # rounding: tables that are shared are read by other code
+    # Rounding: tables that are shared are read by other code.
+    assert_allclose(batch.q, each.q, rtol=0, atol=1e-12)
     alone = simulate_batch(c, brake, start=State(starts.q[3], starts.v[3]), record=1, **CLOCK)
     assert len(alone) == 1
 
@@ -160,17 +223,36 @@ def test_without_a_reference_each_holds_where_it_starts_and_what_is_given_once_i
 @pytest.mark.parametrize("buffers", [False, True])
 def test_cranes_from_the_workshop_to_the_harbour_on_any_planet_are_one_batch(buffers: bool) -> None:
     rng = np.random.default_rng(3)
-    cranes = [load_crane(gravity=float(rng.uniform(2.0, 20.0)), **values) for values in (*VARIANTS[-5:], LAB, {})]
-    starts = [State((c.lower + c.upper) / 2.0 + [0.1, 0.0, 0.15, -0.1, 0.0], rng.normal(size=5) * 0.03) for c in cranes]
-    force = 0.3 * rng.normal(size=(7, 60, 6)) * np.array([[c.payload_mass] * 3 + [c.trolley_mass] * 3 for c in cranes])[:, None]
+    cranes = [
+        load_crane(gravity=float(rng.uniform(2.0, 20.0)), **values)
+        for values in (*VARIANTS[-5:], LAB, {})
+    ]
+    starts = [
+        State((c.lower + c.upper) / 2.0 + [0.1, 0.0, 0.15, -0.1, 0.0], rng.normal(size=5) * 0.03)
+        for c in cranes
+    ]
+    force = (
+        0.3
+        * rng.normal(size=(7, 60, 6))
+        * np.array([[c.payload_mass] * 3 + [c.trolley_mass] * 3 for c in cranes])[:, None]
+    )
     holds = [soft_hold(c, start.q) for c, start in zip(cranes, starts, strict=True)]
-    batch = simulate_batch(cranes, holds, start=starts, force=force, buffers=buffers, record=1, **CLOCK)
+    batch = simulate_batch(
+        cranes, holds, start=starts, force=force, buffers=buffers, record=1, **CLOCK
+    )
     for i, (c, start, brake) in enumerate(zip(cranes, starts, holds, strict=True)):
 
         def push(t: float, state: State, rows: np.ndarray = force[i]) -> np.ndarray:
             return rows[round(t / PERIOD)].reshape(2, 3)
 
-        alone = simulate(c, brake, start=start, disturbance=push, validity="buffers" if buffers else "mark", **CLOCK)
+        alone = simulate(
+            c,
+            brake,
+            start=start,
+            disturbance=push,
+            validity="buffers" if buffers else "mark",
+            **CLOCK,
+        )
         _same(c, alone, batch, i, per_second(c, start.q))
 
 
@@ -182,34 +264,72 @@ class _Scheduled:
         return form.feed_forward[0] - form.gain[0] @ (np.concatenate(state) - form.setpoint[0])
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
-        gain = [feedback_gain(crane(), np.array([5e5, 1e4 * x, 3e4]), np.array([1e6, 5e4, 2e4])) for x in positions[:, 1]]
+        gain = [
+            feedback_gain(crane(), np.array([5e5, 1e4 * x, 3e4]), np.array([1e6, 5e4, 2e4]))
+            for x in positions[:, 1]
+        ]
         feed_forward = np.tile([0.0, 0.0, -1000.0 * G], (len(times), 1))
-        return without_integral(feed_forward, np.array(gain), at_drives(crane(), positions, np.zeros_like(positions)))
+        return without_integral(
+            feed_forward, np.array(gain), at_drives(crane(), positions, np.zeros_like(positions))
+        )
 
 
 def test_a_controller_that_looks_at_its_reference_does_so_for_each_crane() -> None:
     controller, references, starts = _Scheduled(), _references(9), _starts(9)
     batch = simulate_batch(crane(), controller, references, start=starts, record=1, **CLOCK)
     for i, reference in enumerate(references):
-        _same(crane(), simulate(crane(), controller, reference, start=State(starts.q[i], starts.v[i]), validity="mark", **CLOCK), batch, i)
+        _same(
+            crane(),
+            simulate(
+                crane(),
+                controller,
+                reference,
+                start=State(starts.q[i], starts.v[i]),
+                validity="mark",
+                **CLOCK,
+            ),
+            batch,
+            i,
+        )
 
 
 def test_controllers_that_remember_begin_with_it_and_are_left_as_they_are() -> None:
     first = HoistIntegral(crane(), _tracking(0), 2e3, 1.3e4, integral=-0.3)
     none = HoistIntegral(crane(), _tracking(0), 2e3, 1.3e4)
-    batch = simulate_batch(crane(), [first, none], _references(1)[0], start=State(_starts(1).q[0], _starts(1).v[0]), record=1, **CLOCK)
+    batch = simulate_batch(
+        crane(),
+        [first, none],
+        _references(1)[0],
+        start=State(_starts(1).q[0], _starts(1).v[0]),
+        record=1,
+        **CLOCK,
+    )
     assert (first.integral, none.integral) == (-0.3, 0.0)
-    assert_allclose(batch.command[0, 0] - batch.command[1, 0], [0.0, 0.0, -600.0], atol=1e-9)  # k_i times what is remembered; rounding
-    again = simulate_batch(crane(), [first, none], _references(1)[0], start=State(_starts(1).q[0], _starts(1).v[0]), record=1, **CLOCK)
+    # k_i times what is remembered; rounding.
+    assert_allclose(batch.command[0, 0] - batch.command[1, 0], [0.0, 0.0, -600.0], atol=1e-9)
+    again = simulate_batch(
+        crane(),
+        [first, none],
+        _references(1)[0],
+        start=State(_starts(1).q[0], _starts(1).v[0]),
+        record=1,
+        **CLOCK,
+    )
     assert again.q.tobytes() == batch.q.tobytes()
 
 
-# --- no crane feels another ----------------------------------------------------------------------------------------------------------
+# --- no crane feels another -----------------------------------------------------------------------
+# -----------------------------------
 
 
 def _many(order: Sequence[int], **how: Any) -> Batch:
     """Twenty cranes in some order."""
-    cranes, starts, controllers, references = _cranes(20), _starts(20), _controllers(20), _references(20)
+    cranes, starts, controllers, references = (
+        _cranes(20),
+        _starts(20),
+        _controllers(20),
+        _references(20),
+    )
     return simulate_batch(
         [cranes[i] for i in order],
         [controllers[i] for i in order],
@@ -220,7 +340,17 @@ def _many(order: Sequence[int], **how: Any) -> Batch:
 
 
 def _bits(batch: Batch, order: Sequence[int]) -> list[bytes]:
-    names = ("peak_swing", "residual_swing", "largest_effort", "valid_until", "q", "v", "command", "effort", "energy")
+    names = (
+        "peak_swing",
+        "residual_swing",
+        "largest_effort",
+        "valid_until",
+        "q",
+        "v",
+        "command",
+        "effort",
+        "energy",
+    )
     # adding zero makes no difference between the two zeros
     return [(getattr(batch, name)[list(order)] + 0.0).tobytes() for name in names]
 
@@ -232,7 +362,9 @@ def test_the_order_of_the_cranes_changes_no_bit() -> None:
 
 def test_the_number_of_threads_changes_no_bit() -> None:
     assert (
-        _bits(_many(range(20), threads=1), range(20)) == _bits(_many(range(20), threads=3), range(20)) == _bits(_many(range(20)), range(20))
+        _bits(_many(range(20), threads=1), range(20))
+        == _bits(_many(range(20), threads=3), range(20))
+        == _bits(_many(range(20)), range(20))
     )
 
 
@@ -244,33 +376,55 @@ def test_a_crane_that_diverges_harms_no_other_and_says_so() -> None:
     usual = simulate_batch(c, [calm] * 8 + [calm], start=starts, record=1, **CLOCK)
     harmed = simulate_batch(c, [calm] * 4 + [wild] + [calm] * 4, start=starts, record=1, **CLOCK)
     others = [i for i in range(9) if i != 4]
-    assert_allclose(harmed.q[others], usual.q[others], rtol=0, atol=1e-12)  # rounding: tables that are shared are read by other code
+    # Rounding: tables that are shared are read by other code.
+    assert_allclose(harmed.q[others], usual.q[others], rtol=0, atol=1e-12)
     for values in (harmed.end.q[4], harmed.peak_swing[4], harmed.residual_swing[4]):
         assert not np.isfinite(values).all()
     assert harmed.valid_until[4] < 0.1
     assert np.isfinite(harmed.peak_swing[others]).all()
 
 
-# --- what is kept --------------------------------------------------------------------------------------------------------------------
+# --- what is kept ---------------------------------------------------------------------------------
+# -----------------------------------
 
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
     count, c = 9, crane(swing_limit=0.2, trolley_max=11.5)
     starts, since, late = _starts(count), 2.0, 2.3
-    references = [ramp(c, hold(c, State(*rows)), "x", 2.0, rate=1.0, at=2.1) for rows in zip(*starts, strict=True)]
-    controllers = [follow(crane(), reference, PERIOD) for reference in references] if drive == "motion" else hold_controller(c, gravity=G)
-    batch = simulate_batch(c, controllers, references, start=starts, since=since, record=1, residual_from=late, drive=drive, **CLOCK)
+    references = [
+        ramp(c, hold(c, State(*rows)), "x", 2.0, rate=1.0, at=2.1)
+        for rows in zip(*starts, strict=True)
+    ]
+    controllers = (
+        [follow(crane(), reference, PERIOD) for reference in references]
+        if drive == "motion"
+        else hold_controller(c, gravity=G)
+    )
+    batch = simulate_batch(
+        c,
+        controllers,
+        references,
+        start=starts,
+        since=since,
+        record=1,
+        residual_from=late,
+        drive=drive,
+        **CLOCK,
+    )
     rows = batch.t >= late - 1e-9
     ended = 0
     for i in range(count):
         q, v, effort = batch.q[i], batch.v[i], batch.effort[i]
-        assert batch.peak_swing[i] == pytest.approx(np.hypot(q[:, 2], q[:, 3]).max(), rel=1e-14)  # rounding
+        # rounding.
+        assert batch.peak_swing[i] == pytest.approx(np.hypot(q[:, 2], q[:, 3]).max(), rel=1e-14)
         amplitude = swing_amplitude(q[rows, 2:4], v[rows, 2:4], q[rows, 4], G)
         assert batch.residual_swing[i] == pytest.approx(amplitude.max(), rel=1e-14)
         assert batch.largest_effort[i].tolist() == np.abs(effort).max(axis=0).tolist()
         event = validity.first_event(c, q, v, effort[:, 2])
-        assert batch.valid_until[i] == (math.inf if event is None else pytest.approx(batch.t[event.row], abs=1e-12))
+        assert batch.valid_until[i] == (
+            math.inf if event is None else pytest.approx(batch.t[event.row], abs=1e-12)
+        )
         ended += event is not None
         assert batch.end.q[i].tolist() == q[-1].tolist()
     assert 0 < ended < count
@@ -279,8 +433,18 @@ def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
 
 def test_by_default_the_swing_left_at_the_end_is_residual() -> None:
     for since in (0.0, 1e6 + 0.1):
-        found = simulate_batch(crane(), hold_controller(crane(), gravity=G), start=_starts(3), since=since, record=1, **CLOCK)
-        expected = [swing_amplitude(q[-1:, 2:4], v[-1:, 2:4], q[-1, 4], G)[0] for q, v in zip(found.q, found.v, strict=True)]
+        found = simulate_batch(
+            crane(),
+            hold_controller(crane(), gravity=G),
+            start=_starts(3),
+            since=since,
+            record=1,
+            **CLOCK,
+        )
+        expected = [
+            swing_amplitude(q[-1:, 2:4], v[-1:, 2:4], q[-1, 4], G)[0]
+            for q, v in zip(found.q, found.v, strict=True)
+        ]
         assert found.residual_swing == pytest.approx(expected, rel=1e-14)  # rounding
 
 
@@ -288,7 +452,10 @@ def test_by_default_the_swing_left_at_the_end_is_residual() -> None:
 def test_every_nth_row_is_recorded(every: int) -> None:
     whole, thinned = _many(range(20)), _many(range(20), record=every)
     for name in ("q", "v", "command", "effort", "energy"):
-        assert getattr(thinned, name).tobytes() == np.ascontiguousarray(getattr(whole, name)[:, ::every]).tobytes()
+        assert (
+            getattr(thinned, name).tobytes()
+            == np.ascontiguousarray(getattr(whole, name)[:, ::every]).tobytes()
+        )
     assert thinned.t.tolist() == whole.t[::every].tolist()
 
 
@@ -304,27 +471,44 @@ def _peak(call: Callable[[], Any]) -> float:
 
 
 def test_what_is_not_recorded_takes_no_memory() -> None:
-    c, brake, starts = crane(), hold_controller(crane(), gravity=G), State(np.tile(crane().start.q, (256, 1)), np.zeros((256, 5)))
-    # the log of 256 cranes and 501 rows of 22 numbers takes 23 MB; with it off, some arrays of 256 times 30 numbers and one table remain
+    c, brake, starts = (
+        crane(),
+        hold_controller(crane(), gravity=G),
+        State(np.tile(crane().start.q, (256, 1)), np.zeros((256, 5))),
+    )
+    # the log of 256 cranes and 501 rows of 22 numbers takes 23 MB; with it off, some arrays of 256
+    # times 30 numbers and one table remain
     how = {"start": starts, "duration": 0.5, "dt": 1e-3, "control_period": 1e-3}
     assert _peak(lambda: simulate_batch(c, brake, record=1, **how)) > 20.0
     assert _peak(lambda: simulate_batch(c, brake, **how)) < 2.0
     found = simulate_batch(c, brake, **how)
-    assert [getattr(found, name).size for name in ("t", "q", "v", "command", "effort", "energy")] == [0] * 6
+    assert [
+        getattr(found, name).size for name in ("t", "q", "v", "command", "effort", "energy")
+    ] == [0] * 6
     assert_allclose(found.end.q, starts.q, atol=1e-12)
 
 
 def test_tables_are_kept_once_and_no_longer_than_they_change() -> None:
     rng = np.random.default_rng(0)
-    starts = State(crane().start.q + rng.uniform(-0.5, 0.5, (100, 5)) * [1, 1, 0.1, 0.1, 1], np.zeros((100, 5)))
+    starts = State(
+        crane().start.q + rng.uniform(-0.5, 0.5, (100, 5)) * [1, 1, 0.1, 0.1, 1], np.zeros((100, 5))
+    )
     clock = {"duration": 1.0, "dt": 1e-3, "control_period": 1e-3}
-    # 100 tables of 1001 rows of 13 numbers for where each is held would be 10 MB, and as many controllers' of 42 numbers 34 MB
-    assert _peak(lambda: simulate_batch(crane(), hold_controller(crane()), start=starts, **clock)) < 2.0
-    shared, reference = lqr(crane(), plumb(crane(), _references(1)[0], 1.0, 1e-3), dt=1e-3, every=100), _references(1)[0]
+    # 100 tables of 1001 rows of 13 numbers for where each is held would be 10 MB, and as many
+    # controllers' of 42 numbers 34 MB
+    assert (
+        _peak(lambda: simulate_batch(crane(), hold_controller(crane()), start=starts, **clock))
+        < 2.0
+    )
+    shared, reference = (
+        lqr(crane(), plumb(crane(), _references(1)[0], 1.0, 1e-3), dt=1e-3, every=100),
+        _references(1)[0],
+    )
     assert _peak(lambda: simulate_batch(crane(), shared, reference, start=starts, **clock)) < 3.0
 
 
-# --- what is refused -----------------------------------------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
+# -----------------------------------
 
 NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
 
@@ -332,42 +516,85 @@ NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        ({"crane": _cranes(8)}, "number of cranes is 8; allowed is 9, as many as there are of others, or one alone for all"),
-        ({"controller": _controllers(1)}, "number of controllers is 1; allowed is 9, as many as there are of others, or one alone"),
-        ({"reference": _references(10)}, "number of (cranes|starts) is 9; allowed is 10, as many as there are of others"),
+        (
+            {"crane": _cranes(8)},
+            "number of cranes is 8; allowed is 9, as many as there are of others, or one alone for "
+            "all",
+        ),
+        (
+            {"controller": _controllers(1)},
+            "number of controllers is 1; allowed is 9, as many as there are of others, or one "
+            "alone",
+        ),
+        (
+            {"reference": _references(10)},
+            "number of (cranes|starts) is 9; allowed is 10, as many as there are of others",
+        ),
         ({"start": []}, "number of starts is 0; allowed is"),
         ({"start": [crane().start] * 4}, "number of starts is 4; allowed is 9"),
-        ({"start": 3.0}, "start is 3.0; allowed is a cranedyn.interfaces.State or a sequence, each a cranedyn.interfaces.State"),
+        (
+            {"start": 3.0},
+            "start is 3.0; allowed is a cranedyn.interfaces.State or a sequence, each a "
+            "cranedyn.interfaces.State",
+        ),
         ({"start": [3.0] * 9}, r"start is \[3.0, .*\]; allowed is a cranedyn.interfaces.State"),
         (
             {"start": State(np.zeros((9, 4)), np.zeros((9, 5)))},
             r"coordinates at the start is an array of shape \(9, 4\); allowed is one of",
         ),
-        ({"start": State(NINE.q, np.zeros((8, 5)))}, r"rates at the start is an array of shape \(8, 5\); allowed is one of .* \(9, 5\)"),
+        (
+            {"start": State(NINE.q, np.zeros((8, 5)))},
+            r"rates at the start is an array of shape \(8, 5\); allowed is one of .* \(9, 5\)",
+        ),
         ({"start": State(NINE.q, NINE.v + np.nan)}, "rates at the start is nan; allowed is finite"),
-        ({"start": [State(np.zeros(5), np.zeros(3 + i % 2)) for i in range(9)]}, "rates at the start is no array of numbers"),
-        ({"force": np.zeros((9, 5))}, r"force is an array of shape \(9, 5\); allowed is one of shape \(m, 6\) or \(9, m, 6\)"),
-        ({"force": np.zeros((8, 3, 6))}, r"force is an array of shape \(8, 3, 6\); allowed is one of shape \(m, 6\) or \(9, m, 6\)"),
+        (
+            {"start": [State(np.zeros(5), np.zeros(3 + i % 2)) for i in range(9)]},
+            "rates at the start is no array of numbers",
+        ),
+        (
+            {"force": np.zeros((9, 5))},
+            r"force is an array of shape \(9, 5\); allowed is one of shape \(m, 6\) or \(9, m, 6\)",
+        ),
+        (
+            {"force": np.zeros((8, 3, 6))},
+            r"force is an array of shape \(8, 3, 6\); allowed is one of shape \(m, 6\) or \(9, m, "
+            r"6\)",
+        ),
         ({"force": np.zeros((0, 6))}, r"force is an array of shape \(0, 6\)"),
         ({"force": np.full((2, 6), np.inf)}, "force is inf N; allowed is finite"),
         ({"force": "wind"}, "force is 'wind'; allowed is an array of numbers or None"),
-        ({"sensor_offset": np.zeros(9)}, r"sensor_offset is an array of shape \(9,\); allowed is one of shape \(10,\) or \(9, 10\)"),
+        (
+            {"sensor_offset": np.zeros(9)},
+            r"sensor_offset is an array of shape \(9,\); allowed is one of shape \(10,\) or \(9, "
+            r"10\)",
+        ),
         ({"sensor_offset": np.full(10, np.nan)}, "sensor_offset is nan; allowed is finite"),
         ({"record": -1}, "record is -1; allowed is a whole number >= 0"),
         ({"record": 2.5}, "record is 2.5; allowed is a whole number >= 0"),
         ({"threads": 0}, "threads is 0; allowed is a whole number >= 1"),
         ({"threads": 10**9}, "threads is 1000000000; allowed is 1 to 1024"),
         ({"drive": "velocity"}, "drive is velocity; allowed is effort or motion"),
-        ({"drive": "motion", "buffers": True}, "buffers is True; allowed is False where the drives follow prescribed motion"),
+        (
+            {"drive": "motion", "buffers": True},
+            "buffers is True; allowed is False where the drives follow prescribed motion",
+        ),
         ({"residual_from": 0.6}, "residual_from is 0.6 s; allowed is 0 to 0.5"),
         ({"residual_from": math.nan}, "residual_from is nan s"),
         ({"since": math.inf}, "time at the start is inf s"),
         ({"dt": 3e-3}, "control_period is 0.01 s; allowed is a multiple of dt"),
-        ({"integrator": Integrator("mine", lambda *given: given, 0.0)}, "integrator of compiled code is mine; allowed is"),
+        (
+            {"integrator": Integrator("mine", lambda *given: given, 0.0)},
+            "integrator of compiled code is mine; allowed is",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused_in_a_sentence(wrong: dict[str, Any], sentence: str) -> None:
-    right: dict[str, Any] = {"crane": _cranes(9), "controller": hold_controller(crane()), "start": NINE, **CLOCK}
+    right: dict[str, Any] = {
+        "crane": _cranes(9),
+        "controller": hold_controller(crane()),
+        "start": NINE,
+        **CLOCK,
+    }
     with pytest.raises(OutOfRange, match=f"^{sentence}"):
         simulate_batch(**{**right, **wrong})
 
@@ -379,11 +606,26 @@ class _Louder(Hold):
 
 def test_controllers_that_have_no_common_form_are_refused_by_name() -> None:
     ran = HoistIntegral(crane(), _tracking(0), 2e3, 1.3e4)
-    simulate(crane(), ran, _references(1)[0], start=State(_starts(1).q[0], _starts(1).v[0]), **CLOCK)
+    simulate(
+        crane(), ran, _references(1)[0], start=State(_starts(1).q[0], _starts(1).v[0]), **CLOCK
+    )
     louder = _Louder(crane(), np.ones(3), np.ones(3), np.zeros(3))
-    for controller, name in ((lambda t, state, setpoint: np.zeros(3), "function"), (ran, "HoistIntegral"), (louder, "_Louder")):
-        with pytest.raises(CraneError, match=f"{name} is not affine in the state, or has run before; a batch needs one that is"):
-            simulate_batch(crane(), [hold_controller(crane()), controller], start=State(NINE.q[:2], NINE.v[:2]), **CLOCK)
+    for controller, name in (
+        (lambda t, state, setpoint: np.zeros(3), "function"),
+        (ran, "HoistIntegral"),
+        (louder, "_Louder"),
+    ):
+        with pytest.raises(
+            CraneError,
+            match=f"{name} is not affine in the state, or has run before; a batch needs one that "
+            "is",
+        ):
+            simulate_batch(
+                crane(),
+                [hold_controller(crane()), controller],
+                start=State(NINE.q[:2], NINE.v[:2]),
+                **CLOCK,
+            )
 
 
 @pytest.mark.parametrize(
@@ -391,12 +633,18 @@ def test_controllers_that_have_no_common_form_are_refused_by_name() -> None:
     [
         (
             {"duration": 1000.0, "record": 1},
-            "record is 100001 rows of 100000 cranes; allowed is what takes 4 GB at most; these would take 3.52e+03 GB",
+            "record is 100001 rows of 100000 cranes; allowed is what takes 4 GB at most; these "
+            "would take 3.52e+03 GB",
         ),
-        ({"duration": 1e6, "dt": 1e-4, "control_period": 1e-4}, "duration is 10000000000 control periods; allowed is what takes 4 GB"),
+        (
+            {"duration": 1e6, "dt": 1e-4, "control_period": 1e-4},
+            "duration is 10000000000 control periods; allowed is what takes 4 GB",
+        ),
     ],
 )
-def test_what_would_not_fit_into_memory_is_refused_before_any_is_taken(clock: dict[str, Any], sentence: str) -> None:
+def test_what_would_not_fit_into_memory_is_refused_before_any_is_taken(
+    clock: dict[str, Any], sentence: str
+) -> None:
     starts = State(np.broadcast_to(crane().start.q, (100000, 5)), np.zeros((100000, 5)))
     tracemalloc.start()
     try:
@@ -411,39 +659,63 @@ def test_what_would_not_fit_into_memory_is_refused_before_any_is_taken(clock: di
 def test_ten_million_cranes_run_and_are_refused_where_each_needs_more() -> None:
     count, c = 20000, crane()
     starts = State(np.broadcast_to(c.start.q, (count, 5)), np.zeros((count, 5)))
-    found = _peak(lambda: simulate_batch(c, hold_controller(c), start=starts, **{**CLOCK, "duration": PERIOD}))
+    found = _peak(
+        lambda: simulate_batch(c, hold_controller(c), start=starts, **{**CLOCK, "duration": PERIOD})
+    )
     reckoned = 8e-6 * count * inputs._CRANE
     assert 0.8 * reckoned < found < reckoned + 0.5  # MB; tables and threads besides
-    assert inputs.fits(Sizes.of(c.layout), 10**7, 0, 1, 0) * 8 < inputs._LARGEST  # 4 GB, and 0.8 GB for where they start: less than 6 GB
+    # 4 GB, and 0.8 GB for where they start: less than 6 GB.
+    assert inputs.fits(Sizes.of(c.layout), 10**7, 0, 1, 0) * 8 < inputs._LARGEST
 
     many = State(np.broadcast_to(c.start.q, (10**7, 5)), np.broadcast_to(0.0, (10**7, 5)))
     tracemalloc.start()
     try:
         with pytest.raises(
-            OutOfRange, match=r"number of cranes is 10000000; allowed is what takes 4 GB at most; these would take 4\.64 GB"
+            OutOfRange,
+            match=r"number of cranes is 10000000; allowed is what takes 4 GB at most; these would "
+            r"take 4\.64 GB",
         ):
             simulate_batch(c, hold_controller(c), start=many, sensor_offset=np.zeros(10), **CLOCK)
-        with pytest.raises(OutOfRange, match="record is 1 rows of 10000000 cranes; allowed is what takes 4 GB"):
+        with pytest.raises(
+            OutOfRange, match="record is 1 rows of 10000000 cranes; allowed is what takes 4 GB"
+        ):
             simulate_batch(c, hold_controller(c), start=many, record=1000, **CLOCK)
         assert tracemalloc.get_traced_memory()[1] < 1e6
     finally:
         tracemalloc.stop()
 
 
-def test_places_and_references_that_are_too_many_are_refused_before_there_is_a_table_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_places_and_references_that_are_too_many_are_refused_before_there_is_a_table_of_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     c, count = crane(), 1000
-    starts = State(c.start.q + np.linspace(0.0, 1.0, count)[:, None] * [0.0, 1.0, 0.0, 0.0, 0.0], np.zeros((count, 5)))
+    starts = State(
+        c.start.q + np.linspace(0.0, 1.0, count)[:, None] * [0.0, 1.0, 0.0, 0.0, 0.0],
+        np.zeros((count, 5)),
+    )
     own = [hold(c, State(*rows)) for rows in zip(*starts, strict=True)]
     # what each takes is less than what is reckoned with
-    assert _peak(lambda: simulate_batch(c, hold_controller(c), start=starts, **CLOCK)) < 8e-6 * count * (inputs._CRANE + inputs._PAIR) + 0.5
+    assert (
+        _peak(lambda: simulate_batch(c, hold_controller(c), start=starts, **CLOCK))
+        < 8e-6 * count * (inputs._CRANE + inputs._PAIR) + 0.5
+    )
     monkeypatch.setattr("cranedyn.compiled.inputs._LARGEST", 1.5e6)
-    with pytest.raises(OutOfRange, match=r"number of places at which drives start is 5\d\d or more; allowed is what takes 0\.0015 GB"):
+    with pytest.raises(
+        OutOfRange,
+        match=r"number of places at which drives start is 5\d\d or more; allowed is what takes "
+        r"0\.0015 GB",
+    ):
         simulate_batch(c, hold_controller(c), start=starts, **CLOCK)
-    with pytest.raises(OutOfRange, match="number of controllers and references is 1 and 1 or more; allowed is what takes"):
+    with pytest.raises(
+        OutOfRange,
+        match="number of controllers and references is 1 and 1 or more; allowed is what takes",
+    ):
         simulate_batch(c, hold_controller(c), own, start=starts, **CLOCK)
 
 
-def test_tables_that_would_not_fit_are_refused_while_they_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tables_that_would_not_fit_are_refused_while_they_are_made(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("cranedyn.compiled.inputs._LARGEST", 2e5)
     asked: list[int] = []
 
@@ -454,6 +726,16 @@ def test_tables_that_would_not_fit_are_refused_while_they_are_made(monkeypatch: 
 
         return setpoint
 
-    with pytest.raises(OutOfRange, match=r"number of controllers and references is 1 and \d+ or more; allowed is what takes 0\.0002 GB"):
-        simulate_batch(crane(), hold_controller(crane()), [reference(i) for i in range(100)], start=crane().start, **CLOCK)
+    with pytest.raises(
+        OutOfRange,
+        match=r"number of controllers and references is 1 and \d+ or more; allowed is what takes "
+        r"0\.0002 GB",
+    ):
+        simulate_batch(
+            crane(),
+            hold_controller(crane()),
+            [reference(i) for i in range(100)],
+            start=crane().start,
+            **CLOCK,
+        )
     assert max(asked) < 30

@@ -1,4 +1,6 @@
-"""What is read is a regular file whose size is known: pipes and devices are refused at once, and memory holds what was asked for."""
+"""What is read is a regular file whose size is known: pipes and devices are refused at once, and
+memory holds what was asked for.
+"""
 
 from __future__ import annotations
 
@@ -41,11 +43,20 @@ READERS: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
-def test_pipes_and_devices_are_refused_at_once(reader: Callable[[Path], object], tmp_path: Path) -> None:
+def test_pipes_and_devices_are_refused_at_once(
+    reader: Callable[[Path], object], tmp_path: Path
+) -> None:
     os.mkfifo(tmp_path / "a.pipe")
     os.mkfifo(tmp_path / "a.parquet")
     (tmp_path / "link.csv").symlink_to("/dev/urandom")
-    devices = ("/dev/urandom", "/dev/zero", "/dev/null", tmp_path / "a.pipe", tmp_path / "a.parquet", tmp_path / "link.csv")
+    devices = (
+        "/dev/urandom",
+        "/dev/zero",
+        "/dev/null",
+        tmp_path / "a.pipe",
+        tmp_path / "a.parquet",
+        tmp_path / "link.csv",
+    )
     began = time.process_time()
     for path in devices:
         with pytest.raises(DataError, match=r"Cannot read .*: it is no file but a device\."):
@@ -56,13 +67,20 @@ def test_pipes_and_devices_are_refused_at_once(reader: Callable[[Path], object],
 
 
 @pytest.mark.parametrize("words", [["--from", "/dev/urandom"], ["--document", "/dev/zero"]])
-def test_a_command_refuses_a_device_in_one_sentence(words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_command_refuses_a_device_in_one_sentence(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for experiment in (a1, a2, a3):
         assert experiment.main([*words, "--out", str(tmp_path / "out")]) == 2
-        assert capsys.readouterr().err == f"error: Cannot read {words[1]}: it is no file but a device.\n"
+        assert (
+            capsys.readouterr().err
+            == f"error: Cannot read {words[1]}: it is no file but a device.\n"
+        )
 
 
-def test_a_result_that_is_a_pipe_and_a_figure_that_is_large_make_no_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_result_that_is_a_pipe_and_a_figure_that_is_large_make_no_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     os.mkfifo(tmp_path / "result.json")
     with pytest.raises(DataError, match=r"result\.json: it is no file but a device\."):
         report.page([tmp_path])
@@ -111,25 +129,35 @@ def test_columns_that_nobody_asks_for_cost_no_memory(tmp_path: Path) -> None:
     assert rows == 100_000 and peak < 20e6
 
 
-def test_numbers_of_a_small_file_that_would_fill_the_memory_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_numbers_of_a_small_file_that_would_fill_the_memory_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.csv"
-    path.write_text("t_s\n" + "".join(f"{k % 10}\n" for k in range(300_000)))  # 2 bytes each, 8 in memory
+    # 2 bytes each, 8 in memory.
+    path.write_text("t_s\n" + "".join(f"{k % 10}\n" for k in range(300_000)))
     monkeypatch.setattr("cranedyn.data.tables.LARGEST", 1_000_000)
     with pytest.raises(DataError, match=r"a\.csv holds \d MB to read; allowed are 1\."):
         read_columns(path, ("t_s",))
 
 
-def test_a_file_that_grows_while_it_is_read_is_refused_when_it_is_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_grows_while_it_is_read_is_refused_when_it_is_too_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     _csv(tmp_path / "a.csv", 10_000, 1000)
     monkeypatch.setattr("cranedyn.data.tables.LARGEST", 4_000_000)
-    monkeypatch.setattr("cranedyn.data.tables.os.fstat", lambda _: SimpleNamespace(st_size=1000))  # as it was when it was opened
+    # As it was when it was opened.
+    monkeypatch.setattr("cranedyn.data.tables.os.fstat", lambda _: SimpleNamespace(st_size=1000))
     with pytest.raises(DataError, match=r"a\.csv holds [4-9] MB to read; allowed are 4\."):
         read_columns(tmp_path / "a.csv", ("t_s",))
 
 
-def test_a_parquet_file_whose_own_description_is_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_parquet_file_whose_own_description_is_large_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.parquet"
-    table = pa.table({"t_s": np.arange(3.0)}).replace_schema_metadata({"cranedyn": json_of(100_000)})
+    table = pa.table({"t_s": np.arange(3.0)}).replace_schema_metadata(
+        {"cranedyn": json_of(100_000)}
+    )
     pyarrow.parquet.write_table(table, path)
     assert struct.unpack("<I", path.read_bytes()[-8:-4])[0] > 100_000
     assert read_columns(path, ("t_s",))["t_s"].tolist() == [0.0, 1.0, 2.0]
@@ -143,7 +171,15 @@ def json_of(length: int) -> str:
     return '{"a": "' + "x" * length + '"}'
 
 
-@pytest.mark.parametrize("text", ["t_s,a\r\n0,b\r\n1,c\r\n", "t_s,a\r0,b\r1,c\r", "\ufefft_s,a\n0,b\n1,c\n", '"t_s",a\n0,"b"\n1,c'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t_s,a\r\n0,b\r\n1,c\r\n",
+        "t_s,a\r0,b\r1,c\r",
+        "\ufefft_s,a\n0,b\n1,c\n",
+        '"t_s",a\n0,"b"\n1,c',
+    ],
+)
 def test_tables_of_all_dialects_are_read_as_before(text: str, tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(text.encode())
@@ -153,15 +189,22 @@ def test_tables_of_all_dialects_are_read_as_before(text: str, tmp_path: Path) ->
 def test_a_large_table_of_our_own_is_read_to_the_bit(tmp_path: Path) -> None:
     values = np.random.default_rng(1).standard_normal((60_000, 5))  # several blocks
     names = ["t_s", "a", "b", "c", "d"]
-    pyarrow.csv.write_csv(pa.table(dict(zip(names, values.T, strict=True)) | {"t_s": np.arange(60_000.0)}), tmp_path / "a.csv")
+    pyarrow.csv.write_csv(
+        pa.table(dict(zip(names, values.T, strict=True)) | {"t_s": np.arange(60_000.0)}),
+        tmp_path / "a.csv",
+    )
     found = read_columns(tmp_path / "a.csv", ("d", "t_s", "b"))
     assert list(found) == ["d", "t_s", "b"]
     np.testing.assert_array_equal(found["d"], values[:, 4])
     np.testing.assert_array_equal(found["b"], values[:, 2])
 
 
-def test_arrow_is_handed_no_object_of_pythons_to_read_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its threads would come back to it while Python ends, which aborts the process now and then."""
+def test_arrow_is_handed_no_object_of_pythons_to_read_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its threads would come back to it while Python ends, which aborts the process now and
+    then.
+    """
     table, seen = pa.table({"t_s": np.arange(3.0)}), []
     pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
     pyarrow.csv.write_csv(table, tmp_path / "a.csv")
@@ -181,14 +224,18 @@ def test_arrow_is_handed_no_object_of_pythons_to_read_from(tmp_path: Path, monke
     assert seen == [pa.OSFile, pa.BufferReader, pa.BufferReader]
 
 
-@pytest.mark.parametrize("text", ["1e400", "[-1e400]", "Infinity", '{"a": NaN}', "9" * 400, "9" * 5000, "{"])
+@pytest.mark.parametrize(
+    "text", ["1e400", "[-1e400]", "Infinity", '{"a": NaN}', "9" * 400, "9" * 5000, "{"]
+)
 def test_a_json_text_with_a_number_that_is_not_finite_is_none(text: str) -> None:
     with pytest.raises(ValueError):
         parse_json(text)
     assert parse_json('{"a": [1, 2.5, -0.0, 1e-400]}') == {"a": [1, 2.5, 0.0, 0.0]}
 
 
-def test_a_line_that_is_longer_than_a_block_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_that_is_longer_than_a_block_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("cranedyn.data.tables._BLOCK", 100)
     _csv(tmp_path / "a.csv", 200, 50)
     assert read_columns(tmp_path / "a.csv", ("t_s",))["t_s"].tolist() == list(range(200))

@@ -1,4 +1,6 @@
-"""The page of the doors: its commands work as they stand, its table is what the benchmark prints, its files are whole or not there."""
+"""The page of the doors: its commands work as they stand, its table is what the benchmark prints,
+its files are whole or not there.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +22,19 @@ COMMANDS = re.findall(r"^python -m cranedyn export (.+)$", PAGE, re.MULTILINE)
 
 
 @pytest.mark.parametrize("words", COMMANDS)
-def test_a_command_of_the_page_writes_what_it_says(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_command_of_the_page_writes_what_it_says(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     door, target, *others = shlex.split(words.replace("/srv/bullseye/tmp/", ""))
     if door == "mcap":
-        pytest.importorskip("mcap_ros2", reason="mcap-ros2-support is not installed: pip install 'cranedyn[mcap]'")
+        pytest.importorskip(
+            "mcap_ros2", reason="mcap-ros2-support is not installed: pip install 'cranedyn[mcap]'"
+        )
         Path("out/a3").mkdir(parents=True)
-        a3.run(harness.Setup(9.8, engine=FAST)).before(1.0).write(others[others.index("--trajectory") + 1])
+        a3.run(harness.Setup(9.8, engine=FAST)).before(1.0).write(
+            others[others.index("--trajectory") + 1]
+        )
     assert main([door, target, *others]) == 0
     assert Path(target).exists()
 
@@ -43,12 +51,21 @@ def test_the_table_of_the_page_is_what_the_benchmark_prints() -> None:
     assert {row[0] for row in made.rows} == set(DOORS)
     for shown in made.shown():
         door, *_, compared, apart, _ = shown
-        assert re.search(rf"^\| {door} \| \d+ \| \d+ \| {re.escape(compared)} \| {re.escape(apart)} \| [\d-]+ \|$", PAGE, re.MULTILINE)
-    assert max(float(row[4]) for row in made.rows if isinstance(row[4], float)) < 1e-4  # Gazebo's step; the others round
+        assert re.search(
+            rf"^\| {door} \| \d+ \| \d+ \| {re.escape(compared)} \| {re.escape(apart)} \| [\d-]+ "
+            r"\|$",
+            PAGE,
+            re.MULTILINE,
+        )
+    # Gazebo's step; the others round.
+    assert max(float(row[4]) for row in made.rows if isinstance(row[4], float)) < 1e-4
 
 
 def test_a_target_that_appears_meanwhile_is_not_replaced(tmp_path: Path) -> None:
-    with pytest.raises(CraneError, match="it is there already"), new_folder(tmp_path / "out") as draft:
+    with (
+        pytest.raises(CraneError, match="it is there already"),
+        new_folder(tmp_path / "out") as draft,
+    ):
         (draft / "a").write_text("ours")
         (tmp_path / "out").mkdir()
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
@@ -66,10 +83,15 @@ def test_a_target_is_whole_or_not_there(tmp_path: Path) -> None:
 
 
 def test_without_llvmlite_only_the_door_that_needs_it_stays_shut(tmp_path: Path) -> None:
-    script = "import sys; sys.modules['llvmlite'] = None; from cranedyn.bridges.command import main; sys.exit(main(sys.argv[1:]))"
+    script = (
+        "import sys; sys.modules['llvmlite'] = None; from cranedyn.bridges.command import "
+        "main; sys.exit(main(sys.argv[1:]))"
+    )
     assert python(script, "mjcf", tmp_path / "crane.xml").returncode == 0
     shut = python(script, "fmu", tmp_path / "crane.fmu")
-    assert shut.returncode == 2 and shut.stderr.startswith("error: The compiled engine needs llvmlite, which is not installed: pip install")
+    assert shut.returncode == 2 and shut.stderr.startswith(
+        "error: The compiled engine needs llvmlite, which is not installed: pip install"
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["crane.xml"]
 
 

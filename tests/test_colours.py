@@ -1,4 +1,6 @@
-"""One colour for each run wherever it is shown, an eye that is level, and a view that follows the payload."""
+"""One colour for each run wherever it is shown, an eye that is level, and a view that follows the
+payload.
+"""
 
 from __future__ import annotations
 
@@ -45,12 +47,18 @@ def _packed(colour: str) -> int:
 
 def test_a_run_has_one_colour_in_the_scene_and_in_every_plot(moving: Trajectory) -> None:
     runs = [Run(name, crane(), moving) for name in ("one", "two", "three")]
-    assert colours(runs) == [look.colour for look in looks(runs)] == [run_colour(i) for i in range(3)]
+    assert (
+        colours(runs) == [look.colour for look in looks(runs)] == [run_colour(i) for i in range(3)]
+    )
     for name, shown in plots(crane().layout).items():
         if name == "energy":
             continue
         for inks, colour in zip(_inks(runs, name), colours(runs), strict=True):
-            own = [ink for ink, curve in zip(inks, shown.curves, strict=True) if curve.quantity not in ("setpoint", "limit")]
+            own = [
+                ink
+                for ink, curve in zip(inks, shown.curves, strict=True)
+                if curve.quantity not in ("setpoint", "limit")
+            ]
             assert set(own) == {_packed(colour)}
 
 
@@ -69,12 +77,16 @@ def test_every_curve_of_several_runs_is_named_with_its_run(moving: Trajectory) -
         for batch in one.overrides
         if "names" in str(batch.component_descriptor())
     ]
-    assert names == [f"{label} · {run}" for run in ("one", "two") for label in ("θ tangential", "φ radial")]
+    assert names == [
+        f"{label} · {run}" for run in ("one", "two") for label in ("θ tangential", "φ radial")
+    ]
 
 
 def test_the_eye_is_level_so_that_plumb_looks_plumb(moving: Trajectory) -> None:
     eye = _eye([Run("one", crane(), moving)])
-    position, target = (np.array(part.as_arrow_array()[0].as_py()) for part in (eye.position, eye.look_target))
+    position, target = (
+        np.array(part.as_arrow_array()[0].as_py()) for part in (eye.position, eye.look_target)
+    )
     assert position[2] == pytest.approx(target[2], abs=1e-5)  # float32
 
 
@@ -82,7 +94,11 @@ def test_the_second_view_follows_the_payload(moving: Trajectory) -> None:
     run = Run("one", crane(), moving)
     view = _payload([run])
     eye = view.properties["EyeControls3D"]
-    assert eye.tracking_entity.as_arrow_array()[0].as_py() == payload_entity(run) == "/one/scene/hook_link/box"
+    assert (
+        eye.tracking_entity.as_arrow_array()[0].as_py()
+        == payload_entity(run)
+        == "/one/scene/hook_link/box"
+    )
 
 
 @pytest.mark.parametrize("control", ["shaped"])

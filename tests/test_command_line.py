@@ -1,4 +1,6 @@
-"""Arguments of the command line that no experiment can run with end in one sentence, before anything is planned or written."""
+"""Arguments of the command line that no experiment can run with end in one sentence, before
+anything is planned or written.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +23,22 @@ from tests.helpers import FAST
 Main = Callable[[Sequence[str]], int]
 
 
-@pytest.mark.parametrize("main", [a1.main, b1.main, compare.main, demo.main, energy.main, mass_ratio.main])
+@pytest.mark.parametrize(
+    "main", [a1.main, b1.main, compare.main, demo.main, energy.main, mass_ratio.main]
+)
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
         (["--control-period", "0"], "control_period is 0.0 s; allowed is > 0."),
         (["--control-period", "nan"], "control_period is nan s; allowed is > 0."),
-        (["--control-period", "1e300"], "dt is 0.0005 s; allowed is 1e+290 or more for a run of 1e+300 s, that is 1e+10 steps."),
-        (["--control-period", "0.0051"], "control_period is 0.0051 s; allowed is a multiple of dt = 0.0005 s."),
+        (
+            ["--control-period", "1e300"],
+            "dt is 0.0005 s; allowed is 1e+290 or more for a run of 1e+300 s, that is 1e+10 steps.",
+        ),
+        (
+            ["--control-period", "0.0051"],
+            "control_period is 0.0051 s; allowed is a multiple of dt = 0.0005 s.",
+        ),
         (["--dt", "5e-324"], "dt is 5e-324 s; allowed is 1e-09 to 1000."),
     ],
 )
@@ -40,32 +50,53 @@ def test_clocks_are_judged_before_an_experiment_begins(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_control_period_that_is_longer_than_a_dwell_is_the_reason_in_the_table_of_the_tour() -> None:
+def test_a_control_period_that_is_longer_than_a_dwell_is_the_reason_in_the_table_of_the_tour() -> (
+    None
+):
     setup = harness.Setup(control_period=2.0, validity="mark", engine=FAST)
     found = compare._toured(setup, "shaped")
-    assert found == "number of control instants in a dwell is 1; allowed is 2 or more: a shorter control period, a longer dwell."
+    assert (
+        found
+        == "number of control instants in a dwell is 1; allowed is 2 or more: a shorter control "
+        "period, a longer dwell."
+    )
 
 
 def test_a_control_period_that_is_longer_than_a_move_gives_no_shaped_tour() -> None:
-    found = compare._toured(harness.Setup(control_period=1000.0, validity="mark", engine=FAST), "shaped")
+    found = compare._toured(
+        harness.Setup(control_period=1000.0, validity="mark", engine=FAST), "shaped"
+    )
     assert str(found).startswith("step of the shaped reference is 1000.0 s; allowed is 0 to ")
 
 
 @pytest.mark.parametrize("strategy", [LQR, FLAT, MPC])
-@pytest.mark.parametrize("setup", [harness.Setup(1e9, engine=FAST), harness.Setup(values={"damp_slew": 1e12}, engine=FAST)])
-def test_numbers_too_far_apart_for_a_regulator_are_the_reason_in_the_table_of_the_comparison(strategy: str, setup: harness.Setup) -> None:
+@pytest.mark.parametrize(
+    "setup",
+    [harness.Setup(1e9, engine=FAST), harness.Setup(values={"damp_slew": 1e12}, engine=FAST)],
+)
+def test_numbers_too_far_apart_for_a_regulator_are_the_reason_in_the_table_of_the_comparison(
+    strategy: str, setup: harness.Setup
+) -> None:
     if strategy == MPC:
         pytest.importorskip("daqp")
     found = compare._made(setup, MOVES[-1], strategy, False)["as planned"]
     assert found.score is None
-    assert found.why.startswith("There is no linear-quadratic regulator for this crane: its masses, dampings, gravity or control period ")
+    assert found.why.startswith(
+        "There is no linear-quadratic regulator for this crane: its masses, dampings, gravity or "
+        "control period "
+    )
 
 
-def test_b1_says_that_there_is_no_regulator(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_b1_says_that_there_is_no_regulator(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(b1, "SHOWN", (LQR,))
     assert b1.main(["--set", "damp_slew:=1e12", "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
-    assert error.startswith("error: There is no linear-quadratic regulator for this crane: ") and error.count("\n") == 1
+    assert (
+        error.startswith("error: There is no linear-quadratic regulator for this crane: ")
+        and error.count("\n") == 1
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -81,12 +112,17 @@ def test_a_system_that_cannot_be_regulated_is_a_sentence(a: np.ndarray, b: np.nd
     q, r = np.eye(2), np.eye(1)
     with pytest.raises(CraneError, match="There is no linear-quadratic regulator"):
         stationary(a[0], b[0], q, r)
-    with pytest.raises(CraneError, match="There is no linear-quadratic regulator" if np.isfinite(a).all() else "a is inf"):
+    with pytest.raises(
+        CraneError,
+        match="There is no linear-quadratic regulator" if np.isfinite(a).all() else "a is inf",
+    ):
         riccati(np.repeat(a, 400, axis=0), np.repeat(b, 400, axis=0), q * 1e300, r, q)
 
 
 @pytest.mark.parametrize("pace", ["1e-300", "0", "nan", "inf", "1e7"])
-def test_a_pace_is_one_that_a_clock_can_keep(pace: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_pace_is_one_that_a_clock_can_keep(
+    pace: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert demo.main(["--pace", pace, "--cycles", "0.01", "--out", str(tmp_path / "demo")]) == 2
     assert capsys.readouterr().err == f"error: pace is {float(pace)}; allowed is 0.001 to 1e6.\n"
     assert not (tmp_path / "demo").exists()
@@ -106,7 +142,10 @@ def test_a_world_has_clocks_that_a_run_can_have() -> None:
     ],
 )
 def test_what_a_parser_quotes_stays_on_its_line_and_two_dashes_are_no_value(
-    main: Callable[[list[str]], int], words: list[str], says: str, capsys: pytest.CaptureFixture[str]
+    main: Callable[[list[str]], int],
+    words: list[str],
+    says: str,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(SystemExit) as end:
         main(words)
@@ -115,8 +154,21 @@ def test_what_a_parser_quotes_stays_on_its_line_and_two_dashes_are_no_value(
 
 
 @pytest.mark.parametrize("main", [a1.main, energy.main])
-def test_another_stepping_rule_runs_and_leaves_the_claims_of_the_usual_one_unjudged(main: Main, tmp_path: Path) -> None:
-    words = ["--integrator", "rk4", "--dt", "5e-3", "--engine", FAST, "--gravity", "9.8", "--out", str(tmp_path / "out")]
+def test_another_stepping_rule_runs_and_leaves_the_claims_of_the_usual_one_unjudged(
+    main: Main, tmp_path: Path
+) -> None:
+    words = [
+        "--integrator",
+        "rk4",
+        "--dt",
+        "5e-3",
+        "--engine",
+        FAST,
+        "--gravity",
+        "9.8",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert main([*words, "--length", "15"] if main is a1.main else words) == 0
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert {claim["holds"] for claim in result["claims"]} == {None}

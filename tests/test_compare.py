@@ -22,7 +22,17 @@ from experiments.harness.outcome import Table
 from experiments.report import page
 from experiments.scenarios.moves import LIMITS, MOVES, SWINGING, Move, Score
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, Perturbation, make
-from experiments.scenarios.strategies import FASTEST, FLAT, LQR, MPC, PAPER, PD, STRATEGIES, TIME, joystick
+from experiments.scenarios.strategies import (
+    FASTEST,
+    FLAT,
+    LQR,
+    MPC,
+    PAPER,
+    PD,
+    STRATEGIES,
+    TIME,
+    joystick,
+)
 from tests.helpers import FAST, ROOT
 from tests.told import missing
 
@@ -35,11 +45,17 @@ def setup() -> harness.Setup:
 
 
 def quintic_residual(distance: float, duration: float, length: float, gravity: float) -> float:
-    """Swing that a quintic of the pivot leaves on a linear pendulum, from the Fourier integral of its acceleration."""
+    """Swing that a quintic of the pivot leaves on a linear pendulum, from the Fourier integral of
+    its acceleration.
+    """
     omega = math.sqrt(gravity / length)
     w = omega * duration
     return abs(
-        distance / (duration * length * omega) * 120.0 * (w**2 * math.sin(w / 2) + 6 * w * math.cos(w / 2) - 12 * math.sin(w / 2)) / w**4
+        distance
+        / (duration * length * omega)
+        * 120.0
+        * (w**2 * math.sin(w / 2) + 6 * w * math.cos(w / 2) - 12 * math.sin(w / 2))
+        / w**4
     )
 
 
@@ -47,12 +63,17 @@ def test_the_spline_alone_leaves_what_the_closed_form_says() -> None:
     setup = harness.Setup()
     _, found = make(setup, TROLLEY, STRATEGIES["spline alone"](setup, TROLLEY))
     length = 15.0 + 500.0 / (1000.0 * 15.0)  # payload and dummy links swing as a longer pendulum
-    # a hundredth: joint damping over 20 s (1e-4), large swing on the way (θ²/16 = 1e-4 of the period, 3e-3 of a phase of 16 rad)
-    assert found.arrival == pytest.approx(quintic_residual(10.0, 20.0, length, setup.crane.gravity) * 15.0 / length, rel=0.01)
+    # a hundredth: joint damping over 20 s (1e-4), large swing on the way (θ²/16 = 1e-4 of the
+    # period, 3e-3 of a phase of 16 rad)
+    assert found.arrival == pytest.approx(
+        quintic_residual(10.0, 20.0, length, setup.crane.gravity) * 15.0 / length, rel=0.01
+    )
 
 
 @pytest.mark.parametrize("move", [*MOVES, SWINGING], ids=lambda move: move.name)
-def test_every_way_on_paper_keeps_the_limits_of_the_drives(setup: harness.Setup, move: Move) -> None:
+def test_every_way_on_paper_keeps_the_limits_of_the_drives(
+    setup: harness.Setup, move: Move
+) -> None:
     for strategy in ("spline alone", FLAT, "operator", "operator, ZVD"):
         plan = STRATEGIES[strategy](setup, move)
         motion = plan.motion or plumb(setup.crane, plan.reference, plan.arrives + 1.0)
@@ -65,27 +86,39 @@ def test_the_operator_is_at_full_rate_at_once_and_stops_at_the_goal(setup: harne
     reference, end = joystick(setup, COMBINED)
     assert reference(end).position == pytest.approx(COMBINED.goal, abs=1e-9)
     assert np.abs(reference(end + 1.0).velocity).max() == pytest.approx(0.0, abs=1e-12)
-    speeds = np.array([np.abs(reference(t).velocity) for t in np.arange(0.0, end, 0.01)]).max(axis=0)
+    speeds = np.array([np.abs(reference(t).velocity) for t in np.arange(0.0, end, 0.01)]).max(
+        axis=0
+    )
     assert speeds[1:] == pytest.approx(LIMITS.rates[1:])
-    # a slew of 0.6 rad allows its full rate of 0.0838 rad/s: 0.0838²/0.02 = 0.35 rad are for gaining and losing it
+    # a slew of 0.6 rad allows its full rate of 0.0838 rad/s: 0.0838²/0.02 = 0.35 rad are for
+    # gaining and losing it
     assert speeds[0] == pytest.approx(LIMITS.rates[0])
 
 
-def test_a_shaped_operator_leaves_what_the_shaper_leaves_of_the_bare_one(setup: harness.Setup) -> None:
-    bare, shaped = (make(setup, TROLLEY, STRATEGIES[strategy](setup, TROLLEY))[1] for strategy in ("operator", "operator, ZV"))
+def test_a_shaped_operator_leaves_what_the_shaper_leaves_of_the_bare_one(
+    setup: harness.Setup,
+) -> None:
+    bare, shaped = (
+        make(setup, TROLLEY, STRATEGIES[strategy](setup, TROLLEY))[1]
+        for strategy in ("operator", "operator, ZV")
+    )
     ratio = 1.0 / math.sqrt((15.0 + 500.0 / 15000.0) / 15.0) * (1.0 - bare.peak**2 / 16.0)
-    # the shaper is made for a small swing of a point: what it leaves is its sensitivity at this ratio, and the swing's second order
+    # the shaper is made for a small swing of a point: what it leaves is its sensitivity at this
+    # ratio, and the swing's second order
     assert shaped.arrival < bare.arrival * (float(zv().residual(ratio)) + 0.02)
 
 
 def test_drives_that_yield_settle_what_the_operator_leaves(setup: harness.Setup) -> None:
     bare, yielding = (
-        make(setup, COMBINED, STRATEGIES[strategy](setup, COMBINED))[1] for strategy in ("operator", "operator, drives yield")
+        make(setup, COMBINED, STRATEGIES[strategy](setup, COMBINED))[1]
+        for strategy in ("operator", "operator, drives yield")
     )
     assert yielding.later < 0.05 * bare.later
 
 
-@pytest.mark.parametrize("case", [case for case in PERTURBATIONS if case != NOMINAL], ids=lambda case: case.name)
+@pytest.mark.parametrize(
+    "case", [case for case in PERTURBATIONS if case != NOMINAL], ids=lambda case: case.name
+)
 def test_feedback_outlives_every_case(setup: harness.Setup, case: Perturbation) -> None:
     _, found = make(setup, COMBINED, STRATEGIES[FLAT](setup, COMBINED), case)
     _, before = make(setup, COMBINED, STRATEGIES["spline alone"](setup, COMBINED))
@@ -94,22 +127,34 @@ def test_feedback_outlives_every_case(setup: harness.Setup, case: Perturbation) 
 
 @pytest.mark.parametrize("strategy", [FLAT, PAPER])
 @pytest.mark.parametrize("mass", [500.0, 1500.0])
-def test_a_load_of_another_mass_ends_where_it_shall(setup: harness.Setup, strategy: str, mass: float) -> None:
-    run, found = make(setup, COMBINED, STRATEGIES[strategy](setup, COMBINED), Perturbation("another load", load=mass / 1000.0))
-    assert np.abs(run["l_m"][run.t < 1.0] - 15.0).max() > 0.05  # it sags or rises before the integrator has found the weight
+def test_a_load_of_another_mass_ends_where_it_shall(
+    setup: harness.Setup, strategy: str, mass: float
+) -> None:
+    run, found = make(
+        setup,
+        COMBINED,
+        STRATEGIES[strategy](setup, COMBINED),
+        Perturbation("another load", load=mass / 1000.0),
+    )
+    # It sags or rises before the integrator has found the weight.
+    assert np.abs(run["l_m"][run.t < 1.0] - 15.0).max() > 0.05
     # k_p/k_i is 2.5 s for the LQR and 4 s for the PID: after 40 s a thousandth of 0.5 m and less
     assert run["l_m"][-1] == pytest.approx(10.0, abs=1e-3)
     assert found.later < 1e-3
 
 
 def test_a_longer_cable_is_longer_and_the_goal_with_it(setup: harness.Setup) -> None:
-    run, found = make(setup, COMBINED, STRATEGIES[FLAT](setup, COMBINED), Perturbation("longer", cable=0.1))
+    run, found = make(
+        setup, COMBINED, STRATEGIES[FLAT](setup, COMBINED), Perturbation("longer", cable=0.1)
+    )
     assert run["l_m"][0] == pytest.approx(16.5)
     assert run["l_m"][-1] == pytest.approx(11.0, abs=0.01)
     assert found.settled < 10.0
 
 
-def test_a_swing_at_the_start_is_taken_away_by_feedback_and_not_without(setup: harness.Setup) -> None:
+def test_a_swing_at_the_start_is_taken_away_by_feedback_and_not_without(
+    setup: harness.Setup,
+) -> None:
     run, alone = make(setup, SWINGING, STRATEGIES["spline alone"](setup, SWINGING))
     assert run.q[0, 2:4].tolist() == [0.1, 0.05]
     _, tracked = make(setup, SWINGING, STRATEGIES[LQR](setup, SWINGING))
@@ -125,7 +170,12 @@ def test_an_integrator_does_not_remember_another_run(setup: harness.Setup) -> No
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("compare") / "out"
-    assert compare.main(["--only", "spline alone", PD, PAPER, FLAT, "--engine", FAST, "--out", str(folder)]) == 0
+    assert (
+        compare.main(
+            ["--only", "spline alone", PD, PAPER, FLAT, "--engine", FAST, "--out", str(folder)]
+        )
+        == 0
+    )
     return folder
 
 
@@ -136,7 +186,13 @@ def test_the_command_compares_the_ways_asked_for(done: Path) -> None:
     assert [row[0] for row in combined["rows"]] == ["spline alone", PD, PAPER, FLAT]
     left = {row[0]: row[3] for row in combined["rows"]}
     assert left[FLAT] < 0.05 < 1.0 < left[PD]  # mrad
-    assert [row[0] for row in tables["The article's seven legs as one tour"]["rows"]] == ["none", "shaped", "paper", "lqr", "flat"]
+    assert [row[0] for row in tables["The article's seven legs as one tour"]["rows"]] == [
+        "none",
+        "shaped",
+        "paper",
+        "lqr",
+        "flat",
+    ]
     assert all(claim["holds"] for claim in result["claims"])
 
 
@@ -148,12 +204,19 @@ def test_documents_show_the_ways_asked_for_as_printed(document: str, done: Path)
 
 def test_the_readme_tells_what_flat_paths_leave_of_the_tour(done: Path) -> None:
     tables = json.loads((done / "result.json").read_text())["tables"]
-    rows = {row[0]: row for table in tables if table["title"].startswith("The article's") for row in table["rows"]}
+    rows = {
+        row[0]: row
+        for table in tables
+        if table["title"].startswith("The article's")
+        for row in table["rows"]
+    }
     assert missing([f"at most {rows['flat'][2]:.3f} mrad"], "README.md") == []
 
 
 def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(done: Path) -> None:
-    assert {"compare.rrd", "robustness.png", "swing.png", "compare_flat_lqr.parquet"} <= {path.name for path in done.iterdir()}
+    assert {"compare.rrd", "robustness.png", "swing.png", "compare_flat_lqr.parquet"} <= {
+        path.name for path in done.iterdir()
+    }
     assert len(read(done / "compare_flat_lqr.parquet")) == 8001
     recording = (done / "compare.rrd").read_bytes()
     assert all(strategy.encode() in recording for strategy in (PD, FLAT))
@@ -172,7 +235,9 @@ def test_a_way_that_is_not_there_is_refused(capsys: pytest.CaptureFixture[str]) 
 
 def _scored(settled: float = 0.0, arrives: float = 10.0) -> Result:
     numbers = np.zeros(3)
-    return Result(Score(arrives, 0.03, 1e-6, 1e-6, settled, 10.0, numbers, numbers, numbers, 1.0, 1.0, 0.0))
+    return Result(
+        Score(arrives, 0.03, 1e-6, 1e-6, settled, 10.0, numbers, numbers, numbers, 1.0, 1.0, 0.0)
+    )
 
 
 def _judged(claims: Sequence[harness.Claim], words: str) -> list[bool | None]:
@@ -180,18 +245,29 @@ def _judged(claims: Sequence[harness.Claim], words: str) -> list[bool | None]:
 
 
 @pytest.mark.parametrize(("least", "holds"), [(12.0, True), (15.5, False)])
-def test_the_move_of_least_time_is_held_against_the_fastest_flat_path_under_the_same_limits(least: float, holds: bool) -> None:
-    found = {TIME: {NOMINAL.name: _scored(arrives=least)}, FLAT: {NOMINAL.name: _scored(arrives=20.0)}}
-    assert _judged(compare._claims(harness.Setup(), found), "least time") == []  # nothing of its kind to hold it against
+def test_the_move_of_least_time_is_held_against_the_fastest_flat_path_under_the_same_limits(
+    least: float, holds: bool
+) -> None:
+    found = {
+        TIME: {NOMINAL.name: _scored(arrives=least)},
+        FLAT: {NOMINAL.name: _scored(arrives=20.0)},
+    }
+    # Nothing of its kind to hold it against.
+    assert _judged(compare._claims(harness.Setup(), found), "least time") == []
     found[FASTEST] = {NOMINAL.name: _scored(arrives=15.0)}
     assert _judged(compare._claims(harness.Setup(), found), "least time") == [holds]
 
 
 @pytest.mark.parametrize(("longest", "holds"), [(0.049, True), (0.073, False)])
-def test_the_predictive_controller_is_judged_by_its_longest_call_in_any_run(longest: float, holds: bool) -> None:
+def test_the_predictive_controller_is_judged_by_its_longest_call_in_any_run(
+    longest: float, holds: bool
+) -> None:
     quick, slow = np.full(20, 1e-3), np.full(20, 1e-3)
     slow[13] = longest
-    moves = [{MPC: {case: _scored()._replace(calls=calls)}} for case, calls in (("one", quick), ("another", slow))]
+    moves = [
+        {MPC: {case: _scored()._replace(calls=calls)}}
+        for case, calls in (("one", quick), ("another", slow))
+    ]
     (claim,) = compare._in_time(harness.Setup(), moves)
     assert claim.holds is holds
     assert f"{1e3 * longest:.2g} ms of processor time at most" in claim.sentence
@@ -207,5 +283,6 @@ def test_time_that_other_work_takes_from_the_processor_is_not_the_controllers() 
 def test_the_fastest_flat_path_uses_a_limit_fully_and_keeps_all(setup: harness.Setup) -> None:
     motion = STRATEGIES[FASTEST](setup, COMBINED).motion
     assert motion is not None
-    # the duration is found to a thousandth of a second of some fifteen, and rounded up to rows 5 ms apart; accelerations go with its square
+    # the duration is found to a thousandth of a second of some fifteen, and rounded up to rows 5 ms
+    # apart; accelerations go with its square
     assert 0.998 < max(use(setup.crane, motion, LIMITS).values()) <= 1.0

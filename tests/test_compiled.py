@@ -1,4 +1,6 @@
-"""One loop, two engines: compiled code records what Pinocchio's algorithms record, and fails in the same words."""
+"""One loop, two engines: compiled code records what Pinocchio's algorithms record, and fails in the
+same words.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,14 @@ from cranedyn.data.trajectory import QUANTITIES, Trajectory, join
 from cranedyn.disturbances import wind
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics import rigid_body
-from cranedyn.dynamics.integrators import Acceleration, Add, Integrator, Rule, rk4, semi_implicit_euler
+from cranedyn.dynamics.integrators import (
+    Acceleration,
+    Add,
+    Integrator,
+    Rule,
+    rk4,
+    semi_implicit_euler,
+)
 from cranedyn.errors import CraneError, ModelError, OutOfRange, RunError
 from cranedyn.interfaces import Controller, Disturbance, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
@@ -48,21 +57,32 @@ def _inertia(c: Crane) -> np.ndarray:
 def allowed_between(c: Crane, run: Trajectory, per_second: float) -> dict[str, np.ndarray]:
     """How far two engines may be apart, for each column.
 
-    A share of the column's largest value for each second; and rounding where a number is made from differences of others: where motion is
-    prescribed, accelerations are differences of rates over the period, and work is a force times differences of positions.
+    A share of the column's largest value for each second; and rounding where a number is made from
+    differences of others: where motion is prescribed, accelerations are differences of rates over
+    the period, and work is a force times differences of positions.
     """
     seconds = max(float(np.ptp(run.t)), run.parameters["control_period_s"])
-    allowed = {name: per_second * seconds * np.abs(getattr(run, name)).max(axis=0, initial=0.0) for name in QUANTITIES}
-    fastest, farthest, most = (np.abs(values[:, c.layout.drives]).max(axis=0) for values in (run.v, run.q, run.v))
+    allowed = {
+        name: per_second * seconds * np.abs(getattr(run, name)).max(axis=0, initial=0.0)
+        for name in QUANTITIES
+    }
+    fastest, farthest, most = (
+        np.abs(values[:, c.layout.drives]).max(axis=0) for values in (run.v, run.q, run.v)
+    )
     if run.parameters["drive"] == "motion":
         jumps = 8.0 * EPS * fastest / run.parameters["control_period_s"] * _inertia(c)
-        allowed["command"], allowed["effort"] = allowed["command"] + jumps, allowed["effort"] + jumps
+        allowed["command"], allowed["effort"] = (
+            allowed["command"] + jumps,
+            allowed["effort"] + jumps,
+        )
         allowed["work"] = allowed["work"] + jumps * most * seconds
     allowed["work"] = allowed["work"] + len(run) * EPS * farthest * np.abs(run.effort).max(axis=0)
     # where nothing moves, rounding of the weight that is held
     weight = 1e-3 * per_second * seconds * run.parameters["gravity_m_s2"]
     allowed["v"], allowed["q"] = allowed["v"] + weight, allowed["q"] + weight * seconds
-    allowed["dissipated"] = allowed["dissipated"] + seconds * weight * (c.damping @ (2.0 * np.abs(run.v).max(axis=0, initial=0.0) + weight))
+    allowed["dissipated"] = allowed["dissipated"] + seconds * weight * (
+        c.damping @ (2.0 * np.abs(run.v).max(axis=0, initial=0.0) + weight)
+    )
     reach = np.abs(run.force).max() * 100.0 + np.abs(run.effort).max()
     allowed["outside"] = allowed["outside"] + len(run) * EPS * reach
     return allowed | {"t": EPS * np.abs(run.t).max(initial=0.0), "valid": np.zeros(())}
@@ -78,13 +98,19 @@ def agree(c: Crane, plain: Trajectory, compiled: Trajectory, per_second: float =
         assert (off <= allowed).all(), f"{name}: {off} where {allowed} is allowed"
 
 
-def both(c: Crane, controller: Callable[[], Controller], *given: Any, **how: Any) -> tuple[Trajectory, Trajectory]:
+def both(
+    c: Crane, controller: Callable[[], Controller], *given: Any, **how: Any
+) -> tuple[Trajectory, Trajectory]:
     """A run in each engine, each with a controller of its own."""
-    plain, compiled = (simulate(c, controller(), *given, **how, engine=engine) for engine in ("pinocchio", "compiled"))
+    plain, compiled = (
+        simulate(c, controller(), *given, **how, engine=engine)
+        for engine in ("pinocchio", "compiled")
+    )
     return plain, compiled
 
 
-# --- whole runs -------------------------------------------------------------------------------------------------------------------
+# --- whole runs -----------------------------------------------------------------------------------
+# --------------------------------
 
 PERIOD, LASTS = 1e-2, 0.6
 
@@ -96,12 +122,16 @@ def _crane(validity: str) -> Crane:
 
 
 def _start() -> State:
-    return crane().state(phi=0.15, theta=-0.1, gamma_dot=0.02, x_dot=0.3, l_dot=-0.04, phi_dot=0.05, theta_dot=0.1)
+    return crane().state(
+        phi=0.15, theta=-0.1, gamma_dot=0.02, x_dot=0.3, l_dot=-0.04, phi_dot=0.05, theta_dot=0.1
+    )
 
 
 def _reference() -> Reference:
     c = crane()
-    reference = ramp(c, ramp(c, hold(c, _start()), "x", 0.5, rate=0.3, at=0.0), "gamma", 0.01, rate=0.05, at=0.05)
+    reference = ramp(
+        c, ramp(c, hold(c, _start()), "x", 0.5, rate=0.3, at=0.0), "gamma", 0.01, rate=0.05, at=0.05
+    )
     return ramp(c, reference, "l", -0.02, rate=0.05, at=0.05)
 
 
@@ -121,13 +151,20 @@ CONTROLLERS: dict[str, tuple[str, Callable[[], Controller]]] = {
     "integral": ("effort", lambda: HoistIntegral(crane(), _lqr(), 2e3, 1.2e4)),
     "python": ("effort", _plain_function),
     "follow": ("motion", lambda: follow(crane(), _reference(), PERIOD)),
-    "python motion": ("motion", lambda: lambda t, state, setpoint: np.array([0.05, 0.5, -0.3]) * math.cos(3.0 * t)),
+    "python motion": (
+        "motion",
+        lambda: lambda t, state, setpoint: np.array([0.05, 0.5, -0.3]) * math.cos(3.0 * t),
+    ),
 }
 
 FORCES: dict[str, Callable[[], Disturbance | None]] = {
     "no wind": lambda: None,
-    "push": lambda: wind.constant_force(crane(), payload=(500.0, -300.0, 100.0), trolley=(40.0, 60.0, 0.0), at=0.2),
-    "wind": lambda: wind.wind(crane(), wind.steady(12.0), direction=2.0, payload_area=4.0, trolley_area=1.0),
+    "push": lambda: wind.constant_force(
+        crane(), payload=(500.0, -300.0, 100.0), trolley=(40.0, 60.0, 0.0), at=0.2
+    ),
+    "wind": lambda: wind.wind(
+        crane(), wind.steady(12.0), direction=2.0, payload_area=4.0, trolley_area=1.0
+    ),
 }
 
 
@@ -140,12 +177,21 @@ def test_a_run_of_many_blocks_is_the_same(controller: str) -> None:
         made = lambda: HoistIntegral(c, tracking, 2e3, 2e4)  # noqa: E731
     elif controller == "follow":
         made = lambda: follow(c, _reference(), 2e-3)  # noqa: E731
-    how: dict[str, Any] = {"start": _start(), "duration": 8.4, "dt": 1e-3, "control_period": 2e-3, "drive": drive, "validity": "mark"}
+    how: dict[str, Any] = {
+        "start": _start(),
+        "duration": 8.4,
+        "dt": 1e-3,
+        "control_period": 2e-3,
+        "drive": drive,
+        "validity": "mark",
+    }
     plain, compiled = both(c, made, _reference(), **how, progress=told.append)
     assert len(plain) == 4201
     agree(c, plain, compiled)
     assert told[:4201] == plain.t.tolist()
-    assert told[4201:] == pytest.approx(plain.t.tolist() if controller == "python" else [3.998, 7.998, 8.4], abs=1e-12)
+    assert told[4201:] == pytest.approx(
+        plain.t.tolist() if controller == "python" else [3.998, 7.998, 8.4], abs=1e-12
+    )
 
 
 def test_at_the_limits_of_the_drives_the_engines_cut_alike() -> None:
@@ -160,23 +206,53 @@ def test_at_the_limits_of_the_drives_the_engines_cut_alike() -> None:
 @pytest.mark.parametrize("gravity", [1.62, 24.8])
 def test_in_other_gravity_the_engines_agree(gravity: float) -> None:
     c = load_crane(gravity=gravity)
-    agree(c, *both(c, lambda: hold_controller(c, gravity=gravity), _reference(), start=_start(), duration=1.0, validity="mark"))
+    agree(
+        c,
+        *both(
+            c,
+            lambda: hold_controller(c, gravity=gravity),
+            _reference(),
+            start=_start(),
+            duration=1.0,
+            validity="mark",
+        ),
+    )
 
 
 @pytest.mark.parametrize("since", [1.0, 5e4])
 def test_a_run_that_begins_at_another_time_is_the_same(since: float) -> None:
     c = crane()
     reference = ramp(c, hold(c, _start()), "x", 0.3, rate=1.0, at=since + 0.1)
-    for made in (lambda: hold_controller(c, gravity=G), lambda: HoistIntegral(crane(), _lqr(), 2e3, 1.2e4)):
-        agree(c, *both(c, made, reference, start=_start(), since=since, duration=0.5, dt=1e-3, control_period=PERIOD, validity="mark"))
+    for made in (
+        lambda: hold_controller(c, gravity=G),
+        lambda: HoistIntegral(crane(), _lqr(), 2e3, 1.2e4),
+    ):
+        agree(
+            c,
+            *both(
+                c,
+                made,
+                reference,
+                start=_start(),
+                since=since,
+                duration=0.5,
+                dt=1e-3,
+                control_period=PERIOD,
+                validity="mark",
+            ),
+        )
 
 
 def test_drives_without_limits_are_compiled_too() -> None:
     c = replace(crane(), effort_limit=np.full(3, np.inf))
-    agree(c, *both(c, lambda: hold_controller(c, gravity=G), _reference(), start=_start(), duration=0.2))
+    agree(
+        c,
+        *both(c, lambda: hold_controller(c, gravity=G), _reference(), start=_start(), duration=0.2),
+    )
 
 
-# --- what is refused -----------------------------------------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
+# -----------------------------------
 
 
 def test_an_engine_that_does_not_exist_is_refused() -> None:
@@ -191,15 +267,33 @@ def test_an_engine_that_does_not_exist_is_refused() -> None:
         lambda *given: _raise(AssertionError()),
         lambda *given: given,
         lambda acceleration, faster, move, q, v, steps: (q[:1], v),
-        lambda acceleration, faster, move, q, v, steps: (move(q, v), faster(v, acceleration(q, v)) if v[0] > 0.0 else v),
+        lambda acceleration, faster, move, q, v, steps: (
+            move(q, v),
+            faster(v, acceleration(q, v)) if v[0] > 0.0 else v,
+        ),
         lambda acceleration, faster, move, q, v, steps: (move(q, v), np.sqrt(v)),
     ],
     ids=["raises", "answers something else", "one coordinate", "looks at numbers", "takes roots"],
 )
-def test_a_stepping_rule_without_code_is_refused_before_anything_is_asked_whatever_its_name(name: str, rule: Rule) -> None:
-    for controller in (hold_controller(crane()), lambda t, state, setpoint: _raise(AssertionError())):
-        with pytest.raises(OutOfRange, match=rf"integrator of compiled code is {name}; allowed is one whose rule adds and multiplies"):
-            simulate(crane(), controller, duration=0.1, integrator=Integrator(name, rule, lead=0.0), engine="compiled")
+def test_a_stepping_rule_without_code_is_refused_before_anything_is_asked_whatever_its_name(
+    name: str, rule: Rule
+) -> None:
+    for controller in (
+        hold_controller(crane()),
+        lambda t, state, setpoint: _raise(AssertionError()),
+    ):
+        with pytest.raises(
+            OutOfRange,
+            match=rf"integrator of compiled code is {name}; allowed is one whose rule adds and "
+            r"multiplies",
+        ):
+            simulate(
+                crane(),
+                controller,
+                duration=0.1,
+                integrator=Integrator(name, rule, lead=0.0),
+                engine="compiled",
+            )
 
 
 def _midpoint(
@@ -214,36 +308,79 @@ def _midpoint(
 
 def test_a_stepping_rule_of_ones_own_runs_in_both_engines() -> None:
     c, rule = crane(**DAMPED), Integrator("midpoint", _midpoint, lead=0.0)
-    how: dict[str, Any] = {"start": _start(), "duration": LASTS, "control_period": PERIOD, "validity": "mark"}
+    how: dict[str, Any] = {
+        "start": _start(),
+        "duration": LASTS,
+        "control_period": PERIOD,
+        "validity": "mark",
+    }
     for made in (CONTROLLERS["hold"][1], _plain_function):
         agree(c, *both(c, made, _reference(), **how, dt=PERIOD / 2, integrator=rule))
-    exact = simulate(c, _plain_function(), _reference(), **how, dt=PERIOD, integrator=rk4, engine="compiled")
-    coarse, fine = (simulate(c, _plain_function(), _reference(), **how, dt=dt, integrator=rule, engine="compiled") for dt in (5e-3, 2.5e-3))
+    exact = simulate(
+        c, _plain_function(), _reference(), **how, dt=PERIOD, integrator=rk4, engine="compiled"
+    )
+    coarse, fine = (
+        simulate(
+            c, _plain_function(), _reference(), **how, dt=dt, integrator=rule, engine="compiled"
+        )
+        for dt in (5e-3, 2.5e-3)
+    )
     # order 2; the next order is the stiffest rate of 50/s times 5 ms
-    assert np.abs(coarse.q - exact.q).max() / np.abs(fine.q - exact.q).max() == pytest.approx(4.0, rel=0.25)
+    assert np.abs(coarse.q - exact.q).max() / np.abs(fine.q - exact.q).max() == pytest.approx(
+        4.0, rel=0.25
+    )
 
 
 def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return rigid_body.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] + a[1] * b[0]])
+    return rigid_body.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] + a[1] * b[0]]
+    )
 
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 def test_code_that_moves_otherwise_is_refused(drive: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cranedyn.dynamics.rigid_body.cross", _wrong_cross)
     c = load_crane(payload_mass=1234.5)
-    with pytest.raises(ModelError, match=r"The compiled crane moves otherwise than Pinocchio's: accelerations differ by .* of the largest"):
-        simulate(c, CONTROLLERS["hold" if drive == "effort" else "follow"][1](), duration=0.1, drive=drive, engine="compiled")
+    with pytest.raises(
+        ModelError,
+        match=r"The compiled crane moves otherwise than Pinocchio's: accelerations differ by .* of "
+        r"the largest",
+    ):
+        simulate(
+            c,
+            CONTROLLERS["hold" if drive == "effort" else "follow"][1](),
+            duration=0.1,
+            drive=drive,
+            engine="compiled",
+        )
 
 
-def test_a_heavy_load_under_a_light_trolley_is_not_refused_for_rounding_in_the_world_frame() -> None:
-    # pin.aba in the world's frame, as the loop calls it, is off by 1.5e-11 of the acceleration at one of the states that are compared
+def test_a_heavy_load_under_a_light_trolley_is_not_refused_for_rounding_in_the_world_frame() -> (
+    None
+):
+    # pin.aba in the world's frame, as the loop calls it, is off by 1.5e-11 of the acceleration at
+    # one of the states that are compared
     c = load_crane(gravity=11.2, **VARIANTS[-2])
     start = c.state(phi=0.1)
-    assert len(simulate(c, soft_hold(c, start.q), start=start, duration=0.1, validity="mark", engine="compiled")) == 21
+    assert (
+        len(
+            simulate(
+                c,
+                soft_hold(c, start.q),
+                start=start,
+                duration=0.1,
+                validity="mark",
+                engine="compiled",
+            )
+        )
+        == 21
+    )
 
 
 @pytest.mark.parametrize("share", [1e-9, -1e-9])
-def test_a_crane_that_is_a_billionth_heavier_than_its_model_is_refused(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crane_that_is_a_billionth_heavier_than_its_model_is_refused(
+    share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from cranedyn.compiled import checked
 
     c, honest = load_crane(payload_mass=1234.5, hoist_effort=1e12), checked.numbers
@@ -278,19 +415,32 @@ try:
 except CraneError as error:
     print(error)
 """
-    sentence = "The compiled engine needs llvmlite, which is not installed: pip install 'cranedyn[compiled]'.\n"
+    sentence = (
+        "The compiled engine needs llvmlite, which is not installed: pip install "
+        "'cranedyn[compiled]'.\n"
+    )
     found = python(script)
     assert found.stdout == "[]\n" + 2 * sentence, found.stderr
 
 
-# --- controllers that remember -------------------------------------------------------------------------------------------------------
+# --- controllers that remember --------------------------------------------------------------------
+# -----------------------------------
 
 
 def test_what_an_integrator_remembers_is_what_the_plain_loop_leaves_it() -> None:
     c = crane(payload_mass=1100.0)
     made = [HoistIntegral(crane(), _lqr(), 2e3, 1.12e4) for _ in range(2)]
     for controller, engine in zip(made, ("pinocchio", "compiled"), strict=True):
-        simulate(c, controller, _reference(), start=_start(), duration=0.8, dt=1e-3, control_period=PERIOD, engine=engine)  # type: ignore[arg-type]
+        simulate(
+            c,
+            controller,
+            _reference(),
+            start=_start(),
+            duration=0.8,
+            dt=1e-3,
+            control_period=PERIOD,
+            engine=engine,
+        )  # type: ignore[arg-type]
     plain, compiled = made
     assert abs(plain.integral) > 1e-3
     assert compiled.integral == pytest.approx(plain.integral, rel=1e-12)
@@ -312,11 +462,27 @@ def test_at_its_limit_the_integrator_stops_alike_and_comes_back() -> None:
 def test_pieces_of_a_run_joined_are_the_whole(name: str) -> None:
     drive, made = CONTROLLERS[name]
     c, controller = crane(), made()
-    how: dict[str, Any] = {"dt": 1e-3, "control_period": PERIOD, "drive": drive, "validity": "mark", "engine": "compiled"}
+    how: dict[str, Any] = {
+        "dt": 1e-3,
+        "control_period": PERIOD,
+        "drive": drive,
+        "validity": "mark",
+        "engine": "compiled",
+    }
     whole = simulate(c, made(), _reference(), start=_start(), duration=0.6, **how)
     pieces = [simulate(c, controller, _reference(), start=_start(), duration=0.2, **how)]
     for since in (0.2, 0.4):
-        pieces.append(simulate(c, controller, _reference(), start=pieces[-1].state(-1), since=since, duration=0.2, **how))
+        pieces.append(
+            simulate(
+                c,
+                controller,
+                _reference(),
+                start=pieces[-1].state(-1),
+                since=since,
+                duration=0.2,
+                **how,
+            )
+        )
     agree(c, replace(whole, parameters={**whole.parameters, "engine": "pinocchio"}), join(pieces))
 
 
@@ -332,7 +498,8 @@ def test_a_variant_that_answers_otherwise_is_asked() -> None:
     assert plain.effort[0].tolist() == (1.1 * brake(0.0, _start(), _reference()(0.0))).tolist()
 
 
-# --- what goes wrong -----------------------------------------------------------------------------------------------------------------
+# --- what goes wrong ------------------------------------------------------------------------------
+# -----------------------------------
 
 
 def _rounded(error: Exception) -> str:
@@ -340,7 +507,9 @@ def _rounded(error: Exception) -> str:
     return re.sub(r"-?\d+\.\d+", lambda number: f"{float(number[0]):.6g}", str(error))
 
 
-def _failures(c: Crane, controller: Callable[[], Controller], *given: Any, **how: Any) -> list[RunError]:
+def _failures(
+    c: Crane, controller: Callable[[], Controller], *given: Any, **how: Any
+) -> list[RunError]:
     """How a run ends in each engine: the same words, time and joint, and records that agree."""
     found = []
     for engine in ("pinocchio", "compiled"):
@@ -355,7 +524,9 @@ def _failures(c: Crane, controller: Callable[[], Controller], *given: Any, **how
     return found
 
 
-def _same_failure(c: Crane, controller: Callable[[], Controller], *given: Any, **how: Any) -> RunError:
+def _same_failure(
+    c: Crane, controller: Callable[[], Controller], *given: Any, **how: Any
+) -> RunError:
     plain, compiled = _failures(c, controller, *given, **how)
     agree(c, plain.trajectory, compiled.trajectory)  # type: ignore[arg-type]
     return compiled
@@ -364,9 +535,14 @@ def _same_failure(c: Crane, controller: Callable[[], Controller], *given: Any, *
 @pytest.mark.parametrize("name", ["hold", "python"])
 def test_a_joint_that_leaves_its_range_ends_both_runs_at_the_same_row(name: str) -> None:
     # rows of 1 ms: the end of the path comes in the second block of those that run ahead
-    c, reference = crane(), ramp(crane(), hold(crane(), crane().state(x=20.0)), "x", 4.0, rate=1.0, at=0.2)
+    c, reference = (
+        crane(),
+        ramp(crane(), hold(crane(), crane().state(x=20.0)), "x", 4.0, rate=1.0, at=0.2),
+    )
     made = CONTROLLERS[name][1]
-    failure = _same_failure(c, made, reference, start=c.state(x=20.0), duration=5.0, dt=1e-3, control_period=1e-3)
+    failure = _same_failure(
+        c, made, reference, start=c.state(x=20.0), duration=5.0, dt=1e-3, control_period=1e-3
+    )
     assert failure.joint == "trolley_joint"
     assert "trolley_joint is at 22.0" in str(failure)
     assert 2.0 < failure.t < 3.0
@@ -374,7 +550,9 @@ def test_a_joint_that_leaves_its_range_ends_both_runs_at_the_same_row(name: str)
 
 def test_a_hoist_that_pushes_the_rope_ends_both_runs() -> None:
     reference = ramp(crane(), hold(crane()), "l", 5.0, rate=20.0, at=0.05)
-    failure = _same_failure(crane(), lambda: hold_controller(crane(), gravity=G), reference, duration=2.0)
+    failure = _same_failure(
+        crane(), lambda: hold_controller(crane(), gravity=G), reference, duration=2.0
+    )
     assert "the rope would have to push" in str(failure)
 
 
@@ -382,7 +560,9 @@ def test_a_hoist_that_pushes_the_rope_ends_both_runs() -> None:
 def test_a_run_that_diverges_ends_alike(wrapped: bool) -> None:
     c = crane(hoist_effort=1e12)
     wild = hold_controller(c, damping=(1e6, 5e4, 1e6))
-    controller: Controller = (lambda t, state, setpoint: wild(t, state, setpoint)) if wrapped else wild
+    controller: Controller = (
+        (lambda t, state, setpoint: wild(t, state, setpoint)) if wrapped else wild
+    )
     plain, compiled = (_diverging(c, controller, engine) for engine in ("pinocchio", "compiled"))
     assert (plain.t, plain.joint) == (compiled.t, compiled.joint)
     assert compiled.trajectory is not None
@@ -394,8 +574,12 @@ def test_a_run_that_diverges_ends_alike(wrapped: bool) -> None:
 
 
 def _diverging(c: Crane, controller: Controller, engine: Any) -> RunError:
-    with pytest.raises(RunError, match=r"The run diverged at t = .* s: hoist_joint moves at") as caught:
-        simulate(c, controller, start=c.state(l_dot=0.1), duration=60.0, validity="mark", engine=engine)
+    with pytest.raises(
+        RunError, match=r"The run diverged at t = .* s: hoist_joint moves at"
+    ) as caught:
+        simulate(
+            c, controller, start=c.state(l_dot=0.1), duration=60.0, validity="mark", engine=engine
+        )
     return caught.value
 
 
@@ -411,8 +595,14 @@ def _raise(error: BaseException) -> Any:
 @pytest.mark.parametrize(
     ("action", "words"),
     [
-        (lambda: np.array([0.0, math.nan, 0.0]), "The controller commanded .* at t = 0.0500 s; trolley_joint needs a finite number"),
-        (lambda: np.zeros(2), r"At t = 0.05 s: command of the controller is an array of shape \(2,\)"),
+        (
+            lambda: np.array([0.0, math.nan, 0.0]),
+            "The controller commanded .* at t = 0.0500 s; trolley_joint needs a finite number",
+        ),
+        (
+            lambda: np.zeros(2),
+            r"At t = 0.05 s: command of the controller is an array of shape \(2,\)",
+        ),
         (lambda: _raise(CraneError("No answer.")), "At t = 0.05 s: No answer."),
         (lambda: _raise(KeyboardInterrupt()), r"Interrupted at t = 0.050 s\."),
     ],
@@ -422,7 +612,14 @@ def _raise(error: BaseException) -> Any:
 def test_a_controller_that_cannot_answer_ends_both_runs_in_the_same_words(
     action: Callable[[], np.ndarray], words: str, integrator: Integrator
 ) -> None:
-    failure = _same_failure(crane(), _after(0.05, action), _reference(), start=_start(), duration=0.2, integrator=integrator)
+    failure = _same_failure(
+        crane(),
+        _after(0.05, action),
+        _reference(),
+        start=_start(),
+        duration=0.2,
+        integrator=integrator,
+    )
     assert pytest.approx(0.05) == failure.t
     assert failure.trajectory is not None
     assert len(failure.trajectory) == 10
@@ -435,16 +632,23 @@ def test_a_table_with_a_number_missing_ends_both_runs_where_it_is_reached(row: i
     feed_forward = _lqr().feed_forward.copy()
     feed_forward[row, 2] = math.nan
     how: dict[str, Any] = {"start": _start(), "duration": 0.6, "dt": 1e-3, "control_period": PERIOD}
-    found = _failures(crane(), lambda: replace(_lqr(), feed_forward=feed_forward), _reference(), **how)
+    found = _failures(
+        crane(), lambda: replace(_lqr(), feed_forward=feed_forward), _reference(), **how
+    )
     assert found[1].joint == "hoist_joint"
-    assert [len(failure.trajectory) for failure in found if failure.trajectory is not None] == [row, row]
+    assert [len(failure.trajectory) for failure in found if failure.trajectory is not None] == [
+        row,
+        row,
+    ]
 
 
 def test_a_reference_that_cannot_answer_ends_both_runs_in_the_same_words() -> None:
     def reference(t: float) -> Setpoint:
         return hold(crane())(t) if t < 0.3 else _raise(CraneError("There is no plan from here on."))
 
-    failure = _same_failure(crane(), lambda: hold_controller(crane(), gravity=9.7), reference, duration=1.0)
+    failure = _same_failure(
+        crane(), lambda: hold_controller(crane(), gravity=9.7), reference, duration=1.0
+    )
     assert str(failure) == "At t = 0.3 s: There is no plan from here on."
     assert failure.trajectory is not None
     assert len(failure.trajectory) == 60
@@ -454,9 +658,13 @@ def test_errors_that_are_not_ours_end_both_runs_alike_and_are_the_cause() -> Non
     def reference(t: float) -> Setpoint:
         return hold(crane())(t if t < 0.3 else t / 0.0)
 
-    failure = _same_failure(crane(), lambda: hold_controller(crane(), gravity=9.7), reference, duration=1.0)
+    failure = _same_failure(
+        crane(), lambda: hold_controller(crane(), gravity=9.7), reference, duration=1.0
+    )
     assert re.fullmatch(
-        r"At t = 0.3 s: ZeroDivisionError in reference, line \d+ of test_compiled.py: float division by zero.", str(failure)
+        r"At t = 0.3 s: ZeroDivisionError in reference, line \d+ of test_compiled.py: float "
+        r"division by zero.",
+        str(failure),
     )
     assert isinstance(failure.__cause__, ZeroDivisionError)
     assert failure.trajectory is not None
@@ -465,29 +673,63 @@ def test_errors_that_are_not_ours_end_both_runs_alike_and_are_the_cause() -> Non
 
 def test_ctrl_c_in_a_loop_that_runs_ahead_keeps_the_blocks_that_are_done() -> None:
     c = crane()
-    how: dict[str, Any] = {"start": _start(), "duration": 5.0, "dt": 1e-3, "control_period": 1e-3, "validity": "mark"}
+    how: dict[str, Any] = {
+        "start": _start(),
+        "duration": 5.0,
+        "dt": 1e-3,
+        "control_period": 1e-3,
+        "validity": "mark",
+    }
     with pytest.raises(RunError, match=r"Interrupted at t = 1\.999 s\.") as caught:
-        simulate(c, hold_controller(c), _reference(), **how, engine="compiled", progress=lambda t: _raise(KeyboardInterrupt()))
+        simulate(
+            c,
+            hold_controller(c),
+            _reference(),
+            **how,
+            engine="compiled",
+            progress=lambda t: _raise(KeyboardInterrupt()),
+        )
     assert caught.value.trajectory is not None
-    agree(c, simulate(c, hold_controller(c), _reference(), **{**how, "duration": 1.999}), caught.value.trajectory)
+    agree(
+        c,
+        simulate(c, hold_controller(c), _reference(), **{**how, "duration": 1.999}),
+        caught.value.trajectory,
+    )
 
 
 def test_a_loop_of_very_small_steps_is_looked_at_before_long() -> None:
     told: list[float] = []
-    how: dict[str, Any] = {"duration": 0.3, "dt": 1e-7, "control_period": 1e-2, "progress": told.append}
-    found = simulate(crane(), hold_controller(crane(), gravity=G), start=_start(), **how, engine="compiled")
-    assert told == pytest.approx([0.09, 0.19, 0.29, 0.3])  # a million steps of 0.1 µs are ten control periods
-    coarse = simulate(crane(), hold_controller(crane(), gravity=G), start=_start(), **{**how, "dt": 1e-5}, engine="compiled")
+    how: dict[str, Any] = {
+        "duration": 0.3,
+        "dt": 1e-7,
+        "control_period": 1e-2,
+        "progress": told.append,
+    }
+    found = simulate(
+        crane(), hold_controller(crane(), gravity=G), start=_start(), **how, engine="compiled"
+    )
+    # A million steps of 0.1 µs are ten control periods.
+    assert told == pytest.approx([0.09, 0.19, 0.29, 0.3])
+    coarse = simulate(
+        crane(),
+        hold_controller(crane(), gravity=G),
+        start=_start(),
+        **{**how, "dt": 1e-5},
+        engine="compiled",
+    )
     assert np.abs(found.q - coarse.q).max() < 1e-5  # order dt
 
 
 def test_disturbances_that_are_no_forces_end_both_runs_in_the_same_words() -> None:
     force = lambda t, state: np.zeros((2, 3)) if t < 0.1 else np.full((2, 3), math.nan)  # noqa: E731
-    failure = _failures(crane(), _plain_function, _reference(), start=_start(), duration=0.2, disturbance=force)[1]
+    failure = _failures(
+        crane(), _plain_function, _reference(), start=_start(), duration=0.2, disturbance=force
+    )[1]
     assert "force of the disturbance" in str(failure)
 
 
-# --- every combination -------------------------------------------------------------------------------------------------------------
+# --- every combination ----------------------------------------------------------------------------
+# ---------------------------------
 
 
 @pytest.mark.parametrize(
@@ -499,12 +741,25 @@ def test_disturbances_that_are_no_forces_end_both_runs_in_the_same_words() -> No
     ],
 )
 @pytest.mark.parametrize("blows", FORCES)
-@pytest.mark.parametrize(("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"])
-def test_both_engines_record_the_same(controller: str, integrator: Integrator, dt: float, blows: str, validity: Any) -> None:
+@pytest.mark.parametrize(
+    ("integrator", "dt"), [(semi_implicit_euler, 1e-3), (rk4, PERIOD)], ids=["Euler", "RK4"]
+)
+def test_both_engines_record_the_same(
+    controller: str, integrator: Integrator, dt: float, blows: str, validity: Any
+) -> None:
     drive, made = CONTROLLERS[controller]
     c = _crane(validity)
-    how: dict[str, Any] = {"start": _start(), "duration": LASTS, "dt": dt, "control_period": PERIOD, "drive": drive, "validity": validity}
-    plain, compiled = both(c, made, _reference(), **how, integrator=integrator, disturbance=FORCES[blows]())
+    how: dict[str, Any] = {
+        "start": _start(),
+        "duration": LASTS,
+        "dt": dt,
+        "control_period": PERIOD,
+        "drive": drive,
+        "validity": validity,
+    }
+    plain, compiled = both(
+        c, made, _reference(), **how, integrator=integrator, disturbance=FORCES[blows]()
+    )
     agree(c, plain, compiled)
     assert (np.ptp(plain.q, axis=0) > 1e-3).all()  # everything moves
     if validity != "stop" and controller not in ("lqr", "integral"):
@@ -513,7 +768,8 @@ def test_both_engines_record_the_same(controller: str, integrator: Integrator, d
         assert plain.outside[-1, 1] != 0.0
 
 
-# --- the rule of Runge and Kutta -----------------------------------------------------------------------------------------------------
+# --- the rule of Runge and Kutta ------------------------------------------------------------------
+# -----------------------------------
 
 ENGINES = pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 
@@ -521,50 +777,98 @@ ENGINES = pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 @ENGINES
 def test_the_error_of_rk4_falls_with_the_fourth_power_of_the_step(engine: Any) -> None:
     c = crane(**DAMPED)
-    start, effort = c.state(phi=0.3, theta=-0.2, gamma_dot=0.05, x_dot=0.3), np.array([2e4, 500.0, -9700.0])
+    start, effort = (
+        c.state(phi=0.3, theta=-0.2, gamma_dot=0.05, x_dot=0.3),
+        np.array([2e4, 500.0, -9700.0]),
+    )
 
     def rates(_: float, y: np.ndarray) -> np.ndarray:
         return np.concatenate([y[5:], dynamics.acceleration(c, State(y[:5], y[5:]), effort)])
 
-    exact = solve_ivp(rates, (0.0, 4.0), np.concatenate(start), "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    exact = solve_ivp(rates, (0.0, 4.0), np.concatenate(start), "DOP853", rtol=1e-13, atol=1e-14).y[
+        :, -1
+    ]
 
     def miss(dt: float) -> float:
-        run = simulate(c, constant(*effort), start=start, duration=4.0, dt=dt, control_period=0.2, integrator=rk4, engine=engine)
+        run = simulate(
+            c,
+            constant(*effort),
+            start=start,
+            duration=4.0,
+            dt=dt,
+            control_period=0.2,
+            integrator=rk4,
+            engine=engine,
+        )
         return float(np.abs(np.concatenate(run.state(-1)) - exact).max())
 
     coarse, fine = miss(0.1), miss(0.05)
     assert 1e-8 < fine < 1e-4  # far above rounding and the reference
-    assert coarse / fine == pytest.approx(16.0, rel=0.15)  # order 4; the next order is 0.05 s times rates of 2/s
+    # Order 4; the next order is 0.05 s times rates of 2/s.
+    assert coarse / fine == pytest.approx(16.0, rel=0.15)
 
 
 @ENGINES
 def test_one_step_of_rk4_a_period_is_as_good_as_a_thousand_times_smaller_ones(engine: Any) -> None:
     c = crane(**DAMPED)
     how: dict[str, Any] = {"start": _start(), "duration": 1.0, "control_period": PERIOD}
-    found = simulate(c, hold_controller(c, gravity=G), _reference(), **how, dt=PERIOD, integrator=rk4, engine=engine)
-    fine = simulate(c, hold_controller(c, gravity=G), _reference(), **how, dt=PERIOD / 20, integrator=rk4, engine=engine)
-    assert np.abs(found.q - fine.q).max() < 1e-7  # (stiffest rate 50/s of the brake · 10 ms)⁵ / 120 of some centimetres, damped
+    found = simulate(
+        c,
+        hold_controller(c, gravity=G),
+        _reference(),
+        **how,
+        dt=PERIOD,
+        integrator=rk4,
+        engine=engine,
+    )
+    fine = simulate(
+        c,
+        hold_controller(c, gravity=G),
+        _reference(),
+        **how,
+        dt=PERIOD / 20,
+        integrator=rk4,
+        engine=engine,
+    )
+    # (stiffest rate 50/s of the brake · 10 ms)⁵ / 120 of some centimetres, damped.
+    assert np.abs(found.q - fine.q).max() < 1e-7
 
 
 @ENGINES
 def test_rk4_keeps_the_energy_of_a_swing(engine: Any) -> None:
     c = crane(damp_swing=0.0)
-    found = simulate(c, locked, start=c.state(phi=0.5, theta=0.3), duration=20.0, dt=5e-3, drive="motion", integrator=rk4, engine=engine)
+    found = simulate(
+        c,
+        locked,
+        start=c.state(phi=0.5, theta=0.3),
+        duration=20.0,
+        dt=5e-3,
+        drive="motion",
+        integrator=rk4,
+        engine=engine,
+    )
     whole = 1000.0 * G * 15.0 * (1.0 - math.cos(0.5))
-    # (ω dt)⁵/144 a step with ω = 0.8/s, thousands of steps; the semi-implicit rule would ripple by ω dt = 4e-3
+    # (ω dt)⁵/144 a step with ω = 0.8/s, thousands of steps; the semi-implicit rule would ripple by
+    # ω dt = 4e-3
     assert np.ptp(found.energy) < 1e-9 * whole
 
 
 @ENGINES
 def test_where_buffers_act_rk4_gives_way_to_small_steps(engine: Any) -> None:
     c = crane(trolley_max=11.0, **DAMPED)
-    how: dict[str, Any] = {"start": c.state(x=10.8, x_dot=1.0), "duration": 1.5, "validity": "buffers", "engine": engine}
+    how: dict[str, Any] = {
+        "start": c.state(x=10.8, x_dot=1.0),
+        "duration": 1.5,
+        "validity": "buffers",
+        "engine": engine,
+    }
     push = constant(0.0, 500.0, -1000.0 * G)
     found = simulate(c, push, **how, control_period=5e-2, dt=5e-2, integrator=rk4)
     small = simulate(c, push, **how, control_period=5e-2, dt=5e-4)
     assert small.q[:, 1].max() > 11.01
     assert small.outside[-1, 1] < -100.0
-    # small steps of order 20/s · 0.5 ms = 1 % of the depth; a step of 50 ms through the buffer, ω dt = 1, is off by as much as the depth
+    # small steps of order 20/s · 0.5 ms = 1 % of the depth; a step of 50 ms through the buffer, ω
+    # dt = 1, is off by as much as the depth
     depth = small.q[:, 1].max() - 11.0
     assert np.abs(found.q[:, 1] - small.q[:, 1]).max() < 0.1 * depth
     assert found.outside[-1, 1] == pytest.approx(small.outside[-1, 1], rel=0.03)
@@ -572,11 +876,14 @@ def test_where_buffers_act_rk4_gives_way_to_small_steps(engine: Any) -> None:
     assert np.abs(coarse.q[:, 1] - small.q[:, 1]).max() > 0.1 * depth
 
 
-# --- cranes of all sizes -------------------------------------------------------------------------------------------------------------
+# --- cranes of all sizes --------------------------------------------------------------------------
+# -----------------------------------
 
 
 def per_second(c: Crane, q: np.ndarray) -> float:
-    """The share by which two engines may drift apart in a second: 1e-12, or what a mass matrix of this condition makes of rounding."""
+    """The share by which two engines may drift apart in a second: 1e-12, or what a mass matrix of
+    this condition makes of rounding.
+    """
     return max(1e-12, rigid_body.lost_digits(pin.crba(c.model, c.data, q)))
 
 
@@ -590,26 +897,46 @@ def soft_hold(c: Crane, q: np.ndarray) -> Hold:
 @settings(max_examples=12)
 @given(cases(CALM), kinds)
 def test_cranes_of_all_sizes_agree_step_by_step(case: Case, drive: str) -> None:
-    plain, compiled = (run(case, drive, duration=0.2, engine=engine) for engine in ("pinocchio", "compiled"))
+    plain, compiled = (
+        run(case, drive, duration=0.2, engine=engine) for engine in ("pinocchio", "compiled")
+    )
     agree(case.crane, plain, compiled, per_second(case.crane, case.start_q))
 
 
 @settings(max_examples=12)
-@given(cases(CALM), st.sampled_from(["mark", "buffers"]), st.sampled_from([semi_implicit_euler, rk4]))
-def test_cranes_of_all_sizes_agree_where_loops_run_ahead(case: Case, validity: Any, integrator: Integrator) -> None:
+@given(
+    cases(CALM), st.sampled_from(["mark", "buffers"]), st.sampled_from([semi_implicit_euler, rk4])
+)
+def test_cranes_of_all_sizes_agree_where_loops_run_ahead(
+    case: Case, validity: Any, integrator: Integrator
+) -> None:
     c = case.crane
     # a load that is too heavy for its hoist falls, and rounding grows as it flies past the trolley
     assume((np.abs(dynamics.holding_effort(c, case.start_q)) < c.effort_limit).all())
     brake = soft_hold(c, case.start_q)
-    reference = hold(c, State(case.start_q + 0.1 * np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros(5)))
-    how: dict[str, Any] = {"start": case.start, "duration": 0.3, "dt": 1e-3, "control_period": 1e-2, "validity": validity}
+    reference = hold(
+        c, State(case.start_q + 0.1 * np.array([1.0, 1.0, 0.0, 0.0, 1.0]), np.zeros(5))
+    )
+    how: dict[str, Any] = {
+        "start": case.start,
+        "duration": 0.3,
+        "dt": 1e-3,
+        "control_period": 1e-2,
+        "validity": validity,
+    }
     try:
         plain = simulate(c, brake, reference, **how, integrator=integrator)
     except RunError as error:
         with pytest.raises(RunError) as caught:
             simulate(c, brake, reference, **how, integrator=integrator, engine="compiled")
-        if "diverged" not in str(error):  # which of joints that move at 1e50 is the fastest is up to rounding
+        # Which of joints that move at 1e50 is the fastest is up to rounding.
+        if "diverged" not in str(error):
             assert caught.value.joint == error.joint
             assert caught.value.t == error.t
     else:
-        agree(c, plain, simulate(c, brake, reference, **how, integrator=integrator, engine="compiled"), per_second(c, case.start_q))
+        agree(
+            c,
+            plain,
+            simulate(c, brake, reference, **how, integrator=integrator, engine="compiled"),
+            per_second(c, case.start_q),
+        )

@@ -37,7 +37,10 @@ def _machine(lanes: int, made: Callable[[Code, Value], list]) -> Machine:
 def _run(made: Callable[[Code, Value], list], x: np.ndarray, answers: int) -> np.ndarray:
     """What code makes of numbers, a group of lanes at a time, shape (answers, n)."""
     lanes = LANES if len(x) % LANES == 0 else 1
-    run, found = _machine(lanes, made).function("run", 2), np.empty((len(x) // lanes, answers, lanes))
+    run, found = (
+        _machine(lanes, made).function("run", 2),
+        np.empty((len(x) // lanes, answers, lanes)),
+    )
     groups = np.ascontiguousarray(x.reshape(-1, lanes))
     for group, out in zip(groups, found, strict=True):
         run(group.ctypes.data, out.ctypes.data)
@@ -49,14 +52,18 @@ def _sine_and_cosine(code: Code, x: Value) -> list:
 
 
 def _check(x: np.ndarray, found: np.ndarray) -> None:
-    """Within two units in the last place; close to the zeros besides, 1e-22 of the angle for the rounding of its reduction."""
+    """Within two units in the last place; close to the zeros besides, 1e-22 of the angle for the
+    rounding of its reduction.
+    """
     for exact, values in zip((np.sin(x), np.cos(x)), found, strict=True):
         reduction = 1e-22 * np.abs(x)
         assert (np.abs(values - exact) <= 2.0 * np.spacing(np.abs(exact)) + reduction).all()
 
 
 @given(st.lists(st.floats(-1e6, 1e6, exclude_min=True, exclude_max=True), min_size=1, max_size=9))
-def test_sine_and_cosine_are_those_of_the_library_to_two_units_in_the_last_place(angles: list[float]) -> None:
+def test_sine_and_cosine_are_those_of_the_library_to_two_units_in_the_last_place(
+    angles: list[float],
+) -> None:
     x = np.array(angles)
     _check(x, _run(_sine_and_cosine, x, 2))
 
@@ -65,14 +72,25 @@ def test_sine_and_cosine_hold_at_small_angles_quarter_turns_and_everywhere_betwe
     rng = np.random.default_rng(0)
     quarters = np.arange(-640, 640) * (math.pi / 2.0)
     far = np.round(rng.uniform(-6e5, 6e5, 1600)) * (math.pi / 2.0)
-    near = np.concatenate([np.nextafter(part, side) for part in (quarters, far) for side in (-np.inf, np.inf)])
+    near = np.concatenate(
+        [np.nextafter(part, side) for part in (quarters, far) for side in (-np.inf, np.inf)]
+    )
     tiny = 10.0 ** rng.uniform(-300, 0, 800) * rng.choice([-1.0, 1.0], 800)
-    for x in (quarters, far, near, tiny, rng.uniform(-4.0, 4.0, 80000), rng.uniform(-1e6, 1e6, 80000)):
+    for x in (
+        quarters,
+        far,
+        near,
+        tiny,
+        rng.uniform(-4.0, 4.0, 80000),
+        rng.uniform(-1e6, 1e6, 80000),
+    ):
         _check(x, _run(_sine_and_cosine, x, 2))
 
 
 @pytest.mark.parametrize("angle", [1.1e6, -1e9, math.inf, -math.inf, math.nan])
-def test_an_angle_too_large_to_be_reduced_is_not_a_number_and_harms_no_other_lane(angle: float) -> None:
+def test_an_angle_too_large_to_be_reduced_is_not_a_number_and_harms_no_other_lane(
+    angle: float,
+) -> None:
     x = np.linspace(-7.0, 7.0, LANES)
     others = np.arange(LANES) != 3
     usual = _run(_sine_and_cosine, x, 2)
@@ -83,20 +101,41 @@ def test_an_angle_too_large_to_be_reduced_is_not_a_number_and_harms_no_other_lan
 
 
 @given(st.lists(st.floats(-0.78, 0.78), min_size=LANES, max_size=LANES), st.floats(-1e5, 1e5))
-def test_a_lane_answers_the_same_whatever_path_its_neighbours_take(angles: list[float], far: float) -> None:
+def test_a_lane_answers_the_same_whatever_path_its_neighbours_take(
+    angles: list[float], far: float
+) -> None:
     x = np.array(angles)
     beside = np.concatenate([x[:-1], [far]])
-    assert _run(_sine_and_cosine, beside, 2)[:, :-1].tolist() == _run(_sine_and_cosine, x, 2)[:, :-1].tolist()  # to the bit
+    # To the bit.
+    assert (
+        _run(_sine_and_cosine, beside, 2)[:, :-1].tolist()
+        == _run(_sine_and_cosine, x, 2)[:, :-1].tolist()
+    )
 
 
 def _folded(code: Code, x: Value) -> list:
-    return [x + 0.0, 0.0 + x, x - 0.0, 0.0 - x, x * 1.0, -1.0 * x, x * 0.0, x / 4.0, 3.0 / x, 0.0 / x, 2.0 - x]
+    return [
+        x + 0.0,
+        0.0 + x,
+        x - 0.0,
+        0.0 - x,
+        x * 1.0,
+        -1.0 * x,
+        x * 0.0,
+        x / 4.0,
+        3.0 / x,
+        0.0 / x,
+        2.0 - x,
+    ]
 
 
 def test_what_is_known_is_folded_and_the_rest_computed() -> None:
     x = np.linspace(0.5, 4.0, LANES)
     zero = np.zeros(LANES)
-    assert _run(_folded, x, 11).tolist() == np.array([x, x, x, -x, x, -x, zero, x / 4.0, 3.0 / x, zero, 2.0 - x]).tolist()
+    assert (
+        _run(_folded, x, 11).tolist()
+        == np.array([x, x, x, -x, x, -x, zero, x / 4.0, 3.0 / x, zero, 2.0 - x]).tolist()
+    )
     module = ir.Module()
     code = Code(module, "run", ["given"], 1)
     value = code.load(code.argument["given"])
@@ -127,7 +166,10 @@ def test_loops_repeat_and_a_sine_known_in_a_loop_is_not_taken_for_that_behind_it
     x = np.linspace(-1.0, 1.0, LANES)
     found = _run(_powers, x, 3)
     assert found[0].tolist() == (8.0 * x).tolist()
-    np.testing.assert_allclose(found[1], 2 * np.sin(x) + np.sin(2 * x) + np.sin(4 * x) + np.sin(8 * x), atol=1e-15)  # rounding
+    # rounding.
+    np.testing.assert_allclose(
+        found[1], 2 * np.sin(x) + np.sin(2 * x) + np.sin(4 * x) + np.sin(8 * x), atol=1e-15
+    )
     np.testing.assert_allclose(found[2], np.sin(8 * x), atol=1e-15)
 
 
@@ -139,7 +181,8 @@ def _resident() -> float:
 def test_code_that_is_part_of_a_cycle_is_freed_in_the_right_order() -> None:
     for _ in range(5):
         made = _machine.__wrapped__(1, _cut)
-        made.engine.back = made.context.back = cycle = [made]  # the collector of cycles frees in an order of its own
+        # The collector of cycles frees in an order of its own.
+        made.engine.back = made.context.back = cycle = [made]
         cycle.append(cycle)
         del made, cycle
         gc.collect()
@@ -154,5 +197,6 @@ def test_code_that_nobody_needs_any_more_leaves_no_memory_behind() -> None:
     before = _resident()
     for i in range(50, 170):
         made(i)
-    # passes and constants that are not freed are 0.1 MB for each of these; pages that the allocator keeps have been taken before
+    # passes and constants that are not freed are 0.1 MB for each of these; pages that the allocator
+    # keeps have been taken before
     assert _resident() - before < 3.0

@@ -1,4 +1,6 @@
-"""What goes to compiled code: looked at once, at one door, so that no call of ours touches memory that is not its own."""
+"""What goes to compiled code: looked at once, at one door, so that no call of ours touches memory
+that is not its own.
+"""
 
 from __future__ import annotations
 
@@ -77,7 +79,8 @@ def _parts(brake: Hold) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return brake.stiffness, brake.damping, brake.feed_forward
 
 
-# --- what controllers and references answer --------------------------------------------------------------------------------------------
+# --- what controllers and references answer
+# --------------------------------------------------------------------------------------------
 
 
 @STRATEGIES
@@ -87,20 +90,50 @@ def _parts(brake: Hold) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         ("integral", np.zeros(0), "an array of shape (0,)", "one of shape (3,)"),
         ("integral", np.zeros(1), "an array of shape (1,)", "one of shape (3,)"),
         ("integral", 5, "an array of shape ()", "one of shape (3,)"),
-        ("integral", np.zeros(3, complex), "no array of numbers but one of complex128", "an array of shape (3,)"),
-        ("integral", np.array(["1", "2", "3"]), "no array of numbers but one of <U1", "an array of shape (3,)"),
+        (
+            "integral",
+            np.zeros(3, complex),
+            "no array of numbers but one of complex128",
+            "an array of shape (3,)",
+        ),
+        (
+            "integral",
+            np.array(["1", "2", "3"]),
+            "no array of numbers but one of <U1",
+            "an array of shape (3,)",
+        ),
         ("integral_gain", np.ones((3, 1)), "an array of shape (3, 1)", "one of shape (3,)"),
         ("limit", np.ones(4), "an array of shape (4,)", "one of shape (3,)"),
         ("feed_forward", np.zeros((0, 3)), "an array of 0 rows", f"one of 1 to {ROWS}"),
         ("feed_forward", np.zeros(3), "an array of shape (3,)", "one of shape (rows, 3)"),
-        ("feed_forward", np.zeros((ROWS + 1, 3)), f"an array of {ROWS + 1} rows", f"one of 1 to {ROWS}"),
+        (
+            "feed_forward",
+            np.zeros((ROWS + 1, 3)),
+            f"an array of {ROWS + 1} rows",
+            f"one of 1 to {ROWS}",
+        ),
         ("gain", None, "no array of numbers but NoneType", "an array of shape (1, 3, 10)"),
         ("gain", np.zeros((2, 3, 10)), "an array of shape (2, 3, 10)", "one of shape (1, 3, 10)"),
         ("gain", np.zeros((1, 10, 3)), "an array of shape (1, 10, 3)", "one of shape (1, 3, 10)"),
         ("setpoint", np.zeros((0, 10)), "an array of 0 rows", f"one of 1 to {ROWS}"),
-        ("setpoint", np.zeros((ROWS, 9)), f"an array of shape ({ROWS}, 9)", "one of shape (rows, 10)"),
-        ("setpoint", np.zeros((ROWS + 1, 10)), f"an array of {ROWS + 1} rows", f"one of 1 to {ROWS}"),
-        ("setpoint", [[0.0], [1.0, 2.0]], "no array of numbers but list", "an array of shape (rows, 10)"),
+        (
+            "setpoint",
+            np.zeros((ROWS, 9)),
+            f"an array of shape ({ROWS}, 9)",
+            "one of shape (rows, 10)",
+        ),
+        (
+            "setpoint",
+            np.zeros((ROWS + 1, 10)),
+            f"an array of {ROWS + 1} rows",
+            f"one of 1 to {ROWS}",
+        ),
+        (
+            "setpoint",
+            [[0.0], [1.0, 2.0]],
+            "no array of numbers but list",
+            "an array of shape (rows, 10)",
+        ),
     ],
 )
 def test_a_common_form_that_is_not_as_it_should_be_is_refused_by_name(
@@ -109,29 +142,51 @@ def test_a_common_form_that_is_not_as_it_should_be_is_refused_by_name(
     controller = _Answering(lambda form: replace(form, **{part: value}))
     with pytest.raises(Misshapen) as caught:
         strategy(controller)
-    assert str(caught.value) == f"{part} in the common form of _Answering is {given}; allowed is {allowed}."
+    assert (
+        str(caught.value)
+        == f"{part} in the common form of _Answering is {given}; allowed is {allowed}."
+    )
 
 
 @STRATEGIES
 def test_a_common_form_that_is_none_at_all_is_refused(strategy: Callable[..., object]) -> None:
-    with pytest.raises(Misshapen, match="the common form of _Answering is int; allowed is an Affine, or None where it is not affine"):
+    with pytest.raises(
+        Misshapen,
+        match="the common form of _Answering is int; allowed is an Affine, or None where it is not "
+        "affine",
+    ):
         strategy(_Answering(lambda form: 3))
 
 
 @pytest.mark.parametrize("part", ["feed_forward", "gain", "setpoint", "integral_gain", "integral"])
-def test_a_common_form_with_a_number_missing_is_refused_in_a_batch_and_asked_at_each_instant_in_a_run(part: str) -> None:
-    controller = _Answering(lambda form: replace(form, **{part: np.full_like(getattr(form, part), math.nan)}))
-    with pytest.raises(OutOfRange, match=f"{part} in the common form of _Answering is nan; allowed is finite"):
+def test_a_form_with_a_number_missing_is_refused_in_a_batch_and_asked_at_each_instant_in_a_run(
+    part: str,
+) -> None:
+    controller = _Answering(
+        lambda form: replace(form, **{part: np.full_like(getattr(form, part), math.nan)})
+    )
+    with pytest.raises(
+        OutOfRange, match=f"{part} in the common form of _Answering is nan; allowed is finite"
+    ):
         _batch(controller)
     asked = simulate(crane(), controller, duration=0.5, engine="compiled")
-    plain = simulate(crane(), lambda t, state, setpoint: controller(t, state, setpoint), duration=0.5, engine="compiled")
+    plain = simulate(
+        crane(),
+        lambda t, state, setpoint: controller(t, state, setpoint),
+        duration=0.5,
+        engine="compiled",
+    )
     assert asked.q.tobytes() == plain.q.tobytes()
 
 
 @STRATEGIES
-def test_a_limit_that_is_no_number_is_refused_since_nothing_else_would_meet_it(strategy: Callable[..., object]) -> None:
+def test_a_limit_that_is_no_number_is_refused_since_nothing_else_would_meet_it(
+    strategy: Callable[..., object],
+) -> None:
     with pytest.raises(
-        Misshapen, match="limit in the common form of _Answering is an array that holds nan; allowed is numbers, inf for none"
+        Misshapen,
+        match="limit in the common form of _Answering is an array that holds nan; allowed is "
+        "numbers, inf for none",
     ):
         strategy(_Answering(lambda form: replace(form, limit=np.full(3, math.nan))))
 
@@ -155,7 +210,10 @@ def _setpoint(shape: tuple[int, ...]) -> Callable[[np.ndarray], Setpoint]:
 @pytest.mark.parametrize(
     ("answer", "sentence"),
     [
-        (_setpoint((ROWS, 2)), rf"position of the setpoint is an array of shape \({ROWS}, 2\); .* \({ROWS}, 3\)"),
+        (
+            _setpoint((ROWS, 2)),
+            rf"position of the setpoint is an array of shape \({ROWS}, 2\); .* \({ROWS}, 3\)",
+        ),
         (_setpoint((2, 3)), r"is an array of shape \(2, 3\)"),
         (_setpoint((ROWS + 1, 3)), rf"is an array of shape \({ROWS + 1}, 3\)"),
         (_setpoint((0, 3)), r"is an array of shape \(0, 3\)"),
@@ -164,7 +222,11 @@ def _setpoint(shape: tuple[int, ...]) -> Callable[[np.ndarray], Setpoint]:
             lambda times: Setpoint(*[np.zeros((len(times), 3))] * 2, None),
             "acceleration of the setpoint is no array of numbers but NoneType",
         ),
-        (lambda times: None, "answer of the reference is None; allowed is a cranedyn.Setpoint: position, velocity, acceleration"),
+        (
+            lambda times: None,
+            "answer of the reference is None; allowed is a cranedyn.Setpoint: position, velocity, "
+            "acceleration",
+        ),
         (lambda times: np.zeros((3, len(times), 3)), "answer of the reference is an array"),
     ],
 )
@@ -182,8 +244,18 @@ def test_a_form_that_goes_wrong_later_leaves_what_was_recorded_up_to_then() -> N
         asked.append(0.0)
         return form if len(asked) == 1 else replace(form, integral=np.zeros(0))
 
-    with pytest.raises(RunError, match=r"At t = .* s: integral in the common form of _Answering is an array of shape \(0,\)") as caught:
-        simulate(crane(), _Answering(answer), duration=5.0, control_period=1e-3, dt=1e-3, engine="compiled")
+    with pytest.raises(
+        RunError,
+        match=r"At t = .* s: integral in the common form of _Answering is an array of shape \(0,\)",
+    ) as caught:
+        simulate(
+            crane(),
+            _Answering(answer),
+            duration=5.0,
+            control_period=1e-3,
+            dt=1e-3,
+            engine="compiled",
+        )
     assert caught.value.trajectory is not None
     assert len(caught.value.trajectory) == 2000  # a block
     assert isinstance(caught.value.__cause__, Misshapen)
@@ -191,7 +263,9 @@ def test_a_form_that_goes_wrong_later_leaves_what_was_recorded_up_to_then() -> N
 
 @STRATEGIES
 @pytest.mark.parametrize("what", ["times", "positions", "times of the reference"])
-def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(strategy: Callable[..., object], what: str) -> None:
+def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(
+    strategy: Callable[..., object], what: str
+) -> None:
     class Meddling(Hold):
         def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
             (times if what == "times" else positions)[0] += 1.0
@@ -201,7 +275,11 @@ def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(strategy: C
         times[0] += 1.0
         return _setpoint((len(times), 3))(times)
 
-    controller = hold_controller(crane()) if what == "times of the reference" else Meddling(crane(), *_parts(hold_controller(crane())))
+    controller = (
+        hold_controller(crane())
+        if what == "times of the reference"
+        else Meddling(crane(), *_parts(hold_controller(crane())))
+    )
     try:
         found = strategy(controller, _Table(meddling) if what == "times of the reference" else None)
     except CraneError as error:
@@ -209,17 +287,28 @@ def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(strategy: C
     else:  # it was asked at each instant instead
         assert isinstance(found, Trajectory)
         brake = hold_controller(crane())
-        plain = simulate(crane(), lambda t, state, setpoint: brake(t, state, setpoint), duration=0.5, engine="compiled")
+        plain = simulate(
+            crane(),
+            lambda t, state, setpoint: brake(t, state, setpoint),
+            duration=0.5,
+            engine="compiled",
+        )
         assert found.q.tobytes() == plain.q.tobytes()
 
 
-# --- the door itself ---------------------------------------------------------------------------------------------------------------------
+# --- the door itself ------------------------------------------------------------------------------
+# ---------------------------------------
 
 
 def test_only_the_door_takes_addresses_and_calls_compiled_code() -> None:
-    texts = {path.relative_to(ROOT).as_posix(): path.read_text() for path in (ROOT / "cranedyn").rglob("*.py")}
+    texts = {
+        path.relative_to(ROOT).as_posix(): path.read_text()
+        for path in (ROOT / "cranedyn").rglob("*.py")
+    }
     address = re.compile(r"\.ctypes\b|__array_interface__|data_as\(|\.function\(")
-    assert [name for name, text in texts.items() if address.search(text)] == ["cranedyn/compiled/door.py"]
+    assert [name for name, text in texts.items() if address.search(text)] == [
+        "cranedyn/compiled/door.py"
+    ]
 
 
 _LANES, _CRANES, _PERIODS = 8, 11, 20
@@ -254,10 +343,17 @@ def _loop(**changed: Any) -> Loop:
         "log": np.zeros((groups, (_PERIODS + 1) * size(_SIZES.row), _LANES)),
     }
     law, aim, force = np.zeros((6, _LAW)), np.zeros((4, _AIM)), np.zeros((1, _FORCE))
-    tables = [Table(law, 3, starts[0, 0]), Table(aim, 4, starts[0, 1]), Table(force, 1, starts[0, 2])]
+    tables = [
+        Table(law, 3, starts[0, 0]),
+        Table(aim, 4, starts[0, 1]),
+        Table(force, 1, starts[0, 2]),
+    ]
     for i, name in enumerate(("law", "aim", "force")):
         tables[i] = changed.pop(name, tables[i])
-    clock, given = clocks(0.2, 1e-3, 1e-2), {"last": _PERIODS + 1, "end": _PERIODS, **memory, **changed}
+    clock, given = (
+        clocks(0.2, 1e-3, 1e-2),
+        {"last": _PERIODS + 1, "end": _PERIODS, **memory, **changed},
+    )
     return Loop(code, clock, tuple(tables), **given)  # type: ignore[arg-type]
 
 
@@ -279,7 +375,11 @@ _CHANGES: dict[str, Callable[[np.ndarray], Any]] = {
     "the other byte order": lambda array: array.astype(array.dtype.newbyteorder()),
     "turned": np.asfortranarray,
     "a list": lambda array: array.tolist(),
-    "out of place": lambda array: np.frombuffer(b"x" + array.tobytes() + b"x" * 7, np.uint8)[1:-7].view(array.dtype).reshape(array.shape),
+    "out of place": lambda array: (
+        np.frombuffer(b"x" + array.tobytes() + b"x" * 7, np.uint8)[1:-7]
+        .view(array.dtype)
+        .reshape(array.shape)
+    ),
 }
 
 
@@ -287,7 +387,11 @@ _CHANGES: dict[str, Callable[[np.ndarray], Any]] = {
 @pytest.mark.parametrize("name", ["state", "numbers", "offset", "starts", "summary", "log"])
 def test_the_door_opens_for_arrays_of_the_right_shape_and_kind_only(name: str, change: str) -> None:
     with pytest.raises(Misshapen, match="allowed is"):
-        _loop(**_with(name, _CHANGES[change]) if change != "a group less" or name != "state" else {"state": np.zeros((3, 17, _LANES))})
+        _loop(
+            **_with(name, _CHANGES[change])
+            if change != "a group less" or name != "state"
+            else {"state": np.zeros((3, 17, _LANES))}
+        )
 
 
 @pytest.mark.parametrize("name", ["state", "summary", "log"])
@@ -314,11 +418,14 @@ def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name
         {"after": 1.5},
     ],
     ids=(
-        "starts too far, starts before, law short, aim short, no aim, narrow force, nan force, inf offset, "
+        "starts too far, starts before, law short, aim short, no aim, narrow force, nan force, inf "
+        "offset, "
         "log short, no instant, no row, no end, half an instant"
     ).split(", "),
 )
-def test_the_door_opens_for_counts_that_stay_within_the_arrays_only(changed: dict[str, Any]) -> None:
+def test_the_door_opens_for_counts_that_stay_within_the_arrays_only(
+    changed: dict[str, Any],
+) -> None:
     with pytest.raises(OutOfRange, match="allowed is"):
         _loop(**changed)
 
@@ -331,30 +438,52 @@ def test_the_door_knows_its_groups() -> None:
 
 
 @pytest.mark.parametrize(
-    "value", [np.full((2, 5), math.nan), np.full((2, 5), math.inf), 5, None, np.zeros((2, 5), complex), np.zeros((5, 2))]
+    "value",
+    [
+        np.full((2, 5), math.nan),
+        np.full((2, 5), math.inf),
+        5,
+        None,
+        np.zeros((2, 5), complex),
+        np.zeros((5, 2)),
+    ],
 )
 @pytest.mark.parametrize("place", [0, 1, 2])
 def test_forward_dynamics_take_rows_of_finite_numbers_only(place: int, value: Any) -> None:
     model = load_crane().model
     made, given = forward_dynamics(model), [np.ones((2, 5))] * 3
-    model.addJoint(5, type(model.joints[1])(), model.jointPlacements[1], "one more")  # which is not in the code
+    # Which is not in the code.
+    model.addJoint(5, type(model.joints[1])(), model.jointPlacements[1], "one more")
     assert np.isfinite(made(*given)).all()
-    with pytest.raises(OutOfRange, match=f"{('q', 'v', 'tau')[place]} is |{('q', 'v', 'tau')[1 - bool(place)]} is "):
+    with pytest.raises(
+        OutOfRange, match=f"{('q', 'v', 'tau')[place]} is |{('q', 'v', 'tau')[1 - bool(place)]} is "
+    ):
         made(*given[:place], value, *given[place + 1 :])
 
 
-# --- memory that is not ours -------------------------------------------------------------------------------------------------------------
+# --- memory that is not ours ----------------------------------------------------------------------
+# ---------------------------------------
 
 
 def _tried(*arguments: str, **environment: str) -> list[str]:
     command = [sys.executable, "-m", "tests.guarded", "--cases", "60", "--seed", "3", *arguments]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=ROOT, env=os.environ | environment, check=False)
+    run = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        cwd=ROOT,
+        env=os.environ | environment,
+        check=False,
+    )
     assert run.returncode == 0, f"{run.returncode} {run.stderr}"
     return run.stdout.splitlines()
 
 
 def test_no_public_call_reads_or_writes_beside_an_array_or_what_nobody_has_written() -> None:
-    """Between guard pages, and under the checks of the C library with freed memory filled; both times the same comes out, to the bit."""
+    """Between guard pages, and under the checks of the C library with freed memory filled; both
+    times the same comes out, to the bit.
+    """
     checks = next(Path("/usr/lib").glob("*/libc_malloc_debug.so.0"), None)
     preload = {"LD_PRELOAD": str(checks)} if checks else {}
     guarded = _tried()
@@ -372,19 +501,30 @@ for beyond in (0, 1):
         ctypes.memset(array.ctypes.data - beyond, 0, array.nbytes + 2 * beyond)
     print(beyond, flush=True)
 """
-    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=False)
+    run = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT, check=False
+    )
     assert (run.stdout, run.returncode) == ("0\n", -signal.SIGSEGV)
 
 
-# --- pieces, and Ctrl-C between them ------------------------------------------------------------------------------------------------------
+# --- pieces, and Ctrl-C between them --------------------------------------------------------------
+# ----------------------------------------
 
 
 def _everything(integrator: Any, dt: float, drive: Any, buffers: bool) -> list[bytes]:
     """What a run alone in blocks, a run under Python and a batch record."""
     c = crane(trolley_max=10.05)
     start = c.state(phi=0.15, theta=-0.1, x_dot=0.3)
-    brake = hold_controller(c) if drive == "effort" else Hold(c, np.ones(3), np.ones(3), np.zeros(3))
-    clock: dict[str, Any] = {"duration": 0.3, "dt": dt, "control_period": 2e-2, "integrator": integrator, "drive": drive}
+    brake = (
+        hold_controller(c) if drive == "effort" else Hold(c, np.ones(3), np.ones(3), np.zeros(3))
+    )
+    clock: dict[str, Any] = {
+        "duration": 0.3,
+        "dt": dt,
+        "control_period": 2e-2,
+        "integrator": integrator,
+        "drive": drive,
+    }
     reference = ramp(c, hold(c, start), "x", 0.2, rate=0.3, at=0.1)
     found: list[bytes] = []
     for controller in (brake, lambda t, state, setpoint: brake(t, state, setpoint)):
@@ -392,20 +532,39 @@ def _everything(integrator: Any, dt: float, drive: Any, buffers: bool) -> list[b
         run = simulate(c, controller, reference, start=start, **clock, **how)
         found += [getattr(run, name).tobytes() for name in QUANTITIES]
     starts = State(np.tile(start.q, (9, 1)) + 0.01 * np.arange(9)[:, None], np.zeros((9, 5)))
-    batch = simulate_batch(c, brake, reference, start=starts, buffers=buffers, record=1, force=np.full((3, 6), 9.0), **clock)
+    batch = simulate_batch(
+        c,
+        brake,
+        reference,
+        start=starts,
+        buffers=buffers,
+        record=1,
+        force=np.full((3, 6), 9.0),
+        **clock,
+    )
     return found + [
-        np.ascontiguousarray(part).tobytes() for part in (*batch.end, batch.q, batch.effort, batch.peak_swing, batch.valid_until)
+        np.ascontiguousarray(part).tobytes()
+        for part in (*batch.end, batch.q, batch.effort, batch.peak_swing, batch.valid_until)
     ]
 
 
 @pytest.mark.parametrize("steps", [1, 7, 50])
 @pytest.mark.parametrize(
     ("integrator", "dt", "drive", "buffers"),
-    [(semi_implicit_euler, 1e-3, "effort", False), (rk4, 2e-2, "effort", True), (semi_implicit_euler, 5e-4, "motion", False)],
+    [
+        (semi_implicit_euler, 1e-3, "effort", False),
+        (rk4, 2e-2, "effort", True),
+        (semi_implicit_euler, 5e-4, "motion", False),
+    ],
     ids=["Euler", "RK4 with buffers", "motion"],
 )
 def test_a_run_in_pieces_is_the_same_to_the_bit(
-    steps: int, integrator: Any, dt: float, drive: Any, buffers: bool, monkeypatch: pytest.MonkeyPatch
+    steps: int,
+    integrator: Any,
+    dt: float,
+    drive: Any,
+    buffers: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     whole = _everything(integrator, dt, drive, buffers)
     monkeypatch.setattr(door, "_PIECE", steps)
@@ -413,12 +572,20 @@ def test_a_run_in_pieces_is_the_same_to_the_bit(
 
 
 def test_integrals_are_the_same_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    table = Tracking(1e-2, np.zeros((1, 3)) - [0.0, 0.0, 9810.0], np.zeros((1, 3, 10)), np.zeros((1, 10)))
+    table = Tracking(
+        1e-2, np.zeros((1, 3)) - [0.0, 0.0, 9810.0], np.zeros((1, 3, 10)), np.zeros((1, 10))
+    )
 
     def integral() -> tuple[float, bytes]:
         controller = HoistIntegral(crane(), table, 2e3, 1.2e4)
         run = simulate(
-            crane(), controller, hold(crane(), crane().state(l=15.2)), duration=0.3, dt=1e-3, control_period=1e-2, engine="compiled"
+            crane(),
+            controller,
+            hold(crane(), crane().state(l=15.2)),
+            duration=0.3,
+            dt=1e-3,
+            control_period=1e-2,
+            engine="compiled",
         )
         return controller.integral, run.q.tobytes()
 
@@ -447,7 +614,12 @@ def _ctrl_c(after: float) -> Iterator[list[float]]:
 
 
 _WEIGHT = np.array([0.0, 0.0, -9810.0])
-_STANDING: dict[str, Any] = {"crane": crane(), "controller": hold_controller(crane()), "control_period": 3.0, "duration": 3.0}
+_STANDING: dict[str, Any] = {
+    "crane": crane(),
+    "controller": hold_controller(crane()),
+    "control_period": 3.0,
+    "duration": 3.0,
+}
 _LONG: dict[str, tuple[Callable[..., object], dict[str, Any]]] = {
     "a period of 3e8 steps": (simulate, {**_STANDING, "dt": 1e-8, "engine": "compiled"}),
     "the same under Python": (
@@ -459,7 +631,16 @@ _LONG: dict[str, tuple[Callable[..., object], dict[str, Any]]] = {
     "a batch of such periods": (simulate_batch, {**_STANDING, "start": NINE, "dt": 1e-8}),
     "a batch of the longest steps": (
         simulate_batch,
-        {**_STANDING, "start": NINE, "duration": 1e7, "control_period": 1e3, "dt": 1e3, "integrator": rk4, "buffers": True, "threads": 1},
+        {
+            **_STANDING,
+            "start": NINE,
+            "duration": 1e7,
+            "control_period": 1e3,
+            "dt": 1e3,
+            "integrator": rk4,
+            "buffers": True,
+            "threads": 1,
+        },
     ),
 }
 LONG = pytest.mark.parametrize(("run", "how"), list(_LONG.values()), ids=list(_LONG))
@@ -473,16 +654,23 @@ def _prepared(run: Callable[..., object], how: dict[str, Any]) -> None:
 
 
 @LONG
-def test_ctrl_c_is_answered_within_two_seconds_whatever_runs(run: Callable[..., object], how: dict[str, Any]) -> None:
+def test_ctrl_c_is_answered_within_two_seconds_whatever_runs(
+    run: Callable[..., object], how: dict[str, Any]
+) -> None:
     _prepared(run, how)
     with _ctrl_c(0.3) as came, pytest.raises((KeyboardInterrupt, RunError)) as caught:
         run(**how)
     assert time.process_time() - came[0] < 2.0  # the machine may be busy with others
-    assert isinstance(caught.value, KeyboardInterrupt) or str(caught.value) == "Interrupted at t = 0.000 s."
+    assert (
+        isinstance(caught.value, KeyboardInterrupt)
+        or str(caught.value) == "Interrupted at t = 0.000 s."
+    )
 
 
 @pytest.mark.parametrize(("run", "how"), [one for one in _LONG.values() if one[0] is simulate])
-def test_a_run_in_a_thread_of_its_own_can_be_ended_as_soon(run: Callable[..., object], how: dict[str, Any]) -> None:
+def test_a_run_in_a_thread_of_its_own_can_be_ended_as_soon(
+    run: Callable[..., object], how: dict[str, Any]
+) -> None:
     _prepared(run, how)
     ended: list[BaseException] = []
 
@@ -496,30 +684,52 @@ def test_a_run_in_a_thread_of_its_own_can_be_ended_as_soon(run: Callable[..., ob
     thread.start()
     time.sleep(0.3)
     began = time.process_time()
-    raised = ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(KeyboardInterrupt))
+    raised = ctypes.pythonapi.PyThreadState_SetAsyncExc(
+        ctypes.c_ulong(thread.ident or 0), ctypes.py_object(KeyboardInterrupt)
+    )
     thread.join(30.0)
     assert (raised, thread.is_alive()) == (1, False)
     assert time.process_time() - began < 2.0
     assert str(ended[0]) == "Interrupted at t = 0.000 s."
 
 
-# --- many threads -------------------------------------------------------------------------------------------------------------------------
+# --- many threads ---------------------------------------------------------------------------------
+# ----------------------------------------
 
 
 def test_runs_and_batches_in_many_threads_give_what_they_give_alone() -> None:
     # masses that no other test has, so that code is made in threads, too
     cranes = {mass: load_crane(payload_mass=mass) for mass in (1017.0, 1019.0)} | {1000.0: crane()}
-    shared, starts = crane(), State(np.tile(crane().start.q, (9, 1)) + 0.1 * np.arange(9)[:, None], np.zeros((9, 5)))
+    shared, starts = (
+        crane(),
+        State(np.tile(crane().start.q, (9, 1)) + 0.1 * np.arange(9)[:, None], np.zeros((9, 5))),
+    )
 
     def alone(mass: float) -> bytes:
         c = cranes[mass]
-        return simulate(c, hold_controller(c), start=c.state(phi=0.1), duration=0.3, validity="mark", engine="compiled").q.tobytes()
+        return simulate(
+            c,
+            hold_controller(c),
+            start=c.state(phi=0.1),
+            duration=0.3,
+            validity="mark",
+            engine="compiled",
+        ).q.tobytes()
 
     def batch(mass: float) -> bytes:
         c = cranes[mass]
-        return simulate_batch([c, shared] * 4 + [c], hold_controller(c), start=starts, duration=0.3, record=1, threads=2).q.tobytes()
+        return simulate_batch(
+            [c, shared] * 4 + [c],
+            hold_controller(c),
+            start=starts,
+            duration=0.3,
+            record=1,
+            threads=2,
+        ).q.tobytes()
 
-    tasks = [(way, mass) for mass in (1000.0, 1017.0, 1000.0, 1019.0) for way in (alone, batch, alone)]
+    tasks = [
+        (way, mass) for mass in (1000.0, 1017.0, 1000.0, 1019.0) for way in (alone, batch, alone)
+    ]
     often, before = 1e-5, sys.getswitchinterval()
     sys.setswitchinterval(often)
     try:

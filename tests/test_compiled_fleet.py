@@ -1,4 +1,6 @@
-"""Cranes that go on from one command to the next: each as in `simulate`, and no call that could harm."""
+"""Cranes that go on from one command to the next: each as in `simulate`, and no call that could
+harm.
+"""
 
 from __future__ import annotations
 
@@ -27,15 +29,24 @@ COUNT = 19
 
 def scattered(rng: np.random.Generator, count: int) -> State:
     """States near the start of the crane."""
-    return State(crane().start.q + rng.uniform(-0.1, 0.1, (count, 5)), rng.uniform(-0.1, 0.1, (count, 5)))
+    return State(
+        crane().start.q + rng.uniform(-0.1, 0.1, (count, 5)), rng.uniform(-0.1, 0.1, (count, 5))
+    )
 
 
 def test_efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate() -> None:
-    rng, cranes, steps = np.random.default_rng(1), [crane(), crane(payload_mass=2500.0, trolley_effort=500.0)], 25
+    rng, cranes, steps = (
+        np.random.default_rng(1),
+        [crane(), crane(payload_mass=2500.0, trolley_effort=500.0)],
+        25,
+    )
     fleet = Fleet(cranes, COUNT, drive="effort", control_period=2e-2, dt=1e-3)
     start, kinds = scattered(rng, COUNT), rng.integers(0, 2, COUNT)
     fleet.place(np.arange(COUNT), start, kinds)
-    commands = rng.uniform(-1.0, 1.0, (steps, 3, COUNT)) * np.array([1e5, 2e3, 4e3])[:, None] - np.array([0.0, 0.0, 1e4])[:, None]
+    commands = (
+        rng.uniform(-1.0, 1.0, (steps, 3, COUNT)) * np.array([1e5, 2e3, 4e3])[:, None]
+        - np.array([0.0, 0.0, 1e4])[:, None]
+    )
     found = np.array([fleet.step(command).copy() for command in commands])
     for i in (0, COUNT - 1):
         run = simulate(
@@ -47,17 +58,26 @@ def test_efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate() -> None:
             control_period=2e-2,
             validity="mark",
         )
-        assert_allclose(found[:, :, i], np.hstack([run.q, run.v])[1:], atol=1e-11)  # round-off of efforts of 1e5 N m
+        # round-off of efforts of 1e5 N m.
+        assert_allclose(found[:, :, i], np.hstack([run.q, run.v])[1:], atol=1e-11)
     assert (np.abs(commands[:, 1]) > 500.0).any()
 
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 @pytest.mark.parametrize("relative", [HOOK, ROPE, BRIDGE], ids=lambda relative: relative.name)
-def test_cranes_of_other_topology_move_as_in_simulate_under_forces_on_their_points(relative: Relative, drive: Drive) -> None:
-    rng, kinds, steps = np.random.default_rng(4), [relative.crane(), relative.crane(payload_mass=1500.0)], 20
+def test_cranes_of_other_topology_move_as_in_simulate_under_forces_on_their_points(
+    relative: Relative, drive: Drive
+) -> None:
+    rng, kinds, steps = (
+        np.random.default_rng(4),
+        [relative.crane(), relative.crane(payload_mass=1500.0)],
+        20,
+    )
     c, n, m = kinds[0], kinds[0].layout.n, kinds[0].layout.m
     fleet = Fleet(kinds, COUNT, drive=drive, control_period=2e-2, dt=1e-3, forces=True)
-    start = State(c.start.q + rng.uniform(-0.01, 0.01, (COUNT, n)), rng.uniform(-0.01, 0.01, (COUNT, n)))
+    start = State(
+        c.start.q + rng.uniform(-0.01, 0.01, (COUNT, n)), rng.uniform(-0.01, 0.01, (COUNT, n))
+    )
     which, force = rng.integers(0, 2, COUNT), rng.uniform(-200.0, 200.0, (COUNT, 3 * len(c.points)))
     fleet.place(np.arange(COUNT), start, which)
     fleet.push(np.arange(COUNT), force)
@@ -80,22 +100,36 @@ def test_cranes_of_other_topology_move_as_in_simulate_under_forces_on_their_poin
 
 
 def test_cranes_of_different_joints_are_not_one_fleet() -> None:
-    with pytest.raises(CraneError, match=r"joints of a crane is yaw_joint, .*sling.*; allowed is those of the first"):
+    with pytest.raises(
+        CraneError,
+        match=r"joints of a crane is yaw_joint, .*sling.*; allowed is those of the first",
+    ):
         Fleet([crane(), HOOK.crane()], COUNT)
 
 
-SPRING = """<gazebo reference="swing_radial_joint"><springStiffness>2e4</springStiffness></gazebo></robot>"""
+SPRING = (
+    '<gazebo reference="swing_radial_joint"><springStiffness>2e4</springStiffness></gazebo></robot>'
+)
 
 
 @pytest.mark.parametrize(
     "together",
-    [lambda cranes: Fleet(cranes, COUNT), lambda cranes: simulate_batch(cranes, hold_controller(cranes[0]), duration=0.01)],
+    [
+        lambda cranes: Fleet(cranes, COUNT),
+        lambda cranes: simulate_batch(cranes, hold_controller(cranes[0]), duration=0.01),
+    ],
     ids=["fleet", "batch"],
 )
-def test_cranes_with_springs_in_different_joints_do_not_run_together(together: Any, tmp_path: Path) -> None:
+def test_cranes_with_springs_in_different_joints_do_not_run_together(
+    together: Any, tmp_path: Path
+) -> None:
     path = tmp_path / "sprung.urdf"
     path.write_text(crane().urdf.replace("</robot>", SPRING))
-    with pytest.raises(CraneError, match="joints of a crane with springs is swing_radial_joint; allowed is those of the first crane"):
+    with pytest.raises(
+        CraneError,
+        match="joints of a crane with springs is swing_radial_joint; allowed is those of the first "
+        "crane",
+    ):
         together([crane(), load_crane(path, gravity=9.81)])
 
 
@@ -103,7 +137,10 @@ def test_cranes_with_springs_in_different_joints_do_not_run_together(together: A
 def test_how_many_there_are_and_on_how_many_threads_changes_no_bit(threads: int) -> None:
     rng = np.random.default_rng(2)
     start, command = scattered(rng, 900), rng.uniform(-0.1, 0.1, (3, 900))
-    many, one = Fleet(crane(), 900, control_period=1e-2, threads=threads), Fleet(crane(), 1, control_period=1e-2)
+    many, one = (
+        Fleet(crane(), 900, control_period=1e-2, threads=threads),
+        Fleet(crane(), 1, control_period=1e-2),
+    )
     many.place(np.arange(900), start)
     assert len(many.parts) == threads
     for _ in range(3):
@@ -135,21 +172,41 @@ def test_one_that_diverges_or_is_placed_anew_is_felt_by_no_other() -> None:
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda f: f.step(np.zeros((3, COUNT - 1))), r"command is an array of shape \(3, 18\); allowed is one of shape \(3, 19\)"),
+        (
+            lambda f: f.step(np.zeros((3, COUNT - 1))),
+            r"command is an array of shape \(3, 18\); allowed is one of shape \(3, 19\)",
+        ),
         (lambda f: f.step(np.full((3, COUNT), np.nan)), "command is nan; allowed is finite"),
         (lambda f: f.step("now"), "command is 'now'"),
         (lambda f: f.advance(7, np.zeros((3, COUNT))), "part is 7; allowed is 0 to 0"),
         (lambda f: f.advance(-1, np.zeros((3, COUNT))), "part is -1"),
-        (lambda f: f.place(np.array([COUNT]), crane().start), "which crane is 19.0; allowed is a whole number from 0 to 18"),
+        (
+            lambda f: f.place(np.array([COUNT]), crane().start),
+            "which crane is 19.0; allowed is a whole number from 0 to 18",
+        ),
         (lambda f: f.place(np.array([0.5]), crane().start), "which crane is 0.5"),
         (lambda f: f.place(np.array([-1]), crane().start), "which crane is -1"),
-        (lambda f: f.place(np.arange(3), crane().start, np.array([0, 0])), "cranes chosen is 2; allowed is 3"),
-        (lambda f: f.place(np.arange(2), crane().start, np.array([0, 1])), "crane to choose is 1.0; allowed is a whole number from 0 to 0"),
-        (lambda f: f.place(np.arange(2), State(np.full(5, np.inf), np.zeros(5))), "coordinates at the start is inf"),
-        (lambda f: f.push(np.arange(2), np.zeros((2, 6))), "forces from outside is an array.*made with forces = True"),
+        (
+            lambda f: f.place(np.arange(3), crane().start, np.array([0, 0])),
+            "cranes chosen is 2; allowed is 3",
+        ),
+        (
+            lambda f: f.place(np.arange(2), crane().start, np.array([0, 1])),
+            "crane to choose is 1.0; allowed is a whole number from 0 to 0",
+        ),
+        (
+            lambda f: f.place(np.arange(2), State(np.full(5, np.inf), np.zeros(5))),
+            "coordinates at the start is inf",
+        ),
+        (
+            lambda f: f.push(np.arange(2), np.zeros((2, 6))),
+            "forces from outside is an array.*made with forces = True",
+        ),
     ],
 )
-def test_a_call_that_could_harm_is_refused_in_a_sentence_and_changes_nothing(call: Any, sentence: str) -> None:
+def test_a_call_that_could_harm_is_refused_in_a_sentence_and_changes_nothing(
+    call: Any, sentence: str
+) -> None:
     fleet = Fleet(crane(), COUNT, control_period=1e-2)
     before = fleet.z.copy()
     with pytest.raises(CraneError, match=sentence):

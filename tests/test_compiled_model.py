@@ -1,4 +1,6 @@
-"""Compiled forward dynamics of any tree of joints with one degree of freedom, against Pinocchio's."""
+"""Compiled forward dynamics of any tree of joints with one degree of freedom, against
+Pinocchio's.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ JOINTS: dict[str, Callable[[np.random.Generator], object]] = {
     "prismatic y": lambda rng: pin.JointModelPY(),
     "prismatic along any axis": lambda rng: pin.JointModelPrismaticUnaligned(_unit(rng)),
     "helical": lambda rng: pin.JointModelHY(float(rng.normal())),
-    "helical about any axis": lambda rng: pin.JointModelHelicalUnaligned(_unit(rng), float(rng.normal())),
+    "helical about any axis": lambda rng: pin.JointModelHelicalUnaligned(
+        _unit(rng), float(rng.normal())
+    ),
     "unbounded y": lambda rng: pin.JointModelRUBY(),
 }
 
@@ -52,7 +56,9 @@ def _tree(kinds: list[str], seed: int, *, branch: bool, armature: bool) -> pin.M
     for i, kind in enumerate(kinds):
         parent = int(rng.integers(0, i + 1)) if branch else i
         rotation = pin.Quaternion(rng.normal(size=4)).normalized().matrix()
-        joint = model.addJoint(parent, JOINTS[kind](rng), pin.SE3(rotation, rng.normal(size=3)), f"joint {i}")
+        joint = model.addJoint(
+            parent, JOINTS[kind](rng), pin.SE3(rotation, rng.normal(size=3)), f"joint {i}"
+        )
         model.appendBodyToJoint(joint, _inertia(rng), pin.SE3.Identity())
     if armature:
         model.armature = rng.uniform(0.0, 3.0, model.nv)
@@ -60,22 +66,41 @@ def _tree(kinds: list[str], seed: int, *, branch: bool, armature: bool) -> pin.M
 
 
 def _worst(model: pin.Model, rng: np.random.Generator, states: int = 20) -> float:
-    """Largest difference from `pin.aba`, in units of what 1000 roundings of a mass matrix of this condition can do, 1e-11 at least."""
-    q = np.array([pin.integrate(model, pin.neutral(model), turn) for turn in rng.uniform(-9.0, 9.0, (states, model.nv))])
+    """Largest difference from `pin.aba`, in units of what 1000 roundings of a mass matrix of this
+    condition can do, 1e-11 at least.
+    """
+    q = np.array(
+        [
+            pin.integrate(model, pin.neutral(model), turn)
+            for turn in rng.uniform(-9.0, 9.0, (states, model.nv))
+        ]
+    )
     v, tau = rng.normal(size=(2, states, model.nv)) * 3.0
     found, data = forward_dynamics(model)(q, v, tau), model.createData()
     worst = 0.0
     for row in range(states):
         expected = pin.aba(model, data, q[row], v[row], tau[row])
         allowed = max(1e-11, rigid_body.lost_digits(pin.crba(model, data, q[row])))
-        worst = max(worst, float(np.abs(found[row] - expected).max() / np.abs(expected).max() / allowed))
+        worst = max(
+            worst, float(np.abs(found[row] - expected).max() / np.abs(expected).max() / allowed)
+        )
     return worst
 
 
 @settings(max_examples=20)
-@given(st.lists(st.sampled_from(list(JOINTS)), min_size=1, max_size=5), st.integers(0, 10**6), st.booleans(), st.booleans())
-def test_any_tree_moves_as_in_pinocchio(kinds: list[str], seed: int, branch: bool, armature: bool) -> None:
-    assert _worst(_tree(kinds, seed, branch=branch, armature=armature), np.random.default_rng(seed)) < 1.0
+@given(
+    st.lists(st.sampled_from(list(JOINTS)), min_size=1, max_size=5),
+    st.integers(0, 10**6),
+    st.booleans(),
+    st.booleans(),
+)
+def test_any_tree_moves_as_in_pinocchio(
+    kinds: list[str], seed: int, branch: bool, armature: bool
+) -> None:
+    assert (
+        _worst(_tree(kinds, seed, branch=branch, armature=armature), np.random.default_rng(seed))
+        < 1.0
+    )
 
 
 @pytest.mark.parametrize("name", [*ROBOTS, "kinova.urdf"])
@@ -114,7 +139,11 @@ def _composite() -> pin.JointModelComposite:
     ],
 )
 def test_a_joint_that_cannot_be_compiled_is_named(joint: object, kind: str) -> None:
-    with pytest.raises(ModelError, match=rf"wrist is a {kind}; .* must be revolute, prismatic or helical, with one degree of freedom"):
+    with pytest.raises(
+        ModelError,
+        match=rf"wrist is a {kind}; .* must be revolute, prismatic or helical, with one degree of "
+        r"freedom",
+    ):
         forward_dynamics(_with(joint))
 
 
@@ -130,7 +159,9 @@ def test_a_model_without_joints_is_refused() -> None:
 
 
 def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return rigid_body.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] + a[1] * b[0]])
+    return rigid_body.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] + a[1] * b[0]]
+    )
 
 
 def _heavier(tree: rigid_body.Bodies) -> np.ndarray:
@@ -143,20 +174,29 @@ _NUMBERS = rigid_body.Bodies.numbers
 
 
 @pytest.mark.parametrize(("what", "wrong"), [("cross", _wrong_cross), ("Bodies.numbers", _heavier)])
-def test_code_that_moves_otherwise_is_refused(what: str, wrong: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_that_moves_otherwise_is_refused(
+    what: str, wrong: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
     model = _tree(["revolute x", "prismatic y", "revolute z"], 5, branch=False, armature=False)
     forward_dynamics(model)
     monkeypatch.setattr(f"cranedyn.dynamics.rigid_body.{what}", wrong)
-    with pytest.raises(ModelError, match=r"moves otherwise than in Pinocchio: accelerations differ by .* of the largest"):
+    with pytest.raises(
+        ModelError,
+        match=r"moves otherwise than in Pinocchio: accelerations differ by .* of the largest",
+    ):
         forward_dynamics(model)
 
 
 def test_states_that_do_not_fit_are_refused_and_no_states_are_none() -> None:
     made = forward_dynamics(_robot("double_pendulum_continuous.urdf"))
     q, v = np.array([[1.0, 0.0, 1.0, 0.0]]), np.zeros((1, 2))
-    with pytest.raises(OutOfRange, match=r"q is an array of shape \(1, 2\); allowed is one of shape \(1, 4\)"):
+    with pytest.raises(
+        OutOfRange, match=r"q is an array of shape \(1, 2\); allowed is one of shape \(1, 4\)"
+    ):
         made(v, v, v)
-    with pytest.raises(OutOfRange, match=r"tau is an array of shape \(2,\); allowed is one of shape \(1, 2\)"):
+    with pytest.raises(
+        OutOfRange, match=r"tau is an array of shape \(2,\); allowed is one of shape \(1, 2\)"
+    ):
         made(q, v, v[0])
     assert made(q[:0], v[:0], v[:0]).shape == (0, 2)
 
@@ -167,7 +207,9 @@ def test_each_row_is_answered_by_itself_and_what_goes_in_stays_as_it_was() -> No
     q, v, tau = rng.normal(size=(3, 5, model.nv))
     before = q.copy(), v.copy(), tau.copy()
     together = made(q, v, tau)
-    assert [made(q[i : i + 1], v[i : i + 1], tau[i : i + 1])[0].tolist() for i in range(5)] == together.tolist()
+    assert [
+        made(q[i : i + 1], v[i : i + 1], tau[i : i + 1])[0].tolist() for i in range(5)
+    ] == together.tolist()
     assert [a.tolist() for a in before] == [q.tolist(), v.tolist(), tau.tolist()]
 
 

@@ -9,7 +9,9 @@ import pytest
 from tests.helpers import ROOT
 
 
-def test_the_code_of_the_page_runs_from_its_first_line_to_its_last(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_of_the_page_runs_from_its_first_line_to_its_last(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.chdir(ROOT)
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", text, flags=re.S)

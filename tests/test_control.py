@@ -1,4 +1,6 @@
-"""Tracking control: splines, flat paths, LQR, the paper's planes, shapers, the operator; each against something independent."""
+"""Tracking control: splines, flat paths, LQR, the paper's planes, shapers, the operator; each
+against something independent.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,22 @@ from scipy.linalg import expm, solve_discrete_are
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import follow
 from cranedyn.controllers.lqr import effort_weight_of, lqr, state_weight_of
-from cranedyn.controllers.paper import SLEW_WEIGHTS, TROLLEY_WEIGHTS, paper_controller, slew_plane, trolley_plane
+from cranedyn.controllers.paper import (
+    SLEW_WEIGHTS,
+    TROLLEY_WEIGHTS,
+    paper_controller,
+    slew_plane,
+    trolley_plane,
+)
 from cranedyn.controllers.riccati import riccati
 from cranedyn.dynamics.linearisation import sampled
-from cranedyn.dynamics.pinocchio import acceleration, holding_effort, linearise, payload_position, prescribed_acceleration
+from cranedyn.dynamics.pinocchio import (
+    acceleration,
+    holding_effort,
+    linearise,
+    payload_position,
+    prescribed_acceleration,
+)
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.references import hold, ramp
@@ -35,13 +49,19 @@ def swing_left(run: np.ndarray) -> float:
     return float(np.ptp(run) / 2.0)
 
 
-# ------------------------------------------------------------------------------------------------------------------ splines
+# --------------------------------------------------------------------------------------------------
+# ---------------- splines
 
 
 def test_a_spline_is_at_rest_at_every_waypoint_and_passes_through_it() -> None:
     start = crane().state(x=10.0, l=15.0)
     reference = spline(crane(), start, [(0.3, 12.0, 14.0), (0.6, 20.0, 10.0)], [5.0, 8.0], at=1.0)
-    for t, point in ((1.0, start.q[crane().layout.drives]), (6.0, (0.3, 12.0, 14.0)), (14.0, (0.6, 20.0, 10.0)), (99.0, (0.6, 20.0, 10.0))):
+    for t, point in (
+        (1.0, start.q[crane().layout.drives]),
+        (6.0, (0.3, 12.0, 14.0)),
+        (14.0, (0.6, 20.0, 10.0)),
+        (99.0, (0.6, 20.0, 10.0)),
+    ):
         setpoint = reference(t)
         # 1e-12: rounding of polynomials of order one
         np.testing.assert_allclose(setpoint.position, point, atol=1e-12)
@@ -53,9 +73,14 @@ def test_rates_of_a_spline_are_the_derivatives_of_its_position() -> None:
     h = 1e-4
     for t in (2.0, 7.3, 19.0):
         before, now, after = (reference(t + s) for s in (-h, 0.0, h))
-        # central differences: h² times the third derivative, below 1e-8 here, and rounding 1e-15/h² of the second
-        np.testing.assert_allclose((after.position - before.position) / (2 * h), now.velocity, atol=1e-7)
-        np.testing.assert_allclose((after.velocity - before.velocity) / (2 * h), now.acceleration, atol=1e-7)
+        # central differences: h² times the third derivative, below 1e-8 here, and rounding 1e-15/h²
+        # of the second
+        np.testing.assert_allclose(
+            (after.position - before.position) / (2 * h), now.velocity, atol=1e-7
+        )
+        np.testing.assert_allclose(
+            (after.velocity - before.velocity) / (2 * h), now.acceleration, atol=1e-7
+        )
 
 
 def test_the_shortest_spline_reaches_a_limit_and_exceeds_none() -> None:
@@ -64,13 +89,19 @@ def test_the_shortest_spline_reaches_a_limit_and_exceeds_none() -> None:
     for goal in ((0.6, 12.0, 15.0), (0.0, 20.0, 14.0), (0.01, 10.2, 5.0)):
         (duration,) = shortest(crane(), start, [goal], rates=rates, accelerations=accelerations)
         setpoint = spline(crane(), start, [goal], [duration]).at(np.linspace(0.0, duration, 4001))
-        use = max((np.abs(setpoint.velocity).max(axis=0) / rates).max(), (np.abs(setpoint.acceleration).max(axis=0) / accelerations).max())
+        use = max(
+            (np.abs(setpoint.velocity).max(axis=0) / rates).max(),
+            (np.abs(setpoint.acceleration).max(axis=0) / accelerations).max(),
+        )
         assert use == pytest.approx(1.0, abs=1e-6)  # 4001 samples meet the peak within 1e-7
 
 
 @pytest.mark.parametrize(("duration", "degrees"), [(10.0, 10.687330), (15.0, 1.395181)])
-def test_a_quintic_move_leaves_the_swing_of_the_closed_form(duration: float, degrees: float) -> None:
-    # A thousandth of the published 10 m, so that the swing is small and everything linear; dt and control period are halved away.
+def test_a_quintic_move_leaves_the_swing_of_the_closed_form(
+    duration: float, degrees: float
+) -> None:
+    # A thousandth of the published 10 m, so that the swing is small and everything linear; dt and
+    # control period are halved away.
     way = 0.01
     point = big_crane()
     start = point.state(x=10.0, l=20.0)
@@ -78,16 +109,25 @@ def test_a_quintic_move_leaves_the_swing_of_the_closed_form(duration: float, deg
 
     def left(dt: float) -> float:
         run = quickly(
-            point, follow(point, reference, dt), reference, start=start, duration=duration + 20.0, dt=dt, control_period=dt, drive="motion"
+            point,
+            follow(point, reference, dt),
+            reference,
+            start=start,
+            duration=duration + 20.0,
+            dt=dt,
+            control_period=dt,
+            drive="motion",
         )
         return swing_left(run["phi_rad"][run.t >= duration])
 
     extrapolated = 2.0 * left(2.5e-3) - left(5e-3)
-    # second order in dt is left: (ω dt)² = 3e-6; the top of the swing is met by samples within (ω dt)²/8
+    # second order in dt is left: (ω dt)² = 3e-6; the top of the swing is met by samples within (ω
+    # dt)²/8
     assert math.degrees(extrapolated) * 10.0 / way == pytest.approx(degrees, rel=2e-5)
 
 
-# ------------------------------------------------------------------------------------------------------------------ flat paths
+# --------------------------------------------------------------------------------------------------
+# ---------------- flat paths
 
 
 def test_the_smoothstep_has_four_derivatives_zero_at_both_ends() -> None:
@@ -103,26 +143,43 @@ def test_a_flat_motion_of_a_point_load_obeys_the_equations_of_motion() -> None:
     tracking = lqr(point, motion)
     for k in range(200, 3800, 300):
         a = acceleration(point, State(motion.q[k], motion.v[k]), tracking.feed_forward[k])
-        # two second derivatives of samples 5 ms apart: 1e-15 · 20 m / (5 ms)² = 1e-9 m/s², a pivot of that over g times l, again / (5 ms)²
+        # two second derivatives of samples 5 ms apart: 1e-15 · 20 m / (5 ms)² = 1e-9 m/s², a pivot
+        # of that over g times l, again / (5 ms)²
         np.testing.assert_allclose(a, motion.a[k], rtol=0, atol=1e-5)
 
 
-@pytest.mark.parametrize(("values", "left"), [({}, 6e-6), ({"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0}, 1e-6)])
-def test_a_flat_slew_leaves_the_swing_that_the_documents_tell_of(values: dict[str, float], left: float) -> None:
+@pytest.mark.parametrize(
+    ("values", "left"),
+    [({}, 6e-6), ({"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0}, 1e-6)],
+)
+def test_a_flat_slew_leaves_the_swing_that_the_documents_tell_of(
+    values: dict[str, float], left: float
+) -> None:
     load = crane(damp_swing=0.0, **values)
     motion = flat(load, load.state(x=15.0, l=15.0), load.state(gamma=0.6, x=15.0, l=15.0), 20.0)
-    run = quickly(load, follow(load, motion, 5e-3), motion, start=load.state(x=15.0, l=15.0), duration=25.0, drive="motion")
+    run = quickly(
+        load,
+        follow(load, motion, 5e-3),
+        motion,
+        start=load.state(x=15.0, l=15.0),
+        duration=25.0,
+        drive="motion",
+    )
     amplitude = swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], G)[0]
-    assert amplitude == pytest.approx(left, abs=5e-7)  # half of the last digit told: "0.006 mrad", "0.001 mrad"
+    # Half of the last digit told: "0.006 mrad", "0.001 mrad".
+    assert amplitude == pytest.approx(left, abs=5e-7)
     assert np.linalg.norm(run.q[:, 2:4], axis=1).max() == pytest.approx(22e-3, abs=5e-4)
 
 
-def test_a_flat_motion_of_a_load_with_inertia_is_exact_in_the_plane_of_the_jib_on_a_cable_of_constant_length() -> None:
+def test_a_flat_motion_of_a_load_with_inertia_is_exact_along_the_jib_on_a_constant_cable() -> None:
     still = crane(damp_swing=0.0)
     motion = flat(still, still.state(x=10.0, l=10.0), still.state(x=20.0, l=10.0), 12.0)
     for k in range(100, 2400, 37):
-        a, _ = prescribed_acceleration(still, State(motion.q[k], motion.v[k]), motion.a[k, still.layout.drives])
-        # second derivatives of samples, as above, on a shorter cable; taken for a point the load would be off by I/(m l²) = 5e-3 of 0.03
+        a, _ = prescribed_acceleration(
+            still, State(motion.q[k], motion.v[k]), motion.a[k, still.layout.drives]
+        )
+        # second derivatives of samples, as above, on a shorter cable; taken for a point the load
+        # would be off by I/(m l²) = 5e-3 of 0.03
         np.testing.assert_allclose(a, motion.a[k], rtol=0, atol=2e-5)
 
 
@@ -130,7 +187,9 @@ def test_a_flat_motion_starts_and_ends_with_the_load_at_rest_where_asked() -> No
     first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)
     motion = flat(crane(), first, last, 20.0)
     for q, v, end in ((motion.q[0], motion.v[0], first), (motion.q[-1], motion.v[-1], last)):
-        np.testing.assert_allclose(payload_position(crane(), q), payload_position(crane(), end.q), atol=1e-7)
+        np.testing.assert_allclose(
+            payload_position(crane(), q), payload_position(crane(), end.q), atol=1e-7
+        )
         np.testing.assert_allclose(v, 0.0, atol=1e-12)
         np.testing.assert_allclose(q[2:4], 0.0, atol=1e-7)
 
@@ -140,16 +199,20 @@ def test_a_path_that_falls_faster_than_gravity_is_refused() -> None:
         flat(crane(), crane().state(l=4.0), crane().state(l=26.0), 2.0)
 
 
-# ------------------------------------------------------------------------------------------------------------------ LQR
+# --------------------------------------------------------------------------------------------------
+# ---------------- LQR
 
 
 def test_the_finite_horizon_tends_to_the_algebraic_riccati_equation() -> None:
     model = sampled(crane(), crane().state(l=10.0))
     n, q, r = 6000, state_weight_of(crane()), effort_weight_of(crane())
-    gains = riccati(np.repeat(model.a[None], n, 0), np.repeat(model.b[None], n, 0), q, r, np.zeros((10, 10))).gain
+    gains = riccati(
+        np.repeat(model.a[None], n, 0), np.repeat(model.b[None], n, 0), q, r, np.zeros((10, 10))
+    ).gain
     p = solve_discrete_are(model.a, model.b, q, r)
     steady = np.linalg.solve(r + model.b.T @ p @ model.b, model.b.T @ p @ model.a)
-    # 30 s are many time constants of the loop; the algebraic solution is good to about 1e-8 of its largest entry
+    # 30 s are many time constants of the loop; the algebraic solution is good to about 1e-8 of its
+    # largest entry
     np.testing.assert_allclose(gains[0], steady, rtol=1e-5, atol=1e-8 * np.abs(steady).max())
 
 
@@ -187,7 +250,9 @@ def test_no_other_feedback_costs_less_than_the_riccati_sweep() -> None:
         (np.array([[1.0, 0.5], [0.0, 1.0]]), np.eye(1), "state weight"),
     ],
 )
-def test_weights_that_are_not_positive_definite_are_refused(state_weight: np.ndarray, effort_weight: np.ndarray, words: str) -> None:
+def test_weights_that_are_not_positive_definite_are_refused(
+    state_weight: np.ndarray, effort_weight: np.ndarray, words: str
+) -> None:
     with pytest.raises(CraneError, match=words):
         riccati(np.eye(2)[None], np.ones((1, 2, 1)), state_weight, effort_weight, np.eye(2))
 
@@ -203,11 +268,14 @@ def test_a_tracked_flat_motion_arrives_without_swing_and_half_the_payload_keeps_
     assert np.abs(run.since(39.0).q[:, 2:4]).max() < 1e-3
 
 
-# ------------------------------------------------------------------------------------------------------------------ the paper
+# --------------------------------------------------------------------------------------------------
+# ---------------- the paper
 
 
 def test_the_papers_planes_are_the_linear_crane_where_inertia_is_left_out() -> None:
-    bare = crane(payload_inertia=0.0, dummy_mass=0.0, dummy_inertia=0.0, damp_swing=0.0, trolley_inertia=0.0)
+    bare = crane(
+        payload_inertia=0.0, dummy_mass=0.0, dummy_inertia=0.0, damp_swing=0.0, trolley_inertia=0.0
+    )
     state = bare.state(x=12.0, l=9.0)
     by_state, by_effort = linearise(bare, state, holding_effort(bare, state.q))
     inertia = bare.slewing_inertia + bare.trolley_mass * 12.0**2
@@ -232,8 +300,11 @@ def test_the_papers_gains_end_as_the_stationary_ones_of_the_held_planes() -> Non
     ):
         held = expm(0.005 * np.block([[a, b], [np.zeros((1, 5))]]))
         p = solve_discrete_are(held[:4, :4], held[:4, 4:], *weights)
-        steady = np.linalg.solve(weights[1] + held[:4, 4:].T @ p @ held[:4, 4:], held[:4, 4:].T @ p @ held[:4, :4])
-        # the last linearisation is up to ten control instants before the end, where the reference is 1e-9 m from it
+        steady = np.linalg.solve(
+            weights[1] + held[:4, 4:].T @ p @ held[:4, 4:], held[:4, 4:].T @ p @ held[:4, :4]
+        )
+        # the last linearisation is up to ten control instants before the end, where the reference
+        # is 1e-9 m from it
         np.testing.assert_allclose(gain[row, columns], steady[0], rtol=1e-6)
 
 
@@ -250,7 +321,8 @@ def test_the_hoist_pid_takes_away_a_wrong_weight_and_does_not_wind_up() -> None:
     assert stalled.integral == 0.0
 
 
-# ------------------------------------------------------------------------------------------------------------------ shapers
+# --------------------------------------------------------------------------------------------------
+# ---------------- shapers
 
 
 @pytest.mark.parametrize(
@@ -261,12 +333,15 @@ def test_the_hoist_pid_takes_away_a_wrong_weight_and_does_not_wind_up() -> None:
         (ei(), lambda r: np.abs((1 - 0.05) / 2 + (1 + 0.05) / 2 * np.cos(np.pi * r)), 0.39945),
     ],
 )
-def test_shapers_have_the_sensitivity_of_the_literature(shaper: object, formula: object, insensitivity: float) -> None:
+def test_shapers_have_the_sensitivity_of_the_literature(
+    shaper: object, formula: object, insensitivity: float
+) -> None:
     ratio = np.linspace(0.5, 1.5, 100_001)
     residual = shaper.residual(ratio)  # type: ignore[attr-defined]
     np.testing.assert_allclose(residual, formula(ratio), atol=1e-12)  # type: ignore[operator]
     inside = ratio[residual <= 0.05 + 1e-12]
-    assert inside[-1] - inside[0] == pytest.approx(insensitivity, abs=3e-5)  # steps of 1e-5 at both ends, five digits published
+    # Steps of 1e-5 at both ends, five digits published.
+    assert inside[-1] - inside[0] == pytest.approx(insensitivity, abs=3e-5)
 
 
 def test_a_shaped_move_leaves_almost_no_swing_where_the_bare_one_does() -> None:
@@ -275,43 +350,69 @@ def test_a_shaped_move_leaves_almost_no_swing_where_the_bare_one_does() -> None:
     base = ramp(point, hold(point, start), "x", 0.5, rate=0.25, at=1.0)
     period = 2.0 * math.pi * math.sqrt(15.0 / G)
     left = {}
-    for name, reference in (("bare", base), ("zv", shaped(base, zv(), period)), ("zvd", shaped(base, zvd(), period))):
-        run = quickly(point, follow(point, reference), reference, start=start, duration=25.0, drive="motion")
+    for name, reference in (
+        ("bare", base),
+        ("zv", shaped(base, zv(), period)),
+        ("zvd", shaped(base, zvd(), period)),
+    ):
+        run = quickly(
+            point, follow(point, reference), reference, start=start, duration=25.0, drive="motion"
+        )
         left[name] = swing_left(run["phi_rad"][run.t > 15.0])
-        assert run["x_m"][-1] == pytest.approx(10.5, abs=2e-3)  # positions lead velocities by half a step
+        # Positions lead velocities by half a step.
+        assert run["x_m"][-1] == pytest.approx(10.5, abs=2e-3)
     # small angles and 5 ms of sampling leave a thousandth
     assert left["zv"] < 3e-3 * left["bare"]
     assert left["zvd"] < 3e-3 * left["bare"]
 
 
-def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_a_fixed_cable() -> None:
+def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_a_fixed_cable() -> (
+    None
+):
     point = big_crane()
     start = point.state(x=10.0, l=20.0)
-    base = operator(point, start, [JoystickPulse("l", -0.5, 0.0, 20.0), JoystickPulse("x", 0.5, 3.0, 12.0)], accelerations=(0.02, 0.4, 0.4))
+    base = operator(
+        point,
+        start,
+        [JoystickPulse("l", -0.5, 0.0, 20.0), JoystickPulse("x", 0.5, 3.0, 12.0)],
+        accelerations=(0.02, 0.4, 0.4),
+    )
     fixed = shaped(base, zv(), 2.0 * math.pi * math.sqrt(20.0 / G))
     moving = shaped_hoisting(point, base, zv(), 25.0)
     left = {}
     for name, reference in (("bare", base), ("fixed", fixed), ("moving", moving)):
         run = quickly(
-            point, follow(point, reference), reference, start=start, duration=45.0, drive="motion", validity="mark"
+            point,
+            follow(point, reference),
+            reference,
+            start=start,
+            duration=45.0,
+            drive="motion",
+            validity="mark",
         )  # a hoist stopped at once
         left[name] = swing_left(run["phi_rad"][run.t > 35.0])
         assert run["x_m"][-1] == pytest.approx(16.0, abs=5e-3)
-    # slow hoisting: (l̇/ωl) is 0.04 to 0.05 here, its square what is neglected; parts of equal size would leave four times as much
+    # slow hoisting: (l̇/ωl) is 0.04 to 0.05 here, its square what is neglected; parts of equal size
+    # would leave four times as much
     assert left["moving"] < 0.02 * left["fixed"]
     assert left["moving"] < 0.02 * left["bare"]
 
 
-# ------------------------------------------------------------------------------------------------------------------ the operator
+# --------------------------------------------------------------------------------------------------
+# ---------------- the operator
 
 
 def test_an_operators_push_is_a_trapezoid_within_the_limit() -> None:
     start = crane().state(x=10.0)
     reference = operator(
-        crane(), start, [JoystickPulse("x", 0.8, 1.0, 5.0), JoystickPulse("x", -0.8, 8.0, 1.0)], accelerations=(0.02, 0.4, 0.4)
+        crane(),
+        start,
+        [JoystickPulse("x", 0.8, 1.0, 5.0), JoystickPulse("x", -0.8, 8.0, 1.0)],
+        accelerations=(0.02, 0.4, 0.4),
     )
     assert reference(4.0).velocity[1] == pytest.approx(0.8)
-    assert reference(8.0).position[1] == pytest.approx(10.0 + 0.8 * 5.0)  # a trapezoid covers rate times hold
+    # A trapezoid covers rate times hold.
+    assert reference(8.0).position[1] == pytest.approx(10.0 + 0.8 * 5.0)
     assert reference(20.0).velocity[1] == pytest.approx(0.0)
     # held for 1 s, the acceleration of 0.4 reaches 0.4 m/s and covers 0.4 m
     assert reference(20.0).position[1] == pytest.approx(14.0 - 0.4)
@@ -320,8 +421,16 @@ def test_an_operators_push_is_a_trapezoid_within_the_limit() -> None:
     assert np.abs(np.diff(velocity) / np.diff(t)).max() <= 0.4 + 1e-9
 
 
-@given(st.lists(st.tuples(st.floats(-0.8, 0.8), st.floats(0.0, 3.0), st.floats(0.01, 4.0)), min_size=1, max_size=4))
-def test_an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits(moves: list[tuple[float, float, float]]) -> None:
+@given(
+    st.lists(
+        st.tuples(st.floats(-0.8, 0.8), st.floats(0.0, 3.0), st.floats(0.01, 4.0)),
+        min_size=1,
+        max_size=4,
+    )
+)
+def test_an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits(
+    moves: list[tuple[float, float, float]],
+) -> None:
     pushes, t = [], 0.0
     for rate, pause, lasts in moves:
         pushes.append(JoystickPulse("x", rate, t + pause, lasts))
@@ -329,35 +438,56 @@ def test_an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits(move
     start = crane().state(x=10.0)
     reference = operator(crane(), start, pushes[::-1], accelerations=(0.02, 0.4, 0.4))
     setpoint = tabulated(reference, np.linspace(-1.0, t + 3.0, 2000))
-    assert np.abs(setpoint.acceleration[:, 1]).max() <= 0.4 * (1 + 1e-12)  # rounding, here and below
+    # Rounding, here and below.
+    assert np.abs(setpoint.acceleration[:, 1]).max() <= 0.4 * (1 + 1e-12)
     assert np.abs(setpoint.velocity[:, 1]).max() <= max(abs(rate) for rate, *_ in moves) + 1e-12
     assert np.abs(reference(t + 2.1).velocity).max() < 1e-12  # 0.8 m/s are lost in 2 s
-    # asked for is the rate while the joystick is held, zero while it is not; the drive goes there at 0.4 m/s², by steps of 1 ms here
+    # asked for is the rate while the joystick is held, zero while it is not; the drive goes there
+    # at 0.4 m/s², by steps of 1 ms here
     speed, times = 0.0, np.arange(0.0, t + 2.5, 1e-3)
     held = np.zeros(len(times))
     for push in pushes:
         held[(times >= push.at) & (times < push.at + push.hold)] = push.rate
     found = tabulated(reference, times).velocity[:, 1]
     for asked, there in zip(held, found, strict=True):
-        assert there == pytest.approx(speed, abs=0.4e-3 * 2 * len(pushes))  # each change comes up to a step early or late
+        # Each change comes up to a step early or late.
+        assert there == pytest.approx(speed, abs=0.4e-3 * 2 * len(pushes))
         speed += float(np.clip(asked - speed, -0.4e-3, 0.4e-3))
 
 
 def test_a_joystick_is_in_one_place_at_a_time() -> None:
     start = crane().state(x=10.0)
     how = {"accelerations": (0.02, 0.4, 0.4)}
-    with pytest.raises(OutOfRange, match=r"start of a push of x is 2\.0 s; allowed is 4 or later, when the one before it ends"):
+    with pytest.raises(
+        OutOfRange,
+        match=r"start of a push of x is 2\.0 s; allowed is 4 or later, when the one before it ends",
+    ):
         operator(
-            crane(), start, [JoystickPulse("x", 0.8, 1.0, 3.0), JoystickPulse("l", 0.5, 1.0, 3.0), JoystickPulse("x", 0.8, 2.0, 3.0)], **how
+            crane(),
+            start,
+            [
+                JoystickPulse("x", 0.8, 1.0, 3.0),
+                JoystickPulse("l", 0.5, 1.0, 3.0),
+                JoystickPulse("x", 0.8, 2.0, 3.0),
+            ],
+            **how,
         )
     operator(
-        crane(), start, [JoystickPulse("x", 0.8, 0.1, 0.2), JoystickPulse("x", 0.5, 0.3, 1.0), JoystickPulse("l", 0.5, 0.2, 3.0)], **how
+        crane(),
+        start,
+        [
+            JoystickPulse("x", 0.8, 0.1, 0.2),
+            JoystickPulse("x", 0.5, 0.3, 1.0),
+            JoystickPulse("l", 0.5, 0.2, 3.0),
+        ],
+        **how,
     )  # 0.1 + 0.2 > 0.3
     with pytest.raises(OutOfRange, match="start of a push is nan s"):
         operator(crane(), start, [JoystickPulse("x", 0.8, math.nan, 3.0)], **how)
 
 
-# ------------------------------------------------------------------------------------------------------------------ limits
+# --------------------------------------------------------------------------------------------------
+# ---------------- limits
 
 
 def test_the_fastest_flat_motion_uses_one_limit_fully_and_no_other_more() -> None:
@@ -366,7 +496,8 @@ def test_the_fastest_flat_motion_uses_one_limit_fully_and_no_other_more() -> Non
     plan = partial(flat, crane(), first, last, period=0.05)
     duration = fastest(crane(), plan, limits)
     shares = use(crane(), plan(duration), limits)
-    # the duration is found to a thousandth of a second of some thirty, and rounded up to rows 50 ms apart
+    # the duration is found to a thousandth of a second of some thirty, and rounded up to rows 50 ms
+    # apart
     assert max(shares.values()) == pytest.approx(1.0, abs=5e-3)
     assert max(use(crane(), plan(0.95 * duration), limits).values()) > 1.0
 
@@ -375,7 +506,11 @@ def test_a_duration_too_short_names_the_limit_and_the_shortest_possible() -> Non
     first, last = crane().state(x=10.0, l=15.0), crane().state(x=20.0, l=15.0)
     limits = Limits((0.08, 0.8, 0.8), (0.05, 0.5, 0.5))
     plan = partial(flat, crane(), first, last, period=0.05)
-    with pytest.raises(CraneError, match=r"duration is 15\.0 s; allowed is at least \d+\.\d\d s to keep the rate of the trolley"):
+    with pytest.raises(
+        CraneError,
+        match=r"duration is 15\.0 s; allowed is at least \d+\.\d\d s to keep the rate of the "
+        r"trolley",
+    ):
         check(crane(), plan(15.0), limits, plan)
     check(crane(), plan(60.0), limits, plan)
 

@@ -1,4 +1,6 @@
-"""Strategies at other control periods than the default of 5 ms: what they do converges, and nothing spikes."""
+"""Strategies at other control periods than the default of 5 ms: what they do converges, and nothing
+spikes.
+"""
 
 from __future__ import annotations
 
@@ -55,23 +57,31 @@ def _peak(run: Trajectory) -> np.ndarray:
     return np.abs(run.effort - run.effort[-1]).max(axis=0)
 
 
-@pytest.mark.parametrize("strategy", [name for name in STRATEGIES if not name.startswith("least")])  # an LQR about another motion
+# An LQR about another motion.
+@pytest.mark.parametrize("strategy", [name for name in STRATEGIES if not name.startswith("least")])
 def test_a_finer_loop_does_the_same_the_more_exactly(strategy: str) -> None:
     fine, middle, coarse = (_run(strategy, period, period) for period in (2.5e-3, 0.01, 0.02))
-    # of first order: errors against the fine one in proportion to 7.5 and 17.5 ms; up to 0.6 where accelerations jump at their limits
+    # of first order: errors against the fine one in proportion to 7.5 and 17.5 ms; up to 0.6 where
+    # accelerations jump at their limits
     assert _apart(middle, fine) < 0.6 * _apart(coarse, fine) < 0.6 * 3e-3
     for run in (middle, coarse):
-        np.testing.assert_allclose(_peak(run), _peak(fine), rtol=0.12)  # feed-forward held for 20 ms lags by 10 ms, which feedback makes up
+        # feed-forward held for 20 ms lags by 10 ms, which feedback makes up.
+        np.testing.assert_allclose(_peak(run), _peak(fine), rtol=0.12)
 
 
 @pytest.mark.parametrize("strategy", [PAPER, LQR, FLAT, MPC])
 @pytest.mark.parametrize(("planned", "period"), [(0.02, 2.5e-3), (5e-3, 4e-3), (5e-3, 0.02)])
-def test_a_loop_at_another_period_than_the_rows_of_its_plan_does_not_spike(strategy: str, planned: float, period: float) -> None:
+def test_a_loop_at_another_period_than_the_rows_of_its_plan_does_not_spike(
+    strategy: str, planned: float, period: float
+) -> None:
     meant, run = _run(strategy, planned, planned), _run(strategy, planned, period)
     assert _apart(run, meant) < 1e-3
     np.testing.assert_allclose(_peak(run), _peak(meant), rtol=0.12)
-    # efforts change from one control instant to the next as fast as they are meant to, but not faster
-    speeds = [np.abs(np.diff(r.effort[2:], axis=0)).max(axis=0) / (r.t[1] - r.t[0]) for r in (run, meant)]
+    # efforts change from one control instant to the next as fast as they are meant to, but not
+    # faster
+    speeds = [
+        np.abs(np.diff(r.effort[2:], axis=0)).max(axis=0) / (r.t[1] - r.t[0]) for r in (run, meant)
+    ]
     assert (speeds[0] < 1.3 * speeds[1]).all()
 
 
@@ -82,14 +92,20 @@ def test_a_flat_motion_in_fine_rows_is_that_in_coarse_ones() -> None:
     for each in (2, 5):
         fine = flat(crane, start, goal, 8.0, period=5e-3 / each)
         for one, other in ((fine.q, coarse.q), (fine.v, coarse.v), (fine.a, coarse.a)):
-            # derivatives of fourth order of 20 m round at 1e-16 over the fourth power of 5 ms, which the ends of a spline magnify by 100
+            # derivatives of fourth order of 20 m round at 1e-16 over the fourth power of 5 ms,
+            # which the ends of a spline magnify by 100
             np.testing.assert_allclose(one[::each], other, rtol=0.0, atol=1e-9)
-        # between the samples they lie on the same curve: second differences of the accelerations are no larger than between the samples
-        assert np.abs(np.diff(fine.a, 2, axis=0)).max() <= np.abs(np.diff(coarse.a, 2, axis=0)).max()
+        # between the samples they lie on the same curve: second differences of the accelerations
+        # are no larger than between the samples
+        assert (
+            np.abs(np.diff(fine.a, 2, axis=0)).max() <= np.abs(np.diff(coarse.a, 2, axis=0)).max()
+        )
 
 
 @pytest.mark.parametrize("period", [2.5e-3, 0.02])
-def test_a_load_heavier_than_believed_ends_where_it_shall_at_any_control_period(period: float) -> None:
+def test_a_load_heavier_than_believed_ends_where_it_shall_at_any_control_period(
+    period: float,
+) -> None:
     crane = load_crane()
     heavy = load_crane(payload_mass=1.2 * crane.payload_mass)
     start = heavy.state(gamma=0.0, x=10.0, l=15.01)
@@ -98,7 +114,8 @@ def test_a_load_heavier_than_believed_ends_where_it_shall_at_any_control_period(
     made = HoistIntegral(crane, lqr(crane, motion), 4e3, float(crane.effort_limit[2]))
     how = {"start": start, "duration": 20.0, "control_period": period}
     plain = simulate(heavy, replace(made, integral=0.0), motion, **how)
-    assert abs(plain["l_m"][-1] - 13.0) < 2e-4  # the integrator takes 2.5 s; 12 s after the arrival e^-4.8 of 2 kN / 1e4 N/m are left
+    # The integrator takes 2.5 s; 12 s after the arrival e^-4.8 of 2 kN / 1e4 N/m are left.
+    assert abs(plain["l_m"][-1] - 13.0) < 2e-4
     if FAST == "compiled":
         from cranedyn.compiled.batch import simulate_batch
 

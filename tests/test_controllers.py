@@ -20,7 +20,12 @@ STILL = Setpoint(np.array([0.1, 11.0, 14.0]), np.zeros(3), np.zeros(3))
 
 
 def test_hold_pushes_towards_what_is_setpoint_against_the_velocity_and_carries_the_load() -> None:
-    brake = Hold(crane(), np.array([10.0, 20.0, 30.0]), np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.0, -500.0]))
+    brake = Hold(
+        crane(),
+        np.array([10.0, 20.0, 30.0]),
+        np.array([1.0, 2.0, 3.0]),
+        np.array([0.0, 0.0, -500.0]),
+    )
     state = State(np.array([0.0, 10.0, 0.3, -0.2, 15.0]), np.array([0.5, -0.25, 9.0, 9.0, 2.0]))
     # slew 10·0.1 - 0.5, trolley 20·1 + 2·0.25, hoist -500 - 30·1 - 3·2
     assert_allclose(brake(7.0, state, STILL), [0.5, 20.5, -536.0], rtol=1e-14)  # rounding
@@ -60,7 +65,14 @@ def test_one_gain_can_be_changed_alone() -> None:
 @pytest.mark.parametrize("period", [5e-3, 0.1])
 def test_follow_reaches_the_velocity_that_is_setpoint_one_period_later(period: float) -> None:
     start = crane().state(x_dot=0.2, gamma_dot=-0.1)
-    reference = ramp(crane(), ramp(crane(), hold(crane(), start), "x", 5.0, rate=0.8, at=1.0), "l", -2.0, rate=0.5, at=1.0)
+    reference = ramp(
+        crane(),
+        ramp(crane(), hold(crane(), start), "x", 5.0, rate=0.8, at=1.0),
+        "l",
+        -2.0,
+        rate=0.5,
+        at=1.0,
+    )
     drives = follow(crane(), reference, period)
     for t in (0.5, 1.0 - period / 2, 2.0):
         reached = start.v[crane().layout.drives] + period * drives(t, start, reference(t))
@@ -84,14 +96,24 @@ def test_between_rows_tracking_goes_on_straight_lines(period: float) -> None:
     tracking, state = Tracking(0.5, *tables), State(*rng.normal(size=(2, 5)))
     times = period * np.arange(-2, 15)
     forward, gain, aim = (
-        np.stack([np.interp(times, 0.5 * np.arange(5), column) for column in table.reshape(5, -1).T], axis=1) for table in tables
+        np.stack(
+            [np.interp(times, 0.5 * np.arange(5), column) for column in table.reshape(5, -1).T],
+            axis=1,
+        )
+        for table in tables
     )
-    expected = forward - (gain.reshape(-1, 3, 10) @ (np.concatenate(state) - aim)[:, :, None])[:, :, 0]
+    expected = (
+        forward - (gain.reshape(-1, 3, 10) @ (np.concatenate(state) - aim)[:, :, None])[:, :, 0]
+    )
     commands = np.array([tracking(t, state, STILL) for t in times.tolist()])
     assert_allclose(commands, expected, atol=1e-13)  # rounding
     form = tracking.affine(times, np.zeros((len(times), 3)))
     rows = np.minimum(np.arange(len(times)), len(form.feed_forward) - 1)
-    for table, part in ((forward, form.feed_forward), (gain.reshape(-1, 3, 10), form.gain), (aim, form.setpoint)):
+    for table, part in (
+        (forward, form.feed_forward),
+        (gain.reshape(-1, 3, 10), form.gain),
+        (aim, form.setpoint),
+    ):
         assert_allclose(part[rows], table, atol=1e-13)
 
 
@@ -99,11 +121,19 @@ def test_a_row_that_is_met_is_that_row_whatever_the_next_one_holds() -> None:
     rows = np.array([[0.0] * 3, [0.1, 0.2, 0.3], [np.nan] * 3])
     tracking = Tracking(5e-3, rows, np.zeros((3, 3, 10)), np.zeros((3, 10)))
     assert tracking(0.005 + 1e-15, crane().start, STILL).tolist() == rows[1].tolist()
-    assert tracking.affine(np.array([0.0, 0.005 - 1e-15]), np.zeros((2, 3))).feed_forward[1].tolist() == rows[1].tolist()
+    assert (
+        tracking.affine(np.array([0.0, 0.005 - 1e-15]), np.zeros((2, 3))).feed_forward[1].tolist()
+        == rows[1].tolist()
+    )
 
 
 def _integral() -> HoistIntegral:
-    return HoistIntegral(crane(), Tracking(5e-3, np.zeros((1, 3)), np.zeros((1, 3, 10)), np.zeros((1, 10))), 1e-9, 1.0)
+    return HoistIntegral(
+        crane(),
+        Tracking(5e-3, np.zeros((1, 3)), np.zeros((1, 3, 10)), np.zeros((1, 10))),
+        1e-9,
+        1.0,
+    )
 
 
 def _asked(integral: HoistIntegral) -> Controller:
@@ -115,13 +145,15 @@ def _asked(integral: HoistIntegral) -> Controller:
 @pytest.mark.parametrize("engine", ["pinocchio", FAST])
 def test_an_integrator_goes_by_the_period_of_its_loop(period: float, engine: EngineName) -> None:
     c = crane()
-    away = c.state(l=c.start.q[c.layout.index("l")] - 0.5)  # where it stays: the drives accelerate by 1e-9 of the integral
+    # Where it stays: the drives accelerate by 1e-9 of the integral.
+    away = c.state(l=c.start.q[c.layout.index("l")] - 0.5)
     told, asked = _integral(), _integral()
     for controller in (told, _asked(asked)):
         how = {"control_period": period, "engine": engine, "drive": "motion"}
         simulate(c, controller, hold(c, c.start), start=away, since=3.0, duration=1.0, **how)
     assert told.integral == pytest.approx(0.5 * (1.0 + period), rel=1e-8)  # both ends count
-    assert asked.integral == pytest.approx(0.5 * (1.0 + 5e-3), rel=1e-8)  # the first instant as a row of its table
+    # The first instant as a row of its table.
+    assert asked.integral == pytest.approx(0.5 * (1.0 + 5e-3), rel=1e-8)
 
 
 def test_where_time_begins_anew_an_integrator_goes_on_as_before() -> None:

@@ -44,7 +44,8 @@ def load(tmp_path: Path) -> Load:
     return load
 
 
-# --- what a crane knows ------------------------------------------------------------------------------------------------------------
+# --- what a crane knows ---------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_the_default_crane_has_the_numbers_of_the_article() -> None:
@@ -69,7 +70,14 @@ def test_drives_and_swing_joints_share_out_the_five_coordinates() -> None:
 
 def test_arguments_reach_the_crane() -> None:
     c = crane(
-        payload_mass=2000, payload_inertia=0, dummy_inertia=7, damp_hoist=3, damp_slew=4, hoist_init=20, slew_init=0.5, hoist_effort=9e4
+        payload_mass=2000,
+        payload_inertia=0,
+        dummy_inertia=7,
+        damp_hoist=3,
+        damp_slew=4,
+        hoist_init=20,
+        slew_init=0.5,
+        hoist_effort=9e4,
     )
     assert (c.payload_mass, c.dummy_inertia) == (2000.0, (14.0, 7.0))
     assert not c.payload_inertia.any()
@@ -88,7 +96,10 @@ def test_a_gravity_that_is_none_is_refused(gravity: float) -> None:
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
-        ({"trolley_min": 30}, "range of trolley_joint is 30 to 22 m; allowed is finite, lower below upper"),
+        (
+            {"trolley_min": 30},
+            "range of trolley_joint is 30 to 22 m; allowed is finite, lower below upper",
+        ),
         ({"hoist_init": 50}, "hoist_joint at the start is 50.0 m; allowed is 3.4 to 26.4"),
         ({"payload_mass": 0}, "payload_mass is 0 kg; allowed is > 0"),
     ],
@@ -104,23 +115,39 @@ def test_a_load_too_light_to_be_added_up_is_refused(mass: float) -> None:
         load_crane(payload_mass=mass)
 
 
-ASTRAY = "cannot be simulated: its masses and lengths differ so much that accelerations lose all their digits"
+ASTRAY = (
+    "cannot be simulated: its masses and lengths differ so much that accelerations lose all "
+    "their digits"
+)
 
 
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
         ({"pivot_height": 1e29}, ASTRAY),
-        ({"hoist_min": 1e-9, "hoist_init": 1e-9, "payload_inertia": 0, "dummy_mass": 0, "dummy_inertia": 0}, ASTRAY),
+        (
+            {
+                "hoist_min": 1e-9,
+                "hoist_init": 1e-9,
+                "payload_inertia": 0,
+                "dummy_mass": 0,
+                "dummy_inertia": 0,
+            },
+            ASTRAY,
+        ),
     ],
 )
-def test_numbers_with_which_the_articulated_body_algorithm_goes_astray_are_refused(values: dict[str, float], sentence: str) -> None:
+def test_numbers_with_which_the_articulated_body_algorithm_goes_astray_are_refused(
+    values: dict[str, float], sentence: str
+) -> None:
     with pytest.raises(ModelError, match=sentence):
         load_crane(**values)
 
 
 @pytest.mark.parametrize("value", [5e-324, 1e29])
-def test_whatever_number_a_crane_is_loaded_with_it_accelerates_as_its_mass_matrix_says_or_is_refused(value: float) -> None:
+def test_whatever_number_a_crane_has_it_accelerates_as_its_mass_matrix_says_or_is_refused(
+    value: float,
+) -> None:
     loaded = 0
     for name in [*arguments(), "gravity"]:
         try:
@@ -131,21 +158,33 @@ def test_whatever_number_a_crane_is_loaded_with_it_accelerates_as_its_mass_matri
         tau = dynamics.full(c, c.effort_limit) + c.springs.effort(c.start.q)
         mass = np.triu(pin.crba(c.model, c.data, c.start.q))
         mass += np.triu(mass, 1).T
-        expected = np.linalg.solve(mass, tau - pin.rnea(c.model, c.data, c.start.q, *np.zeros((2, c.layout.n))))
+        expected = np.linalg.solve(
+            mass, tau - pin.rnea(c.model, c.data, c.start.q, *np.zeros((2, c.layout.n)))
+        )
         found = dynamics.acceleration(c, c.start, c.effort_limit)
-        assert np.abs((found - expected) * np.sqrt(mass.diagonal())).max() <= 1e-3 * np.abs(expected * np.sqrt(mass.diagonal())).max(), name
+        assert (
+            np.abs((found - expected) * np.sqrt(mass.diagonal())).max()
+            <= 1e-3 * np.abs(expected * np.sqrt(mass.diagonal())).max()
+        ), name
     assert loaded > 5
 
 
-# --- what is loaded, and when ---------------------------------------------------------------------------------------------------------
+# --- what is loaded, and when ---------------------------------------------------------------------
+# ------------------------------------
 
 
-@pytest.mark.parametrize("values", [{}, {"payload_mass": 2e3, "mast_height": 40.0, "pivot_height": 43.0, "damp_swing": 0.1 + 0.2}])
+@pytest.mark.parametrize(
+    "values",
+    [{}, {"payload_mass": 2e3, "mast_height": 40.0, "pivot_height": 43.0, "damp_swing": 0.1 + 0.2}],
+)
 def test_a_crane_is_built_without_its_looks_and_is_the_crane_of_its_whole_urdf(
     values: dict[str, float], load: Load, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[str] = []
-    monkeypatch.setattr("cranedyn.model.load.describe", lambda *given, **how: made.append(describe(*given, **how)) or made[-1])
+    monkeypatch.setattr(
+        "cranedyn.model.load.describe",
+        lambda *given, **how: made.append(describe(*given, **how)) or made[-1],
+    )
     c = load_crane(**values)
     assert [text.count("<visual>") for text in made] == [0]
     assert c.urdf == describe(values=values)
@@ -156,8 +195,13 @@ def test_a_crane_is_built_without_its_looks_and_is_the_crane_of_its_whole_urdf(
     assert whole.urdf == c.urdf
 
 
-@pytest.mark.parametrize(("height", "sentence"), [(1e40, "xyz of origin in link upper_link"), (1e200, "cannot be expanded")])
-def test_looks_that_cannot_be_drawn_are_refused_when_they_are_asked_for(height: float, sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("height", "sentence"),
+    [(1e40, "xyz of origin in link upper_link"), (1e200, "cannot be expanded")],
+)
+def test_looks_that_cannot_be_drawn_are_refused_when_they_are_asked_for(
+    height: float, sentence: str
+) -> None:
     c = load_crane(total_height=height)
     with pytest.raises(CraneError, match=sentence):
         c.written()
@@ -171,12 +215,19 @@ from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 crane = load_crane()
 simulate(crane, hold_controller(crane), duration=0.1)
-print([name for name in ("scipy.linalg", "scipy.interpolate", "scipy.optimize", "pyarrow", "matplotlib", "rerun") if name in sys.modules])
+heavy = ("scipy.linalg", "scipy.interpolate", "scipy.optimize", "pyarrow", "matplotlib", "rerun")
+print([name for name in heavy if name in sys.modules])
 """
-    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == "[]\n"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, check=True
+        ).stdout
+        == "[]\n"
+    )
 
 
-# --- states ------------------------------------------------------------------------------------------------------------------------
+# --- states ---------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_a_state_is_the_start_with_the_named_values_changed() -> None:
@@ -209,29 +260,40 @@ def test_a_start_outside_of_the_joints_is_refused(name: str, value: float) -> No
 def test_a_start_of_ninety_degrees_is_refused_and_anything_less_is_not(name: str) -> None:
     below = math.nextafter(math.pi / 2, 0.0)
     assert crane().state(**{name: -below}).q.min() == -below
-    with pytest.raises(OutOfRange, match=r"at the start is 1.5707963267948966 rad; allowed is -1.5707963267948963 to 1.5707963267948963"):
+    with pytest.raises(
+        OutOfRange,
+        match=r"at the start is 1.5707963267948966 rad; allowed is -1.5707963267948963 to "
+        r"1.5707963267948963",
+    ):
         crane().state(**{name: math.pi / 2})
 
 
 def test_a_limit_of_many_digits_is_a_limit_to_the_last_of_them() -> None:
     c = crane(hoist_max=26.4567501, hoist_init=26.4567501)
     assert c.start.q[4] == c.state(l=26.4567501).q[4] == 26.4567501
-    with pytest.raises(OutOfRange, match=r"l at the start is 26.45676 m; allowed is 3.4 to 26.4567501"):
+    with pytest.raises(
+        OutOfRange, match=r"l at the start is 26.45676 m; allowed is 3.4 to 26.4567501"
+    ):
         c.state(l=26.45676)
 
 
 def test_an_unknown_coordinate_is_refused_and_the_known_are_named() -> None:
-    with pytest.raises(UnknownName, match="no coordinate 'length'; there are gamma, x, phi, theta, l, gamma_dot"):
+    with pytest.raises(
+        UnknownName, match="no coordinate 'length'; there are gamma, x, phi, theta, l, gamma_dot"
+    ):
         crane().state(length=10)
 
 
-# --- a URDF of one's own -----------------------------------------------------------------------------------------------------------
+# --- a URDF of one's own --------------------------------------------------------------------------
+# ---------------------------------
 
 DRIVEN = ["yaw_joint", "trolley_joint", "hoist_joint"]
 
 
 def _own(frames: np.random.Generator) -> str:
-    """The same crane by another hand: every frame turned at random, more links bolted on, other names, no xacro."""
+    """The same crane by another hand: every frame turned at random, more links bolted on, other
+    names, no xacro.
+    """
     turn = np.eye(3)
     parts = ['<robot name="mine">', '<link name="ground"/>']
     parent = "ground"
@@ -249,19 +311,27 @@ def _own(frames: np.random.Generator) -> str:
         xyz, rpy = turn.T @ at, pin.rpy.matrixToRpy(turn.T @ own)
         axis, com = own.T @ np.array(role.axis, dtype=float), own.T @ centre
         low, high = limits.get(role.joint, (-1.5, 1.5))
-        texts = [" ".join(repr(float(number)) for number in vector) for vector in (xyz, rpy, axis, com)]
+        texts = [
+            " ".join(repr(float(number)) for number in vector) for vector in (xyz, rpy, axis, com)
+        ]
         parts.append(
-            f'<joint name="{role.joint}" type="{role.kind}"><parent link="{parent}"/><child link="of_{role.joint}"/>'
+            f'<joint name="{role.joint}" type="{role.kind}"><parent link="{parent}"/><child '
+            f'link="of_{role.joint}"/>'
             f'<origin xyz="{texts[0]}" rpy="{texts[1]}"/><axis xyz="{texts[2]}"/>'
             f'<limit lower="{low}" upper="{high}" effort="1e6" velocity="9"/></joint>'
-            f'<link name="of_{role.joint}"><inertial><origin xyz="{texts[3]}"/><mass value="{mass}"/>'
-            f'<inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<link name="of_{role.joint}"><inertial><origin xyz="{texts[3]}"/><mass '
+            f'value="{mass}"/>'
+            f'<inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" '
+            'iyz="0"/></inertial></link>'
         )
         parent, turn = f"of_{role.joint}", own
     parts.append(
-        '<link name="hook_block"><inertial><mass value="200"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        f'<joint name="bolts" type="fixed"><parent link="{parent}"/><child link="hook_block"/></joint>'
-        '<link name="camera"/><joint name="glue" type="fixed"><parent link="of_trolley_joint"/><child link="camera"/></joint></robot>'
+        '<link name="hook_block"><inertial><mass value="200"/><inertia ixx="0" iyy="0" izz="0" '
+        'ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<joint name="bolts" type="fixed"><parent link="{parent}"/><child '
+        'link="hook_block"/></joint>'
+        '<link name="camera"/><joint name="glue" type="fixed"><parent '
+        'link="of_trolley_joint"/><child link="camera"/></joint></robot>'
     )
     return "".join(parts)
 
@@ -275,13 +345,24 @@ def test_a_urdf_by_another_hand_moves_alike(load: Load) -> None:
     @given(states, efforts)
     def alike(state: State, effort: np.ndarray) -> None:
         # the digits of roll, pitch, yaw: 1e-16, through accelerations of up to 1e2
-        assert_allclose(dynamics.acceleration(mine, state, effort), dynamics.acceleration(ours, state, effort), atol=1e-10, rtol=1e-9)
-        assert_allclose(dynamics.payload_position(mine, state.q), dynamics.payload_position(ours, state.q), atol=1e-12)
+        assert_allclose(
+            dynamics.acceleration(mine, state, effort),
+            dynamics.acceleration(ours, state, effort),
+            atol=1e-10,
+            rtol=1e-9,
+        )
+        assert_allclose(
+            dynamics.payload_position(mine, state.q),
+            dynamics.payload_position(ours, state.q),
+            atol=1e-12,
+        )
 
     alike()
 
 
-def test_a_crane_without_initial_values_starts_hanging_in_the_middle_of_its_ranges(load: Load) -> None:
+def test_a_crane_without_initial_values_starts_hanging_in_the_middle_of_its_ranges(
+    load: Load,
+) -> None:
     start = load(_own(np.random.default_rng(2)), driven=DRIVEN).start
     assert_allclose(start.q, [0.0, 12.0, 0.0, 0.0, 14.9], atol=1e-12)  # rounding
     assert not start.v.any()
@@ -314,9 +395,16 @@ def _swapped(text: str) -> str:
 
 def _vane(text: str) -> str:
     """On the trolley, free to turn about a vertical axis through its own centre of mass."""
-    vane = '<link name="vane"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-    vane += '<joint name="vane_joint" type="revolute"><parent link="trolley_link"/><child link="vane"/>'
-    vane += '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    vane = (
+        '<link name="vane"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
+        'ixz="0" iyz="0"/></inertial></link>'
+    )
+    vane += (
+        '<joint name="vane_joint" type="revolute"><parent link="trolley_link"/><child link="vane"/>'
+    )
+    vane += (
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
     return turned("</robot>", vane, text)
 
 
@@ -327,27 +415,39 @@ def _typed(joint: str, old: str, new: str) -> tuple[str, str]:
 REFUSALS = {
     "driven joint made fixed": (
         lambda u: turned(*_typed("hoist_joint", "prismatic", "fixed"), u),
-        "gives hoist_joint a command interface in <ros2_control>; the joints that move are yaw_joint, trolley_joint, swing_radial_joint, ",
+        "gives hoist_joint a command interface in <ros2_control>; the joints that move are "
+        "yaw_joint, trolley_joint, swing_radial_joint, ",
     ),
     "no drives": (
         lambda u: u.replace("command_interface", "remark"),
-        r"gives no joint a command interface in <ros2_control>; say which joints drives move by load_crane\(driven=\[...\]\)",
+        r"gives no joint a command interface in <ros2_control>; say which joints drives move by "
+        r"load_crane\(driven=\[...\]\)",
     ),
     "wrong type": (
         lambda u: turned(*_typed("trolley_joint", "prismatic", "revolute"), u),
         "has a revolute trolley_joint; it must be prismatic",
     ),
-    "continuous slew": (lambda u: turned(*_typed("yaw_joint", "revolute", "continuous"), u), "has a yaw_joint without limits"),
+    "continuous slew": (
+        lambda u: turned(*_typed("yaw_joint", "revolute", "continuous"), u),
+        "has a yaw_joint without limits",
+    ),
     "floating load": (
         lambda u: turned(*_typed("hoist_joint", "prismatic", "floating"), u),
         "has a hoist_joint without limits or with several axes",
     ),
-    "wrong order": (_swapped, r"has swing_tangential_joint along \[1.0, 0.0, 0.0\] of the world; it must be \[0, 1, 0\]"),
+    "wrong order": (
+        _swapped,
+        r"has swing_tangential_joint along \[1.0, 0.0, 0.0\] of the world; it must be \[0, 1, 0\]",
+    ),
     "branch": (
         _hoist_from_trolley,
-        r"is a tree that ends in hoist_joint, swing_tangential_joint; say which joint carries the payload by load_crane\(payload=...\)",
+        r"is a tree that ends in hoist_joint, swing_tangential_joint; say which joint carries the "
+        r"payload by load_crane\(payload=...\)",
     ),
-    "extra joint": (_vane, "is a tree that ends in hoist_joint, vane_joint; say which joint carries the payload"),
+    "extra joint": (
+        _vane,
+        "is a tree that ends in hoist_joint, vane_joint; say which joint carries the payload",
+    ),
     "flipped theta": (
         lambda u: turned('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>', u),
         r"has swing_tangential_joint along \[0.0, -1.0, 0.0\] of the world; it must be \[0, 1, 0\]",
@@ -364,22 +464,30 @@ REFUSALS = {
 
 
 @pytest.mark.parametrize(("change", "sentence"), REFUSALS.values(), ids=REFUSALS)
-def test_what_is_no_crane_is_refused_in_a_sentence(change: Callable[[str], str], sentence: str, urdf: str, load: Load) -> None:
+def test_what_is_no_crane_is_refused_in_a_sentence(
+    change: Callable[[str], str], sentence: str, urdf: str, load: Load
+) -> None:
     with pytest.raises(ModelError, match=sentence) as caught:
         load(change(urdf))
     assert "\n" not in str(caught.value)
 
 
-def test_a_joint_by_another_name_is_what_it_is_called_until_it_is_given_its_part(urdf: str, load: Load) -> None:
+def test_a_joint_by_another_name_is_what_it_is_called_until_it_is_given_its_part(
+    urdf: str, load: Load
+) -> None:
     text = urdf.replace("yaw_joint", "slewing_joint")
     other = load(text)
     assert other.layout.symbols == ("slewing", "x", "phi", "theta", "l")
     assert other.layout.drives.tolist() == [0, 1, 4]
     with pytest.raises(
-        MissingRole, match="A plan needs a joint in the role slew; the joints of this crane are slewing_joint, trolley_joint, swing_radial"
+        MissingRole,
+        match="A plan needs a joint in the role slew; the joints of this crane are slewing_joint, "
+        "trolley_joint, swing_radial",
     ):
         other.layout.tower("A plan")
-    own = load(text, joints={role: one.joint for role, one in ROLES.items()} | {"slew": "slewing_joint"})
+    own = load(
+        text, joints={role: one.joint for role, one in ROLES.items()} | {"slew": "slewing_joint"}
+    )
     assert own.layout.symbols == crane().layout.symbols
     assert own.layout.tower("A plan") == (0, 1, 2, 3, 4)
     assert own.model.inertias.tolist() == load_crane().model.inertias.tolist()
@@ -389,7 +497,8 @@ def test_swing_joints_in_another_order_are_another_crane(urdf: str, load: Load) 
     other = load(_swapped(urdf), check_axes=False)
     assert other.layout.symbols == ("gamma", "x", "theta", "phi", "l")
     sentence = (
-        "A plan is made for slew, trolley, radial_swing, tangential_swing, hoist in this order; this crane has slew, trolley, tangential"
+        "A plan is made for slew, trolley, radial_swing, tangential_swing, hoist in this "
+        "order; this crane has slew, trolley, tangential"
     )
     with pytest.raises(ModelError, match=sentence):
         other.layout.tower("A plan")
@@ -401,7 +510,10 @@ def test_a_tree_is_a_crane_once_it_is_said_what_carries_the_payload(urdf: str, l
     assert {*layout.symbols} == {*ours.layout.symbols, "vane"}
     assert [layout.symbols[i] for i in layout.drives] == ["gamma", "x", "l"]
     assert (tree.payload_mass, layout.symbols[tree.payload.body]) == (1000.0, "l")
-    with pytest.raises(ModelError, match="A plan is made for a tower crane of five joints; this one also moves in vane_joint"):
+    with pytest.raises(
+        ModelError,
+        match="A plan is made for a tower crane of five joints; this one also moves in vane_joint",
+    ):
         layout.tower("A plan")
     tree.model.gravity.linear = ours.model.gravity.linear
     where = [layout.index(symbol) for symbol in ours.layout.symbols]
@@ -410,8 +522,12 @@ def test_a_tree_is_a_crane_once_it_is_said_what_carries_the_payload(urdf: str, l
     def alike(state: State, effort: np.ndarray) -> None:
         q, v = np.zeros((2, layout.n))
         q[where], v[where] = state
-        a, expected = dynamics.acceleration(tree, State(q, v), effort), dynamics.acceleration(ours, state, effort)
-        assert_allclose(a[where], expected, atol=1e-10, rtol=1e-9)  # rounding, through accelerations of up to 1e2
+        a, expected = (
+            dynamics.acceleration(tree, State(q, v), effort),
+            dynamics.acceleration(ours, state, effort),
+        )
+        # Rounding, through accelerations of up to 1e2.
+        assert_allclose(a[where], expected, atol=1e-10, rtol=1e-9)
         # nothing turns the vane, so it stays as it is in the world
         assert a[layout.index("vane")] == pytest.approx(-expected[0], abs=1e-10, rel=1e-9)
 
@@ -421,13 +537,22 @@ def test_a_tree_is_a_crane_once_it_is_said_what_carries_the_payload(urdf: str, l
 @pytest.mark.parametrize(
     ("arguments", "error", "sentence"),
     [
-        ({"payload": "crate"}, UnknownName, "There is no moving joint 'crate'; there are yaw_joint, trolley_joint"),
+        (
+            {"payload": "crate"},
+            UnknownName,
+            "There is no moving joint 'crate'; there are yaw_joint, trolley_joint",
+        ),
         (
             {"driven": ["yaw_joint"]},
             ModelError,
-            "says by <ros2_control> that drives move hoist_joint, trolley_joint, yaw_joint, the argument",
+            "says by <ros2_control> that drives move hoist_joint, trolley_joint, yaw_joint, the "
+            "argument",
         ),
-        ({"joints": {"slewing": "yaw_joint"}}, UnknownName, "There is no role 'slewing'; there are slew, trolley, radial_swing"),
+        (
+            {"joints": {"slewing": "yaw_joint"}},
+            UnknownName,
+            "There is no role 'slewing'; there are slew, trolley, radial_swing",
+        ),
         ({"joints": {"slew": "crate"}}, UnknownName, "There is no moving joint 'crate'"),
         (
             {"joints": {"slew": "yaw_joint", "trolley": "yaw_joint"}},
@@ -451,9 +576,18 @@ def test_parts_that_do_not_fit_the_joints_are_refused(
             '<mass value="nan"/>',
             "value of mass in link trolley_link .* is 'nan'; allowed is a decimal",
         ),
-        ('ixx="400.0"', 'ixx="4OO"', r"ixx of inertia in link hook_link .* is '4OO'; allowed is a decimal number up to 1e\+30"),
+        (
+            'ixx="400.0"',
+            'ixx="4OO"',
+            r"ixx of inertia in link hook_link .* is '4OO'; allowed is a decimal number up to "
+            r"1e\+30",
+        ),
         ('ixx="400.0"', 'ixx="-400.0"', "inertia moved by hoist_joint .* positive semidefinite"),
-        ('<mass value="1000.0"/>', '<mass value="0"/>', "payload mass is 0.0 kg; allowed is 1e-15 to 1e30"),
+        (
+            '<mass value="1000.0"/>',
+            '<mass value="0"/>',
+            "payload mass is 0.0 kg; allowed is 1e-15 to 1e30",
+        ),
         ('effort="1.0e5"', 'effort="0"', "effort limit of hoist_joint is 0.0 N; allowed is > 0"),
         ('lower="3.4"', 'lower="0"', "shortest cable is 0.0 m; allowed is > 0"),
         (
@@ -461,10 +595,16 @@ def test_parts_that_do_not_fit_the_joints_are_refused(
             '<param name="initial_value">99<',
             "hoist_joint at the start is 99 m; allowed is 3.4 to 26.4",
         ),
-        ('<param name="initial_value">15.0<', '<param name="initial_value">up<', "hoist_joint at the start is up m; allowed is a number"),
+        (
+            '<param name="initial_value">15.0<',
+            '<param name="initial_value">up<',
+            "hoist_joint at the start is up m; allowed is a number",
+        ),
     ],
 )
-def test_numbers_that_no_crane_has_are_refused_in_a_urdf_too(old: str, new: str, sentence: str, urdf: str, load: Load) -> None:
+def test_numbers_that_no_crane_has_are_refused_in_a_urdf_too(
+    old: str, new: str, sentence: str, urdf: str, load: Load
+) -> None:
     with pytest.raises(OutOfRange, match=sentence):
         load(turned(old, new, urdf))
 
@@ -485,7 +625,10 @@ def test_a_binary_file_is_refused(load: Load) -> None:
         load(bytes(range(256)))
 
 
-@pytest.mark.parametrize(("joint", "axis", "mirror"), [("swing_radial_joint", "1 0 0", 2), ("swing_tangential_joint", "0 1 0", 3)])
+@pytest.mark.parametrize(
+    ("joint", "axis", "mirror"),
+    [("swing_radial_joint", "1 0 0", 2), ("swing_tangential_joint", "0 1 0", 3)],
+)
 def test_a_flipped_axis_is_refused_from_xacro_and_mirrors_the_swing_when_unchecked(
     joint: str, axis: str, mirror: int, tmp_path: Path, load: Load
 ) -> None:
@@ -495,7 +638,11 @@ def test_a_flipped_axis_is_refused_from_xacro_and_mirrors_the_swing_when_uncheck
         (folder / path.name).write_text(path.read_text())
     own = folder / XACRO.name
     own.write_text(
-        turned(f'<axis xyz="{axis}"/>', f'<axis xyz="{" ".join("-1" if n == "1" else n for n in axis.split())}"/>', own.read_text())
+        turned(
+            f'<axis xyz="{axis}"/>',
+            f'<axis xyz="{" ".join("-1" if n == "1" else n for n in axis.split())}"/>',
+            own.read_text(),
+        )
     )
     text = describe(own)
     with pytest.raises(CraneError, match=f"has {joint} along"):
@@ -505,4 +652,8 @@ def test_a_flipped_axis_is_refused_from_xacro_and_mirrors_the_swing_when_uncheck
     mirrored = q.copy()
     mirrored[mirror] *= -1.0
     # rounding
-    assert_allclose(dynamics.payload_position(flipped, mirrored), dynamics.payload_position(crane(), q), atol=1e-12)
+    assert_allclose(
+        dynamics.payload_position(flipped, mirrored),
+        dynamics.payload_position(crane(), q),
+        atol=1e-12,
+    )

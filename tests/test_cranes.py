@@ -1,4 +1,6 @@
-"""Cranes of other topology: their closed forms, springs, free modes, and the experiment that shows all of it."""
+"""Cranes of other topology: their closed forms, springs, free modes, and the experiment that shows
+all of it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,14 @@ from cranedyn.controllers import follow
 from cranedyn.controllers.observer import disturbance_of, initial_std_of
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.linearisation import free_modes
-from cranedyn.dynamics.pinocchio import acceleration, energy, holding_effort, linearise, payload_position, rope_tension
+from cranedyn.dynamics.pinocchio import (
+    acceleration,
+    energy,
+    holding_effort,
+    linearise,
+    payload_position,
+    rope_tension,
+)
 from cranedyn.errors import ModelError, OutOfRange, RunError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY
@@ -26,14 +35,27 @@ from cranedyn.references.shaped import zv
 from cranedyn.simulation.simulate import simulate
 from experiments import cranes
 from experiments.oracles.reading import locked
-from experiments.relatives.catalogue import BEND, BRIDGE, HOOK, JIB, POINT, RELATIVES, ROPE, TWIST, Relative, crane_of, moved
+from experiments.relatives.catalogue import (
+    BEND,
+    BRIDGE,
+    HOOK,
+    JIB,
+    POINT,
+    RELATIVES,
+    ROPE,
+    TWIST,
+    Relative,
+    crane_of,
+    moved,
+)
 from tests.helpers import big_crane, crane
 from tests.rrd import numbers, rows
 
 each = pytest.mark.parametrize("relative", RELATIVES, ids=[relative.name for relative in RELATIVES])
 
 
-# --- closed forms --------------------------------------------------------------------------------------------------------------------
+# --- closed forms ---------------------------------------------------------------------------------
+# -----------------------------------
 
 
 @pytest.mark.parametrize(
@@ -44,14 +66,19 @@ each = pytest.mark.parametrize("relative", RELATIVES, ids=[relative.name for rel
         ((20.0, 10.0, 1000.0, 1000.0), 0.61202998, 1.60231529),
     ],
 )
-def test_a_double_pendulum_has_the_published_frequencies(numbers: tuple[float, ...], slow: float, fast: float) -> None:
-    assert_allclose(theory.double_pendulum(*numbers, STANDARD_GRAVITY), (slow, fast), atol=5e-9)  # as printed
+def test_a_double_pendulum_has_the_published_frequencies(
+    numbers: tuple[float, ...], slow: float, fast: float
+) -> None:
+    # As printed.
+    assert_allclose(theory.double_pendulum(*numbers, STANDARD_GRAVITY), (slow, fast), atol=5e-9)
 
 
 def test_a_tower_that_twists_has_the_frequencies_derived_by_hand() -> None:
     found = theory.twisting_tower(1e6, 2e7, 20.0, 15.0, 2000.0, STANDARD_GRAVITY)
     assert_allclose(found, (0.79786094, 4.53213150), atol=5e-9)
-    assert theory.twisting_tower(1e6, 2e7, 20.0, 15.0, 2000.0, STANDARD_GRAVITY, trolley=500.0)[1] == pytest.approx(4.13761079, abs=5e-9)
+    assert theory.twisting_tower(1e6, 2e7, 20.0, 15.0, 2000.0, STANDARD_GRAVITY, trolley=500.0)[
+        1
+    ] == pytest.approx(4.13761079, abs=5e-9)
 
 
 def test_a_double_pendulum_with_a_load_that_weighs_nothing_is_two_pendulums() -> None:
@@ -62,7 +89,9 @@ def test_a_double_pendulum_with_a_load_that_weighs_nothing_is_two_pendulums() ->
 def test_a_rigid_tower_leaves_the_pendulum() -> None:
     stiff = theory.twisting_tower(1e6, 1e15, 20.0, 15.0, 2000.0, STANDARD_GRAVITY)
     assert stiff[0] == pytest.approx(math.sqrt(STANDARD_GRAVITY / 15.0), rel=1e-7)
-    assert theory.bending_tower(1e6, 1e15, 0.0, 28.0, 15.0, 2000.0, STANDARD_GRAVITY)[0] == pytest.approx(stiff[0], rel=1e-7)
+    assert theory.bending_tower(1e6, 1e15, 0.0, 28.0, 15.0, 2000.0, STANDARD_GRAVITY)[
+        0
+    ] == pytest.approx(stiff[0], rel=1e-7)
 
 
 @pytest.mark.parametrize("modes", [(), (0.7,), (0.7, 4.4)])
@@ -71,7 +100,8 @@ def test_convolved_shapers_leave_the_product_of_what_each_leaves(modes: tuple[fl
     assert theory.convolved_zv(0.9, modes) == pytest.approx(expected, abs=1e-15)
 
 
-# --- springs -------------------------------------------------------------------------------------------------------------------------
+# --- springs --------------------------------------------------------------------------------------
+# -----------------------------------
 
 
 @each
@@ -87,11 +117,15 @@ def test_springs_push_down_their_energy_and_the_tangent_is_how_they_do(relative:
     def effort(way: np.ndarray) -> np.ndarray:
         return (springs.effort(q + 1e-6 * way) - springs.effort(q - 1e-6 * way)) / 2e-6
 
-    assert_allclose(np.array([effort(way) for way in np.eye(n)]).T, -springs.tangent(q), rtol=1e-6, atol=1e-3)
+    assert_allclose(
+        np.array([effort(way) for way in np.eye(n)]).T, -springs.tangent(q), rtol=1e-6, atol=1e-3
+    )
 
 
 @each
-def test_a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs(relative: Relative) -> None:
+def test_a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs(
+    relative: Relative,
+) -> None:
     c = crane_of(relative)
     by_state, _ = linearise(c, c.start, holding_effort(c, c.start.q))
     run = simulate(c, locked(c), duration=0.05, dt=5e-3, control_period=5e-3, drive="motion")
@@ -99,18 +133,25 @@ def test_a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs(
     assert np.isfinite(by_state).all()
     away = moved(c, **{c.layout.symbols[i]: 0.01 for i in c.layout.passive})
     stored = float(c.springs.energy(away.q)) if c.springs.any else 0.0
-    assert energy(c, away) == pytest.approx(float(pin.computeMechanicalEnergy(c.model, c.data, *away)) + stored, rel=1e-15)
+    assert energy(c, away) == pytest.approx(
+        float(pin.computeMechanicalEnergy(c.model, c.data, *away)) + stored, rel=1e-15
+    )
 
 
 @each
 def test_the_linear_crane_has_its_springs(relative: Relative) -> None:
-    """By central differences, good to about 1e-16/h + h² with h = 1e-5, of accelerations of some k/m."""
+    """By central differences, good to about 1e-16/h + h² with h = 1e-5, of accelerations of some
+    k/m.
+    """
     c, h = crane_of(relative), 1e-5
     effort, n = holding_effort(c, c.start.q), c.layout.n
     by_state, _ = linearise(c, c.start, effort)
 
     def slope(way: np.ndarray) -> np.ndarray:
-        there, back = (acceleration(c, State(c.start.q + step * way[:n], step * way[n:]), effort) for step in (h, -h))
+        there, back = (
+            acceleration(c, State(c.start.q + step * way[:n], step * way[n:]), effort)
+            for step in (h, -h)
+        )
         return (there - back) / (2.0 * h)
 
     expected = np.array([slope(way) for way in np.eye(2 * n)]).T
@@ -122,25 +163,36 @@ def test_a_rope_stretches_by_its_load_over_its_stiffness_at_its_length() -> None
     length = c.start.q[c.layout.index("l")]
     expected = c.payload_mass * c.gravity * length / 3e6
     assert c.start.q[c.layout.index("rope_stretch")] == pytest.approx(expected, rel=1e-12)
-    assert rope_tension(c, c.start, holding_effort(c, c.start.q)) == pytest.approx(c.payload_mass * c.gravity, rel=1e-12)
+    assert rope_tension(c, c.start, holding_effort(c, c.start.q)) == pytest.approx(
+        c.payload_mass * c.gravity, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 def test_a_rope_that_is_not_stretched_any_more_is_slack(engine: str) -> None:
     c = ROPE.crane(**POINT)
     lifted = moved(c, rope_stretch_dot=-3.0)  # thrown up by more than what the rope holds
-    with pytest.raises(RunError, match=r"the rope would have to push, its tension is -.* N; a rope goes slack"):
+    with pytest.raises(
+        RunError, match=r"the rope would have to push, its tension is -.* N; a rope goes slack"
+    ):
         simulate(c, locked(c), start=lifted, duration=1.0, drive="motion", engine=engine)  # type: ignore[arg-type]
 
 
 def test_the_tension_of_a_rope_that_stretches_is_not_the_force_of_its_drum() -> None:
     """A drum that is braked hard pushes the hoist joint, while the rope stays taut."""
     c = crane_of(ROPE)
-    assert rope_tension(c, c.start, np.array([0.0, 0.0, 1e4])) == pytest.approx(c.payload_mass * c.gravity, rel=1e-12)
+    assert rope_tension(c, c.start, np.array([0.0, 0.0, 1e4])) == pytest.approx(
+        c.payload_mass * c.gravity, rel=1e-12
+    )
 
 
-@pytest.mark.parametrize(("relative", "symbol", "number"), [(TWIST, "gamma", "slew_drive_inertia"), (ROPE, "l", "drum_inertia")])
-def test_a_motor_behind_something_elastic_has_an_inertia_of_its_own(relative: Relative, symbol: str, number: str) -> None:
+@pytest.mark.parametrize(
+    ("relative", "symbol", "number"),
+    [(TWIST, "gamma", "slew_drive_inertia"), (ROPE, "l", "drum_inertia")],
+)
+def test_a_motor_behind_something_elastic_has_an_inertia_of_its_own(
+    relative: Relative, symbol: str, number: str
+) -> None:
     def felt(inertia: float) -> float:
         c = relative.crane(**{number: inertia})
         return float(np.diag(pin.crba(c.model, c.data, c.start.q))[c.layout.index(symbol)])
@@ -148,7 +200,8 @@ def test_a_motor_behind_something_elastic_has_an_inertia_of_its_own(relative: Re
     assert felt(7e4) - felt(2e4) == pytest.approx(5e4, rel=1e-9)
 
 
-# --- free modes ----------------------------------------------------------------------------------------------------------------------
+# --- free modes -----------------------------------------------------------------------------------
+# -----------------------------------
 
 
 def test_free_modes_of_the_tower_crane_are_its_compound_pendulums() -> None:
@@ -159,13 +212,23 @@ def test_free_modes_of_the_tower_crane_are_its_compound_pendulums() -> None:
 
 @each
 def test_free_modes_are_normal_and_keep_their_amplitudes(relative: Relative) -> None:
-    """In small motions of all modes at once, each keeps its own; what is not linear goes with the square of 1e-5."""
+    """In small motions of all modes at once, each keeps its own; what is not linear goes with the
+    square of 1e-5.
+    """
     c = crane_of(relative) if relative is not ROPE else ROPE.crane(**POINT)
     modes = free_modes(c, c.start)
     assert_allclose(modes.weights @ modes.shapes, np.eye(len(modes.passive)), atol=1e-9)
     q = c.start.q.copy()
     q[modes.passive] += 1e-5 * modes.shapes.sum(axis=1) / np.abs(modes.shapes).max()
-    run = simulate(c, locked(c), start=State(q, c.start.v), duration=0.5, dt=2e-4, control_period=5e-2, drive="motion")
+    run = simulate(
+        c,
+        locked(c),
+        start=State(q, c.start.v),
+        duration=0.5,
+        dt=2e-4,
+        control_period=5e-2,
+        drive="motion",
+    )
     kept = modes.amplitudes(run.q, run.v)
     ripple = modes.frequencies.max() * 2e-4 / 2.0  # of the step: ω dt/2
     assert_allclose(kept, np.broadcast_to(kept[0], kept.shape), rtol=1.2 * ripple + 2e-4)
@@ -188,20 +251,30 @@ def test_amplitudes_of_rows_of_another_crane_are_refused() -> None:
 def test_a_joint_that_a_spring_holds_is_believed_to_stand_as_still_as_a_drive() -> None:
     for relative, symbol in ((TWIST, "tower_twist"), (BEND, "tower_bend_x"), (JIB, "jib_bend")):
         c = crane_of(relative)
-        assert initial_std_of(c)[c.layout.index(symbol)] == initial_std_of(c)[c.layout.index("gamma")]
-        assert disturbance_of(c)[c.layout.index(symbol)] == disturbance_of(c)[c.layout.index("gamma")]
+        assert (
+            initial_std_of(c)[c.layout.index(symbol)] == initial_std_of(c)[c.layout.index("gamma")]
+        )
+        assert (
+            disturbance_of(c)[c.layout.index(symbol)] == disturbance_of(c)[c.layout.index("gamma")]
+        )
     hooked = crane_of(HOOK)
-    assert initial_std_of(hooked)[hooked.layout.index("sling_radial")] == initial_std_of(hooked)[hooked.layout.index("phi")]
+    assert (
+        initial_std_of(hooked)[hooked.layout.index("sling_radial")]
+        == initial_std_of(hooked)[hooked.layout.index("phi")]
+    )
 
 
 def test_forces_in_steps_are_the_same_forces() -> None:
     c, dt = ROPE.crane(rope_damping=300.0), 1e-3
     state = moved(c, rope_stretch=0.01, rope_stretch_dot=0.2, phi_dot=0.1)
     joint = JointForces.of(c)
-    assert_allclose(joint.in_steps(dt).effort(state.q, dt * state.v), dt * dt * joint.effort(*state), rtol=1e-14)
+    assert_allclose(
+        joint.in_steps(dt).effort(state.q, dt * state.v), dt * dt * joint.effort(*state), rtol=1e-14
+    )
 
 
-# --- the recordings ------------------------------------------------------------------------------------------------------------------
+# --- the recordings -------------------------------------------------------------------------------
+# -----------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -211,29 +284,54 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Run], Path]
     for relative in (HOOK, BRIDGE):
         c = crane_of(relative)
         start = moved(c, **{c.layout.symbols[i]: 0.1 for i in c.swings})
-        runs.append(Run(relative.name, c, simulate(c, locked(c), start=start, duration=0.5, drive="motion"), (0.0, 0.0, 0.0)))
+        runs.append(
+            Run(
+                relative.name,
+                c,
+                simulate(c, locked(c), start=start, duration=0.5, drive="motion"),
+                (0.0, 0.0, 0.0),
+            )
+        )
     return runs, record(tmp_path_factory.mktemp("pictures") / "two.rrd", runs, title="t")
 
 
-def test_cranes_of_several_layouts_stand_in_one_recording_each_with_its_own_columns(pictures: tuple[list[Run], Path]) -> None:
+def test_cranes_of_several_layouts_stand_in_one_recording_each_with_its_own_columns(
+    pictures: tuple[list[Run], Path],
+) -> None:
     runs, path = pictures
     for run in runs:
         _, found = numbers(path, run.name.replace(" ", r"\ "))
-        assert {joint.symbol for joint in run.crane.layout.joints} <= {name.rpartition("_")[0] for name in found}
+        assert {joint.symbol for joint in run.crane.layout.joints} <= {
+            name.rpartition("_")[0] for name in found
+        }
 
 
-def test_a_joint_may_be_called_radial_and_keeps_its_name_in_degrees(pictures: tuple[list[Run], Path]) -> None:
+def test_a_joint_may_be_called_radial_and_keeps_its_name_in_degrees(
+    pictures: tuple[list[Run], Path],
+) -> None:
     (hooked, _), path = pictures
     _, found = numbers(path, hooked.name.replace(" ", r"\ "))
     assert_allclose(found["sling_radial_deg"], np.degrees(hooked.trajectory["sling_radial_rad"]))
-    assert_allclose(found["sling_radial_dot_deg_s"], np.degrees(hooked.trajectory["sling_radial_dot_rad_s"]))
+    assert_allclose(
+        found["sling_radial_dot_deg_s"], np.degrees(hooked.trajectory["sling_radial_dot_rad_s"])
+    )
 
 
-def test_the_outline_of_the_setpoint_hangs_where_the_slung_load_hangs_at_rest(pictures: tuple[list[Run], Path]) -> None:
+def test_the_outline_of_the_setpoint_hangs_where_the_slung_load_hangs_at_rest(
+    pictures: tuple[list[Run], Path],
+) -> None:
     (hooked, _), path = pictures
-    _, place = rows(path, f"{hooked.name.replace(' ', chr(92) + ' ')}/joints/setpoint", "Transform3D:translation")
-    body = np.array([0.0, 0.0, -5.0])  # the load's shape in the frame of its link, a sling below the hook
-    assert_allclose(place[0] + body, payload_position(hooked.crane, hooked.crane.start.q), atol=1e-5)  # float32
+    _, place = rows(
+        path,
+        f"{hooked.name.replace(' ', chr(92) + ' ')}/joints/setpoint",
+        "Transform3D:translation",
+    )
+    # The load's shape in the frame of its link, a sling below the hook.
+    body = np.array([0.0, 0.0, -5.0])
+    # float32.
+    assert_allclose(
+        place[0] + body, payload_position(hooked.crane, hooked.crane.start.q), atol=1e-5
+    )
 
 
 @each
@@ -251,17 +349,30 @@ def test_hoisting_a_stretching_rope_steadily_does_not_make_it_bounce() -> None:
     """As the cable shortens the stretch shrinks with it: s = m g l/EA at every length."""
     c = ROPE.crane(**POINT)
     start = moved(c, l_dot=-0.2)
-    start.v[c.layout.index("rope_stretch")] = -0.2 * start.q[c.layout.index("rope_stretch")] / start.q[c.layout.index("l")]
+    start.v[c.layout.index("rope_stretch")] = (
+        -0.2 * start.q[c.layout.index("rope_stretch")] / start.q[c.layout.index("l")]
+    )
     reference = ramp(c, hold(c, start), "l", -2.0, rate=0.2, at=0.0)
-    run = simulate(c, follow(c, reference, 5e-3), reference, start=start, duration=2.5, dt=2.5e-3, drive="motion")
+    run = simulate(
+        c,
+        follow(c, reference, 5e-3),
+        reference,
+        start=start,
+        duration=2.5,
+        dt=2.5e-3,
+        drive="motion",
+    )
     share = run["rope_stretch_m"] / run["l_m"] * 3e6 / (c.payload_mass * c.gravity)
     assert np.abs(share - 1.0).max() < 5e-4
 
 
-# --- the experiment, last since it takes longest ---------------------------------------------------------------------------------------
+# --- the experiment, last since it takes longest
+# ---------------------------------------------------------------------------------------
 
 
-def test_every_claim_of_the_experiment_holds_and_none_goes_unjudged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_claim_of_the_experiment_holds_and_none_goes_unjudged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pytest.importorskip("mujoco")
     assert cranes.main(["--out", str(tmp_path / "cranes")]) == 0
     assert "25 of 25 claims hold, 0 not judged." in capsys.readouterr().out

@@ -56,7 +56,8 @@ def test_yourdfpy_puts_the_load_where_we_do(urdf: Path) -> None:
     def same_place(state: State) -> None:
         robot.update_cfg(state.q)
         expected = robot.get_transform("hook_link", "world")[:3, 3]
-        assert_allclose(dynamics.payload_position(crane(), state.q), expected, atol=1e-12)  # rounding
+        # rounding.
+        assert_allclose(dynamics.payload_position(crane(), state.q), expected, atol=1e-12)
 
     same_place()
 
@@ -66,12 +67,14 @@ def test_the_visuals_show_a_crane_of_its_measures(urdf: Path) -> None:
     robot = yourdfpy.URDF.load(str(urdf))
     low, high = robot.scene.bounds
     assert low[2] >= -0.5
-    assert high[2] == pytest.approx(33.45, abs=0.5)  # total height, plus half the thickness of a bar
+    # Total height, plus half the thickness of a bar.
+    assert high[2] == pytest.approx(33.45, abs=0.5)
     assert -25.0 < low[1] < -22.0  # the jib reaches along -Y beyond the largest trolley radius
     assert high[1] > 5.0  # counter-jib
 
 
-# --- MuJoCo ------------------------------------------------------------------------------------------------------------------------
+# --- MuJoCo ---------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +87,9 @@ def engine(urdf: Path) -> Any:
 
 def test_mujoco_has_the_same_joints_in_the_same_order(engine: Any) -> None:
     _, model, _ = engine
-    assert [model.joint(i).name for i in range(model.njnt)] == [joint.name for joint in crane().layout.joints]
+    assert [model.joint(i).name for i in range(model.njnt)] == [
+        joint.name for joint in crane().layout.joints
+    ]
     assert model.dof_damping.tolist() == crane(**DAMPING).damping.tolist()
     assert_allclose(model.jnt_range, np.stack([crane().lower, crane().upper], axis=1))
 
@@ -101,10 +106,16 @@ def test_mujoco_has_the_same_mass_matrix_and_the_same_bias(engine: Any) -> None:
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, matrix)
         inertia = np.sqrt(np.diag(matrix))
-        # rounding of a few dozen products. No entry exceeds √(M_ii M_jj), and the payload's weight m g moves joint i by √(m M_ii) g at most
-        assert (np.abs(pin.crba(c.model, c.data, state.q) - matrix) <= 1e-13 * np.outer(inertia, inertia)).all()
+        # rounding of a few dozen products. No entry exceeds √(M_ii M_jj), and the payload's weight
+        # m g moves joint i by √(m M_ii) g at most
+        assert (
+            np.abs(pin.crba(c.model, c.data, state.q) - matrix)
+            <= 1e-13 * np.outer(inertia, inertia)
+        ).all()
         bias = pin.nonLinearEffects(c.model, c.data, *state)
-        assert (np.abs(bias - data.qfrc_bias) <= 1e-13 * math.sqrt(c.payload_mass) * G * inertia).all()
+        assert (
+            np.abs(bias - data.qfrc_bias) <= 1e-13 * math.sqrt(c.payload_mass) * G * inertia
+        ).all()
 
     same()
 
@@ -112,14 +123,16 @@ def test_mujoco_has_the_same_mass_matrix_and_the_same_bias(engine: Any) -> None:
 def test_mujoco_has_the_same_accelerations_with_damping(engine: Any) -> None:
     mujoco, model, data = engine
     c = crane(**DAMPING)
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT  # joint ranges: a state near one must not be pushed back
+    # Joint ranges: a state near one must not be pushed back.
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
 
     @given(states, efforts)
     def same(state: State, effort: np.ndarray) -> None:
         data.qpos[:], data.qvel[:] = state
         data.qfrc_applied[:] = dynamics.full(crane(), effort)
         mujoco.mj_forward(model, data)
-        assert_allclose(dynamics.acceleration(c, state, effort), data.qacc, atol=1e-10, rtol=1e-9)  # rounding, light trolley
+        # Rounding, light trolley.
+        assert_allclose(dynamics.acceleration(c, state, effort), data.qacc, atol=1e-10, rtol=1e-9)
 
     same()
 
@@ -133,7 +146,9 @@ class Twin:
         self.data = self.mujoco.MjData(self.model)
 
     def run(self, effort: Callable[[int, State], np.ndarray], like: Trajectory) -> np.ndarray:
-        """Coordinates and rates, shape (n, 10), from the start of another run on, with efforts held over the same control periods."""
+        """Coordinates and rates, shape (n, 10), from the start of another run on, with efforts held
+        over the same control periods.
+        """
         self.mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = like.state(0)
         rows = []
@@ -150,12 +165,26 @@ DT, PERIOD = 5e-4, 5e-3
 
 @cache
 def combined_move(**damping: float) -> tuple[Crane, Reference, Trajectory]:
-    """Slew by 69°, trolley out by 6 m and hoist by 6 m, all together, with a load that swings from the start; and what was wanted."""
+    """Slew by 69°, trolley out by 6 m and hoist by 6 m, all together, with a load that swings from
+    the start; and what was wanted.
+    """
     c = crane(**damping)
     start = c.state(phi=0.3, theta=-0.2)
     reference = ramp(c, hold(c, start), "gamma", 1.2, rate=0.1, at=1.0)
     reference = ramp(c, ramp(c, reference, "x", 6.0, rate=0.5, at=2.0), "l", -6.0, rate=0.4, at=3.0)
-    return c, reference, simulate(c, hold_controller(c, gravity=G), reference, start=start, duration=30.0, dt=DT, control_period=PERIOD)
+    return (
+        c,
+        reference,
+        simulate(
+            c,
+            hold_controller(c, gravity=G),
+            reference,
+            start=start,
+            duration=30.0,
+            dt=DT,
+            control_period=PERIOD,
+        ),
+    )
 
 
 def _apart(rows: np.ndarray, run: Trajectory) -> float:
@@ -164,20 +193,31 @@ def _apart(rows: np.ndarray, run: Trajectory) -> float:
 
 
 @pytest.mark.parametrize("damping", [{"damp_swing": 0.0}, DAMPING], ids=["undamped", "damped"])
-def test_mujoco_makes_the_same_combined_move_of_30_s_under_the_recorded_efforts(damping: dict[str, float]) -> None:
+def test_mujoco_makes_the_same_combined_move_of_30_s_under_the_recorded_efforts(
+    damping: dict[str, float],
+) -> None:
     c, _, run = combined_move(**damping)
     assert (np.ptp(run.q, axis=0) > [1.2, 6.0, 0.3, 0.2, 6.0]).all()
     assert run.effort.tolist() == run.command.tolist()
-    # the rule is the same, so rounding only: a push of 1e-15 g all the time would move a free drive by ½ 1e-15 g (30 s)² = 4e-12 m
+    # the rule is the same, so rounding only: a push of 1e-15 g all the time would move a free drive
+    # by ½ 1e-15 g (30 s)² = 4e-12 m
     assert _apart(Twin(c.urdf).run(lambda k, state: run.effort[k], run), run) < 2e-11
 
 
 @pytest.mark.parametrize("damping", [{"damp_swing": 0.0}, DAMPING], ids=["undamped", "damped"])
-def test_mujoco_makes_the_same_combined_move_of_30_s_in_a_loop_of_its_own(damping: dict[str, float]) -> None:
+def test_mujoco_makes_the_same_combined_move_of_30_s_in_a_loop_of_its_own(
+    damping: dict[str, float],
+) -> None:
     c, reference, run = combined_move(**damping)
     brake = hold_controller(c, gravity=G)
-    # rounding, which the loop holds: a push of 1e-15 g all the time would move a load on 15 m by 1e-15 l = 2e-14 m; ten times that
-    assert _apart(Twin(c.urdf).run(lambda k, state: brake(run.t[k], state, reference(run.t[k])), run), run) < 2e-13
+    # rounding, which the loop holds: a push of 1e-15 g all the time would move a load on 15 m by
+    # 1e-15 l = 2e-14 m; ten times that
+    assert (
+        _apart(
+            Twin(c.urdf).run(lambda k, state: brake(run.t[k], state, reference(run.t[k])), run), run
+        )
+        < 2e-13
+    )
 
 
 @pytest.mark.parametrize(
@@ -189,12 +229,18 @@ def test_mujoco_makes_the_same_combined_move_of_30_s_in_a_loop_of_its_own(dampin
     ],
     ids=["slew damping", "sign of the tangential swing", "payload mass"],
 )
-def test_a_crane_that_differs_by_a_ten_thousandth_or_a_sign_makes_another_move(old: str, new: str) -> None:
+def test_a_crane_that_differs_by_a_ten_thousandth_or_a_sign_makes_another_move(
+    old: str, new: str
+) -> None:
     c, reference, run = combined_move(**DAMPING)
     brake = hold_controller(c, gravity=G)
     other = Twin(turned(old, new, c.urdf))
-    assert _apart(other.run(lambda k, state: run.effort[k], run), run) > 1e-7  # four orders above what is allowed
-    assert _apart(other.run(lambda k, state: brake(run.t[k], state, reference(run.t[k])), run), run) > 1e-7
+    # Four orders above what is allowed.
+    assert _apart(other.run(lambda k, state: run.effort[k], run), run) > 1e-7
+    assert (
+        _apart(other.run(lambda k, state: brake(run.t[k], state, reference(run.t[k])), run), run)
+        > 1e-7
+    )
 
 
 def test_damping_taken_at_the_end_of_the_step_makes_another_move() -> None:

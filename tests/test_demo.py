@@ -55,14 +55,18 @@ def test_no_drive_exceeds_its_rate_or_jumps_over_two_cycles() -> None:
     t = np.arange(0.0, 2 * tour.duration, 0.05)
     position = np.array([tour(s).position for s in t])
     # 1e-9: rounding of the differences
-    assert (np.abs(np.diff(position, axis=0) / 0.05).max(axis=0) <= np.array(RATES) * (1 + 1e-9)).all()
+    assert (
+        np.abs(np.diff(position, axis=0) / 0.05).max(axis=0) <= np.array(RATES) * (1 + 1e-9)
+    ).all()
 
 
 def test_every_dwell_stands_still_as_long_as_asked_for() -> None:
     tour = itinerary(crane(), crane().start, ARTICLE_TOUR, rates=RATES, dwell=2.5)
     for stage in tour.stages:
         assert stage.end - stage.arrival == pytest.approx(2.5)
-        np.testing.assert_array_equal(tour(stage.arrival + 0.1).position, tour(stage.end - 0.1).position)
+        np.testing.assert_array_equal(
+            tour(stage.arrival + 0.1).position, tour(stage.end - 0.1).position
+        )
         assert not tour(stage.arrival + 0.1).velocity.any()
 
 
@@ -73,10 +77,17 @@ def test_every_dwell_stands_still_as_long_as_asked_for() -> None:
         ((), RATES, 6.0, "tour is empty"),
         (ARTICLE_TOUR, (0.08, 0.0, 0.8), 6.0, "rate of x is 0.0 m/s"),
         (ARTICLE_TOUR, RATES, -1.0, "dwell is -1.0 s"),
-        ((Leg("nowhere", x=float("nan")), Leg("back", x=10.0)), RATES, 6.0, "x of leg nowhere is nan"),
+        (
+            (Leg("nowhere", x=float("nan")), Leg("back", x=10.0)),
+            RATES,
+            6.0,
+            "x of leg nowhere is nan",
+        ),
     ],
 )
-def test_an_impossible_tour_is_refused_with_a_sentence(legs: tuple[Leg, ...], rates: tuple[float, ...], dwell: float, words: str) -> None:
+def test_an_impossible_tour_is_refused_with_a_sentence(
+    legs: tuple[Leg, ...], rates: tuple[float, ...], dwell: float, words: str
+) -> None:
     with pytest.raises(harness.CraneError, match=words):
         itinerary(crane(), crane().start, legs, rates=rates, dwell=dwell)
 
@@ -85,8 +96,16 @@ def test_pieces_joined_are_the_run_in_one_go_to_the_bit() -> None:
     setup = harness.Setup()
     tour = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
     joined = join(list(demo.pieces(setup, tour, hold_controller(setup.crane), 3.0)))
-    whole = setup.simulate(setup.crane, hold_controller(setup.crane), tour, start=setup.crane.start, duration=3.0, label="")
-    # velocities pass through the unit of the step at every seam: one rounding each, 1e-16 of values up to 1, grown over 3 s
+    whole = setup.simulate(
+        setup.crane,
+        hold_controller(setup.crane),
+        tour,
+        start=setup.crane.start,
+        duration=3.0,
+        label="",
+    )
+    # velocities pass through the unit of the step at every seam: one rounding each, 1e-16 of values
+    # up to 1, grown over 3 s
     np.testing.assert_allclose(joined.q, whole.q, rtol=0, atol=1e-12)
     np.testing.assert_allclose(joined.work, whole.work, rtol=0, atol=1e-6)
     np.testing.assert_allclose(joined.t, whole.t, rtol=0, atol=1e-12)
@@ -98,7 +117,19 @@ def test_residual_is_the_amplitude_of_a_known_swing() -> None:
     q[:, 2], q[:, 3] = 0.03 * np.cos(t), 0.04 * np.sin(t)
     empty = np.zeros((4001, 3))
     run = Trajectory(
-        t, q, 0 * q, empty, empty, empty, 0 * t, empty, 0 * t, np.zeros((4001, 6)), np.zeros((4001, 2)), 0 * t + 1, crane().layout.columns()
+        t,
+        q,
+        0 * q,
+        empty,
+        empty,
+        empty,
+        0 * t,
+        empty,
+        0 * t,
+        np.zeros((4001, 6)),
+        np.zeros((4001, 2)),
+        0 * t + 1,
+        crane().layout.columns(),
     )
     assert residual(run) == pytest.approx(0.05, rel=1e-5)  # 4001 samples meet the tops within 1e-6
 
@@ -126,7 +157,9 @@ def test_the_report_shows_the_result(done: Path) -> None:
     assert '<section id="demo">' in page([done])
 
 
-def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_is_not(done: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_is_not(
+    done: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     claims = json.loads((done / "result.json").read_text())["claims"]
     assert [claim["holds"] for claim in claims] == [True, True]
     setup, run = harness.Setup(), read(done / "demo.parquet")
@@ -141,7 +174,10 @@ def test_what_the_first_leg_leaves_is_the_closed_forms_and_that_of_another_lag_i
 
 def test_flat_paths_may_leave_what_sampling_makes_of_the_swing_and_no_more() -> None:
     setup = harness.Setup()
-    dwells = Dwells(itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0), setup.control_period)
+    dwells = Dwells(
+        itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0),
+        setup.control_period,
+    )
     dwells.peak, dwells.shortest = 0.04, 10.0
     most = np.sqrt(setup.gravity / 10.0) * 2.5e-3 * 40.0  # mrad
     for left, holds in ((0.99 * most, True), (1.01 * most, False)):
@@ -157,9 +193,12 @@ def test_the_recording_of_a_finished_demo_holds_every_instant(done: Path) -> Non
 def start(folder: Path) -> subprocess.Popen[bytes]:
     """A demo in a process of its own, already writing."""
     command = [sys.executable, "-m", "experiments.demo", "--pace", "20", "--out", str(folder)]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=Path(__file__).parents[1])
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=Path(__file__).parents[1]
+    )
     for _ in range(600):
-        with contextlib.suppress(RuntimeError, ValueError):  # while its first bytes are being written it is no recording yet
+        # While its first bytes are being written it is no recording yet.
+        with contextlib.suppress(RuntimeError, ValueError):
             if (folder / "demo.rrd").is_file() and len(times(folder / "demo.rrd")) > 100:
                 return process
         time.sleep(0.05)
@@ -206,7 +245,11 @@ def test_a_killed_demo_leaves_a_file_that_opens(tmp_path: Path) -> None:
     ],
 )
 def test_bad_input_is_one_sentence_and_nothing_written(
-    words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    words: list[str],
+    sentence: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
@@ -217,7 +260,9 @@ def test_bad_input_is_one_sentence_and_nothing_written(
     assert not (tmp_path / "demo").exists()
 
 
-def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(tmp_path: Path) -> None:
+def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(
+    tmp_path: Path,
+) -> None:
     setup = harness.Setup()
     tour = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
     pieces = list(demo.pieces(setup, tour, hold_controller(setup.crane), 2.0))
@@ -229,21 +274,53 @@ def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(tm
         batch = chunk.to_record_batch()
         names = batch.schema.names
         if "Run:row" in names:
-            t = batch.column(next(i for i, n in enumerate(names) if "sim_time" in n)).cast("int64").to_pylist()
-            rows |= dict(zip(t, [row[0] for row in batch.column(names.index("Run:row")).to_pylist()], strict=True))
+            t = (
+                batch.column(next(i for i, n in enumerate(names) if "sim_time" in n))
+                .cast("int64")
+                .to_pylist()
+            )
+            rows |= dict(
+                zip(
+                    t,
+                    [row[0] for row in batch.column(names.index("Run:row")).to_pylist()],
+                    strict=True,
+                )
+            )
     whole = join(pieces)
     shown = [rows[t] for t in sorted(rows)]
     np.testing.assert_allclose([row["W_x_J"] for row in shown], whole["W_x_J"], rtol=0, atol=1e-9)
     # 1e-7: energies of 2e5 J are sums that round at 3e-11
-    np.testing.assert_allclose([row["unexplained_J"] for row in shown], whole.unexplained, rtol=0, atol=1e-7)
-    np.testing.assert_allclose([row["energy_J"] for row in shown], whole.energy - whole.energy[0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        [row["unexplained_J"] for row in shown], whole.unexplained, rtol=0, atol=1e-7
+    )
+    np.testing.assert_allclose(
+        [row["energy_J"] for row in shown], whole.energy - whole.energy[0], rtol=0, atol=1e-9
+    )
 
 
 def test_a_rate_that_ends_between_control_instants_loses_no_leg_and_units_are_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert demo.main(["--cycles", "1", "--rate-x", "0.7", "--dwell", "1", "--engine", FAST, "--out", str(tmp_path / "demo")]) == 0
+    assert (
+        demo.main(
+            [
+                "--cycles",
+                "1",
+                "--rate-x",
+                "0.7",
+                "--dwell",
+                "1",
+                "--engine",
+                FAST,
+                "--out",
+                str(tmp_path / "demo"),
+            ]
+        )
+        == 0
+    )
     printed = capsys.readouterr().out
     assert printed.count("the load still swings") == len(ARTICLE_TOUR)
     assert {"residual", "swing", "[mrad]"} <= set(printed.split())  # a head may fold
-    assert len(json.loads((tmp_path / "demo" / "result.json").read_text())["tables"][0]["rows"]) == len(ARTICLE_TOUR)
+    assert len(
+        json.loads((tmp_path / "demo" / "result.json").read_text())["tables"][0]["rows"]
+    ) == len(ARTICLE_TOUR)

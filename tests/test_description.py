@@ -17,7 +17,9 @@ from tests.helpers import files
 SMALL = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <xacro:arg name="size" default="2.0"/>  <!-- [m] > 0: how big -->
   <xacro:arg name="word" default="w"/>
-  <link name="$(arg word)"><visual><geometry><sphere radius="$(arg size)"/></geometry></visual></link>
+  <link name="$(arg word)">
+    <visual><geometry><sphere radius="$(arg size)"/></geometry></visual>
+  </link>
   <!-- colon: space -->
   <link name="last"><!-- another: one --></link>
 </robot>
@@ -101,7 +103,9 @@ def test_every_digit_of_a_value_arrives(small: Path) -> None:
 
 
 def test_a_value_reaches_the_mass_of_the_load() -> None:
-    mass = ET.fromstring(describe(values={"payload_mass": "2500"})).find("link[@name='hook_link']/inertial/mass")
+    mass = ET.fromstring(describe(values={"payload_mass": "2500"})).find(
+        "link[@name='hook_link']/inertial/mass"
+    )
     assert mass is not None
     assert float(mass.get("value", "")) == 2500.0
 
@@ -114,14 +118,19 @@ def test_an_unknown_argument_is_refused_and_the_known_are_named() -> None:
     assert all(name in str(caught.value) for name in arguments())
 
 
-@pytest.mark.parametrize("value", [0, -1, "nan", float("nan"), float("inf"), "-inf", "heavy", "", None, [1.0]])
+@pytest.mark.parametrize(
+    "value", [0, -1, "nan", float("nan"), float("inf"), "-inf", "heavy", "", None, [1.0]]
+)
 def test_a_mass_that_is_none_is_refused_with_its_unit_and_range(value: object) -> None:
     with pytest.raises(OutOfRange, match=r"payload_mass is .*kg; allowed is .*> 0") as caught:
         describe(values={"payload_mass": value})
     assert (caught.value.name, caught.value.unit) == ("payload_mass", "kg")
 
 
-@pytest.mark.parametrize(("name", "value"), [("damp_swing", -1), ("dummy_mass", -1e-9), ("slew_init", "nan"), ("hoist_min", 0)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("damp_swing", -1), ("dummy_mass", -1e-9), ("slew_init", "nan"), ("hoist_min", 0)],
+)
 def test_every_documented_range_is_watched(name: str, value: object) -> None:
     with pytest.raises(OutOfRange, match=f"{name} is "):
         describe(values={name: value})
@@ -143,13 +152,21 @@ def test_text_is_allowed_where_no_range_is_documented(small: Path) -> None:
     [
         (None, DataError, "Cannot read .*No such file"),
         ("<robot>", ModelError, "is not XML"),
-        (SMALL.replace("$(arg size)", "${1/0}"), ModelError, "cannot be expanded: .*division by zero"),
+        (
+            SMALL.replace("$(arg size)", "${1/0}"),
+            ModelError,
+            "cannot be expanded: .*division by zero",
+        ),
         (SMALL.replace("$(arg size)", "$(arg sighs)"), ModelError, "cannot be expanded: .*sighs"),
     ],
     ids=["not there", "not XML", "wrong expression", "undeclared argument"],
 )
 def test_a_file_that_is_no_xacro_is_refused(
-    tmp_path: Path, content: str | None, error: type[Exception], sentence: str, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    content: str | None,
+    error: type[Exception],
+    sentence: str,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     path = tmp_path / "a.xacro"
     if content is not None:
@@ -165,10 +182,13 @@ def test_a_word_without_mark_is_refused() -> None:
         parse_values(["payload_mass=2"])
 
 
-# --- command line ------------------------------------------------------------------------------------------------------------------
+# --- command line ---------------------------------------------------------------------------------
+# ---------------------------------
 
 
-def test_the_command_writes_the_urdf_to_standard_output_or_to_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str], urdf: str) -> None:
+def test_the_command_writes_the_urdf_to_standard_output_or_to_a_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], urdf: str
+) -> None:
     assert main([]) == 0
     assert capsys.readouterr().out == urdf
     assert main(["-o", str(tmp_path / "crane.urdf")]) == 0
@@ -195,7 +215,10 @@ def test_the_command_lists_every_argument(capsys: pytest.CaptureFixture[str]) ->
     ids=" ".join,
 )
 def test_bad_input_is_one_sentence_exit_code_2_and_no_file(
-    argv: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    argv: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(argv) == 2
@@ -214,7 +237,10 @@ def test_an_older_file_survives_a_refusal(tmp_path: Path) -> None:
 
 def test_the_module_runs_as_a_command() -> None:
     run = subprocess.run(
-        [sys.executable, "-m", "cranedyn.model.description", "hoist_init:=-1"], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "cranedyn.model.description", "hoist_init:=-1"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert (run.returncode, run.stdout) == (2, "")
     assert run.stderr == "error: hoist_init is -1 m; allowed is > 0.\n"

@@ -16,7 +16,8 @@ TABLES = [
     Table("Move two", [("strategy", "")], [("b",)], "A note."),
 ]
 TEXT = (
-    "Before.\n\n<!-- trial: Move two -->\nold\n<!-- end -->\n\nBetween.\n\n<!-- other: -->\nkept\n<!-- end -->\n"
+    "Before.\n\n<!-- trial: Move two -->\nold\n<!-- end -->\n\nBetween.\n\n<!-- other: -->\nkept\n"
+    "<!-- end -->\n"
     "<!-- trial: -->\n<!-- end -->\nAfter.\n"
 )
 
@@ -28,7 +29,8 @@ def test_each_block_gets_the_tables_it_asks_for_and_all_else_stays(tmp_path: Pat
     once = path.read_text(encoding="utf-8")
     first, second = (f"{table.markdown()}\n" for table in TABLES)
     assert once == (
-        f"Before.\n\n<!-- trial: Move two -->\n\n{second}\n<!-- end -->\n\nBetween.\n\n<!-- other: -->\nkept\n<!-- end -->\n"
+        f"Before.\n\n<!-- trial: Move two -->\n\n{second}\n<!-- end -->\n\nBetween.\n\n<!-- other: "
+        "-->\nkept\n<!-- end -->\n"
         f"<!-- trial: -->\n\n{first}\n{second}\n<!-- end -->\nAfter.\n"
     )
     read_document(path, "trial").write(TABLES)
@@ -48,16 +50,26 @@ SHOWN = (
         ([("a", 12.86505, 1.02505e-5), ("b", None, 5.51495)], []),  # on the edge
         ([("a", 12.8655, 1.02e-5), ("b", None, 5.52)], ["s of 'a' is 12.86, now 12.87"]),
         ([("a", 12.88, 1.02e-5), ("b", None, 5.52)], ["s of 'a' is 12.86, now 12.88"]),
-        ([("a", 12.86, 1.04e-5), ("b", None, 3.59)], ["mrad of 'a' is 1.02e-05, now 1.04e-05", "mrad of 'b' is 5.52, now 3.59"]),
-        ([("a", None, 1.02e-5), ("b", 1.0, 5.52)], ["s of 'a' is 12.86, now -", "s of 'b' is -, now 1.00"]),
+        (
+            [("a", 12.86, 1.04e-5), ("b", None, 3.59)],
+            ["mrad of 'a' is 1.02e-05, now 1.04e-05", "mrad of 'b' is 5.52, now 3.59"],
+        ),
+        (
+            [("a", None, 1.02e-5), ("b", 1.0, 5.52)],
+            ["s of 'a' is 12.86, now -", "s of 'b' is -, now 1.00"],
+        ),
         ([("a", 12.86, 1.02e-5)], ["its row 'b' was not made"]),
         ([("a", 12.86, 1.02e-5), ("b", None, 5.52), ("c", 1.0, 1.0)], ["a row 'c' is not there"]),
     ],
 )
-def test_a_cell_that_is_not_what_is_made_now_is_named(rows: list[tuple[object, ...]], stale: list[str], tmp_path: Path) -> None:
+def test_a_cell_that_is_not_what_is_made_now_is_named(
+    rows: list[tuple[object, ...]], stale: list[str], tmp_path: Path
+) -> None:
     table = Table("Move", [("strategy", ""), ("s", ".2f"), ("mrad", ".3g")], rows)  # type: ignore[arg-type]
     document = Document(tmp_path / "page.md", "trial", SHOWN)
-    assert document.stale([table]) == [f"{tmp_path / 'page.md'}, Move: {sentence}." for sentence in stale]
+    assert document.stale([table]) == [
+        f"{tmp_path / 'page.md'}, Move: {sentence}." for sentence in stale
+    ]
     assert document.stale([table], part=True, rounding=100.0) == [
         f"{tmp_path / 'page.md'}, Move: {sentence}."
         for sentence in stale
@@ -65,11 +77,19 @@ def test_a_cell_that_is_not_what_is_made_now_is_named(rows: list[tuple[object, .
     ]
 
 
-def test_documents_are_held_against_results_and_filled_from_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_documents_are_held_against_results_and_filled_from_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     page, results = tmp_path / "page.md", tmp_path / "out" / "trial"
     page.write_text(SHOWN + "<!-- other: -->\nkept\n<!-- end -->\n", encoding="utf-8")
     results.mkdir(parents=True)
-    kept = {"title": "Move", "columns": ["way", "s"], "formats": ["", ".1f"], "rows": [["a", 1.25]], "note": ""}
+    kept = {
+        "title": "Move",
+        "columns": ["way", "s"],
+        "formats": ["", ".1f"],
+        "rows": [["a", 1.25]],
+        "note": "",
+    }
     (results / "result.json").write_text(json.dumps({"tables": [kept]}), encoding="utf-8")
     words = [str(page), "--results", str(tmp_path / "out")]
     assert main(words) == 1
@@ -88,7 +108,9 @@ def test_documents_are_held_against_results_and_filled_from_them(tmp_path: Path,
 
 @pytest.mark.parametrize("form", [".3f", "+.2e", ",d", ",.6g", "%", ".10g", ""])
 def test_a_table_takes_formats_of_sign_thousands_digits_and_kind(form: str) -> None:
-    assert Table("t", [("a", form)], [("1" if form == "" else 1,)]).shown() == [[format("1" if form == "" else 1, form)]]
+    assert Table("t", [("a", form)], [("1" if form == "" else 1,)]).shown() == [
+        [format("1" if form == "" else 1, form)]
+    ]
 
 
 @pytest.mark.parametrize("form", [".999999999f", "<10", "010d", "{", "_d", "f "])
@@ -107,11 +129,19 @@ def test_a_table_whose_rows_cannot_be_shown_cannot_be_made(row: tuple[object, ..
     ("text", "words"),
     [
         ("no marks", "has no lines <!-- trial: --> and <!-- end -->"),
-        ("<!-- trial: Move three -->\n<!-- end -->\n", "asks for a table 'Move three', which is not among those of trial"),
-        ("<!-- trial: -->\nold\n\nOther text.\n<!-- other: -->\nkept\n<!-- end -->\n", "has no line <!-- end --> before the next"),
+        (
+            "<!-- trial: Move three -->\n<!-- end -->\n",
+            "asks for a table 'Move three', which is not among those of trial",
+        ),
+        (
+            "<!-- trial: -->\nold\n\nOther text.\n<!-- other: -->\nkept\n<!-- end -->\n",
+            "has no line <!-- end --> before the next",
+        ),
     ],
 )
-def test_a_document_without_a_place_for_a_table_is_refused_and_left_alone(tmp_path: Path, text: str, words: str) -> None:
+def test_a_document_without_a_place_for_a_table_is_refused_and_left_alone(
+    tmp_path: Path, text: str, words: str
+) -> None:
     path = tmp_path / "page.md"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(DataError, match=words):

@@ -19,14 +19,24 @@ PHI = 0.1 * np.exp(-3e-4 * T) * np.cos(2.0 * math.pi / 6.378 * T)
 
 def _write(path: Path, **columns: np.ndarray) -> Path:
     head = ",".join(f'"{name}"' for name in columns)
-    np.savetxt(path, np.stack(list(columns.values()), axis=1), delimiter=",", header=head, comments="", fmt="%.17g")
+    np.savetxt(
+        path,
+        np.stack(list(columns.values()), axis=1),
+        delimiter=",",
+        header=head,
+        comments="",
+        fmt="%.17g",
+    )
     return path
 
 
 @pytest.fixture
 def degrees(tmp_path: Path) -> Path:
     """A file of somebody who writes milliseconds, degrees and millimetres."""
-    return _write(tmp_path / "site.csv", **{"time": 1e3 * T, "swing angle": np.degrees(PHI), "rope": np.full_like(T, 10_000.0)})
+    return _write(
+        tmp_path / "site.csv",
+        **{"time": 1e3 * T, "swing angle": np.degrees(PHI), "rope": np.full_like(T, 10_000.0)},
+    )
 
 
 SAID = ["t_s=time[ms]", "phi_rad=swing angle[deg]", "l_m=rope[mm]"]
@@ -40,26 +50,48 @@ def test_columns_arrive_under_our_names_and_in_our_units(degrees: Path) -> None:
 
 
 def test_a1_finds_the_period_of_a_file_in_degrees(degrees: Path, tmp_path: Path) -> None:
-    assert a1.main(["--from", str(degrees), "--columns", *SAID, "--out", str(tmp_path / "out")]) == 0
+    assert (
+        a1.main(["--from", str(degrees), "--columns", *SAID, "--out", str(tmp_path / "out")]) == 0
+    )
     (table,) = json.loads((tmp_path / "out" / "result.json").read_text())["tables"]
     row = dict(zip(table["columns"], table["rows"][0], strict=True))
     assert row["T [s]"] == pytest.approx(6.378, rel=1e-6)  # no noise
     assert row["l [m]"] == pytest.approx(10.0, rel=1e-12)
 
 
-def test_degrees_that_nobody_said_are_refused_with_what_to_say(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_degrees_that_nobody_said_are_refused_with_what_to_say(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = _write(tmp_path / "site.csv", t_s=T, phi_rad=np.degrees(PHI), l_m=np.full_like(T, 10.0))
     assert a1.main(["--from", str(file), "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
-    assert f"{file}: phi_rad is 5.73 rad in some row; a swing is 1.5708 rad (90 degrees) at most." in error
+    assert (
+        f"{file}: phi_rad is 5.73 rad in some row; a swing is 1.5708 rad (90 degrees) at most."
+        in error
+    )
     assert "--columns phi_rad=phi_rad[deg]" in error
-    assert a1.main(["--from", str(file), "--columns", "phi_rad=phi_rad[deg]", "--out", str(tmp_path / "out")]) == 0
+    assert (
+        a1.main(
+            [
+                "--from",
+                str(file),
+                "--columns",
+                "phi_rad=phi_rad[deg]",
+                "--out",
+                str(tmp_path / "out"),
+            ]
+        )
+        == 0
+    )
 
 
 @pytest.mark.parametrize(
     ("word", "sentence"),
     [
-        ("phi_rad", r"'?phi_rad'? is not a column; it is given as phi_rad=NAME or phi_rad=NAME\[deg\]"),
+        (
+            "phi_rad",
+            r"'?phi_rad'? is not a column; it is given as phi_rad=NAME or phi_rad=NAME\[deg\]",
+        ),
         ("phi_rad=a[deg", "is not a column"),
         ("phi_rad=a[m]", "There is no unit of phi_rad 'm'; there are rad, deg, mrad"),
         ("x_N=a[deg]", "There is no unit of x_N 'deg'; there are N, kN"),
@@ -73,7 +105,9 @@ def test_what_is_no_column_or_no_unit_is_a_sentence(word: str, sentence: str) ->
 def test_a_column_given_twice_or_not_needed_is_a_sentence(degrees: Path) -> None:
     with pytest.raises(DataError, match="phi_rad is given twice"):
         parse_sources(["phi_rad=a", "phi_rad=b"])
-    with pytest.raises(UnknownName, match="There is no needed column 'theta_rad'; there are t_s, phi_rad"):
+    with pytest.raises(
+        UnknownName, match="There is no needed column 'theta_rad'; there are t_s, phi_rad"
+    ):
         read_elsewhere(degrees, ("t_s", "phi_rad"), {"theta_rad": Source("b")})
 
 
@@ -83,6 +117,8 @@ def test_time_of_another_name_must_increase(tmp_path: Path) -> None:
         read_elsewhere(file, ("t_s", "phi_rad"), {"t_s": Source("clock")})
 
 
-def test_columns_without_files_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_columns_without_files_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert a1.main(["--columns", "phi_rad=a", "--out", str(tmp_path / "out")]) == 2
     assert "--columns has no effect without --from" in capsys.readouterr().err

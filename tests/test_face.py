@@ -15,7 +15,17 @@ from experiments import a1, catalogue
 from experiments.harness import arguments
 from tests.helpers import ROOT, python
 
-NAMES = {"load_crane", "simulate", "simulate_batch", "Crane", "State", "Setpoint", "Trajectory", "CraneError", "__version__"}
+NAMES = {
+    "load_crane",
+    "simulate",
+    "simulate_batch",
+    "Crane",
+    "State",
+    "Setpoint",
+    "Trajectory",
+    "CraneError",
+    "__version__",
+}
 
 
 def test_the_face_gives_its_names_and_they_are_those_of_their_modules() -> None:
@@ -47,18 +57,26 @@ def test_the_face_imports_what_is_heavy_only_when_it_is_used() -> None:
 
 
 def test_every_module_of_the_experiments_with_a_command_line_is_in_the_catalogue() -> None:
-    commands = {path.stem for path in (ROOT / "experiments").glob("*.py") if "\ndef main(" in path.read_text(encoding="utf-8")}
+    commands = {
+        path.stem
+        for path in (ROOT / "experiments").glob("*.py")
+        if "\ndef main(" in path.read_text(encoding="utf-8")
+    }
     assert commands == {*catalogue.EXPERIMENTS, *catalogue.TOOLS}
 
 
-def test_list_names_every_experiment_in_lines_of_80_columns(capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_names_every_experiment_in_lines_of_80_columns(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert face.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert {line.split()[0] for line in lines if line} == {*catalogue.EXPERIMENTS, *catalogue.TOOLS}
     assert max(map(len, lines)) <= 80
 
 
-def test_run_hands_all_arguments_to_the_experiment_and_its_code_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_hands_all_arguments_to_the_experiment_and_its_code_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     given = []
     monkeypatch.setattr(a1, "main", lambda argv: given.append(argv) or 1)
     assert face.main(["run", "a1", "--gravity", "9.8", "--out", "there"]) == 1
@@ -80,7 +98,9 @@ def test_describe_writes_the_crane(capsys: pytest.CaptureFixture[str]) -> None:
         ("list all", "unrecognized arguments: all"),
     ],
 )
-def test_what_the_command_refuses_is_a_sentence_and_exit_code_2(words: str, sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_the_command_refuses_is_a_sentence_and_exit_code_2(
+    words: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     try:
         code = face.main(words.split())
     except SystemExit as stop:
@@ -89,13 +109,17 @@ def test_what_the_command_refuses_is_a_sentence_and_exit_code_2(words: str, sent
     assert sentence in capsys.readouterr().err.splitlines()[-1]
 
 
-def test_export_without_bridges_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_export_without_bridges_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(face.importlib.util, "find_spec", lambda name: None)
     assert face.main(["export"]) == 2
     assert "no bridges to other tools" in capsys.readouterr().err
 
 
-def test_an_installed_experiment_says_how_it_is_reached_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_installed_experiment_says_how_it_is_reached_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     assert arguments.called("a1") == "python -m experiments.a1"
     inside = Path("/site/cranedyn/_bundled/experiments/harness/arguments.py")
     monkeypatch.setattr(arguments, "__file__", str(inside))

@@ -18,7 +18,8 @@ from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, Unknown
 from cranedyn.plotting.figures import panels, save
 from tests.helpers import files
 
-# --- files -------------------------------------------------------------------------------------------------------------------------
+# --- files ----------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_a_file_appears_only_when_it_is_whole(tmp_path: Path) -> None:
@@ -34,7 +35,9 @@ def test_a_file_appears_only_when_it_is_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, CraneError])
-def test_nothing_is_left_behind_when_writing_breaks_off(tmp_path: Path, error: type[BaseException]) -> None:
+def test_nothing_is_left_behind_when_writing_breaks_off(
+    tmp_path: Path, error: type[BaseException]
+) -> None:
     (tmp_path / "a.csv").write_text("old")
     with pytest.raises(error), written(tmp_path / "a.csv") as draft:
         draft.write_text("half")
@@ -44,14 +47,20 @@ def test_nothing_is_left_behind_when_writing_breaks_off(tmp_path: Path, error: t
 
 
 def test_a_full_disk_is_a_sentence_and_leaves_nothing_behind(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"Cannot write .*a.csv: No space left on device\."), written(tmp_path / "a.csv") as draft:
+    with (
+        pytest.raises(DataError, match=r"Cannot write .*a.csv: No space left on device\."),
+        written(tmp_path / "a.csv") as draft,
+    ):
         draft.write_text("half")
         raise OSError(errno.ENOSPC, "No space left on device")
     assert files(tmp_path) == []
 
 
 def test_a_missing_folder_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"Cannot write .*: the folder .*missing does not exist"), written(tmp_path / "missing" / "a.csv"):
+    with (
+        pytest.raises(DataError, match=r"Cannot write .*: the folder .*missing does not exist"),
+        written(tmp_path / "missing" / "a.csv"),
+    ):
         pytest.fail("must not get here")
 
 
@@ -84,7 +93,9 @@ def test_drafts_of_many_threads_with_names_alike_are_never_each_others(tmp_path:
     assert [name for name in names if (tmp_path / name).read_text() != name] == []
 
 
-def test_a_draft_cannot_be_guessed_and_follows_no_link_that_stands_there_already(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_draft_cannot_be_guessed_and_follows_no_link_that_stands_there_already(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     drafts = []
     for _ in range(2):
         with written(tmp_path / "a.csv") as draft:
@@ -93,7 +104,10 @@ def test_a_draft_cannot_be_guessed_and_follows_no_link_that_stands_there_already
     (tmp_path / "precious").write_text("precious")
     (tmp_path / ".a.guessed.csv").symlink_to("precious")
     monkeypatch.setattr("secrets.token_hex", lambda count: "guessed")
-    with pytest.raises(DataError, match=r"Cannot write .*a\.csv: File exists"), written(tmp_path / "a.csv"):
+    with (
+        pytest.raises(DataError, match=r"Cannot write .*a\.csv: File exists"),
+        written(tmp_path / "a.csv"),
+    ):
         pytest.fail("must not get here")
     assert (tmp_path / "precious").read_text() == "precious"
 
@@ -101,7 +115,10 @@ def test_a_draft_cannot_be_guessed_and_follows_no_link_that_stands_there_already
 def test_what_was_put_in_the_place_of_a_draft_gets_no_name(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("old")
     (tmp_path / "secret").write_text("secret")
-    with pytest.raises(DataError, match=r"its draft .* was moved or replaced"), written(tmp_path / "a.csv") as draft:
+    with (
+        pytest.raises(DataError, match=r"its draft .* was moved or replaced"),
+        written(tmp_path / "a.csv") as draft,
+    ):
         draft.unlink()
         draft.symlink_to("secret")
     assert files(tmp_path) == ["a.csv", "secret"]
@@ -109,7 +126,9 @@ def test_what_was_put_in_the_place_of_a_draft_gets_no_name(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("mode", [0o600, 0o640, 0o444, 0o755])
-def test_a_file_keeps_the_mode_of_the_one_it_replaces_and_nobody_else_reads_its_draft(mode: int, tmp_path: Path) -> None:
+def test_a_file_keeps_the_mode_of_the_one_it_replaces_and_nobody_else_reads_its_draft(
+    mode: int, tmp_path: Path
+) -> None:
     path = tmp_path / "a.csv"
     write_text(path, "old")
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~_umask()
@@ -126,7 +145,9 @@ def _umask() -> int:
     return mask
 
 
-def test_a_name_counts_when_content_and_folder_are_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_name_counts_when_content_and_folder_are_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     seen: list[str] = []
     sync, move = os.fsync, os.replace
 
@@ -153,7 +174,10 @@ def test_a_set_of_files_appears_together_or_not_at_all(tmp_path: Path) -> None:
         write_text(tmp_path / "a.csv", "new")
         write_text(tmp_path / "c.csv", "new")
         raise KeyboardInterrupt
-    assert {name: (tmp_path / name).read_text() for name in files(tmp_path)} == {"a.csv": "old", "b.csv": "old"}
+    assert {name: (tmp_path / name).read_text() for name in files(tmp_path)} == {
+        "a.csv": "old",
+        "b.csv": "old",
+    }
     with together() as drafts:
         write_text(tmp_path / "a.csv", "new")
         write_text(tmp_path / "c.csv", "new")
@@ -182,7 +206,11 @@ def test_a_folder_has_one_writer_at_a_time_and_goes_if_it_stays_empty(tmp_path: 
 
 def test_a_name_with_a_nul_is_a_sentence(tmp_path: Path) -> None:
     name = str(tmp_path / "a\0b.csv")
-    for use in (read_text, lambda path: write_text(path, "x"), lambda path: reserved(Path(path)).__enter__()):
+    for use in (
+        read_text,
+        lambda path: write_text(path, "x"),
+        lambda path: reserved(Path(path)).__enter__(),
+    ):
         with pytest.raises(DataError, match=r"^Cannot (read|write|make).*(NUL|null byte)\.$"):
             use(name)
 
@@ -193,7 +221,8 @@ def test_bytes_of_names_that_are_no_text_come_back_from_json(tmp_path: Path) -> 
     assert json.loads(read_text(tmp_path / "a.json")) == {"name": name}
 
 
-# --- numbers -----------------------------------------------------------------------------------------------------------------------
+# --- numbers --------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 @pytest.mark.parametrize(
@@ -207,7 +236,9 @@ def test_bytes_of_names_that_are_no_text_come_back_from_json(tmp_path: Path) -> 
         (np.float64(4), "3 to 4", 4.0),
     ],
 )
-def test_a_number_in_its_range_is_handed_back_as_a_float(value: object, allowed: str, result: float) -> None:
+def test_a_number_in_its_range_is_handed_back_as_a_float(
+    value: object, allowed: str, result: float
+) -> None:
     found = number("n", value, "m", allowed)
     assert (type(found), found) == (float, result)
 
@@ -227,7 +258,9 @@ def test_a_number_in_its_range_is_handed_back_as_a_float(value: object, allowed:
         (None, "any", "n is None m; allowed is a number."),
     ],
 )
-def test_a_number_out_of_its_range_is_refused_with_value_unit_and_range(value: object, allowed: str, sentence: str) -> None:
+def test_a_number_out_of_its_range_is_refused_with_value_unit_and_range(
+    value: object, allowed: str, sentence: str
+) -> None:
     with pytest.raises(OutOfRange) as caught:
         number("n", value, "m", allowed)
     assert str(caught.value) == sentence
@@ -248,7 +281,8 @@ def test_a_number_between_two_is_handed_back_and_any_other_refused_to_the_last_d
         assert str(caught.value) == f"n is {x} m; allowed is {allowed}."
 
 
-# --- errors ------------------------------------------------------------------------------------------------------------------------
+# --- errors ---------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_every_error_is_a_crane_error_that_carries_its_values() -> None:
@@ -256,13 +290,23 @@ def test_every_error_is_a_crane_error_that_carries_its_values() -> None:
     assert str(unknown) == "There is no drive 'y'; there are x, l."
     assert (unknown.given, unknown.known) == ("y", ("x", "l"))
     broken = RunError("It broke.", t=1.5, joint="yaw_joint", value=7.0)
-    assert (str(broken), broken.t, broken.joint, broken.value, broken.trajectory) == ("It broke.", 1.5, "yaw_joint", 7.0, None)
+    assert (str(broken), broken.t, broken.joint, broken.value, broken.trajectory) == (
+        "It broke.",
+        1.5,
+        "yaw_joint",
+        7.0,
+        None,
+    )
     for error in (unknown, broken, OutOfRange("a", 1, "> 2"), DataError("x")):
         assert isinstance(error, CraneError)
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"), [("2000 kg", "'2000 kg'; allowed is the number alone, in kg."), ("heavy", "heavy kg; allowed is a number > 0.")]
+    ("text", "sentence"),
+    [
+        ("2000 kg", "'2000 kg'; allowed is the number alone, in kg."),
+        ("heavy", "heavy kg; allowed is a number > 0."),
+    ],
 )
 def test_a_unit_is_never_said_twice(text: str, sentence: str) -> None:
     with pytest.raises(OutOfRange) as caught:

@@ -1,4 +1,6 @@
-"""The article's own simulator: recordings made in Gazebo Classic 11.1, beside the same runs here."""
+"""The article's own simulator: recordings made in Gazebo Classic 11.1, beside the same runs
+here.
+"""
 
 from __future__ import annotations
 
@@ -32,21 +34,30 @@ RUNS = ("a1_l5", "a1_l10", "a1_l15", "a1_l20", "a1_soft", "a2", "a3")
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_a_whole_run_stays_within_1e_4_rad_of_the_articles_own_simulator(name: str, found: dict[str, gazebo.Pair]) -> None:
+def test_a_whole_run_stays_within_1e_4_rad_of_the_articles_own_simulator(
+    name: str, found: dict[str, gazebo.Pair]
+) -> None:
     pair = found[name]
     assert pair.there["t_s"][-1] == pair.here.t[-1]
     assert pair.largest("phi_rad") < gazebo.ALLOWED
     assert pair.largest("theta_rad") < gazebo.ALLOWED
-    assert pair.largest("x_m") < 1e-5  # the step, h l ω²/2 along the cable, moves the pivot through its spring
+    # The step, h l ω²/2 along the cable, moves the pivot through its spring.
+    assert pair.largest("x_m") < 1e-5
     assert pair.largest("l_m") < 1e-4  # a chord instead of an arc: h l ω²/2 on a hoist of 3e4 N/m
 
 
 def test_every_recording_is_compared(found: dict[str, gazebo.Pair]) -> None:
-    assert {path.stem for path in gazebo.RECORDINGS.glob("*.parquet")} == {*RUNS, "swing_overwritten"} == {*found, "swing_overwritten"}
+    assert (
+        {path.stem for path in gazebo.RECORDINGS.glob("*.parquet")}
+        == {*RUNS, "swing_overwritten"}
+        == {*found, "swing_overwritten"}
+    )
 
 
 def test_a_world_of_another_gravity_or_inertia_would_not_pass() -> None:
-    """0.07 % of gravity, or half of the dummy links' inertia, is many times what is allowed: the comparison can fail."""
+    """0.07 % of gravity, or half of the dummy links' inertia, is many times what is allowed: the
+    comparison can fail.
+    """
     for other in (replace(WORLD, gravity=9.80665), replace(WORLD, values={"dummy_inertia": 25.0})):
         here = a1.run(other, 15.0).trajectory
         there = gazebo.read_columns(gazebo.RECORDINGS / "a1_l15.parquet", gazebo.COLUMNS)
@@ -74,31 +85,58 @@ def test_the_experiment_claims_it_and_documents_tell_its_numbers(result: Any) ->
 
 
 @pytest.mark.parametrize(("main", "name"), [(a1.main, "a1_l5"), (a2.main, "a2"), (a3.main, "a3")])
-def test_a_recording_is_analysed_by_the_experiments_like_any_file(main: Any, name: str, tmp_path: Path) -> None:
+def test_a_recording_is_analysed_by_the_experiments_like_any_file(
+    main: Any, name: str, tmp_path: Path
+) -> None:
     with redirect_stdout(io.StringIO()):
-        assert main(["--from", str(gazebo.RECORDINGS / f"{name}.parquet"), "--out", str(tmp_path / "out")]) == 0
+        assert (
+            main(
+                [
+                    "--from",
+                    str(gazebo.RECORDINGS / f"{name}.parquet"),
+                    "--out",
+                    str(tmp_path / "out"),
+                ]
+            )
+            == 0
+        )
     rows = json.loads((tmp_path / "out" / "result.json").read_text())["tables"][0]["rows"]
     assert rows[0][0].endswith(f"{name}.parquet")
 
 
-# --- the article's broken crane ----------------------------------------------------------------------------------------------------
+# --- the article's broken crane -------------------------------------------------------------------
+# ---------------------------------
 
 
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory: pytest.TempPathFactory) -> Any:
     folder = tmp_path_factory.mktemp("overwritten") / "out"
     with redirect_stdout(io.StringIO()):
-        assert energy.main(["--overwritten", "--gravity", "9.8", "--engine", FAST, "--out", str(folder)]) == 0
+        assert (
+            energy.main(
+                ["--overwritten", "--gravity", "9.8", "--engine", FAST, "--out", str(folder)]
+            )
+            == 0
+        )
     return json.loads((folder / "result.json").read_text())
 
 
-def test_a_plugin_that_overwrites_the_passive_rates_is_a_damper_and_takes_what_the_article_lost(broken: Any) -> None:
+def test_a_plugin_that_overwrites_the_passive_rates_is_a_damper_and_takes_what_the_article_lost(
+    broken: Any,
+) -> None:
     assert [claim["holds"] for claim in broken["claims"]] == [True, True, True]
     ratios, dampings = ({row[0]: row[1:] for row in table["rows"]} for table in broken["tables"])
     ours, theirs = ratios["here, damper ΣI/dt"], ratios["Gazebo 11.1, rates overwritten"]
-    assert ours[0] == pytest.approx(100.0 / 5e-4 / (2.0 * math.sqrt(225500.0 * 9800.0 * 15.0)), rel=0.0225 / 8)  # A²/8
+    # A²/8.
+    assert ours[0] == pytest.approx(
+        100.0 / 5e-4 / (2.0 * math.sqrt(225500.0 * 9800.0 * 15.0)), rel=0.0225 / 8
+    )
     assert ours[2] == pytest.approx(theirs[2], abs=0.01)
-    rows = [f"| {name} | {row[0]:.4f} | {row[1]:.4f} | {row[2]:.2f} |" for name, row in ratios.items() if name[:4] in ("here", "Gaze")]
+    rows = [
+        f"| {name} | {row[0]:.4f} | {row[1]:.4f} | {row[2]:.2f} |"
+        for name, row in ratios.items()
+        if name[:4] in ("here", "Gaze")
+    ]
     told = f"| {theirs[0]:.4f}, {theirs[2]:.2f} J | {ours[0]:.4f}, {ours[2]:.2f} J |"
     assert missing([told], "README.md") == []
     assert missing([*rows, f"{dampings[1.0][0]:.2f} J are"], "docs/findings.md") == []
@@ -113,13 +151,19 @@ def test_a_finer_step_makes_the_plugin_a_stronger_damper_until_nothing_swings() 
     crane = WORLD.crane
     ratios = [energy_overwritten.closed_form(crane, 15.0, dt).ratio for dt in (1e-3, 5e-4)]
     assert ratios[1] == 2.0 * ratios[0]
-    with pytest.raises(CraneError, match=r"damping ratio under the plugin is 1\.1; allowed is below 1"):
+    with pytest.raises(
+        CraneError, match=r"damping ratio under the plugin is 1\.1; allowed is below 1"
+    ):
         energy_overwritten.experiment(replace(WORLD, dt=2.5e-4), 0.15, 15.0)
 
 
 def test_the_period_of_pure_gazebo_is_inertia_amplitude_and_gravity() -> None:
-    """Measured there with the drives fixed: 7.793010 s; a swing that decays from 0.15 rad, its step and chords leave 6e-6 s."""
-    period = theory.rigid_period(15.0, 9.8, 1000.0, 400.0 + 2 * 50.0) * float(theory.amplitude_factor(0.15))
+    """Measured there with the drives fixed: 7.793010 s; a swing that decays from 0.15 rad, its step
+    and chords leave 6e-6 s.
+    """
+    period = theory.rigid_period(15.0, 9.8, 1000.0, 400.0 + 2 * 50.0) * float(
+        theory.amplitude_factor(0.15)
+    )
     assert period == pytest.approx(7.793010, abs=7e-6)
     error = 100.0 * (period / float(theory.point_period(15.0, 9.80665)) - 1.0)
     assert missing([f"{period:.6f} s", f"{error:+.3f} %"], "docs/findings.md") == []

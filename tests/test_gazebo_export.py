@@ -1,4 +1,6 @@
-"""The door to Gazebo Classic: what it writes and refuses, and, where a Gazebo is at hand, that runs there are those here."""
+"""The door to Gazebo Classic: what it writes and refuses, and, where a Gazebo is at hand, that runs
+there are those here.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,11 @@ SETUP = harness.Setup(engine=FAST)
 
 @pytest.fixture(scope="module")
 def a1(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return gazebo.export(tmp_path_factory.mktemp("gazebo") / "a1", programs.program("a1", replace(SETUP, gravity=9.8)), every=10)
+    return gazebo.export(
+        tmp_path_factory.mktemp("gazebo") / "a1",
+        programs.program("a1", replace(SETUP, gravity=9.8)),
+        every=10,
+    )
 
 
 def ran(program: Program) -> Trajectory:
@@ -56,20 +62,32 @@ def ran(program: Program) -> Trajectory:
     )
 
 
-# --- what is written ---------------------------------------------------------------------------------------------------------------
+# --- what is written ------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_a_folder_has_all_that_is_built_and_run_there(a1: Path) -> None:
     tables = {"feed_forward.csv", "gain.csv", "setpoint.csv", "target.csv", "integral.csv"}
-    assert {path.name for path in a1.iterdir()} == {*tables, "CMakeLists.txt", "plugin.cc", "run.sh", "world.sdf", "models"}
+    assert {path.name for path in a1.iterdir()} == {
+        *tables,
+        "CMakeLists.txt",
+        "plugin.cc",
+        "run.sh",
+        "world.sdf",
+        "models",
+    }
     assert os.access(a1 / "run.sh", os.X_OK)
     assert subprocess.run(["bash", "-n", a1 / "run.sh"], check=False).returncode == 0
     assert "timeout" in (a1 / "run.sh").read_text()
 
 
-def test_no_link_is_without_an_inertial_since_gazebo_would_make_an_empty_model_of_it(a1: Path) -> None:
+def test_no_link_is_without_an_inertial_since_gazebo_would_make_an_empty_model_of_it(
+    a1: Path,
+) -> None:
     robot = ET.parse(a1 / "models" / "crane" / "model.urdf").getroot()
-    assert [link.get("name") for link in robot.iterfind("link") if link.find("inertial") is None] == ["world"]
+    assert [
+        link.get("name") for link in robot.iterfind("link") if link.find("inertial") is None
+    ] == ["world"]
     assert robot.find("ros2_control") is None
     assert "<!--" not in (a1 / "models" / "crane" / "model.urdf").read_text()
 
@@ -77,18 +95,35 @@ def test_no_link_is_without_an_inertial_since_gazebo_would_make_an_empty_model_o
 def test_the_plugin_puts_joints_where_they_start_and_limits_the_drives_only(a1: Path) -> None:
     plugin = ET.parse(a1 / "models" / "crane" / "model.urdf").find("gazebo/plugin")
     assert plugin is not None
-    starts = {joint.findtext("name"): float(joint.findtext("start") or "nan") for joint in plugin.iterfind("joint")}
-    assert starts == {"yaw_joint": 0, "trolley_joint": 10, "swing_radial_joint": 0, "swing_tangential_joint": 0, "hoist_joint": 15}
-    limited = [joint.findtext("name") for joint in plugin.iterfind("joint") if joint.find("effort_limit") is not None]
+    starts = {
+        joint.findtext("name"): float(joint.findtext("start") or "nan")
+        for joint in plugin.iterfind("joint")
+    }
+    assert starts == {
+        "yaw_joint": 0,
+        "trolley_joint": 10,
+        "swing_radial_joint": 0,
+        "swing_tangential_joint": 0,
+        "hoist_joint": 15,
+    }
+    limited = [
+        joint.findtext("name")
+        for joint in plugin.iterfind("joint")
+        if joint.find("effort_limit") is not None
+    ]
     assert limited == ["yaw_joint", "trolley_joint", "hoist_joint"]
 
 
 def test_the_tables_are_the_controller_to_the_bit(tmp_path: Path) -> None:
     rng, crane = np.random.default_rng(1), SETUP.crane
-    tracking = Tracking(5e-3, rng.normal(size=(7, 3)), rng.normal(size=(7, 3, 10)), rng.normal(size=(7, 10)))
+    tracking = Tracking(
+        5e-3, rng.normal(size=(7, 3)), rng.normal(size=(7, 3, 10)), rng.normal(size=(7, 10))
+    )
     controller = HoistIntegral(crane, tracking, 1.0 / 3.0, 1e5, integral=0.1)
     reference = ramp(crane, hold(crane), "l", 1.0 / 3.0, rate=1.0 / 7.0, at=0.0)
-    folder = gazebo.export(tmp_path / "out", Program(crane, controller, reference, crane.start, 0.05))
+    folder = gazebo.export(
+        tmp_path / "out", Program(crane, controller, reference, crane.start, 0.05)
+    )
     shapes = {"feed_forward": (7, 3), "gain": (7, 3, 10), "setpoint": (7, 10)}
     for name, shape in shapes.items():
         found = np.loadtxt(folder / f"{name}.csv", delimiter=",", ndmin=2).reshape(shape)
@@ -102,8 +137,26 @@ def test_the_tables_are_the_controller_to_the_bit(tmp_path: Path) -> None:
 def test_the_world_is_the_articles_unless_asked_otherwise(a1: Path, tmp_path: Path) -> None:
     world = ET.parse(a1 / "world.sdf").getroot()
     assert world.findtext(".//gravity") == "0 0 -9.8"
-    assert (world.findtext(".//solver/type"), world.findtext(".//erp"), world.findtext(".//max_step_size")) == ("world", "0.8", "0.0005")
-    assert main(["gazebo", str(tmp_path / "q"), "--solver", "quick", "--erp", "0.2", "--experiment", "swing"]) == 0
+    assert (
+        world.findtext(".//solver/type"),
+        world.findtext(".//erp"),
+        world.findtext(".//max_step_size"),
+    ) == ("world", "0.8", "0.0005")
+    assert (
+        main(
+            [
+                "gazebo",
+                str(tmp_path / "q"),
+                "--solver",
+                "quick",
+                "--erp",
+                "0.2",
+                "--experiment",
+                "swing",
+            ]
+        )
+        == 0
+    )
     assert ET.parse(tmp_path / "q" / "world.sdf").getroot().findtext(".//solver/iters") == "50"
 
 
@@ -118,19 +171,32 @@ def test_what_is_handed_on_is_what_the_experiments_run() -> None:
         assert ran(programs.program(name, SETUP)).q.tobytes() == trajectory.q.tobytes()
 
 
-# --- what is refused ---------------------------------------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
+# ---------------------------------
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
         ("--experiment a4", "There is no run 'a4'; there are a1, a2, a3, swing, move."),
-        ("--experiment move --strategy none", "There is no strategy 'none'; there are spline alone, "),
+        (
+            "--experiment move --strategy none",
+            "There is no strategy 'none'; there are spline alone, ",
+        ),
         ("--experiment a2 --length 5", "--length has no effect on the run a2; leave it out."),
         ("--strategy paper", "--strategy has no effect on the run a1; leave it out."),
-        ("--experiment move --strategy operator", "drive of a run in Gazebo is motion; allowed is effort"),
-        ("--set dummy_mass:=0", "The link swing_r_link has no mass or no inertia, with which Gazebo drops it"),
-        ("--set payload_inertia:=0", "The link hook_link has no mass or no inertia, with which Gazebo drops it"),
+        (
+            "--experiment move --strategy operator",
+            "drive of a run in Gazebo is motion; allowed is effort",
+        ),
+        (
+            "--set dummy_mass:=0",
+            "The link swing_r_link has no mass or no inertia, with which Gazebo drops it",
+        ),
+        (
+            "--set payload_inertia:=0",
+            "The link hook_link has no mass or no inertia, with which Gazebo drops it",
+        ),
         ("--erp 2", "erp is 2.0; allowed is 0 to 1."),
         ("--every 0", "control instants between rows is 0; allowed is a whole number >= 1."),
         ("--length 100", "l at the start is 100.0 m; allowed is 3.4 to 26.4."),
@@ -147,17 +213,24 @@ def test_what_gazebo_cannot_carry_is_a_sentence_and_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_target_that_exists_stays_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_target_that_exists_stays_as_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     target = tmp_path / "out"
     target.mkdir()
     assert main(["gazebo", str(target)]) == 2
-    assert capsys.readouterr().err == f"error: Cannot write {target}: it is there already; name another, or remove it.\n"
+    assert (
+        capsys.readouterr().err
+        == f"error: Cannot write {target}: it is there already; name another, or remove it.\n"
+    )
     assert main(["gazebo", str(tmp_path / "no" / "out")]) == 2
     assert "does not exist" in capsys.readouterr().err
     assert list(target.iterdir()) == []
 
 
-def test_an_export_that_breaks_off_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_export_that_breaks_off_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
@@ -169,25 +242,43 @@ def test_an_export_that_breaks_off_leaves_nothing(tmp_path: Path, monkeypatch: p
 
 def test_a_controller_that_is_python_is_refused(tmp_path: Path) -> None:
     crane = SETUP.crane
-    with pytest.raises(CraneError, match="The controller function is not affine in the state; Gazebo runs tables, not Python"):
-        gazebo.export(tmp_path / "out", Program(crane, lambda t, state, setpoint: np.zeros(3), None, crane.start, 1.0))
+    with pytest.raises(
+        CraneError,
+        match="The controller function is not affine in the state; Gazebo runs tables, not Python",
+    ):
+        gazebo.export(
+            tmp_path / "out",
+            Program(crane, lambda t, state, setpoint: np.zeros(3), None, crane.start, 1.0),
+        )
 
 
 def test_a_crane_with_meshes_or_a_rope_that_stretches_is_refused(tmp_path: Path) -> None:
     plain = load_crane().urdf
     for tag, sentence in (
-        ('<link name="m"><visual><geometry><mesh filename="a.stl"/></geometry></visual></link>', "has the mesh a.stl"),
-        ('<gazebo reference="hoist_joint"><ropeStiffness>1e6</ropeStiffness></gazebo>', "has a rope that stretches"),
+        (
+            '<link name="m"><visual><geometry><mesh filename="a.stl"/></geometry></visual></link>',
+            "has the mesh a.stl",
+        ),
+        (
+            '<gazebo reference="hoist_joint"><ropeStiffness>1e6</ropeStiffness></gazebo>',
+            "has a rope that stretches",
+        ),
     ):
-        crane = replace(load_crane(), written=lambda tag=tag: plain.replace("</robot>", f"{tag}</robot>"))  # type: ignore[misc]
+        crane = replace(
+            load_crane(), written=lambda tag=tag: plain.replace("</robot>", f"{tag}</robot>")
+        )  # type: ignore[misc]
         with pytest.raises(CraneError, match=sentence):
-            gazebo.export(tmp_path / "out", Program(crane, hold_controller(crane), None, crane.start, 1.0))
+            gazebo.export(
+                tmp_path / "out", Program(crane, hold_controller(crane), None, crane.start, 1.0)
+            )
 
 
-# --- Gazebo itself -----------------------------------------------------------------------------------------------------------------
+# --- Gazebo itself --------------------------------------------------------------------------------
+# ---------------------------------
 
 _ROOT = os.environ.get("CRANEDYN_GAZEBO", "")
-"""A folder with Debian bullseye and Gazebo in it, as .ci/gazebo makes it; empty where Gazebo is installed on this machine."""
+"""A folder with Debian bullseye and Gazebo in it, as .ci/gazebo makes it; empty where Gazebo is
+installed on this machine."""
 
 _HERE = shutil.which("gzserver") is not None and Path("/usr/share/gazebo/setup.sh").exists()
 
@@ -202,17 +293,25 @@ Runner = Callable[[Program, bool], Path]
 @pytest.fixture(scope="module")
 def in_gazebo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runner]:
     """Runs a program there and gives its log; the plugin is built once."""
-    base = tmp_path_factory.mktemp("gazebo") if _HERE else Path(_ROOT, "tmp", f"cranedyn-{secrets.token_hex(4)}")
+    base = (
+        tmp_path_factory.mktemp("gazebo")
+        if _HERE
+        else Path(_ROOT, "tmp", f"cranedyn-{secrets.token_hex(4)}")
+    )
     base.mkdir(exist_ok=True)
     built: list[Path] = []
 
     def run(program: Program, overwritten: bool) -> Path:
-        folder = gazebo.export(base / f"run{len(list(base.iterdir()))}", program, overwritten=overwritten)
+        folder = gazebo.export(
+            base / f"run{len(list(base.iterdir()))}", program, overwritten=overwritten
+        )
         if built:
             shutil.copytree(built[0], folder / "build")
         inside = [] if _HERE else ["chroot", _ROOT]
         script = folder / "run.sh" if _HERE else Path("/", folder.relative_to(_ROOT), "run.sh")
-        done = subprocess.run([*inside, str(script), "300"], capture_output=True, text=True, timeout=600, check=False)
+        done = subprocess.run(
+            [*inside, str(script), "300"], capture_output=True, text=True, timeout=600, check=False
+        )
         assert done.returncode == 0, done.stderr + (folder / "build" / "gzserver.log").read_text()
         if not built:
             built.append(base / "built")
@@ -226,7 +325,9 @@ def in_gazebo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runner]:
 
 @with_gazebo
 @pytest.mark.parametrize("strategy", [PD, PAPER, LQR, FLAT])
-def test_a_controller_moves_the_crane_in_gazebo_as_it_does_here(strategy: str, in_gazebo: Runner) -> None:
+def test_a_controller_moves_the_crane_in_gazebo_as_it_does_here(
+    strategy: str, in_gazebo: Runner
+) -> None:
     program = programs.program("move", SETUP, strategy=strategy)
     here = ran(programs.program("move", SETUP, strategy=strategy))
     columns = [name for name in gazebo_columns() if name != "t_s"]
@@ -237,7 +338,9 @@ def test_a_controller_moves_the_crane_in_gazebo_as_it_does_here(strategy: str, i
     for name in ("gamma_rad", "x_m", "l_m"):
         assert np.abs(there[name] - here[name]).max() < 1e-4
     arrived = here.since(20.0)
-    swung = np.hypot(*(np.ptp(there[name][-len(arrived) :]) / 2.0 for name in ("phi_rad", "theta_rad")))
+    swung = np.hypot(
+        *(np.ptp(there[name][-len(arrived) :]) / 2.0 for name in ("phi_rad", "theta_rad"))
+    )
     assert swung == pytest.approx(residual(arrived), abs=5e-6)
 
 
@@ -247,32 +350,64 @@ def gazebo_columns() -> list[str]:
 
 @with_gazebo
 def test_a_run_in_gazebo_is_the_recording_that_is_shipped(in_gazebo: Runner) -> None:
-    there = read_columns(in_gazebo(programs.program("a1", replace(SETUP, gravity=9.8)), False), ["t_s", "phi_rad"])
-    kept = read_columns(ROOT / "experiments" / "recordings" / "gazebo" / "a1_l15.parquet", ["t_s", "phi_rad"])
-    assert np.abs(there["phi_rad"][::10] - kept["phi_rad"]).max() < 1e-7  # another order of the same sums
+    there = read_columns(
+        in_gazebo(programs.program("a1", replace(SETUP, gravity=9.8)), False), ["t_s", "phi_rad"]
+    )
+    kept = read_columns(
+        ROOT / "experiments" / "recordings" / "gazebo" / "a1_l15.parquet", ["t_s", "phi_rad"]
+    )
+    # Another order of the same sums.
+    assert np.abs(there["phi_rad"][::10] - kept["phi_rad"]).max() < 1e-7
 
 
 @with_gazebo
-def test_in_gazebo_damping_does_not_reach_a_swing_whose_rates_are_overwritten(in_gazebo: Runner) -> None:
+def test_in_gazebo_damping_does_not_reach_a_swing_whose_rates_are_overwritten(
+    in_gazebo: Runner,
+) -> None:
     world = replace(SETUP, gravity=9.8)
-    logs = [in_gazebo(programs.program("swing", replace(world, values={"damp_swing": d})), True).read_bytes() for d in (0, 1, 2e5)]
+    logs = [
+        in_gazebo(
+            programs.program("swing", replace(world, values={"damp_swing": d})), True
+        ).read_bytes()
+        for d in (0, 1, 2e5)
+    ]
     assert logs[0] == logs[1] == logs[2]
 
 
 @with_gazebo
 def test_gazebo_s_own_parser_takes_the_package_for_ros_whole(tmp_path: Path) -> None:
-    spring = "<gazebo reference='swing_radial_joint'><springStiffness>70</springStiffness><springReference>0.25</springReference></gazebo>"
+    spring = (
+        "<gazebo reference='swing_radial_joint'>"
+        "<springStiffness>70</springStiffness><springReference>0.25</springReference></gazebo>"
+    )
     text = load_crane().urdf.replace("</robot>", f"{spring}</robot>")
-    place = tmp_path / "package" if _HERE else Path(_ROOT, "tmp", f"cranedyn-{secrets.token_hex(4)}")
+    place = (
+        tmp_path / "package" if _HERE else Path(_ROOT, "tmp", f"cranedyn-{secrets.token_hex(4)}")
+    )
     package = ros2.export(place, replace(load_crane(), written=lambda: text))
-    inside, place = ([], package) if _HERE else (["chroot", _ROOT], Path("/", package.relative_to(_ROOT)))
+    inside, place = (
+        ([], package) if _HERE else (["chroot", _ROOT], Path("/", package.relative_to(_ROOT)))
+    )
     try:
         for world in ("crane.sdf", "classic.sdf"):
-            done = subprocess.run([*inside, "gz", "sdf", "-k", place / "worlds" / world], capture_output=True, text=True, check=False)
+            done = subprocess.run(
+                [*inside, "gz", "sdf", "-k", place / "worlds" / world],
+                capture_output=True,
+                text=True,
+                check=False,
+            )
             assert (done.stdout.strip(), done.stderr) == ("Check complete", "")
-        done = subprocess.run([*inside, "gz", "sdf", "-p", place / "urdf" / "crane.urdf"], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [*inside, "gz", "sdf", "-p", place / "urdf" / "crane.urdf"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         model = ET.fromstring(done.stdout)
-        springs = [(one.findtext("spring_stiffness"), one.findtext("spring_reference")) for one in model.iterfind(".//dynamics")]
+        springs = [
+            (one.findtext("spring_stiffness"), one.findtext("spring_reference"))
+            for one in model.iterfind(".//dynamics")
+        ]
         assert springs[2] == ("70", "0.25")
         masses = [float(mass.text or "nan") for mass in model.iterfind(".//link/inertial/mass")]
         assert masses == [1.0, 3000.0, 500.0, 50.0, 50.0, 1000.0]

@@ -1,4 +1,6 @@
-"""What strangers bring and machines do: every input ends in a result or in one sentence, and no file is lost or half there."""
+"""What strangers bring and machines do: every input ends in a result or in one sentence, and no
+file is lost or half there.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,8 @@ def urdf() -> str:
     return describe()
 
 
-# --- descriptions ------------------------------------------------------------------------------------------------------------------
+# --- descriptions ---------------------------------------------------------------------------------
+# ---------------------------------
 
 _LAUGH = "".join(f"<!ENTITY l{i + 1} '{10 * f'&l{i};'}'>" for i in range(12))
 
@@ -58,15 +61,25 @@ def _chain(n: int, last: str) -> str:
 
 HOSTILE: dict[str, Callable[[str], str | bytes | None]] = {
     "a billion laughs": lambda u: f'<!DOCTYPE r [<!ENTITY l0 "ha">{_LAUGH}]><robot name="&l12;"/>',
-    "a long entity many times": lambda u: f"<!DOCTYPE r [<!ENTITY a '{'a' * 100_000}'>]><robot>{'&a;' * 20_000}</robot>",
-    "an entity from a file": lambda u: '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><robot name="x">&a;</robot>',
-    "a document type from the net": lambda u: u.replace("?>", '?><!DOCTYPE r SYSTEM "http://127.0.0.1:9/r.dtd">'),
+    "a long entity many times": lambda u: (
+        f"<!DOCTYPE r [<!ENTITY a '{'a' * 100_000}'>]><robot>{'&a;' * 20_000}</robot>"
+    ),
+    "an entity from a file": lambda u: (
+        '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><robot name="x">&a;</robot>'
+    ),
+    "a document type from the net": lambda u: u.replace(
+        "?>", '?><!DOCTYPE r SYSTEM "http://127.0.0.1:9/r.dtd">'
+    ),
     "deep nesting": lambda u: "<a>" * 100_000 + "</a>" * 100_000,
     "joints in a circle": lambda u: u.replace("</robot>", _chain(2, "k0")),
     "a circle through the crane": lambda u: u.replace("</robot>", _chain(0, "base_link")),
     "a chain that would overflow the stack": lambda u: u.replace("</robot>", _chain(20_000, "")),
-    "a number of four million digits": lambda u: u.replace('value="500.0"', f"value='{'1' * 4_000_000}x'"),
-    "ten thousand attributes": lambda u: u.replace("<mass value", " ".join(["<mass", *(f"a{i}=''" for i in range(10_000)), "v"]), 1),
+    "a number of four million digits": lambda u: u.replace(
+        'value="500.0"', f"value='{'1' * 4_000_000}x'"
+    ),
+    "ten thousand attributes": lambda u: u.replace(
+        "<mass value", " ".join(["<mass", *(f"a{i}=''" for i in range(10_000)), "v"]), 1
+    ),
     "six megabytes": lambda u: u + " " * 6_000_000,
     "zeros": lambda u: bytes(1000),
     "a compressed file": lambda u: b"\x1f\x8b\x08\x00" + bytes(range(256)),
@@ -93,7 +106,9 @@ for path in sys.argv[1:]:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is limited by means of Linux")
-def test_hostile_descriptions_are_refused_within_30_seconds_and_400_megabytes(urdf: str, tmp_path: Path) -> None:
+def test_hostile_descriptions_are_refused_within_30_seconds_and_400_megabytes(
+    urdf: str, tmp_path: Path
+) -> None:
     paths = []
     for i, make in enumerate(HOSTILE.values()):
         for ending in ("urdf", "xacro"):
@@ -102,11 +117,14 @@ def test_hostile_descriptions_are_refused_within_30_seconds_and_400_megabytes(ur
                 path.mkdir()
             else:
                 path.write_bytes(content.encode() if isinstance(content, str) else content)
-            if ending == "urdf" or not content or "joint" not in str(content):  # an expanded crane takes its time
+            # An expanded crane takes its time.
+            if ending == "urdf" or not content or "joint" not in str(content):
                 paths.append(path)
     run = python(_LOADER, *paths)
     assert run.returncode == 0, run.stderr
-    found = {path: (kind, sentence) for path, kind, sentence in map(json.loads, run.stdout.splitlines())}
+    found = {
+        path: (kind, sentence) for path, kind, sentence in map(json.loads, run.stdout.splitlines())
+    }
     assert set(found) == set(map(str, paths))
     for kind, sentence in found.values():
         assert kind in ("ModelError", "DataError", "OutOfRange")
@@ -121,19 +139,30 @@ from cranedyn.recording import Run, record
 from cranedyn.simulation.simulate import simulate
 
 seen = []
-sys.addaudithook(lambda event, given: seen.append((event, given)) if event in ("open", "socket.connect", "socket.getaddrinfo") else None)
+watched = ("open", "socket.connect", "socket.getaddrinfo")
+sys.addaudithook(lambda event, given: seen.append((event, given)) if event in watched else None)
 crane = load_crane(sys.argv[1])
 print([str(given[0]) for event, given in seen if not str(given[0]).endswith(".pyc")])
-record(sys.argv[2], [Run("r", crane, simulate(crane, hold_controller(crane), duration=0.05))], title="t")
-print([given for event, given in seen if event != "open"])
+record(sys.argv[2], [Run("r", crane, simulate(crane, hold_controller(crane), duration=0.05))],
+title="t") print([given for event, given in seen if event != "open"])
 """
 
 
 def test_nothing_that_a_description_names_is_opened_or_fetched(urdf: str, tmp_path: Path) -> None:
     mesh = '<visual><geometry><mesh filename="{}"/></geometry></visual>'
-    names = ("http://127.0.0.1:9/a.stl", "package://else/b.stl", "/etc/passwd", "file:///etc/passwd", "../../secret.dae")
+    names = (
+        "http://127.0.0.1:9/a.stl",
+        "package://else/b.stl",
+        "/etc/passwd",
+        "file:///etc/passwd",
+        "../../secret.dae",
+    )
     path = tmp_path / "crane.urdf"
-    path.write_text(urdf.replace('<link name="hook_link">', '<link name="hook_link">' + "".join(map(mesh.format, names))))
+    path.write_text(
+        urdf.replace(
+            '<link name="hook_link">', '<link name="hook_link">' + "".join(map(mesh.format, names))
+        )
+    )
     run = python(_WATCHED, path, tmp_path / "a.rrd")
     opened, fetched = run.stdout.splitlines()
     assert opened == str([str(path)])
@@ -148,12 +177,24 @@ def test_a_plain_urdf_is_never_expanded(urdf: str, tmp_path: Path) -> None:
     marker = tmp_path / "secret.yaml"
     marker.write_text("a: 1")
     for text in (
-        turned('name="hook_link">', f"""name="hook_link" note="${{xacro.load_yaml('{marker}')}}">""", urdf),
-        turned("</robot>", '<xacro:include xmlns:xacro="http://www.ros.org/wiki/xacro" filename="secret.yaml"/></robot>', urdf),
+        turned(
+            'name="hook_link">',
+            f"""name="hook_link" note="${{xacro.load_yaml('{marker}')}}">""",
+            urdf,
+        ),
+        turned(
+            "</robot>",
+            '<xacro:include xmlns:xacro="http://www.ros.org/wiki/xacro" '
+            'filename="secret.yaml"/></robot>',
+            urdf,
+        ),
         urdf.replace("1000.0", "$(arg mass)"),
     ):
         path.write_text(text)
-        with pytest.raises(ModelError, match=r"crane\.urdf holds xacro directives; if you trust the file name it \.xacro"):
+        with pytest.raises(
+            ModelError,
+            match=r"crane\.urdf holds xacro directives; if you trust the file name it \.xacro",
+        ):
             load_crane(path)
 
 
@@ -178,41 +219,83 @@ def test_a_xacro_that_cannot_be_expanded_is_one_sentence(body: str, tmp_path: Pa
 
 
 def test_the_crane_may_be_as_large_as_one_likes() -> None:
-    assert load_crane(trolley_max=1e3, mast_height=1e4, pivot_height=1e4, total_height=1.1e4).upper[1] == 1e3
+    assert (
+        load_crane(trolley_max=1e3, mast_height=1e4, pivot_height=1e4, total_height=1.1e4).upper[1]
+        == 1e3
+    )
 
 
-# Pinocchio's parser would drop, double or ignore each of these and say so on standard error at most.
+# Pinocchio's parser would drop, double or ignore each of these and say so on standard error at
+# most.
 DROPPED = {
-    "a mass of another notation": ('<mass value="1000.0"/>', '<mass value="1_000"/>', r"value of mass in link hook_link .* is '1_000'"),
-    "a mass of other digits": ('<mass value="1000.0"/>', '<mass value="١٠٠٠"/>', "value of mass in link hook_link"),
+    "a mass of another notation": (
+        '<mass value="1000.0"/>',
+        '<mass value="1_000"/>',
+        r"value of mass in link hook_link .* is '1_000'",
+    ),
+    "a mass of other digits": (
+        '<mass value="1000.0"/>',
+        '<mass value="١٠٠٠"/>',
+        "value of mass in link hook_link",
+    ),
     "two masses": (
         '<mass value="1000.0"/>',
         '<mass value="1000.0"/><mass value="1"/>',
         "There are 2 elements mass in one inertial of link",
     ),
-    "no mass": ('<mass value="1000.0"/>', "", "The inertial of link hook_link .* needs a mass and an inertia"),
-    "an inertia with a value missing": ('<inertia ixx="400.0"', '<inertia xx="400.0"', "ixx of inertia in link hook_link .* is ''"),
+    "no mass": (
+        '<mass value="1000.0"/>',
+        "",
+        "The inertial of link hook_link .* needs a mass and an inertia",
+    ),
+    "an inertia with a value missing": (
+        '<inertia ixx="400.0"',
+        '<inertia xx="400.0"',
+        "ixx of inertia in link hook_link .* is ''",
+    ),
     "two numbers for three": (
         '<axis xyz="0 0 -1"/>',
         '<axis xyz="0 -1"/>',
         "xyz of axis in joint hoist_joint .* allowed is 3 decimal numbers",
     ),
-    "a limit beyond doubles": ('upper="26.4"', 'upper="1e400"', r"upper of limit in joint hoist_joint .* is '1e400'"),
-    "a limit beyond sense": ('upper="26.4"', 'upper="1e31"', r"allowed is a decimal number up to 1e\+30"),
-    "friction": ('<dynamics damping="0.0"/>', '<dynamics damping="0.0" friction="5"/>', "friction of joint .* is 5; allowed is 0"),
-    "mimicry": ('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="yaw_joint"/>', "joint swing_radial_joint .* mimics another"),
+    "a limit beyond doubles": (
+        'upper="26.4"',
+        'upper="1e400"',
+        r"upper of limit in joint hoist_joint .* is '1e400'",
+    ),
+    "a limit beyond sense": (
+        'upper="26.4"',
+        'upper="1e31"',
+        r"allowed is a decimal number up to 1e\+30",
+    ),
+    "friction": (
+        '<dynamics damping="0.0"/>',
+        '<dynamics damping="0.0" friction="5"/>',
+        "friction of joint .* is 5; allowed is 0",
+    ),
+    "mimicry": (
+        '<axis xyz="1 0 0"/>',
+        '<axis xyz="1 0 0"/><mimic joint="yaw_joint"/>',
+        "joint swing_radial_joint .* mimics another",
+    ),
     "a link below two joints": (
         '<child link="hook_link"/>',
         '<child link="trolley_link"/>',
         "two joints with the child link 'trolley_link'",
     ),
-    "a colour of three numbers": ('rgba="0.42 0.42 0.40 1"', 'rgba="0.42 0.42 0.40"', "rgba of color in material concrete"),
+    "a colour of three numbers": (
+        'rgba="0.42 0.42 0.40 1"',
+        'rgba="0.42 0.42 0.40"',
+        "rgba of color in material concrete",
+    ),
     "a shape without a size": ("<box size=", "<box sizes=", "size of box in link"),
 }
 
 
 @pytest.mark.parametrize(("old", "new", "sentence"), DROPPED.values(), ids=DROPPED)
-def test_what_parsers_of_urdf_would_drop_is_refused(old: str, new: str, sentence: str, urdf: str, tmp_path: Path) -> None:
+def test_what_parsers_of_urdf_would_drop_is_refused(
+    old: str, new: str, sentence: str, urdf: str, tmp_path: Path
+) -> None:
     assert old in urdf
     path = tmp_path / "crane.urdf"
     path.write_text(urdf.replace(old, new, 1) if urdf.count(old) > 1 else turned(old, new, urdf))
@@ -223,19 +306,33 @@ def test_what_parsers_of_urdf_would_drop_is_refused(old: str, new: str, sentence
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
-        ({"payload_mass": 1e20}, r"smallest eigenvalue of the scaled mass matrix is .*; allowed is > 1e-10: masses differ too much"),
-        ({"payload_mass": 1e200}, r"value of mass in link hook_link .* allowed is a decimal number up to 1e\+30"),
-        ({"gravity": 1e308}, "cannot be simulated: masses, lengths or gravity are beyond what a number holds"),
+        (
+            {"payload_mass": 1e20},
+            r"smallest eigenvalue of the scaled mass matrix is .*; allowed is > 1e-10: masses "
+            r"differ too much",
+        ),
+        (
+            {"payload_mass": 1e200},
+            r"value of mass in link hook_link .* allowed is a decimal number up to 1e\+30",
+        ),
+        (
+            {"gravity": 1e308},
+            "cannot be simulated: masses, lengths or gravity are beyond what a number holds",
+        ),
     ],
 )
-def test_masses_that_a_double_cannot_tell_apart_are_refused(values: dict[str, float], sentence: str) -> None:
+def test_masses_that_a_double_cannot_tell_apart_are_refused(
+    values: dict[str, float], sentence: str
+) -> None:
     with pytest.raises(CraneError, match=sentence):
         load_crane(**values)
 
 
 def test_a_rod_whose_inertia_is_singular_is_a_load(urdf: str, tmp_path: Path) -> None:
     # turned, so that rounding makes its zero eigenvalue a little negative or positive
-    turn = '<inertial>\n      <origin xyz="0 0 -0.0" rpy="0.3 0.4 0.5"/>\n      <mass value="1000.0"/>'
+    turn = (
+        '<inertial>\n      <origin xyz="0 0 -0.0" rpy="0.3 0.4 0.5"/>\n      <mass value="1000.0"/>'
+    )
     text = turned(turn.replace(' rpy="0.3 0.4 0.5"', ""), turn, urdf)
     (tmp_path / "crane.urdf").write_text(turned('izz="400.0"', 'izz="0.0"', text))
     assert load_crane(tmp_path / "crane.urdf").payload_mass == 1000.0
@@ -246,19 +343,26 @@ def test_an_argument_given_twice_is_refused() -> None:
         parse_values(["payload_mass:=1", "payload_mass:=2"])
 
 
-# --- tables ------------------------------------------------------------------------------------------------------------------------
+# --- tables ---------------------------------------------------------------------------------------
+# ---------------------------------
 
 ALL = [column for columns in crane().layout.columns().values() for column in columns]
 
 
 def _table(rows: int = 3, **replaced: pa.Array) -> pa.Table:
-    columns = {name: pa.array(np.arange(rows, dtype=float) / 8 if name == "t_s" else np.ones(rows)) for name in ALL}
+    columns = {
+        name: pa.array(np.arange(rows, dtype=float) / 8 if name == "t_s" else np.ones(rows))
+        for name in ALL
+    }
     return pa.table(columns | replaced)
 
 
 ODD_COLUMNS: dict[str, tuple[pa.Array, str]] = {
     "words": (pa.array(["1", "2", "3"]), "something that is not a number .string"),
-    "times of day": (pa.array([1, 2, 3], pa.timestamp("ms")), "something that is not a number .timestamp"),
+    "times of day": (
+        pa.array([1, 2, 3], pa.timestamp("ms")),
+        "something that is not a number .timestamp",
+    ),
     "truth": (pa.array([True, False, True]), "something that is not a number .bool"),
     "lists": (pa.array([[1.0], [2.0], [3.0]]), "something that is not a number .list"),
     "records": (pa.array([{"a": 1.0}] * 3), "something that is not a number .struct"),
@@ -270,7 +374,9 @@ ODD_COLUMNS: dict[str, tuple[pa.Array, str]] = {
 
 
 @pytest.mark.parametrize(("column", "sentence"), ODD_COLUMNS.values(), ids=ODD_COLUMNS)
-def test_a_column_that_is_no_column_of_numbers_is_refused(column: pa.Array, sentence: str, tmp_path: Path) -> None:
+def test_a_column_that_is_no_column_of_numbers_is_refused(
+    column: pa.Array, sentence: str, tmp_path: Path
+) -> None:
     path = tmp_path / "a.parquet"
     pyarrow.parquet.write_table(_table(phi_rad=column), path)
     for reader in (read, lambda p: read_columns(p, ("t_s", "phi_rad"))):
@@ -297,7 +403,9 @@ def test_a_column_that_is_there_twice_is_refused(ending: str, tmp_path: Path) ->
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
 @pytest.mark.parametrize("t", [[0.0, 1.0, 1.0], [0.0, 2.0, 1.0], [-1e308, 1e308, 0.0], []], ids=str)
-def test_a_trajectory_whose_time_does_not_increase_is_refused(t: list[float], ending: str, tmp_path: Path) -> None:
+def test_a_trajectory_whose_time_does_not_increase_is_refused(
+    t: list[float], ending: str, tmp_path: Path
+) -> None:
     path = tmp_path / f"a{ending}"
     table = _table(len(t), t_s=pa.array(t, pa.float64()))
     (pyarrow.csv.write_csv if ending == ".csv" else pyarrow.parquet.write_table)(table, path)
@@ -310,31 +418,60 @@ def test_a_trajectory_of_one_row_is_one(tmp_path: Path) -> None:
     assert len(read(tmp_path / "a.csv")) == 1
 
 
-@pytest.mark.parametrize("text", ["{", "[]", "3", '{"a": [1]}', '{"a": null}', "[" * 100_000, '{"a": ' + "9" * 5000 + "}", "\udcff"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{",
+        "[]",
+        "3",
+        '{"a": [1]}',
+        '{"a": null}',
+        "[" * 100_000,
+        '{"a": ' + "9" * 5000 + "}",
+        "\udcff",
+    ],
+)
 def test_parameters_that_are_none_are_refused(text: str, tmp_path: Path) -> None:
     table = _table().replace_schema_metadata({"cranedyn": text.encode(errors="surrogateescape")})
     pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
-    with pytest.raises(DataError, match="its parameters are not a JSON object of numbers and words"):
+    with pytest.raises(
+        DataError, match="its parameters are not a JSON object of numbers and words"
+    ):
         read(tmp_path / "a.parquet")
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
-def test_a_file_that_would_not_fit_is_refused_before_it_is_read(ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_would_not_fit_is_refused_before_it_is_read(
+    ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A Parquet file of equal numbers is small: what counts is how many there are."""
     path, rows = tmp_path / f"a{ending}", 200_000
     (pyarrow.csv.write_csv if ending == ".csv" else pyarrow.parquet.write_table)(_table(rows), path)
-    assert path.stat().st_size > 1e6 if ending == ".csv" else path.stat().st_size < 0.1 * rows * 8 * len(ALL)
+    assert (
+        path.stat().st_size > 1e6
+        if ending == ".csv"
+        else path.stat().st_size < 0.1 * rows * 8 * len(ALL)
+    )
     monkeypatch.setattr("cranedyn.data.tables.LARGEST", 1e6)
-    monkeypatch.setattr(pyarrow.parquet.ParquetFile, "read", lambda *_, **__: pytest.fail("must not be read"))
+    monkeypatch.setattr(
+        pyarrow.parquet.ParquetFile, "read", lambda *_, **__: pytest.fail("must not be read")
+    )
     with pytest.raises(DataError, match=r"a\.\w+ holds \d+ MB to read; allowed are 1\."):
         read(path)
 
 
 @pytest.mark.parametrize(
-    "content", [b"\x1f\x8b\x08\x00" + bytes(range(200)), b"PAR1" + bytes(100) + b"PAR1", b"\xff\xfe" + "t_s\n1\n".encode("utf-16")]
+    "content",
+    [
+        b"\x1f\x8b\x08\x00" + bytes(range(200)),
+        b"PAR1" + bytes(100) + b"PAR1",
+        b"\xff\xfe" + "t_s\n1\n".encode("utf-16"),
+    ],
 )
 @pytest.mark.parametrize("ending", [".csv", ".csv.gz", ".parquet", ".txt"])
-def test_garbage_is_refused_whatever_it_is_called(content: bytes, ending: str, tmp_path: Path) -> None:
+def test_garbage_is_refused_whatever_it_is_called(
+    content: bytes, ending: str, tmp_path: Path
+) -> None:
     (tmp_path / f"a{ending}").write_bytes(content)
     with pytest.raises(DataError) as caught:
         read_columns(tmp_path / f"a{ending}", ("t_s", "phi_rad"))
@@ -347,7 +484,8 @@ def test_pieces_without_rows_are_not_joined() -> None:
         join([run, run.since(9.0)])
 
 
-# --- numbers that make no experiment -----------------------------------------------------------------------------------------------
+# --- numbers that make no experiment
+# -----------------------------------------------------------------------------------------------
 
 
 def said(module: ModuleType, words: Sequence[str]) -> tuple[int, str]:
@@ -363,10 +501,25 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     t = np.arange(0.0, 40.0, 0.01)
     names = ("t_s", "phi_rad", "l_m", "gamma_dot_rad_s", "x_m", "theta_rad", "theta_dot_rad_s")
-    good = [t, 0.1 * np.cos(t), 0 * t + 10, np.sin(t), 0 * t + 20, 0.1 * np.cos(t), -0.1 * np.sin(t)]
-    for name, column, values in (("good", 0, t), ("long", 2, 0 * t + 1e300), ("epoch", 0, t + 1.7e9), ("sparse", 0, 60 * t)):
+    good = [
+        t,
+        0.1 * np.cos(t),
+        0 * t + 10,
+        np.sin(t),
+        0 * t + 20,
+        0.1 * np.cos(t),
+        -0.1 * np.sin(t),
+    ]
+    for name, column, values in (
+        ("good", 0, t),
+        ("long", 2, 0 * t + 1e300),
+        ("epoch", 0, t + 1.7e9),
+        ("sparse", 0, 60 * t),
+    ):
         columns = [values if i == column else c for i, c in enumerate(good)]
-        pyarrow.csv.write_csv(pa.table(dict(zip(names, columns, strict=True))), tmp_path / f"{name}.csv")
+        pyarrow.csv.write_csv(
+            pa.table(dict(zip(names, columns, strict=True))), tmp_path / f"{name}.csv"
+        )
     return tmp_path
 
 
@@ -374,7 +527,11 @@ BAD = [
     (mass_ratio, "--set payload_mass:=1e20", "smallest eigenvalue of the scaled mass matrix"),
     (a1, "--set payload_mass:=1e20", "smallest eigenvalue of the scaled mass matrix"),
     (energy, "--swing 1e-200", "swing is 1e-200 rad; allowed is 0.001 to 1.5708"),
-    (energy, "--set damp_swing:=5", "damp_swing is set by the experiment energy itself; leave it out of --set"),
+    (
+        energy,
+        "--set damp_swing:=5",
+        "damp_swing is set by the experiment energy itself; leave it out of --set",
+    ),
     (energy, "--set hoist_init:=5", "hoist_init is set by the experiment energy itself"),
     (mass_ratio, "--set dummy_mass:=5", "dummy_mass is set by the experiment mass_ratio itself"),
     (a3, "--set trolley_init:=5", "trolley_init is set by the experiment a3 itself"),
@@ -393,8 +550,19 @@ BAD = [
     (a2, "--from good.csv --set payload_mass:=2", "--set has no effect beside --from"),
     (a3, "--from good.csv --dt 1e-3", "--dt has no effect beside --from"),
     (a3, "--from good.csv --radius 5", "--radius has no effect beside --from"),
-    *((module, "--from long.csv", r"long\.csv: l_m is 1e\+300 in some row; allowed is 0\.001 to 1e\+06") for module in (a1, a2, a3)),
-    (a1, "--from epoch.csv", r"epoch\.csv: t_s is 1\.7e\+09 in some row; allowed is -1e\+06 to 1e\+06"),
+    *(
+        (
+            module,
+            "--from long.csv",
+            r"long\.csv: l_m is 1e\+300 in some row; allowed is 0\.001 to 1e\+06",
+        )
+        for module in (a1, a2, a3)
+    ),
+    (
+        a1,
+        "--from epoch.csv",
+        r"epoch\.csv: t_s is 1\.7e\+09 in some row; allowed is -1e\+06 to 1e\+06",
+    ),
     (a1, "--from sparse.csv", r"sparse\.csv: t_s leaves a gap of 0\.6 s; allowed are 0\.5 s"),
     (energy, f"--out {'a' * 300}", "Cannot .*File name too long"),
     (energy, f"--save {'a' * 300}.rrd", "Cannot write .*File name too long"),
@@ -406,7 +574,11 @@ BAD = [
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of Linux")
-@pytest.mark.parametrize(("module", "words", "sentence"), BAD, ids=[f"{m.__name__[12:]} {words[:40]}" for m, words, _ in BAD])
+@pytest.mark.parametrize(
+    ("module", "words", "sentence"),
+    BAD,
+    ids=[f"{m.__name__[12:]} {words[:40]}" for m, words, _ in BAD],
+)
 def test_what_cannot_be_is_refused_before_a_run_in_one_sentence(
     module: ModuleType, words: str, sentence: str, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -427,27 +599,50 @@ def test_the_good_file_is_analysed(here: Path) -> None:
 def test_a_load_that_does_not_swing_through_has_no_period() -> None:
     light = load_crane(payload_mass=1e-12, damp_swing=0)
     start = light.state(phi=0.1)
-    run = simulate(light, lambda t, state, setpoint: np.zeros(3), start=start, duration=1.0, drive="motion")
-    with pytest.raises(DataError, match="The load swings through 0 times in 40 s; a period needs two"):
+    run = simulate(
+        light, lambda t, state, setpoint: np.zeros(3), start=start, duration=1.0, drive="motion"
+    )
+    with pytest.raises(
+        DataError, match="The load swings through 0 times in 40 s; a period needs two"
+    ):
         mass_ratio.period(run)
 
 
 def test_a_result_that_is_not_finite_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
-    table = harness.Table("Some table", [("name", ""), ("a", ".1f"), ("b", ".1f")], [("x", 1.0, None), ("y", np.float64(2.0), np.nan)])
+    table = harness.Table(
+        "Some table",
+        [("name", ""), ("a", ".1f"), ("b", ".1f")],
+        [("x", 1.0, None), ("y", np.float64(2.0), np.nan)],
+    )
     for outcome, words in (
         (harness.Outcome([table], []), "b in row 2 of the table 'Some table'"),
         (harness.Outcome([], [], {"a": np.inf}), "parameters"),
     ):
         out = tmp_path / "out"
         with redirect_stderr(io.StringIO()) as err:
-            assert harness.conduct(harness.parser("trial", "A trial."), lambda *_, o=outcome: o, ["--out", str(out)]) == 2
-        assert err.getvalue().startswith("error: These arguments give a result that is not finite: ") and words in err.getvalue()
+            assert (
+                harness.conduct(
+                    harness.parser("trial", "A trial."),
+                    lambda *_, o=outcome: o,
+                    ["--out", str(out)],
+                )
+                == 2
+            )
+        assert (
+            err.getvalue().startswith("error: These arguments give a result that is not finite: ")
+            and words in err.getvalue()
+        )
         assert files(tmp_path) == []
 
 
 def test_a_ledger_that_gains_as_explicit_euler_does_runs_away_and_ours_does_not() -> None:
     def explicit(
-        acceleration: Callable, speed_up: Callable, move: Callable, q: np.ndarray, u: np.ndarray, steps: int
+        acceleration: Callable,
+        speed_up: Callable,
+        move: Callable,
+        q: np.ndarray,
+        u: np.ndarray,
+        steps: int,
     ) -> tuple[np.ndarray, np.ndarray]:
         for _ in range(steps):
             q, u = move(q, u), speed_up(u, acceleration(q, u))
@@ -466,12 +661,14 @@ def test_a_ledger_that_gains_as_explicit_euler_does_runs_away_and_ours_does_not(
     for run, stays in ((ours, True), (theirs, False)):
         mean, least, most = energy.band(run, period)
         assert (least <= mean <= most) is stays
-    steady = replace(ours, energy=ours.energy + 0.2 * ours.t)  # 4 J in 20 s beside a ripple of 0.8 J
+    # 4 J in 20 s beside a ripple of 0.8 J.
+    steady = replace(ours, energy=ours.energy + 0.2 * ours.t)
     mean, least, most = energy.band(steady, period)
     assert not least <= mean <= most
 
 
-# --- pictures and the report -------------------------------------------------------------------------------------------------------
+# --- pictures and the report ----------------------------------------------------------------------
+# ---------------------------------
 
 
 @pytest.fixture
@@ -480,36 +677,54 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     asked: list[float] = []
 
     @contextmanager
-    def fake(recording: Path, times: Sequence[float], size: tuple[int, int], whole: bool) -> Iterator[Iterator[Image.Image]]:
+    def fake(
+        recording: Path, times: Sequence[float], size: tuple[int, int], whole: bool
+    ) -> Iterator[Iterator[Image.Image]]:
         asked.extend(times)
-        yield (Image.fromarray(np.roll(np.eye(*size, dtype=np.uint8), i, axis=1) * 255).convert("RGB") for i, _ in enumerate(times))
+        yield (
+            Image.fromarray(np.roll(np.eye(*size, dtype=np.uint8), i, axis=1) * 255).convert("RGB")
+            for i, _ in enumerate(times)
+        )
 
     monkeypatch.setattr(pictures, "_pictures", fake)
     return asked
 
 
-@pytest.mark.parametrize(("fps", "span"), [(30.0, 2.0), (24.0, 1.5), (50.0, 1.0), (7.0, 3.0), (10.0, 0.1)])
-def test_a_gif_takes_the_time_that_it_shows(fps: float, span: float, drawn: list[float], tmp_path: Path) -> None:
-    path = pictures.animate(tmp_path / "a.rrd", (1.0, 1.0 + span), tmp_path / "a.gif", fps=fps, size=(200, 200))
+@pytest.mark.parametrize(
+    ("fps", "span"), [(30.0, 2.0), (24.0, 1.5), (50.0, 1.0), (7.0, 3.0), (10.0, 0.1)]
+)
+def test_a_gif_takes_the_time_that_it_shows(
+    fps: float, span: float, drawn: list[float], tmp_path: Path
+) -> None:
+    path = pictures.animate(
+        tmp_path / "a.rrd", (1.0, 1.0 + span), tmp_path / "a.gif", fps=fps, size=(200, 200)
+    )
     delays = []
     with Image.open(path) as image:
         for k in range(image.n_frames):
             image.seek(k)
             delays.append(image.info["duration"])
     shown = np.cumsum([0, *delays]) / 1000.0
-    np.testing.assert_allclose(shown[:-1], np.array(drawn) - 1.0, atol=0.005 + 1e-9)  # a GIF counts in 10 ms
+    # A GIF counts in 10 ms.
+    np.testing.assert_allclose(shown[:-1], np.array(drawn) - 1.0, atol=0.005 + 1e-9)
     assert shown[-1] == pytest.approx(span + 1.0 / fps, abs=0.011)
     assert min(delays) >= 20  # browsers play shorter ones at 100 ms
 
 
 @pytest.mark.parametrize("span", [(0.0, 1e9), (0.0, 1e300), (-1e308, 1e308)])
-def test_a_gif_of_more_pictures_than_memory_holds_is_refused(span: tuple[float, float], drawn: list[float], tmp_path: Path) -> None:
-    with pytest.raises(OutOfRange, match=r"number of pictures is \S+; allowed is 1627 or fewer of 640 x 480 pixels"):
+def test_a_gif_of_more_pictures_than_memory_holds_is_refused(
+    span: tuple[float, float], drawn: list[float], tmp_path: Path
+) -> None:
+    with pytest.raises(
+        OutOfRange, match=r"number of pictures is \S+; allowed is 1627 or fewer of 640 x 480 pixels"
+    ):
         pictures.animate(tmp_path / "a.rrd", span, tmp_path / "a.gif")
     assert not drawn and files(tmp_path) == []
 
 
-def test_pictures_are_not_even_drawn_where_the_moving_one_is_refused(drawn: list[float], tmp_path: Path) -> None:
+def test_pictures_are_not_even_drawn_where_the_moving_one_is_refused(
+    drawn: list[float], tmp_path: Path
+) -> None:
     words = ["-t", "0", "-o", str(tmp_path / "out"), "--gif", "0", "1e9", str(tmp_path / "a.gif")]
     code, err = said(snapshots, [str(tmp_path / "a.rrd"), *words])
     assert (code, err.count("\n"), drawn, files(tmp_path)) == (2, 1, [], [])
@@ -546,7 +761,9 @@ def test_a_folder_for_pictures_is_made_only_when_there_are_some(tmp_path: Path) 
     ],
     ids=lambda text: text[:12],
 )
-def test_a_result_of_another_shape_is_one_sentence_and_no_report(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_result_of_another_shape_is_one_sentence_and_no_report(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "a1"
     folder.mkdir()
     (folder / "result.json").write_text(json.dumps(RESULT))

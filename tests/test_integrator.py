@@ -18,13 +18,18 @@ OMEGA = 0.8
 """Frequency of the pendulum [rad/s]."""
 
 ROBOTS = ("double_pendulum_continuous.urdf", "panda.urdf", "ur5_robot.urdf")
-"""A chain of joints that turn without end (nq = 4, nv = 2), an arm with a gripper (9 joints) and an arm (6 joints)."""
+"""A chain of joints that turn without end (nq = 4, nv = 2), an arm with a gripper (9 joints) and an
+arm (6 joints)."""
 
 
 def _pendulum() -> pin.Model:
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "hinge")
-    model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.0, 0.0, -9.81 / OMEGA**2]), np.zeros((3, 3))), pin.SE3.Identity())
+    model.appendBodyToJoint(
+        joint,
+        pin.Inertia(2.0, np.array([0.0, 0.0, -9.81 / OMEGA**2]), np.zeros((3, 3))),
+        pin.SE3.Identity(),
+    )
     return model
 
 
@@ -33,24 +38,35 @@ def _robot(name: str) -> pin.Model:
     return pin.buildModelFromUrdf(str(next(file for file in files if file.name == name).locate()))
 
 
-def _advance(model: pin.Model, q: np.ndarray, v: np.ndarray, dt: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def _advance(
+    model: pin.Model, q: np.ndarray, v: np.ndarray, dt: float, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Free motion by the rule under test, in seconds."""
     scaled = in_steps(model, dt)
     data = scaled.createData()
     none = np.zeros(model.nv)
-    q, u = semi_implicit_euler.advance(lambda q, u: pin.aba(scaled, data, q, u, none), scaled, q, dt * v, steps)
+    q, u = semi_implicit_euler.advance(
+        lambda q, u: pin.aba(scaled, data, q, u, none), scaled, q, dt * v, steps
+    )
     return q, u / dt
 
 
 def _exact(model: pin.Model, q: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Free motion from rest by a Runge-Kutta of order 8; joints of one degree of freedom each, so increments add up."""
+    """Free motion from rest by a Runge-Kutta of order 8; joints of one degree of freedom each, so
+    increments add up.
+    """
     data, none = model.createData(), np.zeros(model.nv)
 
     def rates(_: float, y: np.ndarray) -> np.ndarray:
         moved, v = np.split(y, 2)
         return np.concatenate([v, pin.aba(model, data, pin.integrate(model, q, moved), v, none)])
 
-    moved, v = np.split(solve_ivp(rates, (0.0, duration), np.zeros(2 * model.nv), "DOP853", rtol=1e-11, atol=1e-12).y[:, -1], 2)
+    moved, v = np.split(
+        solve_ivp(
+            rates, (0.0, duration), np.zeros(2 * model.nv), "DOP853", rtol=1e-11, atol=1e-12
+        ).y[:, -1],
+        2,
+    )
     return pin.integrate(model, q, moved), v
 
 
@@ -101,18 +117,28 @@ def test_the_energy_of_a_large_swing_ripples_but_does_not_drift() -> None:
     for dt in (0.02, 0.01):
         errors = _energy_errors(model, np.array([1.0]), dt, 400.0)
         first, last = np.abs(np.array_split(errors, 4)[0]), np.abs(np.array_split(errors, 4)[-1])
-        assert last.max() == pytest.approx(first.max(), rel=1e-2)  # both hold a dozen swings; the peak is met within ω · 10 dt squared
-        assert first.max() < OMEGA * dt * whole  # order 1; explicit Euler gains ω² dt t, more than the whole
+        # Both hold a dozen swings; the peak is met within ω · 10 dt squared.
+        assert last.max() == pytest.approx(first.max(), rel=1e-2)
+        # Order 1; explicit Euler gains ω² dt t, more than the whole.
+        assert first.max() < OMEGA * dt * whole
         ripples[dt] = first.max()
-    assert ripples[0.02] / ripples[0.01] == pytest.approx(2.0, abs=0.05)  # order 1, next order ω dt = 0.016
+    # Order 1, next order ω dt = 0.016.
+    assert ripples[0.02] / ripples[0.01] == pytest.approx(2.0, abs=0.05)
 
 
 @pytest.mark.parametrize("name", ["double_pendulum_continuous.urdf", "ur5_robot.urdf"])
-def test_where_inertia_depends_on_the_posture_the_energy_error_still_halves_with_the_step(name: str) -> None:
+def test_where_inertia_depends_on_the_posture_the_energy_error_still_halves_with_the_step(
+    name: str,
+) -> None:
     model = _robot(name)
-    hanging = pin.integrate(model, pin.neutral(model), np.array([math.pi] + [0.0] * (model.nv - 1)) + 0.3)
-    coarse, fine = (float(np.abs(_energy_errors(model, hanging, dt, 2.5)).max()) for dt in (1e-3, 5e-4))
-    assert coarse / fine == pytest.approx(2.0, abs=0.1)  # order 1; the next order is dt times rates of some 10/s
+    hanging = pin.integrate(
+        model, pin.neutral(model), np.array([math.pi] + [0.0] * (model.nv - 1)) + 0.3
+    )
+    coarse, fine = (
+        float(np.abs(_energy_errors(model, hanging, dt, 2.5)).max()) for dt in (1e-3, 5e-4)
+    )
+    # Order 1; the next order is dt times rates of some 10/s.
+    assert coarse / fine == pytest.approx(2.0, abs=0.1)
 
 
 def test_a_step_keeps_the_area_of_the_phase_plane() -> None:
@@ -121,8 +147,12 @@ def test_a_step_keeps_the_area_of_the_phase_plane() -> None:
     def step(q: float, v: float) -> np.ndarray:
         return np.concatenate(_advance(model, np.array([q]), np.array([v]), dt, 1))
 
-    columns = [(step(0.7 + h * a, 0.2 + h * b) - step(0.7 - h * a, 0.2 - h * b)) / (2 * h) for a, b in ((1, 0), (0, 1))]
-    # symplectic: 1 exactly; central differences leave 1e-10. Explicit Euler has 1 + (ω dt)² cos q = 1.0012
+    columns = [
+        (step(0.7 + h * a, 0.2 + h * b) - step(0.7 - h * a, 0.2 - h * b)) / (2 * h)
+        for a, b in ((1, 0), (0, 1))
+    ]
+    # symplectic: 1 exactly; central differences leave 1e-10. Explicit Euler has 1 + (ω dt)² cos q =
+    # 1.0012
     assert np.linalg.det(columns) == pytest.approx(1.0, abs=1e-9)
 
 
@@ -136,8 +166,10 @@ def test_the_period_is_short_by_one_part_in_24_of_the_squared_phase_step(dt: flo
     # a discrete wave: y[n+1] + y[n-1] = 2 cos(ω' dt) y[n]
     cosine = float((y[2:] + y[:-2]) @ y[1:-1] / (2.0 * y[1:-1] @ y[1:-1]))
     error = OMEGA * dt / math.acos(cosine) - 1.0
-    assert error == pytest.approx(OMEGA * dt / (2.0 * math.asin(OMEGA * dt / 2.0)) - 1.0, abs=1e-7)  # finite amplitude 1e-9, acos 1e-8
-    assert error == pytest.approx(-((OMEGA * dt) ** 2) / 24.0, abs=0.01 * (OMEGA * dt) ** 4)  # the next term is -17/5760 (ω dt)⁴
+    # Finite amplitude 1e-9, acos 1e-8.
+    assert error == pytest.approx(OMEGA * dt / (2.0 * math.asin(OMEGA * dt / 2.0)) - 1.0, abs=1e-7)
+    # The next term is -17/5760 (ω dt)⁴.
+    assert error == pytest.approx(-((OMEGA * dt) ** 2) / 24.0, abs=0.01 * (OMEGA * dt) ** 4)
 
 
 def test_velocities_are_those_of_half_a_step_earlier() -> None:
@@ -152,7 +184,8 @@ def test_velocities_are_those_of_half_a_step_earlier() -> None:
         return abs(q[0] - amplitude * math.cos(OMEGA * duration)), abs(v[0] - speed)
 
     for coarse, fine in zip(miss(100), miss(200), strict=True):
-        assert coarse / fine == pytest.approx(4.0, abs=0.1)  # order 2 once the lead is allowed for; (ω dt)² = 0.004 beyond
+        # Order 2 once the lead is allowed for; (ω dt)² = 0.004 beyond.
+        assert coarse / fine == pytest.approx(4.0, abs=0.1)
 
 
 def test_steps_taken_together_are_steps_taken_one_by_one() -> None:
@@ -161,7 +194,8 @@ def test_steps_taken_together_are_steps_taken_one_by_one() -> None:
     together = _advance(model, q, v, 2.0**-10, 8)
     for _ in range(8):
         q, v = _advance(model, q, v, 2.0**-10, 1)
-    assert [a.tolist() for a in together] == [q.tolist(), v.tolist()]  # to the bit: the step is a power of two
+    # To the bit: the step is a power of two.
+    assert [a.tolist() for a in together] == [q.tolist(), v.tolist()]
 
 
 def test_what_goes_in_stays_as_it_was() -> None:
@@ -172,7 +206,9 @@ def test_what_goes_in_stays_as_it_was() -> None:
     assert model.gravity.linear.tolist() == [0.0, 0.0, -9.81]
 
 
-def _explicit(acceleration: Callable, model: pin.Model, q: np.ndarray, u: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def _explicit(
+    acceleration: Callable, model: pin.Model, q: np.ndarray, u: np.ndarray, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
     for _ in range(steps):
         q, u = pin.integrate(model, q, u), u + acceleration(q, u)
     return q, u
@@ -182,10 +218,15 @@ def test_explicit_euler_would_gain_what_theory_says() -> None:
     model, dt, steps = _pendulum(), 1e-2, 2000
     scaled = in_steps(model, dt)
     data, none = scaled.createData(), np.zeros(1)
-    q, u = _explicit(lambda q, u: pin.aba(scaled, data, q, u, none), scaled, np.array([0.01]), np.zeros(1), steps)
+    q, u = _explicit(
+        lambda q, u: pin.aba(scaled, data, q, u, none), scaled, np.array([0.01]), np.zeros(1), steps
+    )
     floor = _energy(model, np.zeros(1), np.zeros(1))
-    gain = (_energy(model, q, u / dt) - floor) / (_energy(model, np.array([0.01]), np.zeros(1)) - floor)
-    assert gain == pytest.approx((1.0 + (OMEGA * dt) ** 2) ** steps, rel=1e-3)  # finite amplitude; 3.6 times
+    gain = (_energy(model, q, u / dt) - floor) / (
+        _energy(model, np.array([0.01]), np.zeros(1)) - floor
+    )
+    # Finite amplitude; 3.6 times.
+    assert gain == pytest.approx((1.0 + (OMEGA * dt) ** 2) ** steps, rel=1e-3)
     q, v = _advance(model, np.array([0.01]), np.zeros(1), dt, steps)
     kept = (_energy(model, q, v) - floor) / (_energy(model, np.array([0.01]), np.zeros(1)) - floor)
     assert kept == pytest.approx(1.0, abs=OMEGA * dt)  # the ripple of semi-implicit Euler, order 1

@@ -1,4 +1,6 @@
-"""Whatever happens to the machine: words cost no files, an interruption is quiet, and nothing is half there under its name."""
+"""Whatever happens to the machine: words cost no files, an interruption is quiet, and nothing is
+half there under its name.
+"""
 
 from __future__ import annotations
 
@@ -25,16 +27,25 @@ from cranedyn.simulation.simulate import simulate
 from experiments import harness
 from tests.helpers import ROOT, crane, files, python
 
-# --- what is written ---------------------------------------------------------------------------------------------------------------
+# --- what is written ------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_an_error_is_one_printable_line_of_bounded_length_whatever_it_quotes() -> None:
-    for error in (DataError("a\nb\x1b[31m\udcff\u2028c" + "x" * 10**6), OutOfRange("n\r", "1\n2", "> 0")):
+    for error in (
+        DataError("a\nb\x1b[31m\udcff\u2028c" + "x" * 10**6),
+        OutOfRange("n\r", "1\n2", "> 0"),
+    ):
         assert str(error).isprintable() and len(str(error)) < 2100
 
 
 @pytest.mark.parametrize(
-    "error", [DataError("x"), OutOfRange("a", 1.0, "> 2", "m"), RunError("It broke.", t=1.5, joint="yaw_joint", value=7.0)]
+    "error",
+    [
+        DataError("x"),
+        OutOfRange("a", 1.0, "> 2", "m"),
+        RunError("It broke.", t=1.5, joint="yaw_joint", value=7.0),
+    ],
 )
 def test_an_error_comes_back_whole_from_another_process(error: CraneError) -> None:
     again = pickle.loads(pickle.dumps(error))
@@ -72,14 +83,25 @@ def test_whether_a_file_can_be_written_is_found_out_without_a_trace(tmp_path: Pa
     assert (tmp_path / "old.csv").read_text() == "old"
 
 
-def test_a_run_that_breaks_off_over_a_full_disk_says_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_breaks_off_over_a_full_disk_says_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def experiment(options: object, setup: harness.Setup) -> harness.Outcome:
         (tmp_path / "out").rmdir()
         (tmp_path / "out").write_text("in the way")
-        raise RunError("It broke.", t=1.0, trajectory=simulate(crane(), hold_controller(crane()), duration=0.02))
+        raise RunError(
+            "It broke.",
+            t=1.0,
+            trajectory=simulate(crane(), hold_controller(crane()), duration=0.02),
+        )
 
     with redirect_stderr(io.StringIO()) as err:
-        assert harness.conduct(harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]) == 1
+        assert (
+            harness.conduct(
+                harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]
+            )
+            == 1
+        )
     first, second = err.getvalue().splitlines()
     assert first == "error: It broke."
     assert second.startswith("What was recorded up to then is lost: Cannot make the folder ")
@@ -108,7 +130,8 @@ def test_a_writer_that_is_killed_leaves_the_old_file_and_no_obstacle(tmp_path: P
     assert (path.read_text(), files(tmp_path)) == ("new", [*stale, "a.csv"])
 
 
-# --- words, pipes, signals and disks -----------------------------------------------------------------------------------------------
+# --- words, pipes, signals and disks
+# -----------------------------------------------------------------------------------------------
 
 _TRIAL = """
 import os, resource, signal, sys
@@ -122,7 +145,8 @@ def experiment(options, world):
     run = simulate(world.crane, hold_controller(world.crane), duration=0.5)
     table = harness.Table("φ and θ", [("φ [rad]", ".3f")], [(0.0,)] * 2000)
     claim = harness.Claim("ω is √(g/l).", True)
-    return harness.Outcome([table], [claim], {}, {"run": run}, {"figure": panels()[0]}, [Run("r", world.crane, run)])
+    return harness.Outcome([table], [claim], {}, {"run": run}, {"figure": panels()[0]}, [Run("r",
+    world.crane, run)])
 
 def trial(*words):
     made = harness.parser("trial", "A trial.")
@@ -161,7 +185,9 @@ def test_files_are_whole_whoever_listens(shell: str, says: str, tmp_path: Path) 
 
 def test_the_urdf_may_be_read_by_halves() -> None:
     command = f'set -o pipefail; "{sys.executable}" -m cranedyn.model.description | head -1'
-    run = subprocess.run(["bash", "-c", command], capture_output=True, text=True, cwd=ROOT, check=False)
+    run = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, cwd=ROOT, check=False
+    )
     assert (run.returncode, run.stderr) == (0, "")
 
 
@@ -174,7 +200,10 @@ trial("--out", str(folder))  # so that all is imported
 began = time.monotonic()
 trial("--out", str(folder))
 whole = time.monotonic() - began
-signal.signal(signal.SIGALRM, lambda *_: os.kill(os.getpid(), signal.SIGINT if k % 2 else signal.SIGTERM))
+signal.signal(
+    signal.SIGALRM,
+    lambda *_: os.kill(os.getpid(), signal.SIGINT if k % 2 else signal.SIGTERM),
+)
 signal.signal(signal.SIGTERM, signal.SIG_DFL)
 for k in range(24):
     shutil.rmtree(folder, ignore_errors=True)
@@ -189,7 +218,8 @@ for k in range(24):
         signal.setitimer(signal.ITIMER_REAL, 0)
     except KeyboardInterrupt:
         code = None  # it came when the experiment was over
-    print(json.dumps(["code", code, sorted(os.listdir(folder)) if folder.exists() else []]), flush=True)
+    left = sorted(os.listdir(folder)) if folder.exists() else []
+    print(json.dumps(["code", code, left]), flush=True)
     time.sleep(0.02)
     for path in folder.glob("*.parquet"):
         from cranedyn.data.trajectory import read
@@ -210,9 +240,19 @@ def test_an_interruption_at_any_moment_is_130_and_leaves_whole_files_only(tmp_pa
         assert code != 0 or names == WHOLE
 
 
-def test_an_interruption_while_a_command_is_being_imported_shows_no_traceback(tmp_path: Path) -> None:
+def test_an_interruption_while_a_command_is_being_imported_shows_no_traceback(
+    tmp_path: Path,
+) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-X", "importtime", "-m", "experiments.energy", "--out", str(tmp_path / "out")],
+        [
+            sys.executable,
+            "-X",
+            "importtime",
+            "-m",
+            "experiments.energy",
+            "--out",
+            str(tmp_path / "out"),
+        ],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -233,16 +273,26 @@ _SERVED = f"""{_TRIAL}
 from cranedyn.recording.process import free, start
 import cranedyn.recording.viewer as viewer
 port = next(p for p in range(21000, 30000, 2) if free(p) and free(p + 1))
-viewer.start = lambda *words, **more: (made := start(*words, **more), print("viewer", made.pid, flush=True))[0]
+def telling(*words, **more):
+    made = start(*words, **more)
+    print("viewer", made.pid, flush=True)
+    return made
+viewer.start = telling
 sys.stdout.reconfigure(line_buffering=True)
 sys.exit(trial("--out", sys.argv[1], "--serve", "--port", str(port)))
 """
 
 
 @pytest.mark.parametrize("word", [signal.SIGINT, signal.SIGTERM])
-def test_a_server_that_is_told_to_end_ends_its_viewer_and_with_the_code_of_its_claims(word: signal.Signals, tmp_path: Path) -> None:
+def test_a_server_that_is_told_to_end_ends_its_viewer_and_with_the_code_of_its_claims(
+    word: signal.Signals, tmp_path: Path
+) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-c", _SERVED, str(tmp_path / "out")], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
+        [sys.executable, "-c", _SERVED, str(tmp_path / "out")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
     )
     assert process.stdout is not None
     viewer = 0
@@ -262,7 +312,11 @@ def test_a_server_that_is_told_to_end_ends_its_viewer_and_with_the_code_of_its_c
 
 def test_a_viewer_ends_within_two_seconds_of_a_program_that_is_killed(tmp_path: Path) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-c", _SERVED, str(tmp_path / "out")], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=ROOT
+        [sys.executable, "-c", _SERVED, str(tmp_path / "out")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        cwd=ROOT,
     )
     assert process.stdout is not None
     said = next(line for line in process.stdout if line.startswith("Serving at "))
@@ -304,7 +358,9 @@ def test_a_disk_that_is_full_at_any_file_is_one_sentence_and_no_half_file(tmp_pa
     assert [name for name in files(tmp_path) if "/." in name] == []
 
 
-def test_a_live_recording_on_a_full_disk_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_live_recording_on_a_full_disk_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full(self: Path, content: bytes) -> int:
         raise OSError(28, "No space left on device")
 

@@ -1,4 +1,6 @@
-"""A crane is whatever its URDF says; nothing else knows a joint's number, and what is no crane is refused in a sentence."""
+"""A crane is whatever its URDF says; nothing else knows a joint's number, and what is no crane is
+refused in a sentence.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,8 @@ def loaded(tmp_path: Path, urdf: str) -> Callable[..., Crane]:
     return load
 
 
-# --- numbers of joints ---------------------------------------------------------------------------------------------------------------
+# --- numbers of joints ----------------------------------------------------------------------------
+# -----------------------------------
 
 
 def test_no_coordinate_has_its_number_outside_of_the_model() -> None:
@@ -72,23 +75,37 @@ def test_a_planted_number_is_found(planted: str) -> None:
 
 @pytest.mark.parametrize(
     "fine",
-    ["run.q[-1]", "motion.q[0]", "state.q[i]", "q[crane.swings]", "run.q[1:, drives]", "path[:, 2]", "run.v[row : row + 1]", "v[:n]"],
+    [
+        "run.q[-1]",
+        "motion.q[0]",
+        "state.q[i]",
+        "q[crane.swings]",
+        "run.q[1:, drives]",
+        "path[:, 2]",
+        "run.v[row : row + 1]",
+        "v[:n]",
+    ],
 )
 def test_rows_and_what_a_layout_says_are_no_such_numbers(fine: str) -> None:
     assert integer_indices(fine) == []
 
 
-# --- what is no crane ----------------------------------------------------------------------------------------------------------------
+# --- what is no crane -----------------------------------------------------------------------------
+# -----------------------------------
 
 
 def test_a_tree_with_two_ends_must_say_where_its_payload_is(loaded: Callable[..., Crane]) -> None:
     branch = (
         '<link name="boom"><inertial><mass value="9"/>'
         '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        '<joint name="boom_joint" type="revolute"><parent link="upper_link"/><child link="boom"/><axis xyz="0 0 1"/>'
+        '<joint name="boom_joint" type="revolute"><parent link="upper_link"/><child '
+        'link="boom"/><axis xyz="0 0 1"/>'
         f'<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>{ENDING}'
     )
-    with pytest.raises(ModelError, match=r"is a tree that ends in .*hoist_joint.*; say which joint carries the payload"):
+    with pytest.raises(
+        ModelError,
+        match=r"is a tree that ends in .*hoist_joint.*; say which joint carries the payload",
+    ):
         loaded((ENDING, branch))
     found = loaded((ENDING, branch), payload="hoist_joint")
     assert found.payload_mass == 1000.0
@@ -102,36 +119,58 @@ def test_a_payload_of_no_mass_is_none(loaded: Callable[..., Crane]) -> None:
         loaded(('<mass value="1000.0"/>', '<mass value="0"/>'))
 
 
-def test_a_joint_that_is_driven_here_and_passive_there_is_refused(loaded: Callable[..., Crane]) -> None:
+def test_a_joint_that_is_driven_here_and_passive_there_is_refused(
+    loaded: Callable[..., Crane],
+) -> None:
     with pytest.raises(
-        ModelError, match=r"<ros2_control> that drives move .*, the argument says yaw_joint, swing_radial_joint; leave one out"
+        ModelError,
+        match=r"<ros2_control> that drives move .*, the argument says yaw_joint, "
+        r"swing_radial_joint; leave one out",
     ):
         loaded(driven=["yaw_joint", "swing_radial_joint"])
     with pytest.raises(CraneError, match="hook_joint"):
         loaded(('<joint name="hoist_joint">', '<joint name="hook_joint">'))
-    powered = loaded(("ros2_control", "unknown"), driven=["yaw_joint", "trolley_joint", "swing_radial_joint", "hoist_joint"])
+    powered = loaded(
+        ("ros2_control", "unknown"),
+        driven=["yaw_joint", "trolley_joint", "swing_radial_joint", "hoist_joint"],
+    )
     assert powered.layout.m == 4
     with pytest.raises(
-        ModelError, match="made for drives of slew, trolley and hoist; in this one they move slew, trolley, radial_swing, hoist"
+        ModelError,
+        match="made for drives of slew, trolley and hoist; in this one they move slew, trolley, "
+        "radial_swing, hoist",
     ):
         flat(powered, powered.start, powered.state(x=12.0), 10.0)
 
 
 def test_a_urdf_without_drives_says_what_to_do(loaded: Callable[..., Crane]) -> None:
-    with pytest.raises(ModelError, match=r"command interface in <ros2_control>; say which joints drives move by load_crane\(driven="):
+    with pytest.raises(
+        ModelError,
+        match=r"command interface in <ros2_control>; say which joints drives move by "
+        r"load_crane\(driven=",
+    ):
         loaded(("ros2_control", "unknown"))
     with pytest.raises(UnknownName, match="moving joint 'winch'"):
         loaded(("ros2_control", "unknown"), driven=["winch"])
 
 
 @pytest.mark.parametrize("kind", ["floating", "planar", "continuous"])
-def test_a_joint_of_several_degrees_of_freedom_is_refused(loaded: Callable[..., Crane], kind: str) -> None:
-    with pytest.raises(ModelError, match="yaw_joint without limits or with several axes; it must be revolute or prismatic"):
-        loaded(('<joint name="yaw_joint" type="revolute">', f'<joint name="yaw_joint" type="{kind}">'))
+def test_a_joint_of_several_degrees_of_freedom_is_refused(
+    loaded: Callable[..., Crane], kind: str
+) -> None:
+    with pytest.raises(
+        ModelError,
+        match="yaw_joint without limits or with several axes; it must be revolute or prismatic",
+    ):
+        loaded(
+            ('<joint name="yaw_joint" type="revolute">', f'<joint name="yaw_joint" type="{kind}">')
+        )
 
 
 def test_roles_are_named_once_and_known(loaded: Callable[..., Crane]) -> None:
-    with pytest.raises(ModelError, match="joint yaw_joint is given two roles, slew and trolley; allowed is one"):
+    with pytest.raises(
+        ModelError, match="joint yaw_joint is given two roles, slew and trolley; allowed is one"
+    ):
         loaded(joints={"slew": "yaw_joint", "trolley": "yaw_joint"})
     with pytest.raises(UnknownName, match="no role 'boom'; there are slew, trolley"):
         loaded(joints={"boom": "yaw_joint"})
@@ -141,38 +180,76 @@ def test_roles_are_named_once_and_known(loaded: Callable[..., Crane]) -> None:
         loaded(joints={"slew": "trolley_joint"})
 
 
-def test_what_is_made_for_the_tower_crane_says_which_role_it_misses(loaded: Callable[..., Crane]) -> None:
+def test_what_is_made_for_the_tower_crane_says_which_role_it_misses(
+    loaded: Callable[..., Crane],
+) -> None:
     found = loaded(joints={"trolley": "trolley_joint", "hoist": "hoist_joint"})
     assert found.layout.symbols == ("yaw", "x", "swing_radial", "swing_tangential", "l")
-    with pytest.raises(MissingRole, match="needs a joint in the role slew; the joints of this crane are yaw_joint, trolley_joint"):
+    with pytest.raises(
+        MissingRole,
+        match="needs a joint in the role slew; the joints of this crane are yaw_joint, "
+        "trolley_joint",
+    ):
         flat(found, found.start, found.state(x=12.0), 10.0)
 
 
 @pytest.mark.parametrize(
     ("tag", "words"),
     [
-        ("<springStiffness>-5</springStiffness>", "spring stiffness of swing_radial_joint is -5.*; allowed is >= 0"),
-        ("<springStiffness>soft</springStiffness>", "spring stiffness of swing_radial_joint is soft"),
-        ("<springReference>nan</springReference>", "rest position of the spring of swing_radial_joint is nan"),
-        ("<ropeStiffness>1e6</ropeStiffness>", "the rope's stretch to swing_radial_joint; it must be a passive prismatic joint"),
-        ("<springStiffness>1</springStiffness><springStiffness>2</springStiffness>", "gives springStiffness of swing_radial_joint twice"),
+        (
+            "<springStiffness>-5</springStiffness>",
+            "spring stiffness of swing_radial_joint is -5.*; allowed is >= 0",
+        ),
+        (
+            "<springStiffness>soft</springStiffness>",
+            "spring stiffness of swing_radial_joint is soft",
+        ),
+        (
+            "<springReference>nan</springReference>",
+            "rest position of the spring of swing_radial_joint is nan",
+        ),
+        (
+            "<ropeStiffness>1e6</ropeStiffness>",
+            "the rope's stretch to swing_radial_joint; it must be a passive prismatic joint",
+        ),
+        (
+            "<springStiffness>1</springStiffness><springStiffness>2</springStiffness>",
+            "gives springStiffness of swing_radial_joint twice",
+        ),
     ],
 )
-def test_a_spring_that_is_none_is_refused(loaded: Callable[..., Crane], tag: str, words: str) -> None:
+def test_a_spring_that_is_none_is_refused(
+    loaded: Callable[..., Crane], tag: str, words: str
+) -> None:
     with pytest.raises(CraneError, match=words):
         loaded((ENDING, f'<gazebo reference="swing_radial_joint">{tag}</gazebo>{ENDING}'))
 
 
-def test_a_spring_at_no_joint_is_refused_and_other_tags_of_gazebo_are_not_ours(loaded: Callable[..., Crane]) -> None:
+def test_a_spring_at_no_joint_is_refused_and_other_tags_of_gazebo_are_not_ours(
+    loaded: Callable[..., Crane],
+) -> None:
     with pytest.raises(UnknownName, match="moving joint 'swing'"):
-        loaded((ENDING, f'<gazebo reference="swing"><springStiffness>1</springStiffness></gazebo>{ENDING}'))
-    assert not loaded((ENDING, f'<gazebo reference="hook_link"><mu1>0.2</mu1></gazebo>{ENDING}')).springs.any
+        loaded(
+            (
+                ENDING,
+                f'<gazebo reference="swing"><springStiffness>1</springStiffness></gazebo>{ENDING}',
+            )
+        )
+    assert not loaded(
+        (ENDING, f'<gazebo reference="hook_link"><mu1>0.2</mu1></gazebo>{ENDING}')
+    ).springs.any
 
 
 def test_a_rope_whose_stiffness_is_not_positive_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "rope.urdf"
-    path.write_text(load_crane(rope_stiffness=1e7).urdf.replace("<ropeStiffness>10000000.0<", "<ropeStiffness>0<"))
-    with pytest.raises(OutOfRange, match=r"EA of the rope at rope_stretch_joint is 0.*; allowed is > 0"):
+    path.write_text(
+        load_crane(rope_stiffness=1e7).urdf.replace(
+            "<ropeStiffness>10000000.0<", "<ropeStiffness>0<"
+        )
+    )
+    with pytest.raises(
+        OutOfRange, match=r"EA of the rope at rope_stretch_joint is 0.*; allowed is > 0"
+    ):
         load_crane(path)
 
 
@@ -180,5 +257,7 @@ def test_a_rope_whose_stiffness_is_not_positive_is_refused(tmp_path: Path) -> No
 @pytest.mark.parametrize("width", [2, 5, 7])
 def test_a_command_of_the_wrong_width_is_refused(engine: EngineName, width: int) -> None:
     hooked = crane(hook_mass=300.0)
-    with pytest.raises(OutOfRange, match=rf"shape \({width},\); allowed is three numbers: slew, trolley, hoist"):
+    with pytest.raises(
+        OutOfRange, match=rf"shape \({width},\); allowed is three numbers: slew, trolley, hoist"
+    ):
         simulate(hooked, lambda t, state, setpoint: np.zeros(width), duration=0.01, engine=engine)

@@ -1,4 +1,6 @@
-"""The paper's linear swing beside the plant: the comparison as the command makes it, and each of its parts against closed forms."""
+"""The paper's linear swing beside the plant: the comparison as the command makes it, and each of
+its parts against closed forms.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,8 @@ def _table(result: dict[str, Any], title: str) -> list[dict[str, Any]]:
     return [dict(zip(found["columns"], row, strict=True)) for row in found["rows"]]
 
 
-# --- the command -------------------------------------------------------------------------------------------------------------------
+# --- the command ----------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_every_claim_holds(result: tuple[Path, dict[str, Any]]) -> None:
@@ -50,7 +53,12 @@ def test_the_readme_tells_its_largest_errors(result: tuple[Path, dict[str, Any]]
     rows = [row for site in SITES for row in _table(result[1], f"{site.name}: error")]
     alone = [row["both rms [%]"] for row in rows if row["move"] in ALONE]
     slewing = [row["both rms [%]"] for row in rows if row["move"].startswith("slew")]
-    assert missing([f"at most {max(alone):.1f} %; {min(slewing):.0f} to {max(slewing):.0f} %"], "README.md") == []
+    assert (
+        missing(
+            [f"at most {max(alone):.1f} %; {min(slewing):.0f} to {max(slewing):.0f} %"], "README.md"
+        )
+        == []
+    )
 
 
 def test_every_crane_makes_every_move(result: tuple[Path, dict[str, Any]]) -> None:
@@ -65,11 +73,15 @@ def test_the_report_shows_the_result(result: tuple[Path, dict[str, Any]]) -> Non
 
 def test_errors_of_both_angles_make_up_the_whole(result: tuple[Path, dict[str, Any]]) -> None:
     for row in _table(result[1], "71 EC-B 5: error"):
-        assert math.hypot(row["φ rms [%]"], row["θ rms [%]"]) == pytest.approx(row["both rms [%]"], rel=1e-12)
+        assert math.hypot(row["φ rms [%]"], row["θ rms [%]"]) == pytest.approx(
+            row["both rms [%]"], rel=1e-12
+        )
         assert row["both rms [%]"] <= row["peak [%]"]
 
 
-def test_the_centrifugal_share_of_a_slew_is_twice_the_angle_of_its_ramp(result: tuple[Path, dict[str, Any]]) -> None:
+def test_the_centrifugal_share_of_a_slew_is_twice_the_angle_of_its_ramp(
+    result: tuple[Path, dict[str, Any]],
+) -> None:
     # Ω² x over x Ω/t_r is Ω t_r; the load that swings out by 10° and more adds l φ to x
     for site, rate in (("71 EC-B 5", 0.8), ("L1-24", 0.5)):
         row = next(row for row in _table(result[1], f"{site}: largest") if row["move"] == "slew")
@@ -77,19 +89,31 @@ def test_the_centrifugal_share_of_a_slew_is_twice_the_angle_of_its_ramp(result: 
 
 
 def test_slow_hoisting_tells_the_equations_apart(result: tuple[Path, dict[str, Any]]) -> None:
-    # m l² φ̇ has the frequency √(g/l) and the action l^(3/2) A²; φ̇ alone, as in Eq. (8), l^(-1/2) A²
+    # m l² φ̇ has the frequency √(g/l) and the action l^(3/2) A²; φ̇ alone, as in Eq. (8), l^(-1/2)
+    # A²
     for row in _table(result[1], "Power of the cable"):
         assert row["plant"] == pytest.approx(-0.75, abs=5e-3)  # the claim's own
         assert row["Eq. (8)"] == pytest.approx(0.25, abs=5e-3)
 
 
-def test_figures_trajectories_and_recording_are_written(result: tuple[Path, dict[str, Any]]) -> None:
-    runs = {f"{name}{ending}" for name in ("slew", "slew_trolley_fast_hoist") for ending in (".csv", ".parquet")}
-    figures = {f"{name}{ending}" for name in ("swing_slew", "swing_all", "slews", "dropped") for ending in (".png", ".svg")}
+def test_figures_trajectories_and_recording_are_written(
+    result: tuple[Path, dict[str, Any]],
+) -> None:
+    runs = {
+        f"{name}{ending}"
+        for name in ("slew", "slew_trolley_fast_hoist")
+        for ending in (".csv", ".parquet")
+    }
+    figures = {
+        f"{name}{ending}"
+        for name in ("swing_slew", "swing_all", "slews", "dropped")
+        for ending in (".png", ".svg")
+    }
     assert set(files(result[0])) == runs | figures | {"result.json", "linear_vs_full.rrd"}
 
 
-# --- moves -------------------------------------------------------------------------------------------------------------------------
+# --- moves ----------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 @pytest.mark.parametrize("site", SITES, ids=lambda site: site.name)
@@ -103,18 +127,28 @@ def test_moves_keep_the_ranges_and_rates_of_their_crane_and_end_at_rest(site: An
         assert position[:, 1].min() >= 2.0
         assert position[:, 2].max() <= site.height * rounding
         assert position[:, 2].min() >= 1.0
-        assert (np.abs(velocity).max(axis=0) <= np.array([site.slew, site.trolley, site.hoist[1]]) * rounding).all()
+        assert (
+            np.abs(velocity).max(axis=0)
+            <= np.array([site.slew, site.trolley, site.hoist[1]]) * rounding
+        ).all()
         assert (np.abs(acceleration).max(axis=0) <= np.array(site.accelerations) * rounding).all()
         assert_allclose(job.reference(job.arrival).velocity, 0.0, atol=1e-12)  # rounding
 
 
 def test_short_slews_are_as_short_as_they_say() -> None:
     for site in SITES:
-        for job, angle in zip(short_slews(site, crane(trolley_max=80.0, hoist_max=90.0, hoist_min=1.0)), (1, 2, 5, 10, 20), strict=True):
-            assert math.degrees(job.reference(job.arrival).position[0]) == pytest.approx(angle, rel=1e-12)
+        for job, angle in zip(
+            short_slews(site, crane(trolley_max=80.0, hoist_max=90.0, hoist_min=1.0)),
+            (1, 2, 5, 10, 20),
+            strict=True,
+        ):
+            assert math.degrees(job.reference(job.arrival).position[0]) == pytest.approx(
+                angle, rel=1e-12
+            )
 
 
-# --- models ------------------------------------------------------------------------------------------------------------------------
+# --- models ---------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_the_papers_equations_leave_what_a_coasting_trolley_leaves() -> None:
@@ -125,7 +159,8 @@ def test_the_papers_equations_leave_what_a_coasting_trolley_leaves() -> None:
     run = moved(c, c.state(x=10.0, l=20.0), 14.0, 0.02, pulses)
     phi, theta, phi_rate, _ = integrate(run, paper, G)[-1]
     left = math.hypot(phi, phi_rate * math.sqrt(20.0 / G))
-    assert left == pytest.approx(theory.coast_residual(0.3, 4.0, 6.0, 20.0, G), rel=1e-7)  # Runge-Kutta: (ω h)⁴ 10 = 4e-8
+    # Runge-Kutta: (ω h)⁴ 10 = 4e-8.
+    assert left == pytest.approx(theory.coast_residual(0.3, 4.0, 6.0, 20.0, G), rel=1e-7)
     assert theta == 0.0
 
 
@@ -134,7 +169,8 @@ def test_the_equations_with_all_rates_meet_the_bessel_functions() -> None:
     run = moved(c, c.state(l=10.0, l_dot=0.5, phi=0.05), 40.0, 0.02)
     expected = theory.constant_hoisting(run.t, 10.0, 0.5, G, 0.05, 0.0)
     found = integrate(run, all_rates, G)[:, 0]
-    # cable lengths of the run are those of half a step later: 5 mm, a phase of ω dt/2 at most times the rate of hoisting
+    # cable lengths of the run are those of half a step later: 5 mm, a phase of ω dt/2 at most times
+    # the rate of hoisting
     assert_allclose(found, expected, atol=0.05 * 0.01)
 
 
@@ -157,7 +193,20 @@ def _two_rows(state: State, excitation: tuple[float, float, float]) -> Trajector
     still = np.zeros(2)
     forces, outside = np.zeros((2, 6)), np.zeros((2, 2))
     return Trajectory(
-        *(np.array([0.0, h]), q, v, nothing, nothing, nothing, still, nothing, still, forces, outside, still + 1),
+        *(
+            np.array([0.0, h]),
+            q,
+            v,
+            nothing,
+            nothing,
+            nothing,
+            still,
+            nothing,
+            still,
+            forces,
+            outside,
+            still + 1,
+        ),
         columns=crane().layout.columns(),
     )
 
@@ -170,7 +219,9 @@ def test_what_is_dropped_is_what_the_equations_differ_by(name: str) -> None:
     (_, x, phi, theta, length), (slew_rate, x_rate, phi_rate, theta_rate, length_rate) = state
     drives = Drives(x, x_rate, excitation, slew_rate, slew, length, length_rate)
     swing, rates = np.array([phi, theta]), np.array([phi_rate, theta_rate])
-    difference = length * np.abs(all_rates(swing, rates, drives, G) - paper(swing, rates, drives, G)).max()
+    difference = (
+        length * np.abs(all_rates(swing, rates, drives, G) - paper(swing, rates, drives, G)).max()
+    )
     kept, shares = dropped(_two_rows(state, (slew, excitation, 0.0)))
     assert kept == pytest.approx(excitation, rel=1e-12)
     assert shares[name] * kept == pytest.approx(difference, rel=1e-12)
@@ -179,16 +230,31 @@ def test_what_is_dropped_is_what_the_equations_differ_by(name: str) -> None:
 
 
 def test_what_is_dropped_follows_the_cable_too() -> None:
-    state = big_crane().state(x=20.0, l=15.0, phi=0.1, theta=-0.2, gamma_dot=0.1, x_dot=0.3, phi_dot=0.05, theta_dot=0.04, l_dot=0.5)
+    state = big_crane().state(
+        x=20.0,
+        l=15.0,
+        phi=0.1,
+        theta=-0.2,
+        gamma_dot=0.1,
+        x_dot=0.3,
+        phi_dot=0.05,
+        theta_dot=0.04,
+        l_dot=0.5,
+    )
     kept, shares = dropped(_two_rows(state, (0.03, 0.4, 0.0)))
 
     def rate(swing: float, swing_rate: float, s: float = 1e-6) -> float:
-        return ((15.0 + s * 0.5) * (swing + s * swing_rate) - (15.0 - s * 0.5) * (swing - s * swing_rate)) / (2.0 * s)
+        return (
+            (15.0 + s * 0.5) * (swing + s * swing_rate)
+            - (15.0 - s * 0.5) * (swing - s * swing_rate)
+        ) / (2.0 * s)
 
     assert kept == pytest.approx(20.0 * 0.03, rel=1e-12)
     # central differences of a quadratic: rounding 1e-16/1e-6 of 3 m
     assert shares["2γ̇ (lθ)˙"] * kept == pytest.approx(abs(0.2 * rate(-0.2, 0.04)), rel=1e-8)
-    assert shares["2γ̇ (ẋ - (lφ)˙)"] * kept == pytest.approx(abs(0.2 * (0.3 - rate(0.1, 0.05))), rel=1e-8)
+    assert shares["2γ̇ (ẋ - (lφ)˙)"] * kept == pytest.approx(
+        abs(0.2 * (0.3 - rate(0.1, 0.05))), rel=1e-8
+    )
     assert shares["γ̇² (x - lφ)"] * kept == pytest.approx(0.01 * (20.0 - 1.5), rel=1e-12)
 
 
@@ -202,22 +268,41 @@ def test_a_miss_is_a_share_of_the_largest_swing() -> None:
 
 def test_where_an_error_reaches_a_bound_is_found_by_its_power_law() -> None:
     values = np.array([1.0, 0.5, 0.25, 0.125])
-    assert reaches(values, 0.3 * values**1.5, 0.05) == pytest.approx((0.05 / 0.3) ** (1 / 1.5), rel=1e-12)
+    assert reaches(values, 0.3 * values**1.5, 0.05) == pytest.approx(
+        (0.05 / 0.3) ** (1 / 1.5), rel=1e-12
+    )
     for good in (0.5, 1e-3):
-        with pytest.raises(DataError, match=rf"The errors run from 0.0132583 to 0.3; {good:g} is not among them"):
+        with pytest.raises(
+            DataError, match=rf"The errors run from 0.0132583 to 0.3; {good:g} is not among them"
+        ):
             reaches(values, 0.3 * values**1.5, good)
 
 
-# --- claims ------------------------------------------------------------------------------------------------------------------------
+# --- claims ---------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def _cases() -> list[Case]:
     """What a comparison might find, by round numbers."""
     run = moved(big_crane(), big_crane().start, 0.02, 0.02)
     small, large = Miss(0.1, 0.001, 0.001, 0.01), Miss(0.1, 0.3, 0.4, 1.0)
-    names = {"trolley, spline": small, "trolley": small, "slew": large, "trolley, slow hoist": large}
+    names = {
+        "trolley, spline": small,
+        "trolley": small,
+        "slew": large,
+        "trolley, slow hoist": large,
+    }
     return [
-        Case(site, Job(name, big_crane().start, lambda t: None, 1.0), run, found, small, None, 0.3, dict.fromkeys(OF_SLEWING, 0.4))  # type: ignore[arg-type,return-value]
+        Case(
+            site,
+            Job(name, big_crane().start, lambda t: None, 1.0),
+            run,
+            found,
+            small,
+            None,
+            0.3,
+            dict.fromkeys(OF_SLEWING, 0.4),
+        )  # type: ignore[arg-type,return-value]
         for site in SITES
         for name, found in names.items()
     ]
@@ -242,8 +327,13 @@ _GOOD = {"rates": 0.004, "angles": 8.0, "powers": [-0.75, 0.25]}
     ],
 )
 def test_each_claim_fails_where_it_should(changed: dict[str, Any], failing: list[int]) -> None:
-    cases = [replace(c, paper=changed.get(c.job.name, c.paper), rates=changed.get("all rates", c.rates)) for c in _cases()]
-    cases = [replace(c, dropped=dict.fromkeys(OF_SLEWING, changed.get("dropped", 0.4))) for c in cases]
+    cases = [
+        replace(c, paper=changed.get(c.job.name, c.paper), rates=changed.get("all rates", c.rates))
+        for c in _cases()
+    ]
+    cases = [
+        replace(c, dropped=dict.fromkeys(OF_SLEWING, changed.get("dropped", 0.4))) for c in cases
+    ]
     found = [{site.name: changed.get(name, good) for site in SITES} for name, good in _GOOD.items()]
     claims = linear_vs_full.claims(cases, *found)
     assert [k for k, claim in enumerate(claims) if not claim.holds] == failing

@@ -1,4 +1,6 @@
-"""Runs as ROS messages: written as MCAP, read back by rosbags, and recordings of ROS analysed by the experiments."""
+"""Runs as ROS messages: written as MCAP, read back by rosbags, and recordings of ROS analysed by
+the experiments.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-rosbags = pytest.importorskip("rosbags", reason="rosbags is not installed: pip install 'cranedyn[mcap]'")
-pytest.importorskip("mcap_ros2", reason="mcap-ros2-support is not installed: pip install 'cranedyn[mcap]'")
+rosbags = pytest.importorskip(
+    "rosbags", reason="rosbags is not installed: pip install 'cranedyn[mcap]'"
+)
+pytest.importorskip(
+    "mcap_ros2", reason="mcap-ros2-support is not installed: pip install 'cranedyn[mcap]'"
+)
 
 from rosbags.highlevel import AnyReader  # noqa: E402
 from rosbags.rosbag1 import Writer as BagWriter  # noqa: E402
@@ -48,18 +54,27 @@ def messages(file: Path) -> dict[str, list[tuple[int, Any]]]:
     with AnyReader([file]) as reader:
         for connection, time, raw in reader.messages():
             if time <= 10 * 10**9:
-                found.setdefault(connection.topic, []).append((time, reader.deserialize(raw, connection.msgtype)))
+                found.setdefault(connection.topic, []).append(
+                    (time, reader.deserialize(raw, connection.msgtype))
+                )
     return found
 
 
-# --- written, and read by rosbags --------------------------------------------------------------------------------------------------
+# --- written, and read by rosbags
+# --------------------------------------------------------------------------------------------------
 
 
 def test_rosbags_reads_every_joint_state_to_the_bit(messages: Any, run: Trajectory) -> None:
     states = messages["/joint_states"]
     early = run.before(10.0 + 1e-9)
     assert len(states) == len(early)
-    assert states[0][1].name == ["yaw_joint", "trolley_joint", "swing_radial_joint", "swing_tangential_joint", "hoist_joint"]
+    assert states[0][1].name == [
+        "yaw_joint",
+        "trolley_joint",
+        "swing_radial_joint",
+        "swing_tangential_joint",
+        "hoist_joint",
+    ]
     for k, (time, message) in enumerate(states):
         stamp = message.header.stamp
         assert time == stamp.sec * 10**9 + stamp.nanosec == round(1e9 * early.t[k])
@@ -72,19 +87,34 @@ def test_rosbags_reads_every_joint_state_to_the_bit(messages: Any, run: Trajecto
 def test_setpoints_and_commands_are_those_of_the_drives(messages: Any, run: Trajectory) -> None:
     _, message = messages["/joint_setpoints"][1100]
     assert message.name == ["yaw_joint", "trolley_joint", "hoist_joint"]
-    assert (message.position.tolist(), message.effort.tolist()) == (run.setpoint[1100].tolist(), run.command[1100].tolist())
+    assert (message.position.tolist(), message.effort.tolist()) == (
+        run.setpoint[1100].tolist(),
+        run.command[1100].tolist(),
+    )
 
 
 def test_the_frames_put_the_load_where_the_model_does(messages: Any, run: Trajectory) -> None:
     (_, static), *_ = messages["/tf_static"]
     for time, message in messages["/tf"][:: len(messages["/tf"]) // 5]:
         frames = {one.child_frame_id: one for one in [*static.transforms, *message.transforms]}
-        assert list(frames) == ["foot_link", "base_link", "upper_link", "trolley_link", "swing_r_link", "swing_t_link", "hook_link"]
+        assert list(frames) == [
+            "foot_link",
+            "base_link",
+            "upper_link",
+            "trolley_link",
+            "swing_r_link",
+            "swing_t_link",
+            "hook_link",
+        ]
         point, frame = np.zeros(3), "hook_link"
         while frame != "world":
             moved, turned = frames[frame].transform.translation, frames[frame].transform.rotation
             axis, w = np.array([turned.x, turned.y, turned.z]), turned.w
-            point = point + 2.0 * np.cross(axis, np.cross(axis, point) + w * point) + [moved.x, moved.y, moved.z]
+            point = (
+                point
+                + 2.0 * np.cross(axis, np.cross(axis, point) + w * point)
+                + [moved.x, moved.y, moved.z]
+            )
             frame = frames[frame].header.frame_id
         row = int(np.searchsorted(run.t, time / 1e9 - 1e-6))
         assert_allclose(point, payload_position(SETUP.crane, run.q[row]), atol=1e-12)  # rounding
@@ -98,26 +128,57 @@ def test_the_description_of_the_robot_is_in_it(messages: Any) -> None:
 def test_the_command_writes_a_trajectory_of_an_experiment(tmp_path: Path, run: Trajectory) -> None:
     short = run.before(2.0)
     short.write(tmp_path / "run.parquet")
-    assert main(["mcap", str(tmp_path / "run.mcap"), "--trajectory", str(tmp_path / "run.parquet")]) == 0
-    assert bags.read_columns(tmp_path / "run.mcap", ["l_m"])["l_m"].tolist() == short["l_m"].tolist()
+    assert (
+        main(["mcap", str(tmp_path / "run.mcap"), "--trajectory", str(tmp_path / "run.parquet")])
+        == 0
+    )
+    assert (
+        bags.read_columns(tmp_path / "run.mcap", ["l_m"])["l_m"].tolist() == short["l_m"].tolist()
+    )
 
 
-# --- recordings of ROS analysed ----------------------------------------------------------------------------------------------------
+# --- recordings of ROS analysed -------------------------------------------------------------------
+# ---------------------------------
 
 
-def test_a_recording_is_analysed_as_the_run_itself(file: Path, run: Trajectory, tmp_path: Path) -> None:
+def test_a_recording_is_analysed_as_the_run_itself(
+    file: Path, run: Trajectory, tmp_path: Path
+) -> None:
     run.write(tmp_path / "a3.parquet")
     with redirect_stdout(io.StringIO()):
-        assert a3.main(["--from", str(file), str(tmp_path / "a3.parquet"), "--out", str(tmp_path / "out")]) == 0
+        assert (
+            a3.main(
+                ["--from", str(file), str(tmp_path / "a3.parquet"), "--out", str(tmp_path / "out")]
+            )
+            == 0
+        )
     ours, same, _ = json.loads((tmp_path / "out" / "result.json").read_text())["tables"][0]["rows"]
-    assert_allclose(ours[2:], same[2:], rtol=2e-5)  # a time that rounds to 4 s or just below is a row more or less
+    # A time that rounds to 4 s or just below is a row more or less.
+    assert_allclose(ours[2:], same[2:], rtol=2e-5)
 
 
-def bag(path: Path, names: list[str], *, rows: int = 1401, start: float = 1.7e9, topic: str = "/crane/state", **parts: Any) -> Path:
-    """A ROS 1 bag of a free swing on 15 m, 20 rows a second, as a real robot would record it: from an epoch on, other names."""
+def bag(
+    path: Path,
+    names: list[str],
+    *,
+    rows: int = 1401,
+    start: float = 1.7e9,
+    topic: str = "/crane/state",
+    **parts: Any,
+) -> Path:
+    """A ROS 1 bag of a free swing on 15 m, 20 rows a second, as a real robot would record it: from
+    an epoch on, other names.
+    """
     store = get_typestore(Stores.ROS1_NOETIC)
     kinds = store.types
-    state, header, stamp = (kinds[name] for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
+    state, header, stamp = (
+        kinds[name]
+        for name in (
+            "sensor_msgs/msg/JointState",
+            "std_msgs/msg/Header",
+            "builtin_interfaces/msg/Time",
+        )
+    )
     unopened = BagWriter(path)
     if parts.get("packed"):
         unopened.set_compression(parts["packed"])
@@ -127,17 +188,40 @@ def bag(path: Path, names: list[str], *, rows: int = 1401, start: float = 1.7e9,
             nanoseconds = int(start * 1e9) + 50_000_000 * (0 if parts.get("stopped") else k)
             phi = 0.1 * np.cos(2.0 * np.pi / 7.8 * 0.05 * k)
             position = np.array([parts.get("phi", phi), 15.0] + [0.0] * (len(names) - 2))
-            at = header(seq=k, stamp=stamp(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9), frame_id="")
-            message = state(header=at, name=names, position=position, velocity=np.zeros(0), effort=np.zeros(0))
-            writer.write(connection, nanoseconds, store.serialize_ros1(message, "sensor_msgs/msg/JointState"))
+            at = header(
+                seq=k,
+                stamp=stamp(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9),
+                frame_id="",
+            )
+            message = state(
+                header=at, name=names, position=position, velocity=np.zeros(0), effort=np.zeros(0)
+            )
+            writer.write(
+                connection, nanoseconds, store.serialize_ros1(message, "sensor_msgs/msg/JointState")
+            )
     return path
 
 
-@pytest.mark.parametrize("packed", [None, BagWriter.CompressionFormat.BZ2, BagWriter.CompressionFormat.LZ4])
+@pytest.mark.parametrize(
+    "packed", [None, BagWriter.CompressionFormat.BZ2, BagWriter.CompressionFormat.LZ4]
+)
 def test_a_bag_of_ros_1_with_names_of_its_own_is_analysed(packed: Any, tmp_path: Path) -> None:
     path = bag(tmp_path / "real.bag", ["pendulum", "rope"], packed=packed)
     with redirect_stdout(io.StringIO()):
-        assert a1.main(["--from", str(path), "--joints", "phi=pendulum", "l=rope", "--out", str(tmp_path / "out")]) == 0
+        assert (
+            a1.main(
+                [
+                    "--from",
+                    str(path),
+                    "--joints",
+                    "phi=pendulum",
+                    "l=rope",
+                    "--out",
+                    str(tmp_path / "out"),
+                ]
+            )
+            == 0
+        )
     (row,) = json.loads((tmp_path / "out" / "result.json").read_text())["tables"][0]["rows"]
     assert row[1:3] == [15.0, pytest.approx(7.8, abs=1e-6)]
 
@@ -145,22 +229,53 @@ def test_a_bag_of_ros_1_with_names_of_its_own_is_analysed(packed: Any, tmp_path:
 @pytest.mark.parametrize(
     ("made", "words", "sentence"),
     [
-        ({}, "", "has no joint swing_radial_joint, but shoulder, elbow; say which is phi by --joints phi=NAME."),
-        ({}, "--joints phi=shoulder", "has no joint hoist_joint, but shoulder, elbow; say which is l by --joints l=NAME."),
+        (
+            {},
+            "",
+            "has no joint swing_radial_joint, but shoulder, elbow; say which is phi by --joints "
+            "phi=NAME.",
+        ),
+        (
+            {},
+            "--joints phi=shoulder",
+            "has no joint hoist_joint, but shoulder, elbow; say which is l by --joints l=NAME.",
+        ),
         ({}, "--joints phi", "phi among --joints is not of the form l=NAME, each coordinate once."),
-        ({}, "--joints psi=elbow", "There is no coordinate 'psi'; there are gamma, x, phi, theta, l."),
-        ({"stopped": True}, "--joints phi=shoulder l=elbow", "some of them the same; allowed are two or more that increase"),
-        ({"phi": float("nan")}, "--joints phi=shoulder l=elbow", "position of shoulder is not finite in its message 1."),
-        ({"rows": 0}, "", "has joint states on none; allowed are messages on /joint_states, or on one topic."),
+        (
+            {},
+            "--joints psi=elbow",
+            "There is no coordinate 'psi'; there are gamma, x, phi, theta, l.",
+        ),
+        (
+            {"stopped": True},
+            "--joints phi=shoulder l=elbow",
+            "some of them the same; allowed are two or more that increase",
+        ),
+        (
+            {"phi": float("nan")},
+            "--joints phi=shoulder l=elbow",
+            "position of shoulder is not finite in its message 1.",
+        ),
+        (
+            {"rows": 0},
+            "",
+            "has joint states on none; allowed are messages on /joint_states, or on one topic.",
+        ),
     ],
 )
 def test_a_bag_of_another_robot_is_a_sentence(
-    made: dict[str, Any], words: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    made: dict[str, Any],
+    words: str,
+    sentence: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     path = bag(tmp_path / "other.bag", ["shoulder", "elbow"], **{"rows": 3, **made})
     assert a1.main(["--from", str(path), *words.split(), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert (said.startswith("error: ") and said.rstrip().endswith(sentence.rstrip(".") + ".")) or sentence in said
+    assert (
+        said.startswith("error: ") and said.rstrip().endswith(sentence.rstrip(".") + ".")
+    ) or sentence in said
     assert not (tmp_path / "out").exists()
 
 
@@ -169,15 +284,26 @@ def test_what_a_file_says_of_its_own_messages_is_not_looked_at(file: Path, tmp_p
     from mcap.writer import CompressionType, Writer
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    state, header, stamp = (store.types[name] for name in (bags.TYPE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
+    state, header, stamp = (
+        store.types[name]
+        for name in (bags.TYPE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
     with (tmp_path / "odd.mcap").open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.LZ4)
         writer.start("ros2")
-        schema = writer.register_schema(bags.TYPE, "ros2msg", b"float64[] position\nint32 __import__('os').abort()\n\xff")
+        schema = writer.register_schema(
+            bags.TYPE, "ros2msg", b"float64[] position\nint32 __import__('os').abort()\n\xff"
+        )
         channel = writer.register_channel("/joint_states", "cdr", schema)
         for k in (1, 0):  # out of order, as recorders may write
             at = header(stamp=stamp(sec=k, nanosec=0), frame_id="")
-            one = state(header=at, name=["hoist_joint"], position=np.array([15.0 + k]), velocity=np.zeros(0), effort=np.zeros(0))
+            one = state(
+                header=at,
+                name=["hoist_joint"],
+                position=np.array([15.0 + k]),
+                velocity=np.zeros(0),
+                effort=np.zeros(0),
+            )
             writer.add_message(channel, k, bytes(store.serialize_cdr(one, bags.TYPE)), k)
         writer.finish()
     found = bags.read_columns(tmp_path / "odd.mcap", ["t_s", "l_m"])
@@ -186,15 +312,23 @@ def test_what_a_file_says_of_its_own_messages_is_not_looked_at(file: Path, tmp_p
 
 def test_rates_that_a_recording_lacks_are_a_sentence(tmp_path: Path) -> None:
     path = bag(tmp_path / "one.bag", ["yaw_joint", "hoist_joint"], rows=3)
-    with pytest.raises(CraneError, match=r"has no velocity of yaw_joint in its message 1; gamma_dot_rad_s needs one\."):
+    with pytest.raises(
+        CraneError,
+        match=r"has no velocity of yaw_joint in its message 1; gamma_dot_rad_s needs one\.",
+    ):
         bags.read_columns(path, ["gamma_dot_rad_s"])
     with pytest.raises(CraneError, match="cannot have a column energy_J"):
         bags.read_columns(path, ["energy_J"])
 
 
-def test_names_without_a_recording_of_ros_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_without_a_recording_of_ros_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert a1.main(["--joints", "l=rope", "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err == "error: --joints has no effect without --from and an .mcap or .bag file; leave it out.\n"
+    assert (
+        capsys.readouterr().err
+        == "error: --joints has no effect without --from and an .mcap or .bag file; leave it out.\n"
+    )
 
 
 def test_a_damaged_file_is_a_sentence_wherever_it_is_damaged(file: Path, tmp_path: Path) -> None:
@@ -222,23 +356,38 @@ def test_a_small_piece_that_unpacks_without_end_is_refused(compression: str) -> 
     import lz4.frame
     import zstandard
 
-    pack = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "bz2": bz2.compress, "rar": zlib.compress}[compression]
+    pack = {
+        "zstd": zstandard.compress,
+        "lz4": lz4.frame.compress,
+        "bz2": bz2.compress,
+        "rar": zlib.compress,
+    }[compression]
     packed = pack(bytes(101_000_000))
     assert len(packed) < 1_000_000
-    with pytest.raises(CraneError, match="more than 100 MB" if compression != "rar" else "compressed by rar; allowed are zstd"):
+    with pytest.raises(
+        CraneError,
+        match="more than 100 MB" if compression != "rar" else "compressed by rar; allowed are zstd",
+    ):
         bags._unpacked(compression, packed)
 
 
-def test_what_cannot_be_written_is_a_sentence(tmp_path: Path, run: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_written_is_a_sentence(
+    tmp_path: Path, run: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(CraneError, match=r"the ending must be \.mcap"):
         mcap.export(tmp_path / "a.bag", SETUP.crane, run)
     (tmp_path / "a.mcap").write_text("mine")
     with pytest.raises(CraneError, match="it is there already"):
         mcap.export(tmp_path / "a.mcap", SETUP.crane, run)
-    with pytest.raises(CraneError, match=r"time at the start of a run in MCAP is that of no row s; allowed is 0 or later"):
+    with pytest.raises(
+        CraneError,
+        match=r"time at the start of a run in MCAP is that of no row s; allowed is 0 or later",
+    ):
         mcap.export(tmp_path / "b.mcap", SETUP.crane, run.before(-1.0))
     monkeypatch.setattr(mcap, "find_spec", lambda name: None)
-    with pytest.raises(CraneError, match=r"^mcap-ros2-support is not installed: pip install 'cranedyn\[mcap\]'\.$"):
+    with pytest.raises(
+        CraneError, match=r"^mcap-ros2-support is not installed: pip install 'cranedyn\[mcap\]'\.$"
+    ):
         mcap.export(tmp_path / "b.mcap", SETUP.crane, run)
     with pytest.raises(CraneError, match="is not installed"):
         bags.read_columns(tmp_path / "b.mcap", ["l_m"])

@@ -75,10 +75,13 @@ def run() -> Trajectory:
     return simulate(crane(), hold_controller(crane()), duration=0.05, engine="compiled")
 
 
-# --- shapes ------------------------------------------------------------------------------------------------------------------------
+# --- shapes ---------------------------------------------------------------------------------------
+# ---------------------------------
 
 
-STILL = dict.fromkeys(("length_rate", "x", "x_rate", "x_acceleration", "slew_rate", "slew_acceleration"), 0.0)
+STILL = dict.fromkeys(
+    ("length_rate", "x", "x_rate", "x_acceleration", "slew_rate", "slew_acceleration"), 0.0
+)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +89,9 @@ STILL = dict.fromkeys(("length_rate", "x", "x_rate", "x_acceleration", "slew_rat
     [
         lambda: theory.adiabatic_amplitude(np.zeros((1,) * 32), 10.0, 0.1),
         lambda: theory.adiabatic_amplitude(np.full((2, 2), 5.0), 10.0, 0.1),
-        lambda: theory.small_swing(np.zeros(2), np.float64(2.0), length=10.0, gravity=9.81, **STILL),
+        lambda: theory.small_swing(
+            np.zeros(2), np.float64(2.0), length=10.0, gravity=9.81, **STILL
+        ),
         lambda: theory.small_swing(np.zeros(3), np.zeros(2), length=10.0, gravity=9.81, **STILL),
     ],
 )
@@ -106,17 +111,29 @@ BROKEN = {
 
 @pytest.mark.parametrize("base", BROKEN.values(), ids=BROKEN)
 def test_a_pulse_or_a_ramp_on_a_reference_that_says_nonsense_refuses_when_asked(base: Any) -> None:
-    for made in (pulse(crane(), base, "x", 0.1, at=1.0, width=1.0), ramp(crane(), base, "x", 1.0, rate=1.0, at=1.0)):
+    for made in (
+        pulse(crane(), base, "x", 0.1, at=1.0, width=1.0),
+        ramp(crane(), base, "x", 1.0, rate=1.0, at=1.0),
+    ):
         for ask in (lambda: made(0.0), lambda: made(1.5), lambda: made.at(np.array([0.0, 1.5]))):  # noqa: B023
             with pytest.raises(OutOfRange, match=r"setpoint|answer of the reference"):
                 ask()
 
 
-# --- what a caller's own function raises -------------------------------------------------------------------------------------------
+# --- what a caller's own function raises
+# -------------------------------------------------------------------------------------------
 
 
 def _batch(**given: Any) -> object:
-    return simulate_batch(**{"crane": crane(), "controller": hold_controller(crane()), "start": crane().start, "duration": 0.05, **given})
+    return simulate_batch(
+        **{
+            "crane": crane(),
+            "controller": hold_controller(crane()),
+            "start": crane().start,
+            "duration": 0.05,
+            **given,
+        }
+    )
 
 
 @pytest.mark.parametrize(
@@ -124,11 +141,26 @@ def _batch(**given: Any) -> object:
     [
         (lambda: _batch(reference=raising), "reference"),
         (lambda: _batch(controller=Unsayable()), "controller"),
-        (lambda: free_swing(crane(), hold_controller(crane()), raising, crane().state(phi=0.1), since=1.0, until=3.0), "reference"),
+        (
+            lambda: free_swing(
+                crane(),
+                hold_controller(crane()),
+                raising,
+                crane().state(phi=0.1),
+                since=1.0,
+                until=3.0,
+            ),
+            "reference",
+        ),
     ],
 )
-def test_what_a_callers_own_function_raises_is_a_sentence_with_its_place_and_its_cause(ask: Callable[[], object], whose: str) -> None:
-    with pytest.raises(CraneError, match=rf"The {whose} raised Mine in \w+, line \d+ of test_mended\.py: not today\.") as caught:
+def test_what_a_callers_own_function_raises_is_a_sentence_with_its_place_and_its_cause(
+    ask: Callable[[], object], whose: str
+) -> None:
+    with pytest.raises(
+        CraneError,
+        match=rf"The {whose} raised Mine in \w+, line \d+ of test_mended\.py: not today\.",
+    ) as caught:
         ask()
     assert isinstance(caught.value.__cause__, Mine)
 
@@ -142,14 +174,22 @@ def test_each_of_several_references_must_take_a_time() -> None:
 def test_a_free_swing_may_be_looked_at_from_its_start_and_a_reference_at_no_time() -> None:
     still = hold(crane())
     found = [
-        free_swing(crane(), hold_controller(crane()), reference, crane().state(phi=0.1), since=0.0, until=3.0)
+        free_swing(
+            crane(),
+            hold_controller(crane()),
+            reference,
+            crane().state(phi=0.1),
+            since=0.0,
+            until=3.0,
+        )
         for reference in (still, lambda t: still(t))
     ]
     assert found[0] == found[1]
     assert [part.shape for part in tabulated(lambda t: still(t), np.empty(0), 3)] == [(0, 3)] * 3
 
 
-# --- values that cannot be written out, texts that UTF-8 cannot write ----------------------------------------------------------------
+# --- values that cannot be written out, texts that UTF-8 cannot write
+# ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -164,13 +204,17 @@ def test_a_free_swing_may_be_looked_at_from_its_start_and_a_reference_at_no_time
         lambda folder: UnknownName("thing", HUGE, ["a"]).args and grid(case=[1.0]),  # type: ignore[arg-type]
     ],
 )
-def test_a_number_too_long_to_be_written_out_is_refused_like_any_other(ask: Callable[[Path], object], tmp_path: Path) -> None:
+def test_a_number_too_long_to_be_written_out_is_refused_like_any_other(
+    ask: Callable[[Path], object], tmp_path: Path
+) -> None:
     with pytest.raises(CraneError):
         ask(tmp_path / "swept")
     assert not list(tmp_path.iterdir())
 
 
-def test_a_recording_may_have_a_title_a_text_and_names_that_are_no_utf_8(run: Trajectory, tmp_path: Path) -> None:
+def test_a_recording_may_have_a_title_a_text_and_names_that_are_no_utf_8(
+    run: Trajectory, tmp_path: Path
+) -> None:
     odd = "a\udcff\nb"
     record(tmp_path / "a.rrd", [Run(odd, crane(), run)], title=odd, text=odd)
     with Live(crane(), odd, title=odd, text=odd, file=tmp_path / "b.rrd") as live:
@@ -179,10 +223,13 @@ def test_a_recording_may_have_a_title_a_text_and_names_that_are_no_utf_8(run: Tr
     assert Run(odd, crane(), run).name == "a\\udcff\nb"
 
 
-# --- files -------------------------------------------------------------------------------------------------------------------------
+# --- files ----------------------------------------------------------------------------------------
+# ---------------------------------
 
 
-def test_a_figure_that_is_interrupted_while_it_is_written_leaves_no_file_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_figure_that_is_interrupted_while_it_is_written_leaves_no_file_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -198,7 +245,9 @@ def test_a_figure_that_is_interrupted_while_it_is_written_leaves_no_file_open(tm
     assert not list(tmp_path.iterdir())
 
 
-def test_where_a_file_system_knows_no_locks_a_sweep_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_a_file_system_knows_no_locks_a_sweep_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def unknown(*_: object) -> None:
         raise OSError(errno.ENOLCK, "No locks available")
 
@@ -209,9 +258,20 @@ def test_where_a_file_system_knows_no_locks_a_sweep_goes_on(tmp_path: Path, monk
 def test_pictures_are_not_taken_before_the_moving_one_is_judged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(experiments.snapshot, "snapshot", lambda *_, **__: pytest.fail("a picture was taken"))
-    for span, says in (("0 1 a.png", "the ending must be .gif"), ("0 x a.gif", "END is x"), ("1 1 a.gif", "span is 1 to 1")):
-        assert experiments.snapshot.main(["a.rrd", "-t", "0", "-o", str(tmp_path / "out"), "--gif", *span.split()]) == 2
+    monkeypatch.setattr(
+        experiments.snapshot, "snapshot", lambda *_, **__: pytest.fail("a picture was taken")
+    )
+    for span, says in (
+        ("0 1 a.png", "the ending must be .gif"),
+        ("0 x a.gif", "END is x"),
+        ("1 1 a.gif", "span is 1 to 1"),
+    ):
+        assert (
+            experiments.snapshot.main(
+                ["a.rrd", "-t", "0", "-o", str(tmp_path / "out"), "--gif", *span.split()]
+            )
+            == 2
+        )
         assert says in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
@@ -237,37 +297,56 @@ def test_a_report_may_go_into_a_folder_that_looks_like_an_option_and_ends_as_its
     assert seen == ["-/mass_ratio"] and not list(tmp_path.iterdir())
 
 
-def test_a_report_judges_all_folders_before_the_first_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report.importlib, "import_module", lambda name: pytest.fail(f"{name} was run"))
+def test_a_report_judges_all_folders_before_the_first_experiment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        report.importlib, "import_module", lambda name: pytest.fail(f"{name} was run")
+    )
     (tmp_path / "a2").write_text("in the way", encoding="utf-8")
     assert report.main(["--out", str(tmp_path), "--only", "a1", "a2"]) == 2
     assert names_in(tmp_path) == ["a2"]
 
 
-def test_a_document_that_asks_for_a_table_that_is_not_made_costs_no_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_document_that_asks_for_a_table_that_is_not_made_costs_no_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- a1: Missing -->\n<!-- end -->\n", encoding="utf-8")
     made = harness.parser("a1", "A trial.")
     outcome = harness.Outcome([harness.Table("Here", [("a", "")], [("b",)])], [])
-    code = harness.conduct(made, lambda options, setup: outcome, ["--out", str(tmp_path / "out"), "--document", str(page)])
+    code = harness.conduct(
+        made,
+        lambda options, setup: outcome,
+        ["--out", str(tmp_path / "out"), "--document", str(page)],
+    )
     assert code == 2 and "asks for a table 'Missing'" in capsys.readouterr().err
     assert names_in(tmp_path) == ["page.md"]
 
 
-# --- numbers -----------------------------------------------------------------------------------------------------------------------
+# --- numbers --------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 @pytest.mark.parametrize("rate", [1e-310, 5e-324])
 def test_a_leg_that_would_never_end_is_refused(rate: float) -> None:
     legs = [Leg("out", x=12.0), Leg("back", x=float(crane().start.q[crane().layout.index("x")]))]
-    with pytest.raises(OutOfRange, match="time that leg out takes at these rates is inf s; allowed is a finite number"):
+    with pytest.raises(
+        OutOfRange,
+        match="time that leg out takes at these rates is inf s; allowed is a finite number",
+    ):
         itinerary(crane(), crane().start, legs, rates=(0.1, rate, 1.0), dwell=1.0)
 
 
 def _signals(folder: Path, **replaced: np.ndarray) -> Path:
     """A file of signals as a slewing crane would give them."""
     t = np.arange(400) * 0.04
-    columns = {"t_s": t, "gamma_dot_rad_s": 0.01 * np.sin(t), "x_m": 20.0 + 0.0 * t, "theta_rad": 0.1 * np.cos(t)}
+    columns = {
+        "t_s": t,
+        "gamma_dot_rad_s": 0.01 * np.sin(t),
+        "x_m": 20.0 + 0.0 * t,
+        "theta_rad": 0.1 * np.cos(t),
+    }
     columns |= {"theta_dot_rad_s": -0.1 * np.sin(t), "l_m": 15.0 + 0.0 * t, **replaced}
     pyarrow.csv.write_csv(pa.table(columns), folder / "a.csv")
     return folder / "a.csv"
@@ -278,15 +357,35 @@ def _signals(folder: Path, **replaced: np.ndarray) -> Path:
     [
         ("gamma_dot_rad_s", 1e7, "gamma_dot_rad_s is -?99999.* in some row; allowed is -10 to 10"),
         ("theta_dot_rad_s", 1e4, "theta_dot_rad_s is -999.* in some row; allowed is -10 to 10"),
-        ("x_m", 1e4, r"a\.csv: The jib accelerates the trolley sideways by up to 2e\+03 m/s²; allowed is up to 1000 m/s²"),
+        (
+            "x_m",
+            1e4,
+            r"a\.csv: The jib accelerates the trolley sideways by up to 2e\+03 m/s²; allowed is up "
+            r"to 1000 m/s²",
+        ),
     ],
 )
 def test_a_jib_or_a_load_faster_than_any_crane_is_refused_before_it_is_integrated(
-    column: str, factor: float, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    column: str,
+    factor: float,
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     good = pyarrow.csv.read_csv(_signals(tmp_path))[column].to_numpy()
     monkeypatch.setattr(a3, "_integrate", lambda *_: pytest.fail("a model was integrated"))
-    assert a3.main(["--from", str(_signals(tmp_path, **{column: factor * good})), "--out", str(tmp_path / "out")]) == 2
+    assert (
+        a3.main(
+            [
+                "--from",
+                str(_signals(tmp_path, **{column: factor * good})),
+                "--out",
+                str(tmp_path / "out"),
+            ]
+        )
+        == 2
+    )
     assert re.search(says, capsys.readouterr().err)
 
 
@@ -295,7 +394,8 @@ def test_a_record_of_a_crane_is_analysed_as_before(tmp_path: Path) -> None:
     json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
 
 
-# --- cranes ------------------------------------------------------------------------------------------------------------------------
+# --- cranes ---------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 @pytest.mark.parametrize(
@@ -303,22 +403,33 @@ def test_a_record_of_a_crane_is_analysed_as_before(tmp_path: Path) -> None:
     [
         ({"joints": True}, "joints is True; allowed is a mapping, such as a dict"),
         ({"driven": 3.0}, r"driven is 3\.0; allowed is a sequence, each a text or None"),
-        ({"driven": "yaw_joint"}, "driven is 'yaw_joint'; allowed is a sequence, each a text or None"),
+        (
+            {"driven": "yaw_joint"},
+            "driven is 'yaw_joint'; allowed is a sequence, each a text or None",
+        ),
         ({"payload": 3}, "payload is 3; allowed is a text or None"),
     ],
 )
-def test_what_says_which_joints_a_crane_has_is_held_against_what_it_must_be(given: dict[str, Any], says: str) -> None:
+def test_what_says_which_joints_a_crane_has_is_held_against_what_it_must_be(
+    given: dict[str, Any], says: str
+) -> None:
     with pytest.raises(OutOfRange, match=says):
         load_crane(**given)
 
 
-def test_dynamics_need_a_damping_or_a_friction_for_parsers_to_be_quiet(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_dynamics_need_a_damping_or_a_friction_for_parsers_to_be_quiet(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     robot = ET.fromstring(describe())
-    dynamics = next(joint for joint in robot.iterfind("joint") if joint.get("name") == "yaw_joint").find("dynamics")
+    dynamics = next(
+        joint for joint in robot.iterfind("joint") if joint.get("name") == "yaw_joint"
+    ).find("dynamics")
     assert dynamics is not None
     dynamics.attrib = {"armature": "1.0"}
     (tmp_path / "a.urdf").write_text(ET.tostring(robot, encoding="unicode"), encoding="utf-8")
-    with pytest.raises(ModelError, match=r"The dynamics of joint yaw_joint in .* needs a damping\."):
+    with pytest.raises(
+        ModelError, match=r"The dynamics of joint yaw_joint in .* needs a damping\."
+    ):
         load_crane(tmp_path / "a.urdf")
     assert capfd.readouterr() == ("", "")
 

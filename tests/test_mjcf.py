@@ -25,7 +25,9 @@ from tests.test_cross_engines import DAMPING, DT, PERIOD, combined_move
 
 
 def opened(folder: Path, one: Crane) -> tuple[Any, Any, Any]:
-    mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed: pip install 'cranedyn[mujoco]'")
+    mujoco = pytest.importorskip(
+        "mujoco", reason="mujoco is not installed: pip install 'cranedyn[mujoco]'"
+    )
     model = mujoco.MjModel.from_xml_path(str(mjcf.export(folder / "crane.xml", one)))
     return mujoco, model, mujoco.MjData(model)
 
@@ -58,14 +60,22 @@ def test_mass_matrix_and_bias_are_those_of_pinocchio(engine: Any) -> None:
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, matrix)
         inertia = np.sqrt(np.diag(matrix))
-        assert (np.abs(pin.crba(c.model, c.data, state.q) - matrix) <= 1e-13 * np.outer(inertia, inertia)).all()  # rounding
+        # rounding.
+        assert (
+            np.abs(pin.crba(c.model, c.data, state.q) - matrix)
+            <= 1e-13 * np.outer(inertia, inertia)
+        ).all()
         bias = pin.nonLinearEffects(c.model, c.data, *state)
-        assert (np.abs(bias - data.qfrc_bias) <= 1e-13 * math.sqrt(c.payload_mass) * G * inertia).all()
+        assert (
+            np.abs(bias - data.qfrc_bias) <= 1e-13 * math.sqrt(c.payload_mass) * G * inertia
+        ).all()
 
     same()
 
 
-def test_the_same_combined_move_of_30_s_under_the_hold_controller_by_its_own_motors_and_step(tmp_path: Path) -> None:
+def test_the_same_combined_move_of_30_s_under_the_hold_controller_by_its_own_motors_and_step(
+    tmp_path: Path,
+) -> None:
     c, reference, run = combined_move(**DAMPING)
     mujoco, model, data = opened(tmp_path, c)
     brake = hold_controller(c, gravity=G)
@@ -76,7 +86,8 @@ def test_the_same_combined_move_of_30_s_under_the_hold_controller_by_its_own_mot
         rows.append(np.concatenate(state))
         data.ctrl[:] = brake(t, state, reference(t))
         mujoco.mj_step(model, data, round(PERIOD / DT))
-    assert np.abs(np.array(rows) - np.hstack([run.q, run.v])).max() < 2e-13  # rounding, as in test_cross_engines
+    # Rounding, as in test_cross_engines.
+    assert np.abs(np.array(rows) - np.hstack([run.q, run.v])).max() < 2e-13
 
 
 def test_a_motor_gives_no_more_than_the_limit_of_its_drive(engine: Any) -> None:
@@ -89,7 +100,8 @@ def test_a_motor_gives_no_more_than_the_limit_of_its_drive(engine: Any) -> None:
 
 def test_springs_and_turned_inertias_are_carried(tmp_path: Path) -> None:
     spring = (
-        "<gazebo reference='swing_radial_joint'><springStiffness>70.0</springStiffness><springReference>0.25</springReference></gazebo>"
+        "<gazebo reference='swing_radial_joint'>"
+        "<springStiffness>70.0</springStiffness><springReference>0.25</springReference></gazebo>"
     )
     text = load_crane(gravity=G).urdf.replace("</robot>", f"{spring}</robot>")
     old = text.index("<inertial>", text.index('<link name="hook_link">'))
@@ -108,7 +120,9 @@ def test_springs_and_turned_inertias_are_carried(tmp_path: Path) -> None:
     matrix = np.zeros((5, 5))
     mujoco.mj_fullM(model, data, matrix)
     inertia = np.sqrt(np.diag(matrix))
-    assert (np.abs(pin.crba(c.model, c.data, q) - matrix) <= 1e-12 * np.outer(inertia, inertia)).all()
+    assert (
+        np.abs(pin.crba(c.model, c.data, q) - matrix) <= 1e-12 * np.outer(inertia, inertia)
+    ).all()
     assert data.qfrc_passive[2] == pytest.approx(-70.0 * (0.2 - 0.25))
 
 
@@ -116,7 +130,11 @@ def test_springs_and_turned_inertias_are_carried(tmp_path: Path) -> None:
     ("name", "words", "sentence"),
     [
         ("c.mjcf", "", "the ending of an MJCF file must be .xml."),
-        ("c.xml", "--set dummy_mass:=0", "The link swing_r_link has no mass or no inertia, with which MuJoCo drops it"),
+        (
+            "c.xml",
+            "--set dummy_mass:=0",
+            "The link swing_r_link has no mass or no inertia, with which MuJoCo drops it",
+        ),
         ("c.xml", "--dt 0", "dt is 0.0 s; allowed is > 0."),
         ("c.xml", "--urdf none.urdf", "Cannot read none.urdf"),
         ("no/c.xml", "", "does not exist"),

@@ -1,4 +1,6 @@
-"""Optimal moves: the symbols against Pinocchio, the optimiser against closed forms and linear programs, the moves against their limits."""
+"""Optimal moves: the symbols against Pinocchio, the optimiser against closed forms and linear
+programs, the moves against their limits.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,12 @@ def ends(move: str) -> tuple[State, State]:
 
 
 @cache
-def moved(move: str, swing: float = 0.1, duration: float | None = None, still: tuple[str, ...] | None = None) -> Motion:
+def moved(
+    move: str,
+    swing: float = 0.1,
+    duration: float | None = None,
+    still: tuple[str, ...] | None = None,
+) -> Motion:
     return optimal(crane(), *ends(move), LIMITS, swing=swing, duration=duration, still=still)
 
 
@@ -58,7 +65,8 @@ def squared_swing(motion: Motion) -> float:
     return float((motion.q[:, crane().layout.passive] ** 2).sum() * motion.period)
 
 
-# ------------------------------------------------------------------------------------------------------------------ symbols
+# --------------------------------------------------------------------------------------------------
+# ---------------- symbols
 
 
 @cache
@@ -68,15 +76,24 @@ def _symbolic_rnea(model: pin.Model) -> Any:
 
 
 @given(states, accelerations)
-def test_symbolic_inverse_dynamics_is_pinocchios_on_the_crane(state: State, drives: np.ndarray) -> None:
+def test_symbolic_inverse_dynamics_is_pinocchios_on_the_crane(
+    state: State, drives: np.ndarray
+) -> None:
     a = np.array([drives[0], drives[1], 0.3, -0.2, drives[2]])
     model = crane().model
     theirs = pin.rnea(model, crane().data, *state, a)
     # rounding of some hundred operations
-    np.testing.assert_allclose(_symbolic_rnea(model)(*state, a).full().ravel(), theirs, rtol=0, atol=1e-12 * np.abs(theirs).max())
+    np.testing.assert_allclose(
+        _symbolic_rnea(model)(*state, a).full().ravel(),
+        theirs,
+        rtol=0,
+        atol=1e-12 * np.abs(theirs).max(),
+    )
 
 
-def test_symbolic_inverse_dynamics_is_pinocchios_on_an_arm_with_turned_joints_and_armature() -> None:
+def test_symbolic_inverse_dynamics_is_pinocchios_on_an_arm_with_turned_joints_and_armature() -> (
+    None
+):
     model, rng = pin.buildSampleModelManipulator(), np.random.default_rng(5)
     model.armature = rng.uniform(0.1, 1.0, model.nv)
     for i in range(1, model.njoints):
@@ -84,23 +101,38 @@ def test_symbolic_inverse_dynamics_is_pinocchios_on_an_arm_with_turned_joints_an
         model.inertias[i] = pin.Inertia.Random()
     for q, v, a in rng.normal(size=(20, 3, model.nv)):
         theirs = pin.rnea(model, model.createData(), q, v, a)
-        np.testing.assert_allclose(_symbolic_rnea(model)(q, v, a).full().ravel(), theirs, rtol=0, atol=1e-12 * np.abs(theirs).max())
+        np.testing.assert_allclose(
+            _symbolic_rnea(model)(q, v, a).full().ravel(),
+            theirs,
+            rtol=0,
+            atol=1e-12 * np.abs(theirs).max(),
+        )
 
 
 @given(states, accelerations)
-def test_symbolic_swing_under_prescribed_drives_is_that_of_the_dynamics_with_damping(state: State, drives: np.ndarray) -> None:
+def test_symbolic_swing_under_prescribed_drives_is_that_of_the_dynamics_with_damping(
+    state: State, drives: np.ndarray
+) -> None:
     damped = crane(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
     q, v, a = ca.SX.sym("q", 5), ca.SX.sym("v", 5), ca.SX.sym("a", 3)
-    ours = ca.Function("prescribed", [q, v, a], symbolic.prescribed_acceleration(damped, q, v, a))(*state, drives)
-    for one, other in zip(ours, dynamics.prescribed_acceleration(damped, state, drives), strict=True):
+    ours = ca.Function("prescribed", [q, v, a], symbolic.prescribed_acceleration(damped, q, v, a))(
+        *state, drives
+    )
+    for one, other in zip(
+        ours, dynamics.prescribed_acceleration(damped, state, drives), strict=True
+    ):
         # rounding, amplified by the condition of the two passive equations, below 1e3 here
-        np.testing.assert_allclose(one.full().ravel(), other, rtol=0, atol=1e-11 * max(1.0, np.abs(other).max()))
+        np.testing.assert_allclose(
+            one.full().ravel(), other, rtol=0, atol=1e-11 * max(1.0, np.abs(other).max())
+        )
 
 
 def test_a_joint_of_several_coordinates_is_refused() -> None:
     model = pin.buildSampleModelHumanoid()
     with pytest.raises(ModelError, match="with one degree of freedom each"):
-        symbolic.rnea(model, ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv), ca.SX.sym("a", model.nv))
+        symbolic.rnea(
+            model, ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv), ca.SX.sym("a", model.nv)
+        )
 
 
 def test_without_casadi_a_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,10 +142,13 @@ def test_without_casadi_a_sentence_says_what_to_install(monkeypatch: pytest.Monk
         importlib.import_module("cranedyn.dynamics.symbolic")
 
 
-# ------------------------------------------------------------------------------------------------------------------ transcription
+# --------------------------------------------------------------------------------------------------
+# ---------------- transcription
 
 
-def bridge(intervals: int, steps: int, *, equal: bool = False, way: float = 15.0) -> transcription.Plan:
+def bridge(
+    intervals: int, steps: int, *, equal: bool = False, way: float = 15.0
+) -> transcription.Plan:
     """Minimum-time bridge crane from a smooth guess of 10 s without swing."""
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
     free = np.full(4, np.inf)
@@ -131,15 +166,24 @@ def bridge(intervals: int, steps: int, *, equal: bool = False, way: float = 15.0
     )
     durations = np.full(intervals, 10.0 / intervals)
     s = transcription.times(durations, steps) / 10.0
-    states = np.stack([way * s**2 * (3.0 - 2.0 * s), way * 0.6 * s * (1.0 - s), 0.0 * s, 0.0 * s], axis=1)
-    return transcription.solve(problem, transcription.Plan(durations, np.zeros((intervals, 1)), states), equal=equal)
+    states = np.stack(
+        [way * s**2 * (3.0 - 2.0 * s), way * 0.6 * s * (1.0 - s), 0.0 * s, 0.0 * s], axis=1
+    )
+    return transcription.solve(
+        problem, transcription.Plan(durations, np.zeros((intervals, 1)), states), equal=equal
+    )
 
 
 def test_the_bridge_crane_switches_when_the_published_bang_bang_solution_does() -> None:
     plan = bridge(4, 10)
     np.testing.assert_allclose(plan.controls.ravel(), [1.0, -1.0, 1.0, -1.0], atol=1e-6)
     # order 5 with steps of 0.3 s leaves 1e-6 s, the published digits 1e-8 s
-    np.testing.assert_allclose(np.cumsum(plan.durations), [2.98534056, 4.29005132, 5.59476207, 8.58010264], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(
+        np.cumsum(plan.durations),
+        [2.98534056, 4.29005132, 5.59476207, 8.58010264],
+        rtol=0,
+        atol=1e-5,
+    )
 
 
 def test_the_bridge_crane_finds_the_time_without_being_told_how_often_to_switch() -> None:
@@ -150,7 +194,8 @@ def test_the_bridge_crane_finds_the_time_without_being_told_how_often_to_switch(
 def test_equal_intervals_cost_the_bridge_crane_less_the_more_there_are() -> None:
     coarse, fine = (bridge(n, 1, equal=True).durations for n in (32, 128))
     assert np.ptp(coarse) < 1e-9
-    # switches fall at most half an interval beside their best place, and the loss is of second order in that
+    # switches fall at most half an interval beside their best place, and the loss is of second
+    # order in that
     assert 8.58010264 - 1e-5 < fine.sum() < coarse.sum() < 8.60
 
 
@@ -158,21 +203,45 @@ def test_what_cannot_be_reached_is_unsolved_and_the_status_is_told() -> None:
     x, u, gap = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("gap")
     none, one = ca.SX(0, 1), np.ones(1)
     forward = transcription.Problem(
-        x, u, gap, u, ca.SX(1.0), none, np.array([-9 * one, 9 * one]), np.array([0 * one, one]), np.zeros((2, 0)), one
+        x,
+        u,
+        gap,
+        u,
+        ca.SX(1.0),
+        none,
+        np.array([-9 * one, 9 * one]),
+        np.array([0 * one, one]),
+        np.zeros((2, 0)),
+        one,
     )
-    backward = transcription.Plan(np.ones(2), np.zeros((2, 1)), -transcription.times(np.ones(2))[:, None])
-    with pytest.raises(transcription.Unsolved, match="IPOPT ends with Infeasible_Problem_Detected") as failure:
+    backward = transcription.Plan(
+        np.ones(2), np.zeros((2, 1)), -transcription.times(np.ones(2))[:, None]
+    )
+    with pytest.raises(
+        transcription.Unsolved, match="IPOPT ends with Infeasible_Problem_Detected"
+    ) as failure:
         transcription.solve(forward, backward, equal=True)
     assert failure.value.status == "Infeasible_Problem_Detected"
 
 
-# ------------------------------------------------------------------------------------------------------------------ least time
+# --------------------------------------------------------------------------------------------------
+# ---------------- least time
 
 
-def linear_time(intervals: int, way: float, length: float, rate: float, acceleration: float, swing: float, parts: int) -> float:
-    """Least time [s] of a trolley with a small swing l φ̈ + g φ = ẍ, by bisection over exactly sampled linear programs.
+def linear_time(
+    intervals: int,
+    way: float,
+    length: float,
+    rate: float,
+    acceleration: float,
+    swing: float,
+    parts: int,
+) -> float:
+    """Least time [s] of a trolley with a small swing l φ̈ + g φ = ẍ, by bisection over exactly
+    sampled linear programs.
 
-    The jerk is constant over equal intervals; rate, acceleration and swing are kept at the ends of equal parts of them.
+    The jerk is constant over equal intervals; rate, acceleration and swing are kept at the ends of
+    equal parts of them.
     """
     flow = np.zeros((6, 6))
     flow[[0, 1, 2, 3], [1, 2, 5, 4]] = 1.0
@@ -213,15 +282,28 @@ def test_the_least_time_of_a_small_trolley_move_is_that_of_a_linear_program(
 ) -> None:
     plans: list[transcription.Plan] = []
     solve = transcription.solve
-    monkeypatch.setattr(transcription, "solve", lambda *given, **also: plans.append(solve(*given, **also)) or plans[0])
+    monkeypatch.setattr(
+        transcription,
+        "solve",
+        lambda *given, **also: plans.append(solve(*given, **also)) or plans[0],
+    )
     point, small = big_crane(), 0.01
     start, goal = point.state(x=10.0, l=15.0), point.state(x=10.0 + 10.0 * small, l=15.0)
     limits = Limits([small * r for r in LIMITS.rates], [small * a for a in LIMITS.accelerations])
     optimal(point, start, goal, limits, swing=small * swing, ramp=RAMP)
     durations = plans[0].durations
-    least = linear_time(len(durations), 10.0 * small, 15.0, limits.rates[1], limits.accelerations[1], small * swing, parts)
-    # Angles of a thousandth are linear to 1e-6. Where the swing touches its bound the tangents half a gap of 1/8 s ahead give away
-    # some (1/16 s)²/2 of its curvature, 0.1 % of the swing, in some of the twelve seconds.
+    least = linear_time(
+        len(durations),
+        10.0 * small,
+        15.0,
+        limits.rates[1],
+        limits.accelerations[1],
+        small * swing,
+        parts,
+    )
+    # Angles of a thousandth are linear to 1e-6. Where the swing touches its bound the tangents half
+    # a gap of 1/8 s ahead give away some (1/16 s)²/2 of its curvature, 0.1 % of the swing, in some
+    # of the twelve seconds.
     assert least * (1.0 - 1e-5) < durations.sum() < least * (1.0 + excess)
 
 
@@ -233,7 +315,7 @@ def test_a_hoist_alone_takes_the_time_of_a_trapezoid_with_ramps() -> None:
     assert peak(motion) < 1e-6
 
 
-def test_a_fast_hoist_lets_the_load_fall_until_the_rope_is_nearly_slack_and_brakes_with_all_its_force() -> None:
+def test_a_fast_hoist_lets_the_load_fall_until_the_rope_is_nearly_slack_then_brakes_fully() -> None:
     weak = crane(hoist_effort=12e3)
     limits = Limits((0.1, 1.0, 20.0), (0.02, 0.4, 30.0))
     motion = optimal(weak, weak.state(l=5.0), weak.state(l=25.0), limits, ramp=0.2)
@@ -242,24 +324,32 @@ def test_a_fast_hoist_lets_the_load_fall_until_the_rope_is_nearly_slack_and_brak
     assert motion.a[:, 4].min() == pytest.approx(G - 12.0, rel=1e-4)
 
 
-@pytest.mark.parametrize(("move", "swing"), [("trolley", 0.05), ("slew", 0.05), ("combined", 0.05), ("combined", 0.1)])
-def test_a_move_of_least_time_exceeds_no_limit_at_any_instant_and_uses_one_fully(move: str, swing: float) -> None:
+@pytest.mark.parametrize(
+    ("move", "swing"), [("trolley", 0.05), ("slew", 0.05), ("combined", 0.05), ("combined", 0.1)]
+)
+def test_a_move_of_least_time_exceeds_no_limit_at_any_instant_and_uses_one_fully(
+    move: str, swing: float
+) -> None:
     motion = moved(move, swing)
     shares = use(crane(), motion, LIMITS)
     shares["swing"] = peak(motion) / swing
     jerk = np.diff(motion.a[:-1, motion.drives], axis=0) / motion.period
     shares["jerk"] = float((np.abs(jerk) * RAMP / LIMITS.accelerations).max())
-    # bounds are kept by the optimiser to 1e-8, by the swing between its points to the third order of 1/8 s
+    # bounds are kept by the optimiser to 1e-8, by the swing between its points to the third order
+    # of 1/8 s
     assert max(shares.values()) == pytest.approx(1.0, abs=2e-5)
     tension = [
-        crane().damping[4] * v[4] - dynamics.inverse_dynamics(crane().model, crane().data, q, v, a, crane().damping)[2]
+        crane().damping[4] * v[4]
+        - dynamics.inverse_dynamics(crane().model, crane().data, q, v, a, crane().damping)[2]
         for q, v, a in zip(motion.q[::20], motion.v[::20], motion.a[::20], strict=True)
     ]
     assert min(tension) > 0.0
 
 
 @pytest.mark.parametrize("move", ["slew", "combined"])
-def test_an_optimal_motion_obeys_the_equations_of_motion_and_its_rows_are_derivatives_of_each_other(move: str) -> None:
+def test_an_optimal_motion_obeys_the_equations_of_motion_and_its_rows_are_derivatives_of_each_other(
+    move: str,
+) -> None:
     motion, h = moved(move), moved(move).period
     for q, v, a in zip(motion.q[::50], motion.v[::50], motion.a[::50], strict=True):
         force = pin.rnea(crane().model, crane().data, q, v, a) + crane().damping * v
@@ -267,10 +357,18 @@ def test_an_optimal_motion_obeys_the_equations_of_motion_and_its_rows_are_deriva
         assert np.abs(force[crane().layout.passive]).max() < 1e-9 * np.abs(force).max()
     inside = slice(0, -2)  # the last row is the first instant after the arrival
     mean, bend = (motion.v[1:] + motion.v[:-1]) / 2.0, np.diff(motion.a, axis=0)
-    # Hermite's rule and the trapezoidal one: no more than h³/48 and h²/8 times the jump of a jerk, 1.6 m/s³ at most
-    np.testing.assert_allclose(np.diff(motion.q, axis=0)[inside], (h * mean - h * h / 12.0 * bend)[inside], rtol=0, atol=1.6 * h**3 / 48.0)
+    # Hermite's rule and the trapezoidal one: no more than h³/48 and h²/8 times the jump of a jerk,
+    # 1.6 m/s³ at most
+    np.testing.assert_allclose(
+        np.diff(motion.q, axis=0)[inside],
+        (h * mean - h * h / 12.0 * bend)[inside],
+        rtol=0,
+        atol=1.6 * h**3 / 48.0,
+    )
     mean = (motion.a[1:] + motion.a[:-1]) / 2.0
-    np.testing.assert_allclose(np.diff(motion.v, axis=0)[inside], h * mean[inside], rtol=0, atol=1.6 * h**2 / 8.0)
+    np.testing.assert_allclose(
+        np.diff(motion.v, axis=0)[inside], h * mean[inside], rtol=0, atol=1.6 * h**2 / 8.0
+    )
 
 
 @pytest.mark.parametrize("move", ENDS)
@@ -280,7 +378,8 @@ def test_an_optimal_motion_begins_and_ends_with_the_load_at_rest_where_asked(mov
         assert motion.q[k].tolist() == end.q.tolist()
         assert not motion.v[k].any()
     assert not motion.a[-1].any()
-    # One instant before, braking at the limit of jerk leaves j h²/2 of a rate and j h³/6 of a way; the rest is the defect of the plan.
+    # One instant before, braking at the limit of jerk leaves j h²/2 of a rate and j h³/6 of a way;
+    # the rest is the defect of the plan.
     h, jerk = motion.period, np.max(LIMITS.accelerations) / RAMP
     assert np.abs(motion.q[-2] - motion.q[-1]).max() < jerk * h**3 / 6.0 + 1e-6
     assert np.abs(motion.v[-2]).max() < jerk * h**2 / 2.0 + 1e-6
@@ -301,19 +400,25 @@ def test_a_tighter_bound_of_the_swing_costs_time() -> None:
 
 @pytest.mark.parametrize("move", ENDS)
 def test_the_least_time_is_less_than_the_fastest_flat_motion_takes(move: str) -> None:
-    assert moved(move).arrival < fastest(crane(), partial(flat, crane(), *ends(move), period=0.05), LIMITS)
+    assert moved(move).arrival < fastest(
+        crane(), partial(flat, crane(), *ends(move), period=0.05), LIMITS
+    )
 
 
 def test_drives_with_no_way_to_go_stand_still_unless_they_are_set_free() -> None:
     assert np.ptp(moved("trolley").q[:, [0, 4]], axis=0).tolist() == [0.0, 0.0]
     assert np.ptp(moved("slew").q[:, 4]) == 0.0
-    free, alone = moved("trolley", still=()), optimal(crane(), *ends("slew"), LIMITS, still=("x", "l"))
+    free, alone = (
+        moved("trolley", still=()),
+        optimal(crane(), *ends("slew"), LIMITS, still=("x", "l")),
+    )
     assert free.arrival < moved("trolley").arrival  # a drive more does not make the best worse
     assert np.ptp(alone.q[:, [1, 4]], axis=0).tolist() == [0.0, 0.0]
     assert alone.arrival > moved("slew").arrival
 
 
-# ------------------------------------------------------------------------------------------------------------------ tracking, least swing
+# --------------------------------------------------------------------------------------------------
+# ---------------- tracking, least swing
 
 
 def test_the_fastest_combined_move_tracked_by_the_lqr_arrives_without_swing() -> None:
@@ -340,14 +445,18 @@ def test_more_time_means_less_swing() -> None:
 
 
 def test_a_duration_too_short_names_the_least_and_that_one_works() -> None:
-    with pytest.raises(CraneError, match=r"duration is 8\.0 s; allowed is at least \d+\.\d\d s to keep all limits") as refusal:
+    with pytest.raises(
+        CraneError, match=r"duration is 8\.0 s; allowed is at least \d+\.\d\d s to keep all limits"
+    ) as refusal:
         moved("trolley", duration=8.0)
     least = float(str(refusal.value).split("at least ")[1].split()[0])
-    assert least == pytest.approx(moved("trolley").arrival, abs=0.011)  # both rounded up, to 10 and to 5 ms
+    # Both rounded up, to 10 and to 5 ms.
+    assert least == pytest.approx(moved("trolley").arrival, abs=0.011)
     assert moved("trolley", duration=least).arrival == pytest.approx(least, abs=1e-9)
 
 
-# ------------------------------------------------------------------------------------------------------------------ bad input
+# --------------------------------------------------------------------------------------------------
+# ---------------- bad input
 
 
 def _state(**values: float) -> State:
@@ -355,7 +464,9 @@ def _state(**values: float) -> State:
     q = crane().start.q.copy()
     v = np.zeros(5)
     for name, value in values.items():
-        (v if name.endswith("_dot") else q)[("gamma", "x", "phi", "theta", "l").index(name.removesuffix("_dot"))] = value
+        (v if name.endswith("_dot") else q)[
+            ("gamma", "x", "phi", "theta", "l").index(name.removesuffix("_dot"))
+        ] = value
     return State(q, v)
 
 
@@ -364,9 +475,15 @@ def _state(**values: float) -> State:
     [
         ({"goal": _state(x=30.0)}, r"x at the goal is 30\.0 m; allowed is 2 to 22"),
         ({"start": _state(l=1.0)}, r"l at the start is 1\.0 m; allowed is 3\.4 to 26\.4"),
-        ({"goal": _state(x=math.nan)}, "coordinate 2 of 5 at the goal is nan; allowed is a finite number"),
+        (
+            {"goal": _state(x=math.nan)},
+            "coordinate 2 of 5 at the goal is nan; allowed is a finite number",
+        ),
         ({"start": _state(phi=0.1)}, "phi at the start is 0.1 rad; allowed is 0: it hangs at rest"),
-        ({"goal": _state(x=20.0, x_dot=0.5)}, "x_dot at the goal is 0.5 m/s; allowed is 0: it hangs at rest"),
+        (
+            {"goal": _state(x=20.0, x_dot=0.5)},
+            "x_dot at the goal is 0.5 m/s; allowed is 0: it hangs at rest",
+        ),
         ({"goal": _state()}, "goal is the start itself; allowed is another place"),
         ({"swing": 0.0}, r"swing is 0\.0 rad; allowed is > 0"),
         ({"swing": math.pi / 2}, "swing is 1.57.* rad; allowed is above 0 and below π/2"),
@@ -376,11 +493,22 @@ def _state(**values: float) -> State:
         ({"period": 0.0}, r"period is 0\.0 s; allowed is > 0"),
         ({"still": ("phi",)}, "no drive 'phi'; there are gamma, x, l"),
         ({"still": ("x",)}, "still is x; allowed is drives that have no way to go"),
-        ({"crane": crane(hoist_effort=5e3)}, "share of the hoist's effort limit that holds the load is 1.96.*; allowed is 0 to 1"),
+        (
+            {"crane": crane(hoist_effort=5e3)},
+            "share of the hoist's effort limit that holds the load is 1.96.*; allowed is 0 to 1",
+        ),
     ],
 )
-def test_what_makes_no_move_is_refused_before_the_search(changes: dict[str, Any], sentence: str) -> None:
-    given: dict[str, Any] = {"crane": crane(), "start": _state(), "goal": _state(x=20.0), "limits": LIMITS, **changes}
+def test_what_makes_no_move_is_refused_before_the_search(
+    changes: dict[str, Any], sentence: str
+) -> None:
+    given: dict[str, Any] = {
+        "crane": crane(),
+        "start": _state(),
+        "goal": _state(x=20.0),
+        "limits": LIMITS,
+        **changes,
+    }
     model: Crane = given.pop("crane")
     with pytest.raises(CraneError, match=sentence):
         optimal(model, given.pop("start"), given.pop("goal"), given.pop("limits"), **given)

@@ -1,4 +1,6 @@
-"""Worker processes end within two seconds of whoever started them, even in native code that keeps Python's lock."""
+"""Worker processes end within two seconds of whoever started them, even in native code that keeps
+Python's lock.
+"""
 
 from __future__ import annotations
 
@@ -37,8 +39,12 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize(("script", "workers"), [(_SWEEP, 2), (_COMPARE, 1)], ids=["sweep", "compare"])
-def test_no_worker_outlives_a_killed_parent_by_two_seconds(script: str, workers: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("script", "workers"), [(_SWEEP, 2), (_COMPARE, 1)], ids=["sweep", "compare"]
+)
+def test_no_worker_outlives_a_killed_parent_by_two_seconds(
+    script: str, workers: int, tmp_path: Path
+) -> None:
     log = tmp_path / "log"
     (tmp_path / "stuck.py").write_text(script)
     process = subprocess.Popen(

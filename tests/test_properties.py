@@ -1,4 +1,6 @@
-"""What holds for every crane, state and command: symmetries, scaling laws, energy, finite numbers, bits."""
+"""What holds for every crane, state and command: symmetries, scaling laws, energy, finite numbers,
+bits.
+"""
 
 from __future__ import annotations
 
@@ -31,20 +33,67 @@ from tests.helpers import G, constant, crane
 
 COLUMNS, DRIVES, PASSIVE = crane().layout.columns(), crane().layout.drives, crane().layout.passive
 
-# --- any crane, any state, any command ---------------------------------------------------------------------------------------------
+# --- any crane, any state, any command
+# ---------------------------------------------------------------------------------------------
 
 POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
-SMALL = {"mast_height": 0.9, "pivot_height": 1.0, "total_height": 1.2, "trolley_min": 0.1, "trolley_max": 0.8, "trolley_init": 0.4}
-LAB = SMALL | {"hoist_min": 0.2, "hoist_max": 0.9, "hoist_init": 0.5, "payload_mass": 0.5, "payload_inertia": 1e-4, "trolley_mass": 0.3}
-LAB |= {"dummy_mass": 1e-3, "dummy_inertia": 1e-6, "upper_mass": 5.0, "slewing_inertia": 1.0, "trolley_inertia": 1e-3, "damp_swing": 1e-3}
+SMALL = {
+    "mast_height": 0.9,
+    "pivot_height": 1.0,
+    "total_height": 1.2,
+    "trolley_min": 0.1,
+    "trolley_max": 0.8,
+    "trolley_init": 0.4,
+}
+LAB = SMALL | {
+    "hoist_min": 0.2,
+    "hoist_max": 0.9,
+    "hoist_init": 0.5,
+    "payload_mass": 0.5,
+    "payload_inertia": 1e-4,
+    "trolley_mass": 0.3,
+}
+LAB |= {
+    "dummy_mass": 1e-3,
+    "dummy_inertia": 1e-6,
+    "upper_mass": 5.0,
+    "slewing_inertia": 1.0,
+    "trolley_inertia": 1e-3,
+    "damp_swing": 1e-3,
+}
 
 
 def _random(rng: np.random.Generator) -> dict[str, float]:
-    """Numbers of a crane: each uniform in its logarithm over what cranes from a workshop to a harbour have."""
-    orders = {"payload_mass": (0, 5), "payload_inertia": (-1, 4), "upper_mass": (2, 5), "slewing_inertia": (4, 8), "trolley_mass": (2, 4)}
-    orders |= {"trolley_inertia": (0, 3), "dummy_mass": (-2, 2), "dummy_inertia": (-2, 2), "damp_slew": (0, 5), "damp_trolley": (0, 3)}
-    orders |= {"damp_swing": (-2, 2), "damp_hoist": (0, 3), "trolley_min": (-1, 0.5), "trolley_max": (1.2, 2), "hoist_min": (0, 1)}
-    orders |= {"hoist_max": (1.2, 1.8), "slew_effort": (5, 8), "trolley_effort": (4, 7), "hoist_effort": (5, 7)}
+    """Numbers of a crane: each uniform in its logarithm over what cranes from a workshop to a
+    harbour have.
+    """
+    orders = {
+        "payload_mass": (0, 5),
+        "payload_inertia": (-1, 4),
+        "upper_mass": (2, 5),
+        "slewing_inertia": (4, 8),
+        "trolley_mass": (2, 4),
+    }
+    orders |= {
+        "trolley_inertia": (0, 3),
+        "dummy_mass": (-2, 2),
+        "dummy_inertia": (-2, 2),
+        "damp_slew": (0, 5),
+        "damp_trolley": (0, 3),
+    }
+    orders |= {
+        "damp_swing": (-2, 2),
+        "damp_hoist": (0, 3),
+        "trolley_min": (-1, 0.5),
+        "trolley_max": (1.2, 2),
+        "hoist_min": (0, 1),
+    }
+    orders |= {
+        "hoist_max": (1.2, 1.8),
+        "slew_effort": (5, 8),
+        "trolley_effort": (4, 7),
+        "hoist_effort": (5, 7),
+    }
     values = {name: float(10.0 ** rng.uniform(*ends)) for name, ends in orders.items()}
     return values | {"mast_height": values["hoist_max"], "pivot_height": values["hoist_max"] + 2.0}
 
@@ -56,18 +105,27 @@ VARIANTS: tuple[dict[str, float], ...] = (
     POINT,
     POINT | {"payload_mass": 1e5, "trolley_mass": 100.0, "hoist_effort": 2e6},
     {"damp_slew": 1e9, "damp_trolley": 1e8, "damp_swing": 1e9, "damp_hoist": 1e8},
-    {"slew_limit": 0.5, "swing_limit": 0.3, "slew_effort": 1.0, "trolley_effort": 1.0, "hoist_effort": 1.0},
+    {
+        "slew_limit": 0.5,
+        "swing_limit": 0.3,
+        "slew_effort": 1.0,
+        "trolley_effort": 1.0,
+        "hoist_effort": 1.0,
+    },
     LAB,
     *(_random(rng) for rng in [np.random.default_rng(7)] for _ in range(6)),
 )
-"""Arguments of the cranes that are drawn from: the one of this project, extremes, and random ones."""
+"""Arguments of the cranes that are drawn from: the one of this project, extremes, and random
+ones."""
 
 CALM = [values for values in VARIANTS if values.get("damp_swing", 0.0) < 1e9]
 """Without the one whose damping no explicit step can follow."""
 
 
 class Case(NamedTuple):
-    """A crane, and numbers between -1 and 1: where it starts, shape (10,), what is commanded, (4, 3), how it is pushed, (2, 3)."""
+    """A crane, and numbers between -1 and 1: where it starts, shape (10,), what is commanded, (4,
+    3), how it is pushed, (2, 3).
+    """
 
     values: dict[str, float]
     where: np.ndarray
@@ -90,12 +148,22 @@ class Case(NamedTuple):
     def start(self) -> State:
         """With rates as of a load that passes the bottom of a swing of 0.3 rad."""
         length = self.start_q[4]
-        return State(self.start_q, 0.3 * np.sqrt(G / length) * np.array([1.0, length, 1.0, 1.0, length]) * self.where[5:])
+        return State(
+            self.start_q,
+            0.3 * np.sqrt(G / length) * np.array([1.0, length, 1.0, 1.0, length]) * self.where[5:],
+        )
 
     @property
     def accelerations(self) -> np.ndarray:
-        """Of the drives, in four equal parts of a run, up to a fifth of gravity at the load; shape (4, 3)."""
-        return 0.2 * G * np.array([1.0 / max(self.crane.upper[1], self.start_q[4]), 1.0, 1.0]) * self.what
+        """Of the drives, in four equal parts of a run, up to a fifth of gravity at the load; shape
+        (4, 3).
+        """
+        return (
+            0.2
+            * G
+            * np.array([1.0 / max(self.crane.upper[1], self.start_q[4]), 1.0, 1.0])
+            * self.what
+        )
 
     @property
     def efforts(self) -> np.ndarray:
@@ -110,7 +178,9 @@ class Case(NamedTuple):
         return 0.3 * self.crane.payload_mass * G * self.push
 
 
-def quarters(commands: np.ndarray, duration: float) -> Callable[[float, State, Setpoint], np.ndarray]:
+def quarters(
+    commands: np.ndarray, duration: float
+) -> Callable[[float, State, Setpoint], np.ndarray]:
     """A controller that holds each of four commands for a quarter of the run."""
     return lambda t, state, setpoint: commands[min(int(4.0 * t / duration + 1e-9), 3)]
 
@@ -120,16 +190,33 @@ def _force(forces: np.ndarray, at: float = 0.0) -> Disturbance:
     return wind.constant_force(crane(), payload=forces[0], trolley=forces[1], at=at)
 
 
-def run(case: Case, drive: str, *, duration: float = 0.4, on: Crane | None = None, **changes: object) -> Trajectory:
-    """A run of a case, or of another crane in its place, pushed from outside and never stopped; anything changed by name."""
+def run(
+    case: Case, drive: str, *, duration: float = 0.4, on: Crane | None = None, **changes: object
+) -> Trajectory:
+    """A run of a case, or of another crane in its place, pushed from outside and never stopped;
+    anything changed by name.
+    """
     commands = case.efforts if drive == "effort" else case.accelerations
-    usual = {"start": case.start, "dt": 1e-3, "control_period": 1e-2, "validity": "mark", "disturbance": _force(case.forces)}
-    return simulate(on or case.crane, quarters(commands, duration), duration=duration, drive=drive, **(usual | changes))  # type: ignore[arg-type]
+    usual = {
+        "start": case.start,
+        "dt": 1e-3,
+        "control_period": 1e-2,
+        "validity": "mark",
+        "disturbance": _force(case.forces),
+    }
+    return simulate(
+        on or case.crane,
+        quarters(commands, duration),
+        duration=duration,
+        drive=drive,
+        **(usual | changes),
+    )  # type: ignore[arg-type]
 
 
 def cases(variants: list[dict[str, float]]) -> st.SearchStrategy[Case]:
     """Any case of some cranes."""
-    ones = st.floats(-1.0, 1.0).map(lambda x: round(x, 12))  # products of what remains are above the subnormal numbers
+    # Products of what remains are above the subnormal numbers.
+    ones = st.floats(-1.0, 1.0).map(lambda x: round(x, 12))
     return st.builds(
         Case,
         st.sampled_from(variants),
@@ -142,7 +229,8 @@ def cases(variants: list[dict[str, float]]) -> st.SearchStrategy[Case]:
 kinds = st.sampled_from(["effort", "motion"])
 
 
-# --- finite, or a sentence ---------------------------------------------------------------------------------------------------------
+# --- finite, or a sentence ------------------------------------------------------------------------
+# ---------------------------------
 
 
 def _columns(trajectory: Trajectory) -> np.ndarray:
@@ -153,7 +241,9 @@ def _columns(trajectory: Trajectory) -> np.ndarray:
 WINDS: dict[str, Callable[[Case], Disturbance | None]] = {
     "none": lambda case: None,
     "push": lambda case: _force(case.forces, at=0.1),
-    "steady": lambda case: wind.wind(case.crane, wind.steady(12.0), direction=2.0, payload_area=4.0, trolley_area=1.0),
+    "steady": lambda case: wind.wind(
+        case.crane, wind.steady(12.0), direction=2.0, payload_area=4.0, trolley_area=1.0
+    ),
     "gust": lambda case: wind.wind(
         case.crane,
         wind.cosine_gust(wind.step_gust(wind.steady(5.0), 8.0, at=0.1), -30.0, at=0.15, lasts=0.1),
@@ -161,11 +251,18 @@ WINDS: dict[str, Callable[[Case], Disturbance | None]] = {
         payload_area=9.0,
     ),
     "turbulence": lambda case: wind.wind(
-        case.crane, wind.turbulence(wind.steady(9.0), 0.3, np.random.default_rng(1), duration=0.3), direction=-1.0, payload_area=4.0
+        case.crane,
+        wind.turbulence(wind.steady(9.0), 0.3, np.random.default_rng(1), duration=0.3),
+        direction=-1.0,
+        payload_area=4.0,
     ),
 }
 
-wild = arrays(float, (4, 3), elements=st.one_of(st.floats(-1.0, 1.0), st.floats(-100.0, 100.0), st.floats(-1e300, 1e300)))
+wild = arrays(
+    float,
+    (4, 3),
+    elements=st.one_of(st.floats(-1.0, 1.0), st.floats(-100.0, 100.0), st.floats(-1e300, 1e300)),
+)
 
 
 @settings(max_examples=60)
@@ -181,7 +278,11 @@ def test_a_run_ends_with_finite_numbers_or_with_a_sentence(
     case: Case, what: np.ndarray, drive: str, validity: str, blows: str, dt: float
 ) -> None:
     with np.errstate(over="ignore"):
-        commands = case._replace(what=what).efforts if drive == "effort" else case._replace(what=what).accelerations
+        commands = (
+            case._replace(what=what).efforts
+            if drive == "effort"
+            else case._replace(what=what).accelerations
+        )
     try:
         found = simulate(
             case.crane,
@@ -203,24 +304,41 @@ def test_a_run_ends_with_finite_numbers_or_with_a_sentence(
     assert found is None or np.isfinite(_columns(found)).all()
 
 
-# --- energy ------------------------------------------------------------------------------------------------------------------------
+# --- energy ---------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def _passive(case: Case, drive: str, step: float) -> Trajectory:
-    """Without damping nor work of the drives: all drives locked, or slew and trolley free and the hoist held; a step per natural time."""
+    """Without damping nor work of the drives: all drives locked, or slew and trolley free and the
+    hoist held; a step per natural time.
+    """
     c = replace(case.crane, damping=np.zeros(5), effort_limit=np.full(3, np.inf))
-    start = State(case.start.q, case.start.v * ([0, 0, 1, 1, 0] if drive == "motion" else [1, 1, 1, 1, 0]))
+    start = State(
+        case.start.q, case.start.v * ([0, 0, 1, 1, 0] if drive == "motion" else [1, 1, 1, 1, 0])
+    )
     weight = c.payload_mass * G
     compliance = np.linalg.inv(_mass_matrix(c, start.q))[PASSIVE, PASSIVE].max()
     dt = step / np.sqrt(weight * start.q[4] * compliance)
 
     def hoist_held(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        free, carried = (dynamics.acceleration(c, state, np.array([0.0, 0.0, force]))[4] for force in (0.0, weight))
+        free, carried = (
+            dynamics.acceleration(c, state, np.array([0.0, 0.0, force]))[4]
+            for force in (0.0, weight)
+        )
         return np.array([0.0, 0.0, -free / (carried - free) * weight])
 
     controller = constant(0.0, 0.0, 0.0) if drive == "motion" else hoist_held
     periods = round(0.8 / step)
-    return simulate(c, controller, start=start, dt=dt, control_period=dt, duration=periods * dt, drive=drive, validity="mark")  # type: ignore[arg-type]
+    return simulate(
+        c,
+        controller,
+        start=start,
+        dt=dt,
+        control_period=dt,
+        duration=periods * dt,
+        drive=drive,
+        validity="mark",
+    )  # type: ignore[arg-type]
 
 
 def _mass_matrix(c: Crane, q: np.ndarray) -> np.ndarray:
@@ -229,50 +347,89 @@ def _mass_matrix(c: Crane, q: np.ndarray) -> np.ndarray:
 
 
 def _ripple(c: Crane, run: Trajectory) -> np.ndarray:
-    """What each step adds to a constant energy E(q, v) to order dt² [J]: dt²/2 (∂E/∂q · a - M v · da/dt).
+    """What each step adds to a constant energy E(q, v) to order dt² [J]: dt²/2 (∂E/∂q · a - M v ·
+    da/dt).
 
-    From v' = v + dt a, q' = q + dt v' and d²E/dt² = 0. For a constant mass matrix it is dt/2 times the change of the power of gravity.
+    From v' = v + dt a, q' = q + dt v' and d²E/dt² = 0. For a constant mass matrix it is dt/2 times
+    the change of the power of gravity.
     """
     dt = run.t[1]
     a = np.diff(run.v, axis=0) / dt
     h = 1e-4 / (np.abs(a).max() + 1e-6)
-    there, back = (np.array([dynamics.energy(c, State(q + s * aa, v)) for q, v, aa in zip(run.q, run.v, a, strict=False)]) for s in (h, -h))
+    there, back = (
+        np.array(
+            [
+                dynamics.energy(c, State(q + s * aa, v))
+                for q, v, aa in zip(run.q, run.v, a, strict=False)
+            ]
+        )
+        for s in (h, -h)
+    )
     momentum = np.array([_mass_matrix(c, q) @ v for q, v in zip(run.q, run.v, strict=True)])[:-1]
-    return dt**2 / 2.0 * ((there - back) / (2.0 * h) - (momentum * np.gradient(a, dt, axis=0)).sum(axis=1))
+    return (
+        dt**2
+        / 2.0
+        * ((there - back) / (2.0 * h) - (momentum * np.gradient(a, dt, axis=0)).sum(axis=1))
+    )
 
 
 @settings(max_examples=50)
 @given(cases(list(VARIANTS)), kinds)
-def test_without_damping_and_work_energy_changes_by_the_ripple_of_the_step_which_halves_with_it(case: Case, drive: str) -> None:
+def test_without_damping_and_work_energy_changes_by_the_ripple_of_the_step_which_halves_with_it(
+    case: Case, drive: str
+) -> None:
     coarse, fine = (_passive(case, drive, step) for step in (4e-3, 2e-3))
     steps = _ripple(case.crane, coarse)
     rounding = 1e-12 * np.abs(coarse.energy).max()
-    # what is left is of order dt² in natural units, as much as is the difference quotient of a: a few times 4e-3
+    # what is left is of order dt² in natural units, as much as is the difference quotient of a: a
+    # few times 4e-3
     allowed = 0.03 * np.abs(steps).sum() + rounding
     assert_allclose(np.diff(coarse.q[:, 4]), 0.0, atol=1e-9)
     assert_allclose(coarse.energy[1:] - coarse.energy[0], np.cumsum(steps), rtol=0.0, atol=allowed)
-    assert_allclose(coarse.energy - coarse.energy[0], 2.0 * (fine.energy[::2] - fine.energy[0]), rtol=0.0, atol=allowed)
+    assert_allclose(
+        coarse.energy - coarse.energy[0],
+        2.0 * (fine.energy[::2] - fine.energy[0]),
+        rtol=0.0,
+        atol=allowed,
+    )
 
 
-# --- symmetries --------------------------------------------------------------------------------------------------------------------
+# --- symmetries -----------------------------------------------------------------------------------
+# ---------------------------------
 
 
 @given(cases(CALM), kinds, st.floats(-3.0, 3.0))
-def test_a_crane_that_starts_turned_makes_the_same_move_turned(case: Case, drive: str, angle: float) -> None:
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+def test_a_crane_that_starts_turned_makes_the_same_move_turned(
+    case: Case, drive: str, angle: float
+) -> None:
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]]
+    )
     offset = np.array([angle, 0.0, 0.0, 0.0, 0.0])
     straight = run(case, drive)
-    turned = run(case, drive, start=State(case.start.q + offset, case.start.v), disturbance=_force(case.forces @ turn.T))
+    turned = run(
+        case,
+        drive,
+        start=State(case.start.q + offset, case.start.v),
+        disturbance=_force(case.forces @ turn.T),
+    )
     nudged = run(case, drive, start=State(case.start.q + 1e-9, case.start.v - 1e-9))
-    # rounding: 1e-13 of what there is and what becomes of a nudge of 1e-13, times what accelerations lose where a heavy load moves a
-    # light trolley: M_ii (M⁻¹)_ii
+    # rounding: 1e-13 of what there is and what becomes of a nudge of 1e-13, times what
+    # accelerations lose where a heavy load moves a light trolley: M_ii (M⁻¹)_ii
     inertia = _mass_matrix(case.crane, case.start.q)
     lost = float((np.diag(inertia) * np.diag(np.linalg.inv(inertia))).max())
-    rounding = lost * (1e-13 * np.abs(_motion(straight)).max() + 1e-4 * np.abs(_motion(nudged) - _motion(straight)).max())
+    rounding = lost * (
+        1e-13 * np.abs(_motion(straight)).max()
+        + 1e-4 * np.abs(_motion(nudged) - _motion(straight)).max()
+    )
     assert_allclose(turned.q - offset, straight.q, rtol=0.0, atol=rounding)
     assert_allclose(turned.v, straight.v, rtol=0.0, atol=rounding)
-    places, turned_places = (np.array([dynamics.payload_position(case.crane, q) for q in one.q]) for one in (straight, turned))
-    assert_allclose(turned_places, places @ turn.T, rtol=0.0, atol=1e2 * rounding)  # a radius of 100 m
+    places, turned_places = (
+        np.array([dynamics.payload_position(case.crane, q) for q in one.q])
+        for one in (straight, turned)
+    )
+    # A radius of 100 m.
+    assert_allclose(turned_places, places @ turn.T, rtol=0.0, atol=1e2 * rounding)
 
 
 def _motion(run: Trajectory) -> np.ndarray:
@@ -280,16 +437,27 @@ def _motion(run: Trajectory) -> np.ndarray:
 
 
 @given(cases(list(VARIANTS)), kinds, st.sampled_from(["mark", "buffers"]))
-def test_the_mirror_image_of_a_move_is_a_move_to_the_bit(case: Case, drive: str, validity: str) -> None:
+def test_the_mirror_image_of_a_move_is_a_move_to_the_bit(
+    case: Case, drive: str, validity: str
+) -> None:
     validity = validity if drive == "effort" else "mark"
     q, drives = np.array([-1.0, 1.0, 1.0, -1.0, 1.0]), np.array([-1.0, 1.0, 1.0])
-    mirrored = case._replace(where=case.where * np.tile(q, 2), what=case.what * drives, push=case.push * drives)
+    mirrored = case._replace(
+        where=case.where * np.tile(q, 2), what=case.what * drives, push=case.push * drives
+    )
     one, other = (_answer(lambda c=c: run(c, drive, validity=validity)) for c in (case, mirrored))
     if isinstance(one, str) or isinstance(other, str):
         assert isinstance(one, str) and isinstance(other, str)
         return
-    # x, φ, l keep their sign; γ, θ and the slew torque change it; so does the force across the jib. Signs do not round
-    for name, sign in {"q": q, "v": q, "command": drives, "effort": drives, "force": np.tile(drives, 2)}.items():
+    # x, φ, l keep their sign; γ, θ and the slew torque change it; so does the force across the jib.
+    # Signs do not round
+    for name, sign in {
+        "q": q,
+        "v": q,
+        "command": drives,
+        "effort": drives,
+        "force": np.tile(drives, 2),
+    }.items():
         assert (getattr(other, name) == sign * getattr(one, name)).all(), name
     for name in ("energy", "work", "dissipated", "outside", "valid"):
         assert (getattr(other, name) == getattr(one, name)).all(), name
@@ -302,17 +470,31 @@ def _answer(what: Callable[[], Trajectory]) -> Trajectory | str:
         return str(error)
 
 
-# --- scaling -----------------------------------------------------------------------------------------------------------------------
+# --- scaling --------------------------------------------------------------------------------------
+# ---------------------------------
 
 POWERS = {
-    **{"kg": (1, 0, 0), "kg m^2": (1, 2, 0), "m": (0, 1, 0), "rad": (0, 0, 0), "N m s/rad": (1, 2, -1), "N s/m": (1, 0, -1)},
+    **{
+        "kg": (1, 0, 0),
+        "kg m^2": (1, 2, 0),
+        "m": (0, 1, 0),
+        "rad": (0, 0, 0),
+        "N m s/rad": (1, 2, -1),
+        "N s/m": (1, 0, -1),
+    },
     **{"N m": (1, 2, -2), "N": (1, 1, -2), "rad/s": (0, 0, -1), "m/s": (0, 1, -1)},
     **{"N m/rad": (1, 2, -2), "N/m": (1, 0, -2)},
 }
 """Of mass, length and time in the units of the crane's arguments."""
 
 ENDINGS = {
-    **{"_rad_s": (0, 0, -1), "_m_s": (0, 1, -1), "_Nm": (1, 2, -2), "_N": (1, 1, -2), "_J": (1, 2, -2)},
+    **{
+        "_rad_s": (0, 0, -1),
+        "_m_s": (0, 1, -1),
+        "_Nm": (1, 2, -2),
+        "_N": (1, 1, -2),
+        "_J": (1, 2, -2),
+    },
     **{"_rad": (0, 0, 0), "_m": (0, 1, 0), "_s": (0, 0, 1), "valid": (0, 0, 0)},
 }
 """Of mass, length and time in the units at the ends of column names, the longer ending first."""
@@ -327,30 +509,47 @@ def _factor(powers: tuple[int, int, int], units: Units) -> float:
 
 def _factors(columns: tuple[str, ...], units: Units) -> np.ndarray:
     """What turns columns to other units, shape (n,)."""
-    return np.array([_factor(next(p for ending, p in ENDINGS.items() if column.endswith(ending)), units) for column in columns])
+    return np.array(
+        [
+            _factor(next(p for ending, p in ENDINGS.items() if column.endswith(ending)), units)
+            for column in columns
+        ]
+    )
 
 
 @cache
 def _rescaled(variant: int, units: Units) -> Crane:
     """A crane with its numbers in other units."""
     values = {
-        name: _factor(POWERS[known.unit], units) * float(VARIANTS[variant].get(name, float(known.default)))
+        name: _factor(POWERS[known.unit], units)
+        * float(VARIANTS[variant].get(name, float(known.default)))
         for name, known in arguments().items()
-        if name in VARIANTS[variant] or "$(" not in known.default  # what follows from other arguments follows them
+        # What follows from other arguments follows them.
+        if name in VARIANTS[variant] or "$(" not in known.default
     }
     return load_crane(gravity=_factor((0, 1, -2), units) * G, **values)
 
 
 @pytest.mark.parametrize(
-    ("units", "variants"), [((1024.0, 1.0, 1.0), CALM[::5]), ((4.0, 0.5, 0.125), CALM)], ids=["mass", "mass, length and time"]
+    ("units", "variants"),
+    [((1024.0, 1.0, 1.0), CALM[::5]), ((4.0, 0.5, 0.125), CALM)],
+    ids=["mass", "mass, length and time"],
 )
-def test_counted_in_other_units_every_crane_moves_the_same_to_the_bit(units: Units, variants: list[dict[str, float]]) -> None:
+def test_counted_in_other_units_every_crane_moves_the_same_to_the_bit(
+    units: Units, variants: list[dict[str, float]]
+) -> None:
     @settings(max_examples=4 * len(variants))
     @given(cases(variants), kinds)
     def same(case: Case, drive: str) -> None:
         one = run(case, drive)
-        q, v, effort, force = (_factors(COLUMNS[name], units) for name in ("q", "v", "effort", "force"))
-        commands = case.efforts * effort if drive == "effort" else case.accelerations * v[DRIVES] / units[2]
+        q, v, effort, force = (
+            _factors(COLUMNS[name], units) for name in ("q", "v", "effort", "force")
+        )
+        commands = (
+            case.efforts * effort
+            if drive == "effort"
+            else case.accelerations * v[DRIVES] / units[2]
+        )
         dt, period, duration = (units[2] * time for time in (1e-3, 1e-2, 0.4))
         other = simulate(
             _rescaled(VARIANTS.index(case.values), units),
@@ -363,7 +562,8 @@ def test_counted_in_other_units_every_crane_moves_the_same_to_the_bit(units: Uni
             disturbance=_force(case.forces * force[:3]),
             validity="mark",
         )
-        for columns in COLUMNS.values():  # a law of physics has no units, and powers of two do not round
+        # A law of physics has no units, and powers of two do not round.
+        for columns in COLUMNS.values():
             for column, factor in zip(columns, _factors(columns, units), strict=True):
                 assert (other[column] == factor * one[column]).all(), column
 
@@ -372,19 +572,32 @@ def test_counted_in_other_units_every_crane_moves_the_same_to_the_bit(units: Uni
 
 @settings(max_examples=10)
 @given(cases([POINT]))
-def test_a_point_load_on_exact_motion_swings_the_same_whatever_it_weighs_and_the_efforts_are_its_share(case: Case) -> None:
+def test_a_point_load_on_exact_motion_swings_the_same_and_asks_efforts_for_its_weight(
+    case: Case,
+) -> None:
     case = case._replace(push=np.zeros((2, 3)))
     masses = (1.0, 1e3, 1e5)
-    light, usual, heavy = (run(case, "motion", start=case.start, on=crane(**POINT, payload_mass=m)) for m in masses)
+    light, usual, heavy = (
+        run(case, "motion", start=case.start, on=crane(**POINT, payload_mass=m)) for m in masses
+    )
     for other in (usual, heavy):
-        assert_allclose(_motion(other), _motion(light), rtol=0.0, atol=1e-11)  # rounding of 400 steps
-    # the efforts are those of slew and trolley, and the load's in proportion to its mass; rounding of the heaviest
+        # Rounding of 400 steps.
+        assert_allclose(_motion(other), _motion(light), rtol=0.0, atol=1e-11)
+    # the efforts are those of slew and trolley, and the load's in proportion to its mass; rounding
+    # of the heaviest
     share = (usual.effort - light.effort) / (masses[1] - masses[0])
-    assert_allclose(heavy.effort, light.effort + (masses[2] - masses[0]) * share, rtol=0.0, atol=1e-9 * np.abs(heavy.effort).max())
-    assert_allclose(light.effort[:, 2], share[:, 2], rtol=0.0, atol=1e-9)  # nothing but the load hangs on the hoist
+    assert_allclose(
+        heavy.effort,
+        light.effort + (masses[2] - masses[0]) * share,
+        rtol=0.0,
+        atol=1e-9 * np.abs(heavy.effort).max(),
+    )
+    # Nothing but the load hangs on the hoist.
+    assert_allclose(light.effort[:, 2], share[:, 2], rtol=0.0, atol=1e-9)
 
 
-# --- bits --------------------------------------------------------------------------------------------------------------------------
+# --- bits -----------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def _bits(trajectory: Trajectory) -> bytes:
@@ -395,8 +608,13 @@ def again(path: str) -> None:
     """Repeat a run from nothing but its Parquet file, and write what comes out beside it."""
     record = read(path)
     clocks = {name: record.parameters[f"{name}_s"] for name in ("dt", "control_period")}
-    c = load_crane(gravity=record.parameters["gravity_m_s2"], **{n: x for n, x in record.parameters.items() if n in arguments()})  # type: ignore[arg-type]
-    efforts = record.command if record.parameters["drive"] == "effort" else np.zeros((len(record), 3))
+    c = load_crane(
+        gravity=record.parameters["gravity_m_s2"],
+        **{n: x for n, x in record.parameters.items() if n in arguments()},
+    )  # type: ignore[arg-type]
+    efforts = (
+        record.command if record.parameters["drive"] == "effort" else np.zeros((len(record), 3))
+    )
 
     def replay(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         return efforts[round(t / clocks["control_period"])]
@@ -412,17 +630,35 @@ def again(path: str) -> None:
     ).write(Path(path).with_suffix(".again.parquet"))
 
 
-def test_a_run_is_the_same_to_the_bit_in_another_process_that_reads_its_numbers_from_parquet(tmp_path: Path) -> None:
+def test_a_run_is_the_same_to_the_bit_in_another_process_that_reads_its_numbers_from_parquet(
+    tmp_path: Path,
+) -> None:
     rng = np.random.default_rng(3)
     runs = {}
     for variant in (4, 9):
         for drive in ("effort", "motion"):
-            case = Case(VARIANTS[variant], rng.uniform(-1, 1, 10), rng.uniform(-1, 1, (4, 3)), rng.uniform(-1, 1, (2, 3)))
-            made = run(case if drive == "effort" else case._replace(what=np.zeros((4, 3))), drive, duration=1.0)
+            case = Case(
+                VARIANTS[variant],
+                rng.uniform(-1, 1, 10),
+                rng.uniform(-1, 1, (4, 3)),
+                rng.uniform(-1, 1, (2, 3)),
+            )
+            made = run(
+                case if drive == "effort" else case._replace(what=np.zeros((4, 3))),
+                drive,
+                duration=1.0,
+            )
             path = tmp_path / f"{variant}_{drive}.parquet"
             runs[replace(made, parameters={**made.parameters, **case.values}).write(path)] = made
-    program = "import sys; from tests.test_properties import again; [again(path) for path in sys.argv[1:]]"
-    subprocess.run([sys.executable, "-c", program, *map(str, runs)], cwd=Path(__file__).parent.parent, check=True)
+    program = (
+        "import sys; from tests.test_properties import again; [again(path) for path in "
+        "sys.argv[1:]]"
+    )
+    subprocess.run(
+        [sys.executable, "-c", program, *map(str, runs)],
+        cwd=Path(__file__).parent.parent,
+        check=True,
+    )
     for path, made in runs.items():
         assert _bits(read(path.with_suffix(".again.parquet"))) == _bits(made), path.name
 
@@ -433,11 +669,29 @@ words = st.characters(codec="utf-8")
 
 def test_every_column_says_its_unit() -> None:
     units = {
-        **{"t": ["_s"], "q": ["_rad", "_m", "_rad", "_rad", "_m"], "v": ["_rad_s", "_m_s", "_rad_s", "_rad_s", "_m_s"]},
-        **{"setpoint": ["_rad", "_m", "_m"], "command": ["_Nm", "_N", "_N"], "effort": ["_Nm", "_N", "_N"], "energy": ["_J"]},
-        **{"work": ["_J"] * 3, "dissipated": ["_J"], "force": ["_N"] * 6, "outside": ["_J"] * 2, "valid": ["valid"]},
+        **{
+            "t": ["_s"],
+            "q": ["_rad", "_m", "_rad", "_rad", "_m"],
+            "v": ["_rad_s", "_m_s", "_rad_s", "_rad_s", "_m_s"],
+        },
+        **{
+            "setpoint": ["_rad", "_m", "_m"],
+            "command": ["_Nm", "_N", "_N"],
+            "effort": ["_Nm", "_N", "_N"],
+            "energy": ["_J"],
+        },
+        **{
+            "work": ["_J"] * 3,
+            "dissipated": ["_J"],
+            "force": ["_N"] * 6,
+            "outside": ["_J"] * 2,
+            "valid": ["valid"],
+        },
     }
-    found = {name: [next(e for e in ENDINGS if column.endswith(e)) for column in columns] for name, columns in COLUMNS.items()}
+    found = {
+        name: [next(e for e in ENDINGS if column.endswith(e)) for column in columns]
+        for name, columns in COLUMNS.items()
+    }
     assert found == units
 
 
@@ -445,7 +699,9 @@ def test_every_column_says_its_unit() -> None:
 @given(
     case=cases(CALM),
     rows=st.integers(1, 41),
-    parameters=st.dictionaries(st.text(words), st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.text(words))),
+    parameters=st.dictionaries(
+        st.text(words), st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.text(words))
+    ),
 )
 def test_a_run_of_any_length_goes_from_csv_to_parquet_and_back_to_the_bit(
     case: Case, rows: int, parameters: dict[str, float | str], tmp_path: Path
@@ -455,6 +711,11 @@ def test_a_run_of_any_length_goes_from_csv_to_parquet_and_back_to_the_bit(
     assert len(record) == rows
     first = read(record.write(tmp_path / "a.csv"))
     second = read(replace(first, parameters=parameters).write(tmp_path / "b.parquet"))
-    assert _bits(read(second.write(tmp_path / "c.csv"))) == _bits(second) == _bits(first) == _bits(record)
+    assert (
+        _bits(read(second.write(tmp_path / "c.csv")))
+        == _bits(second)
+        == _bits(first)
+        == _bits(record)
+    )
     assert second.parameters == parameters
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "c.csv").read_bytes()

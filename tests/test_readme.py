@@ -14,14 +14,18 @@ from experiments import catalogue
 from tests.helpers import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("**/*.md"), *(ROOT / "examples").glob("*.md")])
+PAGES = sorted(
+    [ROOT / "README.md", *(ROOT / "docs").glob("**/*.md"), *(ROOT / "examples").glob("*.md")]
+)
 
 
 def test_the_readme_is_short_enough_to_read_whole() -> None:
     assert len(README.split()) < 1200
 
 
-def test_the_python_of_the_readme_runs_and_makes_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_python_of_the_readme_runs_and_makes_what_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (script,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     assert len(script.splitlines()) <= 12
     monkeypatch.chdir(tmp_path)
@@ -55,7 +59,11 @@ def test_every_command_of_ours_that_a_page_names_is_there(page: Path) -> None:
 def test_version_changelog_and_citation_agree_on_a_dated_release() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert project["tool"]["hatch"]["version"]["path"] == "cranedyn/__init__.py"
-    newest = re.search(r"^## (\S+) - (\d{4}-\d\d-\d\d)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    newest = re.search(
+        r"^## (\S+) - (\d{4}-\d\d-\d\d)$",
+        (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"),
+        re.MULTILINE,
+    )
     assert newest is not None and newest[1] == cd.__version__
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {newest[1]}\ndate-released: {newest[2]}\n" in citation

@@ -40,7 +40,12 @@ PLACE = [0.5, 12.0, 9.0]
 
 
 QUINTIC = spline(CRANE, START, [(0.0, 14.0, 7.0)], [3.0], at=1.0)
-PUSHES = operator(CRANE, START, [JoystickPulse("x", 0.5, 1.0, 3.0), JoystickPulse("l", -0.8, 2.0, 0.01)], accelerations=(0.02, 0.4, 0.4))
+PUSHES = operator(
+    CRANE,
+    START,
+    [JoystickPulse("x", 0.5, 1.0, 3.0), JoystickPulse("l", -0.8, 2.0, 0.01)],
+    accelerations=(0.02, 0.4, 0.4),
+)
 
 
 def _plan(start: State, goal: State) -> Motion:
@@ -55,7 +60,9 @@ LEGS = tour(CRANE, [Leg("out", x=12.0), Leg("in", x=10.0)], _plan, dwell=0.5)
     [
         BASE,
         pulse(CRANE, BASE, "x", -0.3, at=1.0, width=2.0),
-        ramp(CRANE, pulse(CRANE, QUINTIC, "x", -0.3, at=1.0, width=2.0), "l", -1.0, rate=0.5, at=2.0),
+        ramp(
+            CRANE, pulse(CRANE, QUINTIC, "x", -0.3, at=1.0, width=2.0), "l", -1.0, rate=0.5, at=2.0
+        ),
         ramp(CRANE, lambda t: BASE(t), "gamma", 0.1, rate=0.1, at=1.0),
         QUINTIC,
         plumb(CRANE, QUINTIC, 5.0),
@@ -64,7 +71,13 @@ LEGS = tour(CRANE, [Leg("out", x=12.0), Leg("in", x=10.0)], _plan, dwell=0.5)
         shaped(PUSHES, ei(), 1.3),
         shaped_hoisting(CRANE, PUSHES, zv(), 5.0),
         LEGS,
-        itinerary(CRANE, START, [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)], rates=(0.1, 0.5, 0.4), dwell=0.3),
+        itinerary(
+            CRANE,
+            START,
+            [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)],
+            rates=(0.1, 0.5, 0.4),
+            dwell=0.3,
+        ),
     ],
     ids=[
         "hold",
@@ -86,11 +99,18 @@ def test_many_times_at_once_are_setpoint_as_each_by_itself(reference: Reference)
     single = [reference(t) for t in times.tolist()]
     for i, column in enumerate(tabulated(reference, times)):
         # sums of ten terms up to 14 m in another order round at 1e-15 of them
-        np.testing.assert_allclose(column, [setpoint[i] for setpoint in single], rtol=0.0, atol=1e-13)
+        np.testing.assert_allclose(
+            column, [setpoint[i] for setpoint in single], rtol=0.0, atol=1e-13
+        )
 
 
 LIMITS = (0.02, 0.4, 0.4)
-LEVEL = operator(CRANE, START, [JoystickPulse("x", 0.5, 0.0, 3.0), JoystickPulse("gamma", 0.05, 1.0, 4.0)], accelerations=LIMITS)
+LEVEL = operator(
+    CRANE,
+    START,
+    [JoystickPulse("x", 0.5, 0.0, 3.0), JoystickPulse("gamma", 0.05, 1.0, 4.0)],
+    accelerations=LIMITS,
+)
 """Without hoisting the last part of a shaped move comes right at its end."""
 
 RESTING: dict[str, tuple[Reference, float, float, float]] = {
@@ -103,16 +123,33 @@ RESTING: dict[str, tuple[Reference, float, float, float]] = {
     "shaped hoisting": (shaped_hoisting(CRANE, PUSHES, zv(), 5.25), 0.0, 10.0, 0.0),
     "shaped level": (shaped_hoisting(CRANE, LEVEL, zv(), 7.5), 0.0, 12.0, 0.0),
     "motion": (plumb(CRANE, QUINTIC, 5.0, 0.02), 1.0, 5.0, 0.02),
-    "flat": (flat(CRANE, CRANE.state(), CRANE.state(gamma=0.2, x=13.0, l=8.0), 8.0, period=0.02), 0.0, 8.0, 0.02),
+    "flat": (
+        flat(CRANE, CRANE.state(), CRANE.state(gamma=0.2, x=13.0, l=8.0), 8.0, period=0.02),
+        0.0,
+        8.0,
+        0.02,
+    ),
 }
-"""References that jump at multiples of 5 ms only; when they begin to move, when they have arrived, and time between rows, 0 without [s]."""
+"""References that jump at multiples of 5 ms only; when they begin to move, when they have arrived,
+and time between rows, 0 without [s]."""
 
-CUT_SHORT = (plumb(CRANE, ramp(CRANE, BASE, "x", 0.5, rate=0.1, at=1.0), 3.0, 0.02), 0.98, 3.0, 0.02)
+CUT_SHORT = (
+    plumb(CRANE, ramp(CRANE, BASE, "x", 0.5, rate=0.1, at=1.0), 3.0, 0.02),
+    0.98,
+    3.0,
+    0.02,
+)
 """Its velocity jumps within the rows."""
 
 ENDLESS: dict[str, tuple[Reference, float]] = {
     "itinerary": (
-        itinerary(CRANE, START, [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)], rates=(0.1, 0.5, 0.4), dwell=0.5),
+        itinerary(
+            CRANE,
+            START,
+            [Leg("out and up", x=13.0, l=8.0), Leg("back", x=12.0, l=9.0)],
+            rates=(0.1, 0.5, 0.4),
+            dwell=0.5,
+        ),
         0.0,
     ),
     "tour": (LEGS, 5e-3),
@@ -120,28 +157,45 @@ ENDLESS: dict[str, tuple[Reference, float]] = {
 
 
 @pytest.mark.parametrize(
-    ("reference", "spacing"), [*((r, gap) for r, *_, gap in RESTING.values()), *ENDLESS.values()], ids=[*RESTING, *ENDLESS]
+    ("reference", "spacing"),
+    [*((r, gap) for r, *_, gap in RESTING.values()), *ENDLESS.values()],
+    ids=[*RESTING, *ENDLESS],
 )
-def test_positions_are_the_integrals_of_velocities_and_these_of_accelerations(reference: Reference, spacing: float) -> None:
-    """Simpson's rule within cells of 5 ms, at whose ends all jumps are; it is exact for the polynomials that all references are made of."""
+def test_positions_are_the_integrals_of_velocities_and_these_of_accelerations(
+    reference: Reference, spacing: float
+) -> None:
+    """Simpson's rule within cells of 5 ms, at whose ends all jumps are; it is exact for the
+    polynomials that all references are made of.
+    """
     cell = 5e-3
     begins = cell * np.arange(-200, 2800)
     first, middle, last = (tabulated(reference, begins + share * cell) for share in (0.1, 0.5, 0.9))
     for of, by in ((0, 1), (1, 2)):
         gone = 0.8 * cell / 6.0 * (first[by] + 4.0 * middle[by] + last[by])
-        # between rows a straight line has the mean slope, which parts from the rate by its change over a row at most
-        change = np.abs(np.diff(tabulated(reference, spacing * np.arange(-1, 700))[by], axis=0)).max(axis=0)
-        # second derivatives of a spline through samples 5 ms apart round at 1e-16 of 14 m over the square of that, 6e-11
+        # between rows a straight line has the mean slope, which parts from the rate by its change
+        # over a row at most
+        change = np.abs(
+            np.diff(tabulated(reference, spacing * np.arange(-1, 700))[by], axis=0)
+        ).max(axis=0)
+        # second derivatives of a spline through samples 5 ms apart round at 1e-16 of 14 m over the
+        # square of that, 6e-11
         assert (np.abs(last[of] - first[of] - gone) <= 0.8 * cell * (change + 1e-9)).all()
 
 
-@pytest.mark.parametrize(("reference", "begin", "end", "_"), [*RESTING.values(), CUT_SHORT], ids=[*RESTING, "motion cut short"])
-def test_a_reference_rests_before_it_begins_and_after_its_end(reference: Reference, begin: float, end: float, _: float) -> None:
+@pytest.mark.parametrize(
+    ("reference", "begin", "end", "_"),
+    [*RESTING.values(), CUT_SHORT],
+    ids=[*RESTING, "motion cut short"],
+)
+def test_a_reference_rests_before_it_begins_and_after_its_end(
+    reference: Reference, begin: float, end: float, _: float
+) -> None:
     for edge, further in ((begin, -1.0), (end, 1.0)):
         there = reference(edge + 1e-3 * further).position
         for t in edge + further * np.array([1e-3, 0.5, 100.0]):
             setpoint = reference(float(t))
-            np.testing.assert_allclose(setpoint.position, there, rtol=0.0, atol=1e-13)  # sums up to 14 m
+            # Sums up to 14 m.
+            np.testing.assert_allclose(setpoint.position, there, rtol=0.0, atol=1e-13)
             np.testing.assert_allclose([setpoint.velocity, setpoint.acceleration], 0.0, atol=1e-15)
 
 
@@ -158,7 +212,9 @@ def test_hold_does_not_follow_the_state_it_was_made_from() -> None:
     assert reference(1.0).position.tolist() == [0.0, 5.0, 15.0]
 
 
-@pytest.mark.parametrize(("t", "x"), [(0.0, 12.0), (1.999, 12.0), (2.0, 13.0), (4.499, 13.0), (4.5, 12.0), (100.0, 12.0)])
+@pytest.mark.parametrize(
+    ("t", "x"), [(0.0, 12.0), (1.999, 12.0), (2.0, 13.0), (4.499, 13.0), (4.5, 12.0), (100.0, 12.0)]
+)
 def test_a_pulse_steps_aside_at_its_start_and_back_at_its_end(t: float, x: float) -> None:
     setpoint = pulse(CRANE, BASE, "x", 1.0, at=2.0, width=2.5)(t)
     assert setpoint.position.tolist() == [0.5, x, 9.0]
@@ -167,7 +223,10 @@ def test_a_pulse_steps_aside_at_its_start_and_back_at_its_end(t: float, x: float
 
 @pytest.mark.parametrize(("drive", "i"), [("gamma", 0), ("x", 1), ("l", 2)])
 def test_pulse_and_ramp_move_the_drive_that_is_named_and_no_other(drive: str, i: int) -> None:
-    for reference in (pulse(CRANE, BASE, drive, -0.25, at=1.0, width=1.0), ramp(CRANE, BASE, drive, -0.25, rate=1.0, at=1.0)):
+    for reference in (
+        pulse(CRANE, BASE, drive, -0.25, at=1.0, width=1.0),
+        ramp(CRANE, BASE, drive, -0.25, rate=1.0, at=1.0),
+    ):
         moved = reference(1.999).position - PLACE
         assert moved[i] == pytest.approx(-0.25, abs=1e-12)
         assert np.delete(moved, i).tolist() == [0.0, 0.0]
@@ -175,9 +234,21 @@ def test_pulse_and_ramp_move_the_drive_that_is_named_and_no_other(drive: str, i:
 
 @pytest.mark.parametrize(
     ("t", "l", "rate"),
-    [(0.0, 9.0, 0.0), (29.9, 9.0, 0.0), (30.0, 9.0, -0.5), (32.0, 8.0, -0.5), (33.9, 7.05, -0.5), (34.0, 7.0, 0.0), (99.0, 7.0, 0.0)],
+    [
+        (0.0, 9.0, 0.0),
+        (29.9, 9.0, 0.0),
+        (30.0, 9.0, -0.5),
+        (32.0, 8.0, -0.5),
+        (33.9, 7.05, -0.5),
+        (34.0, 7.0, 0.0),
+        (99.0, 7.0, 0.0),
+    ],
 )
-def test_a_ramp_moves_at_its_rate_from_its_start_until_it_is_there(t: float, l: float, rate: float) -> None:  # noqa: E741
+def test_a_ramp_moves_at_its_rate_from_its_start_until_it_is_there(
+    t: float,
+    l: float,  # noqa: E741
+    rate: float,
+) -> None:
     setpoint = ramp(CRANE, BASE, "l", -2.0, rate=0.5, at=30.0)(t)
     assert setpoint.position[2] == pytest.approx(l, abs=1e-12)
     assert setpoint.velocity.tolist() == [0.0, 0.0, rate]
@@ -185,7 +256,9 @@ def test_a_ramp_moves_at_its_rate_from_its_start_until_it_is_there(t: float, l: 
 
 
 @given(st.floats(-5, 5), st.floats(0.1, 2), st.floats(0, 10), st.floats(0, 30))
-def test_a_ramp_is_the_integral_of_its_velocity(by: float, rate: float, at: float, t: float) -> None:
+def test_a_ramp_is_the_integral_of_its_velocity(
+    by: float, rate: float, at: float, t: float
+) -> None:
     reference, h = ramp(CRANE, BASE, "x", by, rate=rate, at=at), 1e-7
     if min(abs(t - at), abs(t - at - abs(by) / rate)) > 2 * h:  # not over a corner
         slope = (reference(t + h).position[1] - reference(t - h).position[1]) / (2 * h)
@@ -194,7 +267,12 @@ def test_a_ramp_is_the_integral_of_its_velocity(by: float, rate: float, at: floa
 
 def test_references_add_up() -> None:
     both = pulse(
-        CRANE, ramp(CRANE, ramp(CRANE, BASE, "x", 2.0, rate=1.0, at=0.0), "x", 1.0, rate=1.0, at=1.0), "gamma", 0.1, at=0.0, width=9.0
+        CRANE,
+        ramp(CRANE, ramp(CRANE, BASE, "x", 2.0, rate=1.0, at=0.0), "x", 1.0, rate=1.0, at=1.0),
+        "gamma",
+        0.1,
+        at=0.0,
+        width=9.0,
     )
     assert both(1.5).position.tolist() == pytest.approx([0.6, 14.0, 9.0], abs=1e-12)
     assert both(1.5).velocity.tolist() == [0.0, 2.0, 0.0]
@@ -207,7 +285,9 @@ def test_a_ramp_of_no_length_does_nothing() -> None:
 
 
 def _pulse(**changes: Any) -> Reference:
-    return pulse(CRANE, BASE, **{"drive": "x", "amplitude": 1.0, "at": 1.0, "width": 1.0, **changes})
+    return pulse(
+        CRANE, BASE, **{"drive": "x", "amplitude": 1.0, "at": 1.0, "width": 1.0, **changes}
+    )
 
 
 def _ramp(**changes: Any) -> Reference:
@@ -233,7 +313,9 @@ def test_passive_joints_cannot_be_asked_for(make: Any, drive: str) -> None:
         (_ramp, {"rate": -1.0}, "ramp rate is -1.0 .*; allowed is > 0"),
     ],
 )
-def test_numbers_that_make_no_move_are_refused(make: Any, changes: dict[str, float], sentence: str) -> None:
+def test_numbers_that_make_no_move_are_refused(
+    make: Any, changes: dict[str, float], sentence: str
+) -> None:
     with pytest.raises(OutOfRange, match=sentence):
         make(**changes)
 

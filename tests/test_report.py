@@ -17,16 +17,22 @@ from experiments import report
 from experiments.catalogue import EXPERIMENTS
 from tests.helpers import FAST
 
-selenium = pytest.importorskip("selenium.webdriver", reason="extra browser (selenium) is not installed")
+selenium = pytest.importorskip(
+    "selenium.webdriver", reason="extra browser (selenium) is not installed"
+)
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-browser = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="Chromium and its driver are not installed")
+browser = pytest.mark.skipif(
+    not (CHROMIUM and DRIVER), reason="Chromium and its driver are not installed"
+)
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A report of two experiments, run by the report itself."""
     folder = tmp_path_factory.mktemp("report") / "out"
-    assert report.main(["--out", str(folder), "--only", "energy", "mass_ratio", "--engine", FAST]) == 0
+    assert (
+        report.main(["--out", str(folder), "--only", "energy", "mass_ratio", "--engine", FAST]) == 0
+    )
     return folder
 
 
@@ -37,7 +43,8 @@ def page(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     options.binary_location = CHROMIUM
     profile = tmp_path_factory.mktemp("profile")
     words = (
-        "--headless=new --no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-component-update --disable-sync"
+        "--headless=new --no-sandbox --disable-gpu --no-first-run "
+        "--disable-background-networking --disable-component-update --disable-sync"
     )
     for word in (*words.split(), "--window-size=400,800", f"--user-data-dir={profile}"):
         options.add_argument(word)
@@ -55,13 +62,19 @@ def test_every_table_is_there_with_its_rows(made: Path, page: Any) -> None:
     for name in ("energy", "mass_ratio"):
         tables = json.loads((made / name / "result.json").read_text())["tables"]
         shown = page.find_elements("css selector", f"#{name} table")
-        assert [t.find_element("css selector", "caption").text for t in shown] == [t["title"] for t in tables]
-        assert [len(t.find_elements("css selector", "tbody tr")) for t in shown] == [len(t["rows"]) for t in tables]
+        assert [t.find_element("css selector", "caption").text for t in shown] == [
+            t["title"] for t in tables
+        ]
+        assert [len(t.find_elements("css selector", "tbody tr")) for t in shown] == [
+            len(t["rows"]) for t in tables
+        ]
 
 
 @browser
 def test_every_figure_is_loaded(made: Path, page: Any) -> None:
-    widths = page.execute_script("return Array.from(document.images, i => i.complete ? i.naturalWidth : 0)")
+    widths = page.execute_script(
+        "return Array.from(document.images, i => i.complete ? i.naturalWidth : 0)"
+    )
     assert len(widths) == 1 + sum(1 for _ in made.glob("*/*.svg"))  # the crane of the first screen
     assert min(widths) > 100
 
@@ -74,16 +87,25 @@ def test_the_page_fits_a_phone_and_leaves_no_error_in_the_console(page: Any) -> 
 
 @browser
 def test_nothing_is_fetched_from_anywhere(page: Any) -> None:
-    fetched = page.execute_script("return performance.getEntriesByType('resource').map(e => e.name)")
+    fetched = page.execute_script(
+        "return performance.getEntriesByType('resource').map(e => e.name)"
+    )
     assert [name for name in fetched if not name.startswith("data:")] == []
 
 
 @browser
 def test_the_first_screen_says_when_what_and_how_many_claims_hold(made: Path, page: Any) -> None:
-    claims = [claim for name in ("energy", "mass_ratio") for claim in json.loads((made / name / "result.json").read_text())["claims"]]
+    claims = [
+        claim
+        for name in ("energy", "mass_ratio")
+        for claim in json.loads((made / name / "result.json").read_text())["claims"]
+    ]
     assert page.find_element("css selector", ".count").text == f"{len(claims)} of {len(claims)}"
     rows = [row.text for row in page.find_elements("css selector", ".summary tbody tr")]
-    assert [row.split("\n")[0].startswith(title) for row, title in zip(rows, ("Energy", "Light links"), strict=True)] == [True] * 2
+    assert [
+        row.split("\n")[0].startswith(title)
+        for row, title in zip(rows, ("Energy", "Light links"), strict=True)
+    ] == [True] * 2
     assert f"{date.today().year}" in page.find_element("css selector", ".lead").text
     assert [h.text for h in page.find_elements("css selector", "h2")] == ["Energy", "Light links"]
 
@@ -93,7 +115,11 @@ def test_every_figure_is_a_drawing_with_a_caption(page: Any) -> None:
     figures = page.find_elements("css selector", "section figure")
     assert figures
     for figure in figures:
-        assert figure.find_element("css selector", "img").get_attribute("src").startswith("data:image/svg+xml")
+        assert (
+            figure.find_element("css selector", "img")
+            .get_attribute("src")
+            .startswith("data:image/svg+xml")
+        )
         assert len(figure.find_element("css selector", "figcaption").text.split()) > 4
 
 
@@ -104,14 +130,30 @@ def test_on_paper_no_table_is_wider_than_the_page_and_by_night_words_are_light(p
 
     try:
         a4 = round((210 - 2 * 12) / 25.4 * 96)
-        page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {"width": a4, "height": 1000, "deviceScaleFactor": 1, "mobile": False})
+        page.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": a4, "height": 1000, "deviceScaleFactor": 1, "mobile": False},
+        )
         emulate(media="print")
-        tables = page.execute_script("return Array.from(document.querySelectorAll('table'), t => t.getBoundingClientRect().right)")
+        tables = page.execute_script(
+            "return Array.from(document.querySelectorAll('table'), t => "
+            "t.getBoundingClientRect().right)"
+        )
         assert tables and max(tables) <= a4
-        assert page.execute_script("return getComputedStyle(document.querySelector('nav')).display") == "none"
+        assert (
+            page.execute_script("return getComputedStyle(document.querySelector('nav')).display")
+            == "none"
+        )
         emulate(media="screen", features=[{"name": "prefers-color-scheme", "value": "dark"}])
-        ink, paper = page.execute_script("const s = getComputedStyle(document.body); return [s.color, s.backgroundColor]")
-        assert sum(map(int, re.findall(r"\d+", ink)[:3])) > 600 > 150 > sum(map(int, re.findall(r"\d+", paper)[:3]))
+        ink, paper = page.execute_script(
+            "const s = getComputedStyle(document.body); return [s.color, s.backgroundColor]"
+        )
+        assert (
+            sum(map(int, re.findall(r"\d+", ink)[:3]))
+            > 600
+            > 150
+            > sum(map(int, re.findall(r"\d+", paper)[:3]))
+        )
     finally:
         emulate(media="screen", features=[])
         page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
@@ -120,13 +162,20 @@ def test_on_paper_no_table_is_wider_than_the_page_and_by_night_words_are_light(p
 @browser
 def test_the_contents_stay_in_view(page: Any) -> None:
     page.execute_script("window.scrollTo(0, document.body.scrollHeight)")
-    assert 0 <= page.execute_script("return document.querySelector('nav').getBoundingClientRect().top") < 10
+    assert (
+        0
+        <= page.execute_script("return document.querySelector('nav').getBoundingClientRect().top")
+        < 10
+    )
 
 
 def test_every_experiment_of_the_catalogue_is_one_of_the_report() -> None:
     assert report.EXPERIMENTS is EXPERIMENTS
     assert all(len(entry.title) < 30 for entry in EXPERIMENTS.values())
-    assert [name for name, entry in EXPERIMENTS.items() if not entry.figures] == ["cranes", "lift_benchmark"]
+    assert [name for name, entry in EXPERIMENTS.items() if not entry.figures] == [
+        "cranes",
+        "lift_benchmark",
+    ]
 
 
 def test_a_report_says_which_experiment_it_is_at_and_goes_on_without_one_that_fails(
@@ -140,7 +189,10 @@ def test_a_report_says_which_experiment_it_is_at_and_goes_on_without_one_that_fa
         assert argv == [f"--out={tmp_path / 'mass_ratio'}"]
         return 0
 
-    modules = {"experiments.energy": SimpleNamespace(main=fails), "experiments.mass_ratio": SimpleNamespace(main=works)}
+    modules = {
+        "experiments.energy": SimpleNamespace(main=fails),
+        "experiments.mass_ratio": SimpleNamespace(main=works),
+    }
     monkeypatch.setattr(report.importlib, "import_module", modules.__getitem__)
     assert report.main(["--out", str(tmp_path), "--only", "energy", "mass_ratio", "--quick"]) == 2
     out, err = capsys.readouterr()
@@ -153,13 +205,19 @@ def test_claims_and_the_command_that_repeats_them_are_on_the_page(made: Path) ->
     text = (made / "report.html").read_text(encoding="utf-8")
     for name in ("energy", "mass_ratio"):
         result = json.loads((made / name / "result.json").read_text())
-        assert all(claim["sentence"].split("(")[0].strip()[:40] in text for claim in result["claims"])
+        assert all(
+            claim["sentence"].split("(")[0].strip()[:40] in text for claim in result["claims"]
+        )
         assert f"python -m experiments.{name}" in text
         assert result["parameters"]["engine"] == FAST
 
 
-def test_results_that_are_there_are_collected_not_run_again(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report.importlib, "import_module", lambda name: pytest.fail(f"{name} was run"))
+def test_results_that_are_there_are_collected_not_run_again(
+    made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        report.importlib, "import_module", lambda name: pytest.fail(f"{name} was run")
+    )
     assert report.main(["--out", str(made), "--only", "mass_ratio"]) == 0
 
 

@@ -1,4 +1,6 @@
-"""The recursions in plain numbers against Pinocchio's algorithms, which have another derivation and another language."""
+"""The recursions in plain numbers against Pinocchio's algorithms, which have another derivation and
+another language.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +23,17 @@ def _arm() -> pin.Model:
     model = pin.Model()
     rng = np.random.default_rng(4)
     axis = np.array([2.0, -1.0, 2.0]) / 3.0
-    kinds = [pin.JointModelRZ(), pin.JointModelPrismaticUnaligned(axis), pin.JointModelHX(0.3), pin.JointModelRevoluteUnaligned(axis)]
+    kinds = [
+        pin.JointModelRZ(),
+        pin.JointModelPrismaticUnaligned(axis),
+        pin.JointModelHX(0.3),
+        pin.JointModelRevoluteUnaligned(axis),
+    ]
     kinds += [pin.JointModelPY(), pin.JointModelHelicalUnaligned(axis, -0.2), pin.JointModelRX()]
     for i, (kind, parent) in enumerate(zip(kinds, (0, 1, 2, 1, 4, 5, 5), strict=True)):
-        place = pin.SE3(pin.Quaternion(rng.normal(size=4)).normalized().matrix(), rng.normal(size=3))
+        place = pin.SE3(
+            pin.Quaternion(rng.normal(size=4)).normalized().matrix(), rng.normal(size=3)
+        )
         joint = model.addJoint(parent, kind, place, f"joint {i}")
         body = pin.Inertia(1.0 + i, rng.normal(size=3), np.diag([1.0, 2.0, 2.5]) + 0.1)
         model.appendBodyToJoint(joint, body, pin.SE3.Identity())
@@ -56,7 +65,9 @@ def _plain(values: np.ndarray) -> np.ndarray:
 
 
 @given(vectors, vectors, vectors)
-def test_forces_that_cause_accelerations_are_those_of_pinocchio(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> None:
+def test_forces_that_cause_accelerations_are_those_of_pinocchio(
+    q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> None:
     found = rigid_body.inverse_dynamics(*_at(q), v, a)
     expected = pin.rnea(ARM, ARM.createData(), q, v, a)
     assert_allclose(_plain(found), expected, atol=1e-12 * np.abs(expected).max() + 1e-10)
@@ -77,8 +88,13 @@ def test_height_energy_and_its_slope_are_those_of_gravity(q: np.ndarray) -> None
     assert energy == pytest.approx(pin.computePotentialEnergy(ARM, data, q), abs=1e-11)
     resting = rigid_body.inverse_dynamics(*_at(q), np.zeros(7))
     h = 1e-5
-    slope = [(rigid_body.potential_energy(*_at(q + d)) - rigid_body.potential_energy(*_at(q - d))) / (2 * h) for d in h * np.eye(7)]
-    assert_allclose(_plain(resting), slope, atol=1e-5)  # truncation h² of third derivatives of 1e3 J, rounding 1e-13 / h
+    slope = [
+        (rigid_body.potential_energy(*_at(q + d)) - rigid_body.potential_energy(*_at(q - d)))
+        / (2 * h)
+        for d in h * np.eye(7)
+    ]
+    # Truncation h² of third derivatives of 1e3 J, rounding 1e-13 / h.
+    assert_allclose(_plain(resting), slope, atol=1e-5)
 
 
 @given(vectors, st.integers(0, 6), st.floats(-50.0, 50.0))
@@ -104,7 +120,11 @@ def test_solving_with_the_mass_matrix_leaves_nothing_over(q: np.ndarray, right: 
     x = rigid_body.solve(mass, rigid_body.array(right.tolist()))
     assert mass.tolist() == before
     # backward stable: what is left over is rounding of the sizes that go in
-    assert_allclose(_plain(mass @ x), right, atol=1e-13 * np.abs(_plain(mass)).max() * (1.0 + np.abs(_plain(x)).max()))
+    assert_allclose(
+        _plain(mass @ x),
+        right,
+        atol=1e-13 * np.abs(_plain(mass)).max() * (1.0 + np.abs(_plain(x)).max()),
+    )
 
 
 @given(states)
@@ -113,8 +133,14 @@ def test_a_payload_that_turns_is_pushed_at_its_centre(state: State) -> None:
     tree = _tree(c.model)
     where = rigid_body.frames(tree, state.q)
     force = np.array([[300.0, -200.0, 100.0], [-50.0, 20.0, 70.0]])
-    external_forces = [ExternalForce(4, tree.lever[4], force[0]), ExternalForce(2, np.zeros(3), force[1])]
-    pushed, free = (rigid_body.inverse_dynamics(tree, where, np.zeros(5), external_forces=some) for some in (external_forces, []))
+    external_forces = [
+        ExternalForce(4, tree.lever[4], force[0]),
+        ExternalForce(2, np.zeros(3), force[1]),
+    ]
+    pushed, free = (
+        rigid_body.inverse_dynamics(tree, where, np.zeros(5), external_forces=some)
+        for some in (external_forces, [])
+    )
     expected = dynamics.outside_effort(c.points, c.model, c.data, state.q, force)
     assert_allclose(_plain(free - pushed), expected, atol=1e-8)  # differences of 1e5 N m
 
@@ -130,4 +156,6 @@ def test_numbers_go_out_and_come_back_in_one_order() -> None:
 def test_two_ways_to_solve_may_differ_by_the_condition_of_a_matrix_whatever_the_units() -> None:
     assert rigid_body.lost_digits(np.diag([1.0, 1e12])) == pytest.approx(1e3 * 2.0**-52)
     near = 1.0 - 1e-6  # eigenvalues 2 - 1e-6 and 1e-6
-    assert rigid_body.lost_digits(np.array([[1.0, 1e3 * near], [0.0, 1e6]])) == pytest.approx(1e3 * 2.0**-52 * 2e6, rel=1e-3)
+    assert rigid_body.lost_digits(np.array([[1.0, 1e3 * near], [0.0, 1e6]])) == pytest.approx(
+        1e3 * 2.0**-52 * 2e6, rel=1e-3
+    )

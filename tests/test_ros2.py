@@ -38,15 +38,29 @@ def robot(package: Path) -> ET.Element:
 
 
 def test_the_package_is_one_by_the_rules_of_ament(package: Path) -> None:
-    catkin = pytest.importorskip("catkin_pkg.package", reason="catkin_pkg is not installed: pip install 'cranedyn[test]'")
+    catkin = pytest.importorskip(
+        "catkin_pkg.package", reason="catkin_pkg is not installed: pip install 'cranedyn[test]'"
+    )
     found, warnings = catkin.parse_package(str(package)), []
     found.validate(warnings=warnings)
-    assert (found.name, found.get_build_type(), warnings) == ("crane_description", "ament_cmake", [])
+    assert (found.name, found.get_build_type(), warnings) == (
+        "crane_description",
+        "ament_cmake",
+        [],
+    )
     assert "project(crane_description)" in (package / "CMakeLists.txt").read_text()
-    assert {name for name in files(package) if (package / name).is_dir()} == {"config", "launch", "rviz", "urdf", "worlds"}
+    assert {name for name in files(package) if (package / name).is_dir()} == {
+        "config",
+        "launch",
+        "rviz",
+        "urdf",
+        "worlds",
+    }
 
 
-def test_the_urdf_is_read_by_check_urdf_and_loads_as_the_same_crane(package: Path, crane: Crane) -> None:
+def test_the_urdf_is_read_by_check_urdf_and_loads_as_the_same_crane(
+    package: Path, crane: Crane
+) -> None:
     same = load_crane(package / "urdf" / "crane.urdf", gravity=9.8)
     assert same.start.q.tolist() == crane.start.q.tolist()
     assert same.payload_mass == crane.payload_mass
@@ -54,22 +68,33 @@ def test_the_urdf_is_read_by_check_urdf_and_loads_as_the_same_crane(package: Pat
     program = Path(sys.executable).with_name("check_urdf")
     if not program.exists():
         pytest.skip("check_urdf is not beside this Python")
-    run = subprocess.run([program, package / "urdf" / "crane.urdf"], capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        [program, package / "urdf" / "crane.urdf"], capture_output=True, text=True, check=False
+    )
     assert (run.returncode, run.stderr) == (0, "")
     assert "root Link: world" in run.stdout
 
 
 def test_commands_go_to_the_drives_only_and_states_come_from_all(robot: ET.Element) -> None:
     (control,) = robot.iterfind("ros2_control")
-    commands = {j.get("name"): [i.get("name") for i in j.iterfind("command_interface")] for j in control.iterfind("joint")}
-    states = {j.get("name"): [i.get("name") for i in j.iterfind("state_interface")] for j in control.iterfind("joint")}
+    commands = {
+        j.get("name"): [i.get("name") for i in j.iterfind("command_interface")]
+        for j in control.iterfind("joint")
+    }
+    states = {
+        j.get("name"): [i.get("name") for i in j.iterfind("state_interface")]
+        for j in control.iterfind("joint")
+    }
     assert commands == {**{key: ["effort"] for key in DRIVES}, **{key: [] for key in PASSIVE}}
     assert states == {key: ["position", "velocity"] for key in [*DRIVES, *PASSIVE]}
 
 
 def test_every_joint_starts_within_its_range(robot: ET.Element) -> None:
     for joint in robot.iterfind("ros2_control/joint"):
-        start = float(joint.findtext("state_interface[@name='position']/param[@name='initial_value']") or "nan")
+        start = float(
+            joint.findtext("state_interface[@name='position']/param[@name='initial_value']")
+            or "nan"
+        )
         limit = robot.find(f"joint[@name='{joint.get('name')}']/limit")
         assert limit is not None
         assert float(limit.get("lower", "nan")) <= start <= float(limit.get("upper", "nan"))
@@ -80,13 +105,19 @@ def test_the_articles_traps_are_answered(package: Path, robot: ET.Element) -> No
     assert "<!--" not in text  # a colon and a space in a comment broke gazebo_ros2_control
     assert "<mesh" not in text and "package://" not in text and "file://" not in text
     assert robot.find(".//gravity") is None  # nothing turns gravity off for a link
-    assert [link.get("name") for link in robot.iterfind("link") if link.find("inertial") is None] == ["world"]
+    assert [
+        link.get("name") for link in robot.iterfind("link") if link.find("inertial") is None
+    ] == ["world"]
     for world in ("crane.sdf", "classic.sdf"):
-        assert ET.parse(package / "worlds" / world).getroot().findtext("world/gravity") == "0 0 -9.8"
+        assert (
+            ET.parse(package / "worlds" / world).getroot().findtext("world/gravity") == "0 0 -9.8"
+        )
 
 
 def test_the_controllers_run_at_200_hz_on_the_drives(package: Path) -> None:
-    yaml = pytest.importorskip("ruamel.yaml", reason="ruamel.yaml is not installed: pip install 'cranedyn[mcap]'")
+    yaml = pytest.importorskip(
+        "ruamel.yaml", reason="ruamel.yaml is not installed: pip install 'cranedyn[mcap]'"
+    )
     made = yaml.YAML(typ="safe").load((package / "config" / "controllers.yaml").read_text())
     manager = made["controller_manager"]["ros__parameters"]
     assert manager["update_rate"] == 200
@@ -117,42 +148,78 @@ def launched(package: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
         "launch_ros": {},
         "launch_ros.actions": {"Node": _Stub},
         "ament_index_python": {},
-        "ament_index_python.packages": {"get_package_share_directory": lambda name: f"/opt/ros/share/{name}"},
+        "ament_index_python.packages": {
+            "get_package_share_directory": lambda name: f"/opt/ros/share/{name}"
+        },
     }
     for name, content in made.items():
         module = ModuleType(name)
         vars(module).update(content)
         monkeypatch.setitem(sys.modules, name, module)
-    return lambda name: runpy.run_path(str(package / "launch" / name))["generate_launch_description"]().args[0]
+    return lambda name: runpy.run_path(str(package / "launch" / name))[
+        "generate_launch_description"
+    ]().args[0]
 
 
 def test_the_launch_files_start_what_the_package_depends_on(launched: Any, package: Path) -> None:
-    depends = {tag.text for tag in ET.parse(package / "package.xml").getroot().iterfind("exec_depend")}
-    nodes = [one for name in ("display.launch.py", "gz.launch.py") for one in launched(name) if "executable" in one.named]
+    depends = {
+        tag.text for tag in ET.parse(package / "package.xml").getroot().iterfind("exec_depend")
+    }
+    nodes = [
+        one
+        for name in ("display.launch.py", "gz.launch.py")
+        for one in launched(name)
+        if "executable" in one.named
+    ]
     assert {node.named["package"] for node in nodes} < depends
-    assert {node.named["executable"] for node in nodes} >= {"rviz2", "robot_state_publisher", "create", "spawner"}
+    assert {node.named["executable"] for node in nodes} >= {
+        "rviz2",
+        "robot_state_publisher",
+        "create",
+        "spawner",
+    }
 
 
-def test_the_simulated_crane_is_told_where_its_controllers_stand(launched: Any, package: Path) -> None:
-    (publisher,) = [one for one in launched("gz.launch.py") if one.named.get("package") == "robot_state_publisher"]
+def test_the_simulated_crane_is_told_where_its_controllers_stand(
+    launched: Any, package: Path
+) -> None:
+    (publisher,) = [
+        one
+        for one in launched("gz.launch.py")
+        if one.named.get("package") == "robot_state_publisher"
+    ]
     robot = ET.fromstring(publisher.named["parameters"][0]["robot_description"].encode())
-    assert robot.findtext("gazebo/plugin/parameters") == str(package.resolve() / "config" / "controllers.yaml")
-    spawned = [one.named["arguments"][0] for one in launched("gz.launch.py") if one.named.get("executable") == "spawner"]
+    assert robot.findtext("gazebo/plugin/parameters") == str(
+        package.resolve() / "config" / "controllers.yaml"
+    )
+    spawned = [
+        one.named["arguments"][0]
+        for one in launched("gz.launch.py")
+        if one.named.get("executable") == "spawner"
+    ]
     assert spawned == ["joint_state_broadcaster", "drives"]
     (world,) = [one for one in launched("gz.launch.py") if "launch_arguments" in one.named]
-    assert dict(world.named["launch_arguments"]) == {"gz_args": f"-r {package.resolve() / 'worlds' / 'crane.sdf'}"}
+    assert dict(world.named["launch_arguments"]) == {
+        "gz_args": f"-r {package.resolve() / 'worlds' / 'crane.sdf'}"
+    }
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("--name Crane-1", "A package of ROS cannot be called 'Crane-1'; allowed are small letters, digits and single underlines."),
+        (
+            "--name Crane-1",
+            "A package of ROS cannot be called 'Crane-1'; allowed are small letters, digits and "
+            "single underlines.",
+        ),
         ("--set dummy_mass:=0", "The link swing_r_link has no mass or no inertia"),
         ("--urdf no.urdf", "Cannot read no.urdf"),
         ("--dt 0", "dt is 0.0 s; allowed is > 0."),
     ],
 )
-def test_what_cannot_be_written_is_a_sentence(words: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_cannot_be_written_is_a_sentence(
+    words: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["ros2", str(tmp_path / "out"), *words.split()]) == 2
     assert capsys.readouterr().err.startswith(f"error: {sentence}")
     assert list(tmp_path.iterdir()) == []

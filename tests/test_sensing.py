@@ -30,7 +30,13 @@ PERIOD = 5e-3
 
 def at_rest(crane: Crane, **where: float) -> Motion:
     """A motion that is none."""
-    return Motion(PERIOD, crane.state(**where).q[None], np.zeros((1, 5)), np.zeros((1, 5)), crane.layout.drives)
+    return Motion(
+        PERIOD,
+        crane.state(**where).q[None],
+        np.zeros((1, 5)),
+        np.zeros((1, 5)),
+        crane.layout.drives,
+    )
 
 
 def combined(crane: Crane) -> Motion:
@@ -54,7 +60,8 @@ class Watched:
         return np.zeros(3)
 
 
-# ------------------------------------------------------------------------------------------------------------------ sensors
+# --------------------------------------------------------------------------------------------------
+# ---------------- sensors
 
 
 def test_late_sensors_show_the_first_state_until_the_delay_has_passed_and_then_an_old_one() -> None:
@@ -63,7 +70,9 @@ def test_late_sensors_show_the_first_state_until_the_delay_has_passed_and_then_a
     states = random_states(8)
     for k, state in enumerate(states):
         late(k * PERIOD, state, STILL)
-    np.testing.assert_array_equal(inner.seen, [np.concatenate(states[max(k - 3, 0)]) for k in range(8)])
+    np.testing.assert_array_equal(
+        inner.seen, [np.concatenate(states[max(k - 3, 0)]) for k in range(8)]
+    )
 
 
 @pytest.mark.parametrize("noise", [NOISE, NOISE.tolist(), (NOISE[:5], NOISE[5:])])
@@ -74,7 +83,8 @@ def test_noise_is_white_and_has_the_deviations_asked_for(noise: object) -> None:
     for k in range(n):
         noisy(k * PERIOD, state, STILL)
     found = (np.array(inner.seen) - np.concatenate(state)) / NOISE
-    # statistics of n draws: deviation of a mean 1/√n, of a standard deviation 1/√(2n), of a correlation 1/√n; four and a half of each
+    # statistics of n draws: deviation of a mean 1/√n, of a standard deviation 1/√(2n), of a
+    # correlation 1/√n; four and a half of each
     np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=4.5 / math.sqrt(n))
     np.testing.assert_allclose(found.std(axis=0), 1.0, atol=4.5 / math.sqrt(2 * n))
     np.testing.assert_allclose((found[1:] * found[:-1]).mean(axis=0), 0.0, atol=4.5 / math.sqrt(n))
@@ -95,14 +105,22 @@ def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
 def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says() -> None:
     start, motion = crane().state(x=10.0, l=15.0), at_rest(crane(), x=10.0, l=15.0)
     controller = lqr(crane(), motion)
-    run = quickly(crane(), sensed(crane(), controller, rng=np.random.default_rng(5)), motion, start=start, duration=120.0)
+    run = quickly(
+        crane(),
+        sensed(crane(), controller, rng=np.random.default_rng(5)),
+        motion,
+        start=start,
+        duration=120.0,
+    )
     model, gain = sampled(crane(), start), controller.gain[0]
     by_noise = model.b @ gain
-    covariance = solve_discrete_lyapunov(model.closed(gain), by_noise @ np.diag(NOISE**2) @ by_noise.T)
+    covariance = solve_discrete_lyapunov(
+        model.closed(gain), by_noise @ np.diag(NOISE**2) @ by_noise.T
+    )
     found = run.since(10.0)
     for i, values in ((2, found["phi_rad"]), (3, found["theta_rad"]), (1, found["x_m"] - 10.0)):
-        # The slowest time constant is 4.6 s, that of squares half of it: 110 s are 24 independent draws, of which a deviation is known
-        # to 1/√48.
+        # The slowest time constant is 4.6 s, that of squares half of it: 110 s are 24 independent
+        # draws, of which a deviation is known to 1/√48.
         assert values.std() == pytest.approx(math.sqrt(covariance[i, i]), rel=3.0 / math.sqrt(48.0))
 
 
@@ -116,7 +134,10 @@ def test_sensors_of_one_run_are_refused_in_another() -> None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"delay": -1}, "delay of the sensors is -1 control periods; allowed is a whole number >= 0"),
+        (
+            {"delay": -1},
+            "delay of the sensors is -1 control periods; allowed is a whole number >= 0",
+        ),
         ({"delay": 1.5}, "a whole number"),
         ({"noise": np.ones(9)}, "10 numbers: 5 coordinates, 5 rates"),
         ({"noise": [[1.0] * 5, [1.0] * 4]}, "10 numbers: 5 coordinates, 5 rates"),
@@ -130,7 +151,8 @@ def test_sensors_that_cannot_be_are_refused(given: dict[str, object], words: str
         sensed(crane(), Watched(), **({"rng": np.random.default_rng(1)} | given))  # type: ignore[arg-type]
 
 
-# ------------------------------------------------------------------------------------------------------------------ the observer
+# --------------------------------------------------------------------------------------------------
+# ---------------- the observer
 
 
 class Compared:
@@ -148,11 +170,15 @@ class Compared:
 
     def swing(self, since: float) -> float:
         """Largest error of the swing from a time on [rad]."""
-        return float(np.linalg.norm(np.array(self.errors)[round(since / PERIOD) :, 2:4], axis=1).max())
+        return float(
+            np.linalg.norm(np.array(self.errors)[round(since / PERIOD) :, 2:4], axis=1).max()
+        )
 
 
 def process_noise() -> np.ndarray:
-    """Accelerations held over a period: half its square to positions, itself to rates (Bar-Shalom, Li, Kirubarajan, §6.3.2)."""
+    """Accelerations held over a period: half its square to positions, itself to rates (Bar-Shalom,
+    Li, Kirubarajan, §6.3.2).
+    """
     reach = np.kron([[PERIOD**2 / 2.0], [PERIOD]], np.eye(5))
     return reach @ np.diag(np.square(DISTURBANCE)) @ reach.T
 
@@ -171,7 +197,8 @@ def test_the_filters_gain_tends_to_that_of_the_dual_riccati_equation() -> None:
     noise = np.diag(NOISE[MEASURED] ** 2)
     p = solve_discrete_are(model.a.T, np.eye(10)[MEASURED].T, process_noise(), noise)
     steady = p[:, MEASURED] @ np.linalg.inv(p[np.ix_(MEASURED, MEASURED)] + noise)
-    # after 20 s the slowest mode of the filter, 1/s, has left exp(-40); the algebraic solution is good to about 1e-8 of its largest entry
+    # after 20 s the slowest mode of the filter, 1/s, has left exp(-40); the algebraic solution is
+    # good to about 1e-8 of its largest entry
     np.testing.assert_allclose(observer.gain, steady, rtol=1e-5, atol=1e-7 * np.abs(steady).max())
 
 
@@ -187,28 +214,48 @@ def test_the_filter_errs_as_much_as_it_says() -> None:
             reading = np.concatenate([motion.q[0], np.zeros(5)]) + z
             reading[MEASURED] += rng.normal(size=6) * NOISE[MEASURED]
             command = observer(k * PERIOD, State(reading[:5], reading[5:]), STILL)
-            error = np.concatenate(observer.estimate) - np.concatenate([motion.q[0], np.zeros(5)]) - z  # type: ignore[arg-type]
-            z = model.a @ z + model.b @ (command - observer.model.efforts[0]) + root @ rng.normal(size=10)
+            error = (
+                np.concatenate(observer.estimate) - np.concatenate([motion.q[0], np.zeros(5)]) - z
+            )  # type: ignore[arg-type]
+            z = (
+                model.a @ z
+                + model.b @ (command - observer.model.efforts[0])
+                + root @ rng.normal(size=10)
+            )
         shares.append(error @ np.linalg.solve(observer.covariance, error))
-    # the errors squared over their covariance are χ² with ten degrees of freedom in each run: mean 10, deviation √20
+    # the errors squared over their covariance are χ² with ten degrees of freedom in each run: mean
+    # 10, deviation √20
     assert np.mean(shares) == pytest.approx(10.0, abs=4.0 * math.sqrt(20.0 / runs))
 
 
-@pytest.mark.parametrize("motion_of", [lambda c: at_rest(c, x=10.0, l=15.0), combined], ids=["rest", "move"])
+@pytest.mark.parametrize(
+    "motion_of", [lambda c: at_rest(c, x=10.0, l=15.0), combined], ids=["rest", "move"]
+)
 @pytest.mark.parametrize("swing", ["phi", "theta"])
-def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(motion_of: Callable[[Crane], Motion], swing: str) -> None:
+def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(
+    motion_of: Callable[[Crane], Motion], swing: str
+) -> None:
     motion = motion_of(crane())
     compared = Compared(observed(lqr(crane(), motion), crane(), motion))
-    quickly(crane(), compared, motion, start=crane().state(x=10.0, l=15.0, **{swing: 0.05}), duration=10.0)
-    assert compared.swing(0.0) == pytest.approx(0.05, rel=0.1)  # the first estimate is that it hangs plumb
+    quickly(
+        crane(),
+        compared,
+        motion,
+        start=crane().state(x=10.0, l=15.0, **{swing: 0.05}),
+        duration=10.0,
+    )
+    # The first estimate is that it hangs plumb.
+    assert compared.swing(0.0) == pytest.approx(0.05, rel=0.1)
     assert compared.swing(2.0) < 5e-4
 
 
 def test_without_a_swing_sensor_the_combined_move_ends_as_still_as_with_one() -> None:
     motion, start = combined(crane()), crane().state(x=10.0, l=15.0)
-    run = quickly(crane(), observed(lqr(crane(), motion), crane(), motion), motion, start=start, duration=40.0)
-    # the plan is exact but to first order in the hoisting, which the filter takes for 1e-4 rad of swing; 20 s after it the LQR has
-    # brought that down by a hundred at least
+    run = quickly(
+        crane(), observed(lqr(crane(), motion), crane(), motion), motion, start=start, duration=40.0
+    )
+    # the plan is exact but to first order in the hoisting, which the filter takes for 1e-4 rad of
+    # swing; 20 s after it the LQR has brought that down by a hundred at least
     assert residual(run) < 1e-6
 
 
@@ -225,22 +272,35 @@ def test_an_initial_swing_is_damped_almost_as_well_as_with_a_sensor(swing: str) 
 
 
 @pytest.mark.parametrize("delay", [0, 10])
-def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_milliradian(delay: int) -> None:
+def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_milliradian(
+    delay: int,
+) -> None:
     motion = combined(crane())
     observer = observed(lqr(crane(), motion), crane(), motion, delay=delay)
-    compared = Compared(observer, sensed(crane(), observer, delay=delay, rng=np.random.default_rng(2)))
+    compared = Compared(
+        observer, sensed(crane(), observer, delay=delay, rng=np.random.default_rng(2))
+    )
     run = quickly(crane(), compared, motion, start=crane().state(x=10.0, l=15.0), duration=40.0)
     # five deviations of the swing as the filter says them
     assert compared.swing(2.0) < 5.0 * math.sqrt(np.trace(observer.covariance[2:4, 2:4]))
     assert residual(run) < 1e-3
 
 
-@pytest.mark.parametrize("motion_of", [lambda c: at_rest(c, x=10.0, l=15.0), combined], ids=["rest", "move"])
-def test_a_delay_known_to_the_observer_is_predicted_away(motion_of: Callable[[Crane], Motion]) -> None:
+@pytest.mark.parametrize(
+    "motion_of", [lambda c: at_rest(c, x=10.0, l=15.0), combined], ids=["rest", "move"]
+)
+def test_a_delay_known_to_the_observer_is_predicted_away(
+    motion_of: Callable[[Crane], Motion],
+) -> None:
     motion = motion_of(crane())
     observer = observed(lqr(crane(), motion), crane(), motion, delay=6)
-    compared = Compared(observer, sensed(crane(), observer, delay=6, noise=np.zeros(10), rng=np.random.default_rng(1)))
-    run = quickly(crane(), compared, motion, start=crane().state(x=10.0, l=15.0, phi=0.05), duration=5.0)
+    compared = Compared(
+        observer,
+        sensed(crane(), observer, delay=6, noise=np.zeros(10), rng=np.random.default_rng(1)),
+    )
+    run = quickly(
+        crane(), compared, motion, start=crane().state(x=10.0, l=15.0, phi=0.05), duration=5.0
+    )
     assert np.abs(run.v[200:, 1]).max() * 6 * PERIOD > 5e-3  # so far the trolley runs meanwhile [m]
     # as without a delay: a hundredth of the swing; and a fiftieth of that way
     assert compared.swing(1.0) < 5e-4
@@ -251,7 +311,10 @@ def test_the_observer_looks_at_the_drives_only() -> None:
     motion = at_rest(crane(), x=10.0, l=15.0)
     one, other = (observed(lqr(crane(), motion), crane(), motion) for _ in range(2))
     for k, state in enumerate(random_states(5)):
-        blind = State(np.where([0, 0, 1, 1, 0], math.nan, state.q), np.where([0, 0, 1, 1, 0], math.nan, state.v))
+        blind = State(
+            np.where([0, 0, 1, 1, 0], math.nan, state.q),
+            np.where([0, 0, 1, 1, 0], math.nan, state.v),
+        )
         assert one(k * PERIOD, state, STILL).tolist() == other(k * PERIOD, blind, STILL).tolist()
 
 
@@ -265,10 +328,14 @@ def test_the_observer_knows_what_the_drives_cannot_give() -> None:
 
 
 def test_a_start_that_is_told_is_believed() -> None:
-    motion, start = at_rest(crane(), x=10.0, l=15.0), crane().state(x=10.0, l=15.0, phi=0.05, theta=-0.03)
+    motion, start = (
+        at_rest(crane(), x=10.0, l=15.0),
+        crane().state(x=10.0, l=15.0, phi=0.05, theta=-0.03),
+    )
     compared = Compared(observed(lqr(crane(), motion), crane(), motion, start=start))
     quickly(crane(), compared, motion, start=start, duration=1.0)
-    assert compared.swing(0.0) < 2e-3  # the linear model's: φ²/2 = 1e-3 of the load's pull, and cubes
+    # The linear model's: φ²/2 = 1e-3 of the load's pull, and cubes.
+    assert compared.swing(0.0) < 2e-3
 
 
 def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -> None:
@@ -278,7 +345,13 @@ def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -
     with pytest.raises(CraneError, match="a new one for each run"):
         quickly(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
     with pytest.raises(CraneError, match=r"every 0\.005 s"):
-        quickly(crane(), observed(lqr(crane(), motion), crane(), motion), motion, duration=0.1, control_period=0.01)
+        quickly(
+            crane(),
+            observed(lqr(crane(), motion), crane(), motion),
+            motion,
+            duration=0.1,
+            control_period=0.01,
+        )
 
 
 @pytest.mark.parametrize(
@@ -299,13 +372,20 @@ def test_an_observer_that_cannot_be_is_refused(given: dict[str, object], words: 
         observed(Watched(), crane(), motion, **given)  # type: ignore[arg-type]
 
 
-# ------------------------------------------------------------------------------------------------------------------ along a motion
+# --------------------------------------------------------------------------------------------------
+# ---------------- along a motion
 
 
 def test_the_last_row_of_a_motion_has_a_model_of_its_own_wherever_it_falls() -> None:
     whole = combined(crane())
     for n in (21, 24, 30):
-        motion = Motion(PERIOD, whole.q[2000 : 2000 + n], whole.v[2000 : 2000 + n], whole.a[2000 : 2000 + n], whole.drives)
+        motion = Motion(
+            PERIOD,
+            whole.q[2000 : 2000 + n],
+            whole.v[2000 : 2000 + n],
+            whole.a[2000 : 2000 + n],
+            whole.drives,
+        )
         found = linearised(crane(), motion, dt=5e-4, every=10)
         for k in (0, 7, 10, 19, n - 1):
             row = k if k == n - 1 else k - k % 10
@@ -314,22 +394,36 @@ def test_the_last_row_of_a_motion_has_a_model_of_its_own_wherever_it_falls() -> 
             assert (found.b[found.stretch[k]] == here.b).all()
 
 
-# ------------------------------------------------------------------------------------------------------------------ tracking
+# --------------------------------------------------------------------------------------------------
+# ---------------- tracking
 
 
-@pytest.mark.parametrize(("place", "name"), [(0, "coordinate 1 of"), (3, "coordinate 4 of"), (5, "rate 1 of"), (9, "rate 5 of")])
+@pytest.mark.parametrize(
+    ("place", "name"),
+    [(0, "coordinate 1 of"), (3, "coordinate 4 of"), (5, "rate 1 of"), (9, "rate 5 of")],
+)
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(place: int, name: str, value: float) -> None:
+def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(
+    place: int, name: str, value: float
+) -> None:
     tracking = lqr(crane(), at_rest(crane(), x=10.0, l=15.0))
     z = np.concatenate(crane().state(x=10.0, l=15.0))
     z[place] = value
-    with np.errstate(invalid="ignore"), pytest.raises(CraneError, match=f"{name} the state is {value}.*a finite number"):
+    with (
+        np.errstate(invalid="ignore"),
+        pytest.raises(CraneError, match=f"{name} the state is {value}.*a finite number"),
+    ):
         tracking(0.0, State(z[:5], z[5:]), STILL)
 
 
 def test_an_observer_is_asked_at_the_rows_of_its_motion_or_refuses() -> None:
     motion = plumb(crane(), spline(crane(), crane().start, [(0.0, 11.0, 15.0)], [4.0]), 4.0)
     late = 1.0 + PERIOD / 2.0
-    with pytest.raises(CraneError, match=r"This observer is first asked for t = 1.0025 s; its motion has rows every 0.005 s only"):
+    with pytest.raises(
+        CraneError,
+        match=r"This observer is first asked for t = 1.0025 s; its motion has rows every 0.005 s "
+        r"only",
+    ):
         observed(Watched(), crane(), motion)(late, crane().start, STILL)
-    observed(Watched(), crane(), at_rest(crane()))(late, crane().start, STILL)  # wherever it stands still all rows are one
+    # Wherever it stands still all rows are one.
+    observed(Watched(), crane(), at_rest(crane()))(late, crane().start, STILL)

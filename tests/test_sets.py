@@ -42,7 +42,10 @@ def said(run: Callable[[], int]) -> tuple[int, str]:
 
 
 def conducted(
-    folder: Path, mass: float = 1000.0, words: tuple[str, ...] = (), inside: Callable[[], object] = lambda: None
+    folder: Path,
+    mass: float = 1000.0,
+    words: tuple[str, ...] = (),
+    inside: Callable[[], object] = lambda: None,
 ) -> tuple[int, str]:
     """A small run in the name of A1; another mass makes other files."""
 
@@ -53,9 +56,15 @@ def conducted(
         figure, (ax,) = panels(height=1.0)
         ax.plot([0, mass])
         table = harness.Table("t", [("m", ".1f")], [(mass,)])
-        return harness.Outcome([table], [], {"mass": mass}, {"run": run}, {"figure": figure}, [Run("r", heavy, run)])
+        return harness.Outcome(
+            [table], [], {"mass": mass}, {"run": run}, {"figure": figure}, [Run("r", heavy, run)]
+        )
 
-    return said(lambda: harness.conduct(harness.parser("a1", "A trial."), experiment, ["--out", str(folder), *words]))
+    return said(
+        lambda: harness.conduct(
+            harness.parser("a1", "A trial."), experiment, ["--out", str(folder), *words]
+        )
+    )
 
 
 def reported(folder: Path) -> tuple[int, str]:
@@ -90,7 +99,9 @@ def test_a_result_lists_the_files_of_its_run_with_their_digests(folder: Path) ->
 
 
 @pytest.mark.parametrize("call", range(len(SET)))
-def test_a_second_run_cut_off_while_it_writes_leaves_the_first_as_it_was(call: int, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_run_cut_off_while_it_writes_leaves_the_first_as_it_was(
+    call: int, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before, left, sync = contents(folder), call, os.fsync
 
     def cut(file: int) -> None:
@@ -123,12 +134,17 @@ def test_files_of_two_runs_are_not_reported(folder: Path, monkeypatch: pytest.Mo
     assert files(folder) == SET
     code, err = reported(folder)
     assert (code, err.count("\n")) == (2, 1)
-    assert f"Cannot read {folder}: run.csv there is of another run than its result.json; run it --again." in err
+    assert (
+        f"Cannot read {folder}: run.csv there is of another run than its result.json; run it "
+        "--again." in err
+    )
     assert not (folder.parent / "report.html").exists()
 
 
 @pytest.mark.parametrize("lost", SET)
-def test_a_report_makes_what_one_that_was_cut_off_has_not(lost: str, first: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_report_makes_what_one_that_was_cut_off_has_not(
+    lost: str, first: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked: list[list[str]] = []
 
     def main(words: list[str]) -> int:
@@ -145,14 +161,25 @@ def test_a_report_makes_what_one_that_was_cut_off_has_not(lost: str, first: Path
 
 def test_of_two_runs_in_one_folder_one_wins_whole_and_the_other_says_so(folder: Path) -> None:
     other: list[tuple[int, str]] = []
-    assert conducted(folder, 900.0, inside=lambda: other.append(conducted(folder, 800.0))) == (0, "")
-    assert other == [(2, f"error: Cannot write to {folder}: another run is writing there; wait for it, or give another folder.\n")]
+    assert conducted(folder, 900.0, inside=lambda: other.append(conducted(folder, 800.0))) == (
+        0,
+        "",
+    )
+    assert other == [
+        (
+            2,
+            f"error: Cannot write to {folder}: another run is writing there; wait for it, or give "
+            "another folder.\n",
+        )
+    ]
     assert json.loads((folder / "result.json").read_text())["parameters"] == {"mass": 900.0}
     assert reported(folder) == (0, "")
     assert conducted(folder, 800.0) == (0, "")
 
 
-def test_whatever_is_refused_at_the_last_file_has_written_none(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whatever_is_refused_at_the_last_file_has_written_none(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise CraneError("No.")
 
@@ -170,11 +197,16 @@ def test_a_recording_that_rerun_would_not_make_is_refused_before_the_run(
     monkeypatch.setenv("RERUN", value)
     code, err = conducted(tmp_path / "a1", inside=lambda: pytest.fail("it was run"))
     assert code == 2
-    assert err == "error: Rerun is switched off by the environment variable RERUN; unset it to write a recording.\n"
+    assert (
+        err
+        == "error: Rerun is switched off by the environment variable RERUN; unset it to write a "
+        "recording.\n"
+    )
     assert files(tmp_path) == []
 
 
-# --- names -------------------------------------------------------------------------------------------------------------------------
+# --- names ----------------------------------------------------------------------------------------
+# ---------------------------------
 
 NAME = os.fsdecode(b"\xff\xe4")
 
@@ -190,25 +222,38 @@ def test_names_that_are_no_text_are_names(tmp_path: Path) -> None:
     folder.rename(tmp_path / "a1")
     assert reported(tmp_path / "a1") == (0, "")
     t = np.arange(0.0, 40.0, 0.01)
-    pyarrow.csv.write_csv(pa.table({"t_s": t, "phi_rad": 0.1 * np.cos(t), "l_m": 0 * t + 10}), tmp_path / "a.csv")
+    pyarrow.csv.write_csv(
+        pa.table({"t_s": t, "phi_rad": 0.1 * np.cos(t), "l_m": 0 * t + 10}), tmp_path / "a.csv"
+    )
     (tmp_path / "a.csv").rename(tmp_path / f"{NAME}.csv")
-    assert said(lambda: a1.main(["--from", str(tmp_path / f"{NAME}.csv"), "--out", str(tmp_path / "a1")])) == (0, "")
-    assert json.loads((tmp_path / "a1" / "result.json").read_text())["tables"][0]["rows"][0][0] == str(tmp_path / f"{NAME}.csv")
+    assert said(
+        lambda: a1.main(["--from", str(tmp_path / f"{NAME}.csv"), "--out", str(tmp_path / "a1")])
+    ) == (0, "")
+    assert json.loads((tmp_path / "a1" / "result.json").read_text())["tables"][0]["rows"][0][
+        0
+    ] == str(tmp_path / f"{NAME}.csv")
     assert reported(tmp_path / "a1") == (0, "")
 
 
-@pytest.mark.parametrize("words", ["--out a\0b", "--save a\0b.rrd", "--from a\0b.csv", "--document a\0b.md"])
-def test_a_name_with_a_nul_is_refused_in_a_sentence(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "words", ["--out a\0b", "--save a\0b.rrd", "--from a\0b.csv", "--document a\0b.md"]
+)
+def test_a_name_with_a_nul_is_refused_in_a_sentence(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     code, err = said(lambda: a1.main(words.split(" ")))
     assert (code, err.count("\n"), files(tmp_path)) == (2, 1, [])
     assert err.startswith("error: Cannot ")
 
 
-def test_a_document_that_cannot_be_read_whole_or_written_is_refused_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_document_that_cannot_be_read_whole_or_written_is_refused_before_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "page.md").write_text("<!-- a1: -->\n<!-- end -->\n")
-    monkeypatch.setattr("secrets.token_hex", lambda count: "a" * 255)  # no room for a draft of any name
+    # No room for a draft of any name.
+    monkeypatch.setattr("secrets.token_hex", lambda count: "a" * 255)
     for document, sentence in (
         ("/dev/zero", "Cannot read /dev/zero: it is no file but a device."),
         ("page.md", "Cannot write page.md: File name too long."),
@@ -222,23 +267,29 @@ def test_a_backend_that_matplotlib_lacks_stops_no_command(monkeypatch: pytest.Mo
     for backend, shown in (("bogus", "None"), ("svg", "svg")):
         monkeypatch.setenv("MPLBACKEND", backend)
         run = python(
-            "import os, experiments.harness.outcome, matplotlib as m; print(m.rcParams._get_backend_or_none(), os.environ['MPLBACKEND'])"
+            "import os, experiments.harness.outcome, matplotlib as m; "
+            "print(m.rcParams._get_backend_or_none(), os.environ['MPLBACKEND'])"
         )
         assert (run.stdout.split(), run.stderr) == ([shown, backend], "")
 
 
-# --- a recording that grows --------------------------------------------------------------------------------------------------------
+# --- a recording that grows -----------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_arguments_that_are_refused_leave_the_recording_that_was_there(tmp_path: Path) -> None:
     for words in (["--dt", "1e-11"], ["--gravity", "-1"], ["--control-period", "0.0012"]):
         (tmp_path / "demo.rrd").write_text("old")
-        code, err = said(lambda words=words: demo.main([*words, "--engine", FAST, "--out", str(tmp_path)]))  # type: ignore[misc]
+        code, err = said(
+            lambda words=words: demo.main([*words, "--engine", FAST, "--out", str(tmp_path)])
+        )  # type: ignore[misc]
         assert (code, err.count("\n")) == (2, 1)
         assert ((tmp_path / "demo.rrd").read_text(), files(tmp_path)) == ("old", ["demo.rrd"])
 
 
-def test_a_demo_interrupted_before_its_first_row_is_130_and_leaves_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_demo_interrupted_before_its_first_row_is_130_and_leaves_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupted(*_: object) -> Iterator[Trajectory]:
         raise KeyboardInterrupt
         yield
@@ -263,5 +314,13 @@ def test_a_live_recording_has_its_name_when_its_first_row_stands(tmp_path: Path)
         recording.viewer.check(path)
         first = path.stat()
         assert (files(tmp_path), first.st_mode & 0o777) == (["a.rrd"], 0o640)
-        live.append(simulate(crane(), hold_controller(crane()), since=float(run.t[-1]), start=run.state(-1), duration=0.02))
+        live.append(
+            simulate(
+                crane(),
+                hold_controller(crane()),
+                since=float(run.t[-1]),
+                start=run.state(-1),
+                duration=0.02,
+            )
+        )
     assert path.stat().st_ino == first.st_ino and path.stat().st_size > first.st_size

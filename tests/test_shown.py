@@ -30,13 +30,17 @@ def run() -> Trajectory:
     return quickly(crane(), hold_controller(crane()), wanted, start=start, duration=6.0)
 
 
-def test_a_run_says_in_a_few_lines_how_long_it_is_and_where_the_coordinates_went(run: Trajectory) -> None:
+def test_a_run_says_in_a_few_lines_how_long_it_is_and_where_the_coordinates_went(
+    run: Trajectory,
+) -> None:
     lines = repr(run).splitlines()
     assert lines[0] == "Trajectory of 1201 rows, t = 0 to 6 s"
     found = {line.split()[0]: [float(word) for word in line.split()[1:]] for line in lines[2:]}
     assert list(found) == ["gamma_rad", "x_m", "phi_rad", "theta_rad", "l_m"]
     values = run["phi_rad"]
-    assert found["phi_rad"] == pytest.approx([values[0], values[-1], values.min(), values.max()], rel=1e-5)
+    assert found["phi_rad"] == pytest.approx(
+        [values[0], values[-1], values.min(), values.max()], rel=1e-5
+    )
     assert max(map(len, lines)) <= 80
     assert repr(run.before(-1.0)) == "Trajectory without rows"
 
@@ -46,12 +50,16 @@ def test_a_notebook_shows_every_column_of_a_run_and_every_joint_of_a_crane(run: 
     assert all(f">{name}</td>" in page for name in run.keys())
     shown = crane()._repr_html_()
     assert all(f"<td>{name}</td>" in shown for name in list(crane().model.names)[1:])
-    assert repr(crane()).splitlines()[0] == "Crane with a payload of 1000 kg in gravity of 9.81 m/s²"
+    assert (
+        repr(crane()).splitlines()[0] == "Crane with a payload of 1000 kg in gravity of 9.81 m/s²"
+    )
     assert len(repr(crane()).splitlines()) == 7
 
 
 def test_pandas_takes_a_run_as_a_table_to_the_bit(run: Trajectory) -> None:
-    pandas = pytest.importorskip("pandas", reason="pandas is not installed: pip install 'cranedyn[pandas]'")
+    pandas = pytest.importorskip(
+        "pandas", reason="pandas is not installed: pip install 'cranedyn[pandas]'"
+    )
     for frame in (pandas.DataFrame(run), run.to_pandas()):
         assert list(frame.columns) == run.keys()
         for name in run.keys():
@@ -59,7 +67,9 @@ def test_pandas_takes_a_run_as_a_table_to_the_bit(run: Trajectory) -> None:
     assert run.to_pandas().attrs == dict(run.parameters)
 
 
-def test_a_run_is_a_mapping_of_columns_a_sequence_of_rows_and_an_arrow_table(run: Trajectory) -> None:
+def test_a_run_is_a_mapping_of_columns_a_sequence_of_rows_and_an_arrow_table(
+    run: Trajectory,
+) -> None:
     pa = pytest.importorskip("pyarrow")
     assert dict(run)["l_m"] is not None and list(dict(run)) == run.keys()
     rows = list(run)
@@ -69,14 +79,18 @@ def test_a_run_is_a_mapping_of_columns_a_sequence_of_rows_and_an_arrow_table(run
     assert pa.table(run).equals(run.table())
 
 
-def test_without_pandas_a_sentence_says_what_to_install(run: Trajectory, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pandas_a_sentence_says_what_to_install(
+    run: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(CraneError, match=r"pip install 'cranedyn\[pandas\]'"):
         run.to_pandas()
 
 
 def test_a_column_that_is_not_there_is_a_sentence_with_those_that_are(run: Trajectory) -> None:
-    with pytest.raises(UnknownColumn, match=r"^There is no column 'phi'; there are t_s, gamma_rad, x_m, phi_rad") as caught:
+    with pytest.raises(
+        UnknownColumn, match=r"^There is no column 'phi'; there are t_s, gamma_rad, x_m, phi_rad"
+    ) as caught:
         run["phi"]
     assert isinstance(caught.value, KeyError)
     with pytest.raises(UnknownColumn):
@@ -108,16 +122,23 @@ def test_each_run_has_one_colour_in_every_panel(run: Trajectory) -> None:
     figure = plot_runs({"one": run, "two": run, "three": run})
     for i in range(3):
         name = ("one", "two", "three")[i]
-        colours = {line.get_color() for ax in figure.axes for line in ax.lines if str(line.get_label()).endswith(name)}
+        colours = {
+            line.get_color()
+            for ax in figure.axes
+            for line in ax.lines
+            if str(line.get_label()).endswith(name)
+        }
         assert colours == {run_colour(i)}
 
 
 def test_every_colour_of_a_run_is_legible_on_white_and_on_black_and_no_two_are_alike() -> None:
     for colour in RUN_COLOURS:
-        assert contrast(colour, "#FFFFFF") >= 3.0 and contrast(colour, "#000000") >= 3.0  # WCAG 2.2, 1.4.11
+        # WCAG 2.2, 1.4.11.
+        assert contrast(colour, "#FFFFFF") >= 3.0 and contrast(colour, "#000000") >= 3.0
     for quantity, colour in COLOURS.items():
         assert contrast(colour, "#FFFFFF") >= 3.0
-        assert contrast(colour, "#000000") >= 3.0 or quantity == "unexplained"  # black on white paper, grey elsewhere
+        # Black on white paper, grey elsewhere.
+        assert contrast(colour, "#000000") >= 3.0 or quantity == "unexplained"
     for name in ("bridge", "sling", "rope", "anything"):
         assert min(contrast(colour_of(name), paper) for paper in ("#FFFFFF", "#000000")) >= 3.0
     assert contrast("#FFFFFF", "#000000") == pytest.approx(21.0)
@@ -133,7 +154,9 @@ def test_the_sketch_has_the_load_where_the_model_has_it() -> None:
     assert len(ax.collections[0].get_paths()) > 50
 
 
-def test_a_run_is_recorded_and_opened_in_one_step(run: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_is_recorded_and_opened_in_one_step(
+    run: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     opened: list[Path] = []
     monkeypatch.setattr("cranedyn.recording.show.open_viewer", opened.append)
     assert run.view(crane(), file=tmp_path / "a.rrd") == tmp_path / "a.rrd"
@@ -146,25 +169,35 @@ def test_a_run_is_looked_at_without_its_crane_which_its_record_names(
 ) -> None:
     monkeypatch.setattr("cranedyn.recording.show.open_viewer", lambda path: None)
     with_crane = run.view(crane(), file=tmp_path / "a.rrd").stat().st_size
-    assert run.view(file=tmp_path / "b.rrd").stat().st_size == pytest.approx(with_crane, rel=0.01)  # looks and all
-    with pytest.raises(CraneError, match=r"names no crane, as none of a CSV file does; say which it was: run\.view\(crane\)"):
+    # Looks and all.
+    assert run.view(file=tmp_path / "b.rrd").stat().st_size == pytest.approx(with_crane, rel=0.01)
+    with pytest.raises(
+        CraneError,
+        match=r"names no crane, as none of a CSV file does; say which it was: run\.view\(crane\)",
+    ):
         read(run.write(tmp_path / "run.csv")).view(file=tmp_path / "c.rrd")
 
 
 @pytest.mark.parametrize("relative", RELATIVES, ids=lambda relative: relative.name)
-def test_a_crane_of_any_topology_shows_itself_and_its_runs(relative: Relative, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crane_of_any_topology_shows_itself_and_its_runs(
+    relative: Relative, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("cranedyn.recording.show.open_viewer", lambda path: None)
     made = crane_of(relative)
     run = cd.simulate(made, hold_controller(made), start=made.start, duration=0.05)
     rows = [line.split() for line in repr(made).splitlines()[2:]]
-    assert [(row[0], row[1]) for row in rows] == [(joint.symbol, joint.name) for joint in made.layout.joints]
+    assert [(row[0], row[1]) for row in rows] == [
+        (joint.symbol, joint.name) for joint in made.layout.joints
+    ]
     assert [row[-1] != "passive" for row in rows] == [joint.driven for joint in made.layout.joints]
     (cable,) = made.plot().axes[0].lines
     assert len(cable.get_xdata()) == len(made.points)
     kinds = {joint.kind for joint in made.layout.joints if not joint.driven}
     labels = [ax.get_ylabel() for ax in run.plot().axes]
     assert len(labels) == made.layout.m + len(kinds)
-    assert ("swing [°]" in labels) == ("revolute" in kinds) and ("stretch [m]" in labels) == ("prismatic" in kinds)
+    assert ("swing [°]" in labels) == ("revolute" in kinds) and ("stretch [m]" in labels) == (
+        "prismatic" in kinds
+    )
     assert run.view(file=tmp_path / "run.rrd").stat().st_size > 10_000
 
 
@@ -174,12 +207,18 @@ def _answer(answer: object) -> object:
 
 @pytest.mark.parametrize("answer", [(0, 10, 15), [0, 10, 15], None, np.zeros(3)])
 def test_a_reference_of_ones_own_that_answers_something_else_is_a_sentence(answer: object) -> None:
-    with pytest.raises(OutOfRange, match=r"^answer of the reference is .+; allowed is a cranedyn\.Setpoint: position, velocity"):
+    with pytest.raises(
+        OutOfRange,
+        match=r"^answer of the reference is .+; allowed is a cranedyn\.Setpoint: position, "
+        r"velocity",
+    ):
         _answer(answer)
 
 
 def test_a_setpoint_of_lists_is_taken_and_one_of_two_numbers_is_a_sentence() -> None:
-    still = cd.simulate(crane(), hold_controller(crane()), hold(crane(), crane().start), duration=0.01)
+    still = cd.simulate(
+        crane(), hold_controller(crane()), hold(crane(), crane().start), duration=0.01
+    )
     lists = _answer(cd.Setpoint([0, 10, 15], [0, 0, 0], [0, 0, 0]))  # type: ignore[arg-type]
     assert isinstance(lists, Trajectory)
     np.testing.assert_array_equal(lists.q, still.q)
@@ -188,5 +227,8 @@ def test_a_setpoint_of_lists_is_taken_and_one_of_two_numbers_is_a_sentence() -> 
 
 
 def test_what_needs_a_motion_says_how_to_make_one_of_a_reference() -> None:
-    with pytest.raises(OutOfRange, match=r"motion is a Still; allowed is a Motion .+, as cranedyn\.references\.plumb makes it"):
+    with pytest.raises(
+        OutOfRange,
+        match=r"motion is a Still; allowed is a Motion .+, as cranedyn\.references\.plumb makes it",
+    ):
         lqr(crane(), hold(crane(), crane().start))  # type: ignore[arg-type]

@@ -1,4 +1,6 @@
-"""Ctrl-C and SIGTERM at any instant, the very first milliseconds among them: 130 to a shell, no traceback, no half-written file."""
+"""Ctrl-C and SIGTERM at any instant, the very first milliseconds among them: 130 to a shell, no
+traceback, no half-written file.
+"""
 
 from __future__ import annotations
 
@@ -28,18 +30,25 @@ QUIET = "cranedyn/ctrl_c.pth"
 
 def started(words: list[str], python: str = sys.executable) -> subprocess.Popen[str]:
     """A command as a shell would start it."""
-    return subprocess.Popen([python, *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+    return subprocess.Popen(
+        [python, *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT
+    )
 
 
-# --- before any module of ours is imported --------------------------------------------------------------------------------------------
+# --- before any module of ours is imported
+# --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("module", ["cranedyn.model.description", "experiments.energy"])
-def test_ctrl_c_while_python_reads_its_environment_shows_no_traceback(module: str, tmp_path: Path) -> None:
+def test_ctrl_c_while_python_reads_its_environment_shows_no_traceback(
+    module: str, tmp_path: Path
+) -> None:
     venv.create(tmp_path, symlinks=True)
     packages = next(tmp_path.glob("lib/python*/site-packages"))
     (packages / _installed()).write_text((ROOT / QUIET).read_text())
-    (packages / "cmeel.pth").write_text("import sys, time; sys.stderr.write('reading\\n'); sys.stderr.flush(); time.sleep(20)\n")
+    (packages / "cmeel.pth").write_text(
+        "import sys, time; sys.stderr.write('reading\\n'); sys.stderr.flush(); time.sleep(20)\n"
+    )
     process = started(["-m", module], str(tmp_path / "bin" / "python"))
     assert process.stderr is not None
     assert process.stderr.readline() == "reading\n"
@@ -50,7 +59,9 @@ def test_ctrl_c_while_python_reads_its_environment_shows_no_traceback(module: st
 
 def _installed() -> str:
     """The name under which the file is installed, read before those of the packages we stand on."""
-    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"][
+        "targets"
+    ]["wheel"]
     name: str = wheel["force-include"][QUIET]
     assert sorted([name, "cmeel.pth", "distutils-precedence.pth"])[0] == name
     return name
@@ -58,11 +69,19 @@ def _installed() -> str:
 
 def test_other_programs_keep_their_ctrl_c(tmp_path: Path) -> None:
     line = (ROOT / QUIET).read_text()
-    script = f"import signal\nexec({line!r})\nimport cranedyn\nprint(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
+    script = (
+        f"import signal\nexec({line!r})\nimport cranedyn\n"
+        "print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
+    )
     (tmp_path / "other.py").write_text(script)
     for words in (["-c", script], ["-m", "other"], ["-m", "other", "cranedyn.model.description"]):
         run = subprocess.run(
-            [sys.executable, *words], capture_output=True, text=True, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False
+            [sys.executable, *words],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            check=False,
         )
         assert run.stdout == "True\n", run.stderr
 
@@ -80,7 +99,8 @@ def test_ctrl_c_while_the_description_is_being_imported_shows_no_traceback(seen:
     assert "Traceback" not in rest and "KeyboardInterrupt" not in rest
 
 
-# --- while a command runs -------------------------------------------------------------------------------------------------------------
+# --- while a command runs -------------------------------------------------------------------------
+# ------------------------------------
 
 
 def _taken_for_a_fault() -> None:
@@ -91,7 +111,9 @@ def _taken_for_a_fault() -> None:
         raise UnboundLocalError("cannot access local variable 'ArgException'") from None
 
 
-def test_an_interruption_that_xacro_takes_for_a_fault_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interruption_that_xacro_takes_for_a_fault_is_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(xacro, "process_file", lambda *_, **__: _taken_for_a_fault())
     with pytest.raises(KeyboardInterrupt):
         describe()
@@ -107,7 +129,9 @@ def _hidden() -> int:
 
 
 @pytest.mark.parametrize("run", [_refused, _hidden])
-def test_an_interruption_is_130_whatever_a_library_made_of_it(run: Callable[[], int], capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_interruption_is_130_whatever_a_library_made_of_it(
+    run: Callable[[], int], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert command(run) == INTERRUPTED
     assert capsys.readouterr().err == "Interrupted.\n"
 
@@ -118,7 +142,9 @@ def test_a_fault_of_ours_is_not_taken_for_an_interruption() -> None:
 
 
 @pytest.mark.parametrize("when", ["_interruptible", "_patient"])
-def test_an_interruption_before_or_after_the_run_of_a_command_is_130(when: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interruption_before_or_after_the_run_of_a_command_is_130(
+    when: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def stopped() -> None:
         raise KeyboardInterrupt
 
@@ -144,11 +170,14 @@ def _used(process: subprocess.Popen[str]) -> float:
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=[words[0] for words in COMMANDS])
-def test_a_signal_at_a_random_instant_ends_a_command_quietly_and_leaves_whole_files_only(words: list[str], tmp_path: Path) -> None:
+def test_a_signal_at_a_random_instant_ends_a_command_quietly_and_leaves_whole_files_only(
+    words: list[str], tmp_path: Path
+) -> None:
     pick = random.Random(words[0])
     for latest in (0.3, 4.0):
         process = started(["-m", *(word.format(tmp_path) for word in words)])
-        while process.poll() is None and _used(process) < 0.1:  # until Python has read its environment
+        # Until Python has read its environment.
+        while process.poll() is None and _used(process) < 0.1:
             time.sleep(0.005)
         time.sleep(pick.uniform(0.0, latest))
         if process.poll() is None:
@@ -158,7 +187,8 @@ def test_a_signal_at_a_random_instant_ends_a_command_quietly_and_leaves_whole_fi
             error = process.stderr.read()
             _, status, usage = os.wait4(process.pid, 0)
             process.returncode = os.waitstatus_to_exitcode(status)
-            assert usage.ru_utime + usage.ru_stime - used < 2.0  # of the processor, which others use, too
+            # Of the processor, which others use, too.
+            assert usage.ru_utime + usage.ru_stime - used < 2.0
             assert process.returncode in (INTERRUPTED, -signal.SIGINT, -signal.SIGTERM, 0, 2)
             assert "Traceback" not in error and "KeyboardInterrupt" not in error
         process.communicate()

@@ -1,4 +1,6 @@
-"""The plain loop: what it calls, what it logs, what it refuses, and what it keeps when something goes wrong."""
+"""The plain loop: what it calls, what it logs, what it refuses, and what it keeps when something
+goes wrong.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +33,22 @@ def _held(c: Crane, **arguments: Any) -> Trajectory:
     return simulate(c, hold_controller(c, gravity=G), **arguments)
 
 
-# --- the loop ----------------------------------------------------------------------------------------------------------------------
+# --- the loop -------------------------------------------------------------------------------------
+# ---------------------------------
 
 
-def _by_hand(c: Crane, controller: Callable, reference: Callable, start: State, periods: int, steps: int, dt: float) -> list[np.ndarray]:
-    """The loop in seconds: hold the command, velocities first, then positions with the new velocities."""
+def _by_hand(
+    c: Crane,
+    controller: Callable,
+    reference: Callable,
+    start: State,
+    periods: int,
+    steps: int,
+    dt: float,
+) -> list[np.ndarray]:
+    """The loop in seconds: hold the command, velocities first, then positions with the new
+    velocities.
+    """
     q, v, rows = start.q, start.v, []
     for k in range(periods + 1):
         t = k * steps * dt
@@ -50,7 +63,9 @@ def _by_hand(c: Crane, controller: Callable, reference: Callable, start: State, 
 def test_the_loop_is_sample_hold_velocities_positions() -> None:
     c = crane(**DAMPED, trolley_effort=2e4)
     start = c.state(x=12, phi=0.2, theta=-0.1, gamma_dot=0.02)
-    reference = pulse(c, ramp(c, hold(c, start), "gamma", 0.1, rate=0.1, at=0.1), "x", 0.2, at=0.3, width=0.4)
+    reference = pulse(
+        c, ramp(c, hold(c, start), "gamma", 0.1, rate=0.1, at=0.1), "x", 0.2, at=0.3, width=0.4
+    )
     brake = hold_controller(c)
     found = simulate(c, brake, reference, start=start, duration=1.0, dt=1e-3, control_period=5e-3)
     expected = np.array(_by_hand(c, brake, reference, start, 200, 5, 1e-3))
@@ -72,7 +87,16 @@ def test_the_controller_is_asked_once_per_period_at_the_instant_that_is_logged()
     ticks: list[float] = []
     start = c.state(phi=0.1)
     reference = ramp(c, hold(c, start), "x", 1.0, rate=1.0, at=0.0)
-    found = simulate(c, controller, reference, start=start, duration=0.1, dt=5e-4, control_period=1e-2, progress=ticks.append)
+    found = simulate(
+        c,
+        controller,
+        reference,
+        start=start,
+        duration=0.1,
+        dt=5e-4,
+        control_period=1e-2,
+        progress=ticks.append,
+    )
     assert [t for t, *_ in seen] == ticks == found.t.tolist() == [k * 1e-2 for k in range(11)]
     assert np.array([z for _, z, _ in seen]).tolist() == np.hstack([found.q, found.v]).tolist()
     assert np.array([w for *_, w in seen]).tolist() == found.setpoint.tolist()
@@ -81,7 +105,13 @@ def test_the_controller_is_asked_once_per_period_at_the_instant_that_is_logged()
 
 def test_the_effort_is_held_between_control_instants() -> None:
     c = big_crane()
-    found = simulate(c, lambda t, s, w: np.array([0.0, 0.0, -1000.0 * (G + t)]), duration=1.0, dt=1e-3, control_period=0.1)
+    found = simulate(
+        c,
+        lambda t, s, w: np.array([0.0, 0.0, -1000.0 * (G + t)]),
+        duration=1.0,
+        dt=1e-3,
+        control_period=0.1,
+    )
     # the hoist alone, hanging at rest: the effort of the start of each period acts all through it
     expected = -0.1 * np.concatenate([[0.0], np.cumsum(found.t[:-1])])
     assert_allclose(found.v[:, 4], expected, atol=1e-12)  # rounding
@@ -123,24 +153,45 @@ def test_a_controller_may_answer_with_a_buffer_of_its_own() -> None:
 
 
 def test_another_integrator_takes_its_place() -> None:
-    def explicit(acceleration: Acceleration, faster: Add, further: Add, q: Any, u: Any, steps: int) -> tuple[Any, Any]:
+    def explicit(
+        acceleration: Acceleration, faster: Add, further: Add, q: Any, u: Any, steps: int
+    ) -> tuple[Any, Any]:
         for _ in range(steps):
             q, u = further(q, u), faster(u, acceleration(q, u))
         return q, u
 
     c, dt = big_crane(), 5e-3
     rule = Integrator("explicit Euler", explicit, lead=-0.5)
-    found = simulate(c, locked, start=c.state(l=20, phi=0.01), duration=100.0, dt=dt, control_period=0.1, drive="motion", integrator=rule)
+    found = simulate(
+        c,
+        locked,
+        start=c.state(l=20, phi=0.01),
+        duration=100.0,
+        dt=dt,
+        control_period=0.1,
+        drive="motion",
+        integrator=rule,
+    )
     whole = 1000.0 * G * 20.0 * (1.0 - math.cos(0.01))
     gain = 1.0 + (found.energy - found.energy[0]) / whole
     # per step 1 + (ω dt)²: 28 % in these 100 s; finite amplitude 1e-4
     assert gain[-1] == pytest.approx((1.0 + G / 20.0 * dt**2) ** 20000, rel=1e-3)
     assert found.parameters["integrator"] == "explicit Euler"
-    ours = simulate(c, locked, start=c.state(l=20, phi=0.01), duration=100.0, dt=dt, control_period=0.1, drive="motion")
-    assert np.ptp(ours.energy) < 1.1 * whole * math.sqrt(G / 20.0) * dt  # the ripple of order dt; no gain
+    ours = simulate(
+        c,
+        locked,
+        start=c.state(l=20, phi=0.01),
+        duration=100.0,
+        dt=dt,
+        control_period=0.1,
+        drive="motion",
+    )
+    # The ripple of order dt; no gain.
+    assert np.ptp(ours.energy) < 1.1 * whole * math.sqrt(G / 20.0) * dt
 
 
-# --- the start ---------------------------------------------------------------------------------------------------------------------
+# --- the start ------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_from_the_default_start_nothing_moves() -> None:
@@ -153,7 +204,8 @@ def test_from_the_default_start_nothing_moves() -> None:
 def test_in_a_world_of_other_gravity_the_load_gives_less_than_a_millimetre() -> None:
     found = simulate(crane(), hold_controller(crane()), duration=5.0)  # believes in 9.80665 m/s²
     sag = 1000.0 * (G - 9.80665) / 3.0e4
-    assert found.q[-1, 4] - 15.0 == pytest.approx(sag, rel=1e-3)  # what is left of the transient of exp(-k_p/k_d t)
+    # What is left of the transient of exp(-k_p/k_d t).
+    assert found.q[-1, 4] - 15.0 == pytest.approx(sag, rel=1e-3)
     assert np.abs(found.q[:, 4] - 15.0).max() < 1e-3
 
 
@@ -161,65 +213,102 @@ def test_without_reference_the_drives_hold_where_they_are_first_seen() -> None:
     start = crane().state(gamma=1.0, x=20.0, l=8.0)
     found = _held(crane(), start=start, duration=2.0)
     assert found.setpoint.tolist() == [[1.0, 20.0, 8.0]] * len(found)
-    assert_allclose(found.q, start.q * np.ones((len(found), 1)), atol=1e-12)  # rounding; captured elsewhere it would be metres
+    # rounding; captured elsewhere it would be metres.
+    assert_allclose(found.q, start.q * np.ones((len(found), 1)), atol=1e-12)
 
 
-# --- physics through the loop ------------------------------------------------------------------------------------------------------
+# --- physics through the loop ---------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_a_run_of_effort_drives_converges_to_the_equations_of_motion() -> None:
     c = crane(**DAMPED)
-    start, effort = c.state(phi=0.3, theta=-0.2, gamma_dot=0.05, x_dot=0.3), np.array([2e4, 500.0, -9700.0])
+    start, effort = (
+        c.state(phi=0.3, theta=-0.2, gamma_dot=0.05, x_dot=0.3),
+        np.array([2e4, 500.0, -9700.0]),
+    )
 
     def rates(_: float, y: np.ndarray) -> np.ndarray:
         return np.concatenate([y[5:], dynamics.acceleration(c, State(y[:5], y[5:]), effort)])
 
-    exact = solve_ivp(rates, (0.0, 4.0), np.concatenate(start), "DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
+    exact = solve_ivp(rates, (0.0, 4.0), np.concatenate(start), "DOP853", rtol=1e-11, atol=1e-12).y[
+        :, -1
+    ]
 
     def last(dt: float) -> np.ndarray:
         found = simulate(c, constant(*effort), start=start, duration=4.0, dt=dt, control_period=0.1)
         return np.concatenate([found.q[-1], found.v[-1]])
 
-    assert_allclose(extrapolated(last, 2e-3), exact, atol=2e-7)  # order dt³ of (rates of 5/s · 2 ms), about 1e-7
+    # Order dt³ of (rates of 5/s · 2 ms), about 1e-7.
+    assert_allclose(extrapolated(last, 2e-3), exact, atol=2e-7)
     coarse, fine = (np.abs(last(dt) - exact).max() for dt in (2e-3, 1e-3))
     assert coarse / fine == pytest.approx(2.0, abs=0.03)  # order 1
 
 
 def test_a_run_of_motion_drives_converges_to_the_equations_of_motion() -> None:
     c = crane(**DAMPED)
-    start, push = c.state(phi=0.3, theta=-0.2, gamma_dot=0.05, x_dot=0.3, l_dot=0.5), np.array([0.02, 0.1, -0.05])
+    start, push = (
+        c.state(phi=0.3, theta=-0.2, gamma_dot=0.05, x_dot=0.3, l_dot=0.5),
+        np.array([0.02, 0.1, -0.05]),
+    )
     q, v = flow(c, start, np.array([0.0, 4.0]), lambda t: push)
 
     def last(dt: float) -> np.ndarray:
-        found = simulate(c, constant(*push), start=start, duration=4.0, dt=dt, control_period=0.1, drive="motion")
+        found = simulate(
+            c, constant(*push), start=start, duration=4.0, dt=dt, control_period=0.1, drive="motion"
+        )
         return np.concatenate([found.q[-1], found.v[-1]])
 
-    assert_allclose(extrapolated(last, 4e-3), np.concatenate([q[-1], v[-1]]), atol=1e-6)  # order dt³, about 1e-7
+    # Order dt³, about 1e-7.
+    assert_allclose(extrapolated(last, 4e-3), np.concatenate([q[-1], v[-1]]), atol=1e-6)
 
 
-@pytest.mark.parametrize(("joint", "coordinate", "inertia"), [("phi", 2, 500.0), ("theta", 3, 450.0)])
+@pytest.mark.parametrize(
+    ("joint", "coordinate", "inertia"), [("phi", 2, 500.0), ("theta", 3, 450.0)]
+)
 @pytest.mark.parametrize("drive", ["effort", "motion"])
-def test_joint_damping_of_the_urdf_damps_the_swing_as_the_closed_form_says(drive: Any, joint: str, coordinate: int, inertia: float) -> None:
+def test_joint_damping_of_the_urdf_damps_the_swing_as_the_closed_form_says(
+    drive: Any, joint: str, coordinate: int, inertia: float
+) -> None:
     # slew and trolley too heavy to be moved by the load
     c = crane(damp_swing=2e3, trolley_mass=1e7, slewing_inertia=1e11, hoist_init=10)
     controller = locked if drive == "motion" else constant(0.0, 0.0, -1000.0 * G)
     brake = hold_controller(c, gravity=G)
-    found = simulate(c, controller if drive == "motion" else brake, start=c.state(**{joint: 0.01}), duration=40.0, dt=1e-3, drive=drive)
+    found = simulate(
+        c,
+        controller if drive == "motion" else brake,
+        start=c.state(**{joint: 0.01}),
+        duration=40.0,
+        dt=1e-3,
+        drive=drive,
+    )
     fit = fit_swing(found.t, found.q[:, coordinate])
     total = 1000.0 * 10.0**2 + inertia
     expected = 2e3 / (2.0 * total * math.sqrt(1000.0 * G * 10.0 / total))
-    # the load's mass over the trolley's, 1e-4, and over the slew's; finite amplitude and the compliance of the hoist 1e-4
+    # the load's mass over the trolley's, 1e-4, and over the slew's; finite amplitude and the
+    # compliance of the hoist 1e-4
     assert fit.damping_ratio == pytest.approx(expected, rel=1e-3)
     assert expected == pytest.approx(0.01, rel=0.02)
 
 
 def test_efforts_returned_by_prescribed_motion_reproduce_the_motion_through_effort_drives() -> None:
     c, period = crane(**DAMPED), 1e-3
-    run = {"start": c.state(phi=0.05, theta=-0.03), "duration": 4.0, "dt": period, "control_period": period}
-    given = simulate(c, lambda t, state, setpoint: np.array([0.05, 0.5, -0.3]) * math.cos(2.0 * t), drive="motion", **run)
+    run = {
+        "start": c.state(phi=0.05, theta=-0.03),
+        "duration": 4.0,
+        "dt": period,
+        "control_period": period,
+    }
+    given = simulate(
+        c,
+        lambda t, state, setpoint: np.array([0.05, 0.5, -0.3]) * math.cos(2.0 * t),
+        drive="motion",
+        **run,
+    )
     played = simulate(c, lambda t, state, setpoint: given.effort[round(t / period)], **run)
     assert (np.ptp(given.q, axis=0)[c.layout.drives] > [0.02, 0.2, 0.1]).all()
-    # rounding of 1e-16 · 1e6 N m in the efforts, integrated twice by drives that nothing holds, over 4000 steps
+    # rounding of 1e-16 · 1e6 N m in the efforts, integrated twice by drives that nothing holds,
+    # over 4000 steps
     assert_allclose(played.q, given.q, atol=1e-9)
     assert_allclose(played.v, given.v, atol=1e-9)
 
@@ -234,7 +323,8 @@ def test_motion_drives_reach_the_velocity_that_is_asked() -> None:
     assert found.q[-1, 1] == pytest.approx(12.0, abs=1e-10)  # as far as asked
 
 
-# --- limits ------------------------------------------------------------------------------------------------------------------------
+# --- limits ---------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_efforts_beyond_the_limits_are_cut_and_the_log_shows_it() -> None:
@@ -259,33 +349,59 @@ def test_a_saturated_hoist_moves_by_the_limit() -> None:
     assert found.v[1, 4] == pytest.approx(5e-3 * (G - 20.0), rel=1e-12)  # rounding
 
 
-# --- energy ------------------------------------------------------------------------------------------------------------------------
+# --- energy ---------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_under_a_constant_force_the_ledger_closes_to_rounding() -> None:
-    # a trolley with next to no load: a constant acceleration, for which effort times displacement is exact once the lead is taken off
+    # a trolley with next to no load: a constant acceleration, for which effort times displacement
+    # is exact once the lead is taken off
     c = crane(payload_mass=1e-9, payload_inertia=0)
-    found = simulate(c, constant(0.0, 600.0, 0.0), start=c.state(x=2.0), duration=2.0, dt=1e-3, control_period=1e-2, validity="mark")
-    assert found.energy[-1] - found.energy[0] == pytest.approx(0.5 * 600.0 * 2.0**2, rel=1e-6)  # 600 kg at 2 m/s, the load 1e-9
-    assert_allclose(found.unexplained, 0.0, atol=1e-6)  # the load; with the lead left in it would be 600 N · 2 m/s · dt/2 = 0.6 J
+    found = simulate(
+        c,
+        constant(0.0, 600.0, 0.0),
+        start=c.state(x=2.0),
+        duration=2.0,
+        dt=1e-3,
+        control_period=1e-2,
+        validity="mark",
+    )
+    # 600 kg at 2 m/s, the load 1e-9.
+    assert found.energy[-1] - found.energy[0] == pytest.approx(0.5 * 600.0 * 2.0**2, rel=1e-6)
+    # The load; with the lead left in it would be 600 N · 2 m/s · dt/2 = 0.6 J.
+    assert_allclose(found.unexplained, 0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 def test_what_the_ledger_leaves_open_halves_with_the_step(drive: Any) -> None:
     c = crane(**DAMPED)
     start = c.state(phi=0.15, theta=0.05)
-    reference = ramp(c, ramp(c, hold(c, start), "x", 2.0, rate=0.8, at=0.5), "gamma", 0.1, rate=0.05, at=1.0)
+    reference = ramp(
+        c, ramp(c, hold(c, start), "x", 2.0, rate=0.8, at=0.5), "gamma", 0.1, rate=0.05, at=1.0
+    )
 
     def run(dt: float) -> Trajectory:
-        controller = hold_controller(c, gravity=G) if drive == "effort" else follow(c, reference, dt)
-        return simulate(c, controller, reference, start=start, duration=4.0, dt=dt, control_period=dt, drive=drive)
+        controller = (
+            hold_controller(c, gravity=G) if drive == "effort" else follow(c, reference, dt)
+        )
+        return simulate(
+            c,
+            controller,
+            reference,
+            start=start,
+            duration=4.0,
+            dt=dt,
+            control_period=dt,
+            drive=drive,
+        )
 
     coarse, fine = (run(dt) for dt in (2e-3, 1e-3))
     assert np.abs(coarse.work).max() > 200.0  # J: the drives do work
     assert coarse.dissipated[-1] > 200.0
     assert np.abs(fine.unexplained).max() < 3.0
     ratio = np.abs(coarse.unexplained).max() / np.abs(fine.unexplained).max()
-    assert ratio == pytest.approx(2.0, abs=0.1)  # order 1; steps of the reference and stiff drives put a few percent of order 2 on top
+    # Order 1; steps of the reference and stiff drives put a few percent of order 2 on top.
+    assert ratio == pytest.approx(2.0, abs=0.1)
 
 
 def test_a_wide_conical_swing_gains_energy_slowly_and_in_proportion_to_the_step() -> None:
@@ -298,16 +414,27 @@ def test_a_wide_conical_swing_gains_energy_slowly_and_in_proportion_to_the_step(
         return float(thirds[2].mean() - thirds[0].mean()) / whole / 64.0
 
     coarse, fine = gain(8e-3), gain(4e-3)
-    assert 0.0 < fine < 2e-4  # per second: the price of the rule where inertia depends on the angles; a limit we set, twice what it is
+    # Per second: the price of the rule where inertia depends on the angles; a limit we set, twice
+    # what it is.
+    assert 0.0 < fine < 2e-4
     assert coarse / fine == pytest.approx(2.0, abs=0.1)  # order 1; thirds do not hold whole swings
 
 
 def test_efforts_that_change_within_a_control_period_are_counted_at_both_ends() -> None:
     c = crane()
     push = constant(0.02, 0.5, -0.1)
-    found = simulate(c, push, start=c.state(phi=0.2, theta=0.1), duration=4.0, dt=1e-3, control_period=0.1, drive="motion")
+    found = simulate(
+        c,
+        push,
+        start=c.state(phi=0.2, theta=0.1),
+        duration=4.0,
+        dt=1e-3,
+        control_period=0.1,
+        drive="motion",
+    )
     assert np.abs(found.work).max(axis=0).min() > 1000.0  # J
-    # trapezoidal rule: (ω T)²/12 = 5e-4 of some kJ, and the ledger's own order dt; by the first end alone it would be some hundred
+    # trapezoidal rule: (ω T)²/12 = 5e-4 of some kJ, and the ledger's own order dt; by the first end
+    # alone it would be some hundred
     assert np.abs(found.unexplained).max() < 10.0
 
 
@@ -315,19 +442,27 @@ def test_dissipation_is_what_damping_takes() -> None:
     c = crane(damp_swing=2e3)
     found = moved(c, c.state(phi=0.1), 60.0, 2e-3)
     taken = found.energy[0] - found.energy[-1]
-    assert found.dissipated[-1] == pytest.approx(taken, rel=2e-3)  # order ω dt = 2e-3 of what is left swinging
+    # Order ω dt = 2e-3 of what is left swinging.
+    assert found.dissipated[-1] == pytest.approx(taken, rel=2e-3)
     assert taken > 200.0
     assert (np.diff(found.dissipated) >= 0.0).all()
 
 
-# --- what is refused ---------------------------------------------------------------------------------------------------------------
+# --- what is refused ------------------------------------------------------------------------------
+# ---------------------------------
 
 
-@pytest.mark.parametrize("command", [np.zeros(5), np.zeros(2), 0.0, np.zeros((3, 1)), None], ids=["five", "two", "one", "column", "none"])
+@pytest.mark.parametrize(
+    "command",
+    [np.zeros(5), np.zeros(2), 0.0, np.zeros((3, 1)), None],
+    ids=["five", "two", "one", "column", "none"],
+)
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 def test_only_the_three_drives_can_be_addressed(command: Any, drive: Any) -> None:
     with pytest.raises(
-        OutOfRange, match=r"command of the controller is an array of shape .*; allowed is three numbers: slew, trolley, hoist"
+        OutOfRange,
+        match=r"command of the controller is an array of shape .*; allowed is three numbers: slew, "
+        r"trolley, hoist",
     ):
         simulate(crane(), lambda t, state, setpoint: command, duration=0.1, drive=drive)
 
@@ -343,7 +478,10 @@ def test_only_the_three_drives_can_be_addressed(command: Any, drive: Any) -> Non
         ({"control_period": 0.0}, "control_period is 0.0 s; allowed is > 0"),
         ({"control_period": math.inf}, "control_period is inf s; allowed is > 0"),
         ({"duration": 0.0}, "duration is 0.0 s; allowed is > 0"),
-        ({"duration": 0.1234}, r"duration is 0.1234 s; allowed is a multiple of control_period = 0.005 s"),
+        (
+            {"duration": 0.1234},
+            r"duration is 0.1234 s; allowed is a multiple of control_period = 0.005 s",
+        ),
         ({"duration": 1e-3}, r"duration is 0.001 s; allowed is a multiple of control_period"),
         ({"drive": "velocity"}, "drive is velocity; allowed is effort or motion"),
     ],
@@ -353,26 +491,41 @@ def test_times_that_do_not_fit_are_refused(times: dict[str, Any], sentence: str)
         _held(crane(), **{"duration": 0.1, **times})
 
 
-@pytest.mark.parametrize(("dt", "control_period", "duration"), [(1e-3, 1e-3, 0.1), (1 / 3000, 1 / 200, 0.3), (7e-4, 2.1e-3, 0.21)])
-def test_times_that_fit_but_for_rounding_are_taken(dt: float, control_period: float, duration: float) -> None:
+@pytest.mark.parametrize(
+    ("dt", "control_period", "duration"),
+    [(1e-3, 1e-3, 0.1), (1 / 3000, 1 / 200, 0.3), (7e-4, 2.1e-3, 0.21)],
+)
+def test_times_that_fit_but_for_rounding_are_taken(
+    dt: float, control_period: float, duration: float
+) -> None:
     found = _held(crane(), dt=dt, control_period=control_period, duration=duration)
     assert found.t[-1] == pytest.approx(duration, rel=1e-12)
 
 
-# --- what goes wrong half way ------------------------------------------------------------------------------------------------------
+# --- what goes wrong half way ---------------------------------------------------------------------
+# ---------------------------------
 
 
-def _after(t0: float, action: Callable[[], np.ndarray]) -> Callable[[float, State, Setpoint], np.ndarray]:
+def _after(
+    t0: float, action: Callable[[], np.ndarray]
+) -> Callable[[float, State, Setpoint], np.ndarray]:
     brake = hold_controller(crane(), gravity=G)
     return lambda t, state, setpoint: brake(t, state, setpoint) if t < t0 else action()
 
 
-@pytest.mark.parametrize(("i", "joint"), [(0, "yaw_joint"), (1, "trolley_joint"), (2, "hoist_joint")])
+@pytest.mark.parametrize(
+    ("i", "joint"), [(0, "yaw_joint"), (1, "trolley_joint"), (2, "hoist_joint")]
+)
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_command_that_is_no_number_ends_the_run_and_keeps_it(i: int, joint: str, bad: float) -> None:
+def test_a_command_that_is_no_number_ends_the_run_and_keeps_it(
+    i: int, joint: str, bad: float
+) -> None:
     command = np.zeros(3)
     command[i] = bad
-    with pytest.raises(RunError, match=rf"The controller commanded .* at t = 0.0500 s; {joint} needs a finite number") as caught:
+    with pytest.raises(
+        RunError,
+        match=rf"The controller commanded .* at t = 0.0500 s; {joint} needs a finite number",
+    ) as caught:
         simulate(crane(), _after(0.05, lambda: command), duration=0.1)
     assert (caught.value.t, caught.value.joint) == (0.05, joint)
     kept = caught.value.trajectory
@@ -383,8 +536,12 @@ def test_a_command_that_is_no_number_ends_the_run_and_keeps_it(i: int, joint: st
 
 def test_a_run_that_diverges_says_when_and_where_and_keeps_what_it_has() -> None:
     c = crane(hoist_effort=1e12)
-    wild = hold_controller(c, damping=(1e6, 5e4, 1e6))  # k_d times the control period over the mass is 5, where 2 is too much
-    with pytest.raises(RunError, match=r"The run diverged at t = .* s: hoist_joint moves at .* per second; a smaller dt") as caught:
+    # k_d times the control period over the mass is 5, where 2 is too much.
+    wild = hold_controller(c, damping=(1e6, 5e4, 1e6))
+    with pytest.raises(
+        RunError,
+        match=r"The run diverged at t = .* s: hoist_joint moves at .* per second; a smaller dt",
+    ) as caught:
         simulate(c, wild, start=c.state(l_dot=0.1), duration=60.0, validity="mark")
     error = caught.value
     assert error.joint == "hoist_joint"
@@ -402,14 +559,19 @@ def _interrupt(*_: object) -> Any:
 def test_ctrl_c_keeps_what_was_recorded(where: str) -> None:
     c = crane()
     start = c.start
-    arguments: dict[str, Any] = {"controller": hold_controller(c, gravity=G), "reference": hold(c, start), "progress": lambda t: None}
+    arguments: dict[str, Any] = {
+        "controller": hold_controller(c, gravity=G),
+        "reference": hold(c, start),
+        "progress": lambda t: None,
+    }
     usual = arguments[where]
     arguments[where] = lambda t, *more: usual(t, *more) if t < 0.05 else _interrupt()
     with pytest.raises(RunError, match=r"Interrupted at t = 0.050 s") as caught:
         simulate(c, **arguments, duration=1.0)
     kept = caught.value.trajectory
     assert kept is not None
-    assert len(kept) == (11 if where == "progress" else 10)  # progress is told after the row is logged
+    # Progress is told after the row is logged.
+    assert len(kept) == (11 if where == "progress" else 10)
     assert_allclose(kept.q, start.q * np.ones((len(kept), 1)), atol=1e-12)  # it was at rest
 
 

@@ -1,4 +1,6 @@
-"""The documentation site: built by one command, without a link that leads nowhere, every page of docs/ in it."""
+"""The documentation site: built by one command, without a link that leads nowhere, every page of
+docs/ in it.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +15,38 @@ import pytest
 
 from tests.helpers import ROOT
 
-pytest.importorskip("mkdocstrings_handlers.python", reason="the extra docs is not installed: pip install 'cranedyn[docs]'")
+pytest.importorskip(
+    "mkdocstrings_handlers.python",
+    reason="the extra docs is not installed: pip install 'cranedyn[docs]'",
+)
 
 
 def built(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """The site made into a folder."""
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder), *words]
+    command = [
+        sys.executable,
+        "-m",
+        "mkdocs",
+        "build",
+        "--strict",
+        "--site-dir",
+        str(folder),
+        *words,
+    ]
     return subprocess.run(
-        command, capture_output=True, text=True, cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, check=False, timeout=300
+        command,
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+        check=False,
+        timeout=300,
     )
 
 
-def test_the_site_is_built_without_a_warning_and_has_every_page_and_function(tmp_path: Path) -> None:
+def test_the_site_is_built_without_a_warning_and_has_every_page_and_function(
+    tmp_path: Path,
+) -> None:
     done = built(tmp_path / "site")
     assert done.returncode == 0, done.stderr[-2000:]
     for page in (ROOT / "docs").glob("**/*.md"):
@@ -32,7 +54,15 @@ def test_the_site_is_built_without_a_warning_and_has_every_page_and_function(tmp
         there = tmp_path / "site" / ("index.html" if name.name == "index" else f"{name}/index.html")
         assert there.exists()
     face = (tmp_path / "site" / "api" / "face" / "index.html").read_text(encoding="utf-8")
-    for name in ("load_crane", "simulate", "simulate_batch", "Trajectory", "State", "Setpoint", "CraneError"):
+    for name in (
+        "load_crane",
+        "simulate",
+        "simulate_batch",
+        "Trajectory",
+        "State",
+        "Setpoint",
+        "CraneError",
+    ):
         assert re.search(rf'id="cranedyn\.[\w.]*{name}"', face), name
 
 

@@ -22,8 +22,14 @@ from cranedyn.references import hold, pulse
 from cranedyn.simulation.simulate import simulate
 from experiments.snapshot import main
 
-drivers = "VK_ICD_FILENAMES" in os.environ or "VK_DRIVER_FILES" in os.environ or any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
-drawn = pytest.mark.skipif(not drivers, reason="no Vulkan driver to draw with (Debian: mesa-vulkan-drivers)")
+drivers = (
+    "VK_ICD_FILENAMES" in os.environ
+    or "VK_DRIVER_FILES" in os.environ
+    or any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
+)
+drawn = pytest.mark.skipif(
+    not drivers, reason="no Vulkan driver to draw with (Debian: mesa-vulkan-drivers)"
+)
 
 SIZE = (640, 480)
 
@@ -36,12 +42,21 @@ def crane() -> Crane:
 @pytest.fixture(scope="module")
 def moving(crane: Crane) -> Trajectory:
     """The trolley goes out by 4 m at once; at 3 s the load has followed."""
-    return simulate(crane, hold_controller(crane), pulse(crane, hold(crane), "x", 4.0, at=0.5, width=10.0), duration=4.0)
+    return simulate(
+        crane,
+        hold_controller(crane),
+        pulse(crane, hold(crane), "x", 4.0, at=0.5, width=10.0),
+        duration=4.0,
+    )
 
 
 @pytest.fixture(scope="module")
 def file(crane: Crane, moving: Trajectory, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record(tmp_path_factory.mktemp("snapshot") / "out.rrd", [Run("out", crane, moving, (0.0, 8.0, 2.0))], title="Out")
+    return record(
+        tmp_path_factory.mktemp("snapshot") / "out.rrd",
+        [Run("out", crane, moving, (0.0, 8.0, 2.0))],
+        title="Out",
+    )
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +82,9 @@ def load(picture: np.ndarray) -> np.ndarray:
 
 
 def like(picture: np.ndarray, colour: str, within: int = 12) -> int:
-    return int(np.count_nonzero(np.abs(picture - list(bytes.fromhex(colour[1:]))).max(axis=-1) <= within))
+    return int(
+        np.count_nonzero(np.abs(picture - list(bytes.fromhex(colour[1:]))).max(axis=-1) <= within)
+    )
 
 
 @drawn
@@ -82,14 +99,19 @@ def test_the_scene_shows_crane_and_load_before_a_light_sky(scenes: list[np.ndarr
 @drawn
 def test_the_load_is_seen_to_go_out_with_the_trolley(scenes: list[np.ndarray]):
     before, after = (np.argwhere(load(picture)).mean(axis=0) for picture in scenes)
-    assert 40 < before[1] - after[1] < 120, "pixels to the left; 4 m are an eighth of the crane's width"
+    assert 40 < before[1] - after[1] < 120, (
+        "pixels to the left; 4 m are an eighth of the crane's width"
+    )
     assert abs(before[0] - after[0]) < 15
 
 
 @drawn
 def test_the_cable_is_seen_all_the_way_from_trolley_to_load(scenes: list[np.ndarray]):
     picture = scenes[0]
-    top, middle = np.argwhere(load(picture))[:, 0].min(), round(np.argwhere(load(picture))[:, 1].mean())
+    top, middle = (
+        np.argwhere(load(picture))[:, 0].min(),
+        round(np.argwhere(load(picture))[:, 1].mean()),
+    )
     beside = picture[top - 120 : top - 30, middle - 10 : middle + 10]
     assert (beside.max(axis=-1).min(axis=1) < 110).all()
 
@@ -102,13 +124,20 @@ def test_the_dashboard_shows_scene_and_curves(file: Path, tmp_path: Path):
     right = picture[:, 720:]
     for colour in (COLOURS[name] for name in ("x", "phi", "energy", "theta")):
         assert like(right, colour) > 100, f"curves of colour {colour}"
-    assert np.count_nonzero(steel(picture[:, :700])) > 2000 and np.count_nonzero(load(picture[:, :700])) > 200
+    assert (
+        np.count_nonzero(steel(picture[:, :700])) > 2000
+        and np.count_nonzero(load(picture[:, :700])) > 200
+    )
 
 
 @drawn
-def test_a_second_crane_in_the_same_place_has_a_load_of_another_colour(crane: Crane, moving: Trajectory, tmp_path: Path):
+def test_a_second_crane_in_the_same_place_has_a_load_of_another_colour(
+    crane: Crane, moving: Trajectory, tmp_path: Path
+):
     still = simulate(crane, hold_controller(crane), duration=4.0)
-    path = record(tmp_path / "two.rrd", [Run("out", crane, moving), Run("still", crane, still)], title="Two")
+    path = record(
+        tmp_path / "two.rrd", [Run("out", crane, moving), Run("still", crane, still)], title="Two"
+    )
     picture = pixels(snapshot(path, [3.0], tmp_path, size=SIZE, whole=False)[0])
     red, _, blue = np.moveaxis(picture, -1, 0)
     second = (blue > 80) & (red < 0.3 * blue)
@@ -119,7 +148,9 @@ def test_a_second_crane_in_the_same_place_has_a_load_of_another_colour(crane: Cr
 @drawn
 def test_a_gif_lasts_as_long_as_its_span_and_moves(file: Path, tmp_path: Path):
     seen: list[int] = []
-    path = animate(file, (0.0, 2.0), tmp_path / "out.gif", fps=5.0, size=(320, 240), progress=seen.append)
+    path = animate(
+        file, (0.0, 2.0), tmp_path / "out.gif", fps=5.0, size=(320, 240), progress=seen.append
+    )
     image = Image.open(path)
     frames, durations = [], []
     for k in range(image.n_frames):
@@ -140,7 +171,9 @@ def test_no_viewer_is_left_behind(file: Path, tmp_path: Path):
 
 
 @drawn
-def test_a_time_outside_of_the_recording_is_refused_before_anything_is_written(file: Path, tmp_path: Path):
+def test_a_time_outside_of_the_recording_is_refused_before_anything_is_written(
+    file: Path, tmp_path: Path
+):
     with pytest.raises(OutOfRange, match="0 to 4"):
         snapshot(file, [1.0, 4.5], tmp_path)
     assert not list(tmp_path.iterdir())
@@ -154,7 +187,9 @@ def test_a_file_that_only_begins_like_a_recording_is_refused(file: Path, tmp_pat
         snapshot(broken, [0.0], tmp_path)
 
 
-def test_without_a_driver_the_package_to_install_is_named(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_without_a_driver_the_package_to_install_is_named(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setenv("VK_ICD_FILENAMES", str(tmp_path / "none.json"))
     with pytest.raises(CraneError, match="mesa-vulkan-drivers"):
         snapshot(file, [0.0], tmp_path)
@@ -162,24 +197,37 @@ def test_without_a_driver_the_package_to_install_is_named(file: Path, tmp_path: 
 
 @pytest.mark.parametrize(
     "span, name, fps, size",
-    [((1, 1), "a.gif", 10, SIZE), ((0, 1), "a.png", 10, SIZE), ((0, 1), "a.gif", 0, SIZE), ((0, 1), "a.gif", 10, (1, 1))],
+    [
+        ((1, 1), "a.gif", 10, SIZE),
+        ((0, 1), "a.png", 10, SIZE),
+        ((0, 1), "a.gif", 0, SIZE),
+        ((0, 1), "a.gif", 10, (1, 1)),
+    ],
 )
-def test_a_gif_that_cannot_be_made_is_refused_at_once(file: Path, tmp_path: Path, span: tuple, name: str, fps: float, size: tuple):
+def test_a_gif_that_cannot_be_made_is_refused_at_once(
+    file: Path, tmp_path: Path, span: tuple, name: str, fps: float, size: tuple
+):
     with pytest.raises(CraneError):
         animate(file, span, tmp_path / name, fps=fps, size=size)
 
 
 @drawn
-def test_the_command_writes_what_it_names(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_command_writes_what_it_names(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     gif = tmp_path / "a.gif"
     pictures = ["-t", "0", "2.5", "-o", str(tmp_path / "new"), "--gif", "0", "0.3", str(gif)]
     assert main([str(file), *pictures, "--view", "3d", "--size", "320", "240"]) == 0
     named = [Path(line) for line in capsys.readouterr().out.split()]
-    assert [path.name for path in named] == ["out-0s.png", "out-2.5s.png", "a.gif"] and all(path.is_file() for path in named)
+    assert [path.name for path in named] == ["out-0s.png", "out-2.5s.png", "a.gif"] and all(
+        path.is_file() for path in named
+    )
 
 
 @pytest.mark.parametrize("arguments", [["-t", "0"], ["--gif", "0", "x", "a.gif"]])
-def test_the_command_refuses_in_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]):
+def test_the_command_refuses_in_a_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
+):
     bad = tmp_path / "bad.rrd"
     bad.write_text("nothing")
     assert main([str(bad), *arguments, "-o", str(tmp_path)]) == 2

@@ -1,4 +1,6 @@
-"""Sweeps: every case once and in order, bad cases alone are bad, and folders that would be mixed up or not fit are refused."""
+"""Sweeps: every case once and in order, bad cases alone are bad, and folders that would be mixed up
+or not fit are refused.
+"""
 
 from __future__ import annotations
 
@@ -39,15 +41,23 @@ def _evaluated(study: object, design: Design) -> dict[str, list]:
     return evaluate(f"tests.studies:{study.__name__}", design.columns).to_pydict()  # type: ignore[attr-defined]
 
 
-# --- a chunk -----------------------------------------------------------------------------------------------------------------------
+# --- a chunk --------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=20))
 def test_bad_cases_say_why_and_cost_no_other_case_its_results(xs: list[int]) -> None:
     found = _evaluated(studies.troubled, grid(x=xs))
-    why = {1: "ArithmeticError: one is too much", 2: "The result y is nan.", 3: "The result y is -inf."}
+    why = {
+        1: "ArithmeticError: one is too much",
+        2: "The result y is nan.",
+        3: "The result y is -inf.",
+    }
     assert found["error"] == [why.get(x) for x in xs]
-    assert found.get("y", [None] * len(xs)) == [None if x in (1, 2, 3, 4) else float(x * x) for x in xs]  # 4 is masked, not bad
+    # 4 is masked, not bad.
+    assert found.get("y", [None] * len(xs)) == [
+        None if x in (1, 2, 3, 4) else float(x * x) for x in xs
+    ]
     for i, x in enumerate(xs):
         assert ((found.get("word", [None] * len(xs))[i]) is None) == (x in (1, 2, 3))
 
@@ -61,8 +71,16 @@ def test_bad_cases_say_why_and_cost_no_other_case_its_results(xs: list[int]) -> 
         ("complex", "The study returned y of type complex128; allowed are numbers and words."),
         ("object", "The study returned y of type object; allowed are numbers and words."),
         ("large", "The study returned y of type uint64; allowed are numbers and words."),
-        ("parameter", "The study returned a column 'x'; allowed is any name that no parameter has, but not case, error."),
-        ("reserved", "The study returned a column 'error'; allowed is any name that no parameter has, but not case, error."),
+        (
+            "parameter",
+            "The study returned a column 'x'; allowed is any name that no parameter has, but not "
+            "case, error.",
+        ),
+        (
+            "reserved",
+            "The study returned a column 'error'; allowed is any name that no parameter has, but "
+            "not case, error.",
+        ),
     ],
 )
 def test_what_a_study_may_not_return_is_the_error_of_the_case(kind: str, says: str) -> None:
@@ -87,21 +105,32 @@ def test_a_study_needs_a_name_by_which_workers_import_it(monkeypatch: pytest.Mon
     for study in (lambda cases: cases, SimpleNamespace(), _scripted):
         monkeypatch.setattr(_scripted, "__module__", "__main__")
         monkeypatch.setattr("__main__.__spec__", None)
-        with pytest.raises(CraneError, match=r"A study must be a function at the top of a module that workers can import; .* is not\."):
+        with pytest.raises(
+            CraneError,
+            match=r"A study must be a function at the top of a module that workers can import; .* "
+            r"is not\.",
+        ):
             name_of(study)  # type: ignore[arg-type]
     monkeypatch.setattr("__main__.__spec__", SimpleNamespace(name="experiments.sweep"))
     assert name_of(_scripted) == "experiments.sweep:_scripted"  # as of python -m experiments.sweep
 
 
-# --- a sweep -----------------------------------------------------------------------------------------------------------------------
+# --- a sweep --------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_a_sweep_keeps_every_case_in_order_with_its_parameters(tmp_path: Path) -> None:
     design = cross(grid(strategy=["flat", "spline"]), grid(x=np.arange(5.0)))
     said: list[Progress] = []
-    end = sweep(studies.squares, design, tmp_path / "a" / "b", chunk=3, workers=2, progress=said.append)
-    assert (said[0], said[-1]) == (Progress(0, 10, 0, 0), Progress(10, 10, 0, 0)) and end == said[-1]
-    assert [progress.done for progress in said[1:]] == sorted(progress.done for progress in said[1:]) and len(said) == 5
+    end = sweep(
+        studies.squares, design, tmp_path / "a" / "b", chunk=3, workers=2, progress=said.append
+    )
+    assert (said[0], said[-1]) == (Progress(0, 10, 0, 0), Progress(10, 10, 0, 0)) and end == said[
+        -1
+    ]
+    assert [progress.done for progress in said[1:]] == sorted(
+        progress.done for progress in said[1:]
+    ) and len(said) == 5
     table = results(tmp_path / "a" / "b")
     assert table.column_names == ["case", "strategy", "x", "y", "error"]
     assert table["case"].to_pylist() == list(range(10))
@@ -110,7 +139,11 @@ def test_a_sweep_keeps_every_case_in_order_with_its_parameters(tmp_path: Path) -
     assert table["y"].to_pylist() == (design.columns["x"] ** 2).tolist()
     assert table["error"].null_count == 10
     assert pa.dataset.dataset(tmp_path / "a" / "b").to_table().num_rows == 10  # readable without us
-    assert files(tmp_path / "a" / "b") == [".lock", "_sweep.json", *(f"part-{i:06d}.parquet" for i in range(4))]
+    assert files(tmp_path / "a" / "b") == [
+        ".lock",
+        "_sweep.json",
+        *(f"part-{i:06d}.parquet" for i in range(4)),
+    ]
 
 
 def test_parts_without_results_have_the_columns_of_the_others(tmp_path: Path) -> None:
@@ -132,14 +165,18 @@ def test_a_case_that_kills_its_worker_is_bad_alone(tmp_path: Path) -> None:
 
 
 def test_a_case_that_takes_too_long_is_bad_alone(tmp_path: Path) -> None:
-    """Its worker, in native code that keeps Python's lock, is killed; the chunk of 4 has 4 times as long as a case, its halves half."""
+    """Its worker, in native code that keeps Python's lock, is killed; the chunk of 4 has 4 times as
+    long as a case, its halves half.
+    """
     began = time.monotonic()
-    assert sweep(studies.stuck, grid(x=range(8)), tmp_path, chunk=4, workers=2, limit=0.5) == Progress(
-        8, 8, 1, 0
-    )  # a worker's first case imports NumPy
+    assert sweep(
+        studies.stuck, grid(x=range(8)), tmp_path, chunk=4, workers=2, limit=0.5
+    ) == Progress(8, 8, 1, 0)  # a worker's first case imports NumPy
     assert time.monotonic() - began > 0.5 * (4 + 2 + 1)
     table = results(tmp_path)
-    assert table["error"].to_pylist() == ["The case took longer than the 0.5 s that a case may." if x == 3 else None for x in range(8)]
+    assert table["error"].to_pylist() == [
+        "The case took longer than the 0.5 s that a case may." if x == 3 else None for x in range(8)
+    ]
     assert table["y"].to_pylist() == [None if x == 3 else x * x for x in range(8)]
 
 
@@ -179,7 +216,10 @@ def test_damaged_parts_are_computed_again_and_whole_ones_are_not(tmp_path: Path)
     parts[2].write_bytes(b"")
     pq.write_table(pa.table({"error": pa.array([None, None], pa.string())}), parts[3])
     pq.write_table(pa.table({"case": [4]}), parts[4])
-    with pytest.raises(DataError, match=r"is not finished: 2 of 6 cases are there; sweep on, or ask for a partial table\."):
+    with pytest.raises(
+        DataError,
+        match=r"is not finished: 2 of 6 cases are there; sweep on, or ask for a partial table\.",
+    ):
         results(tmp_path)
     assert results(tmp_path, partial=True)["case"].to_pylist() == [0, 5]
     said: list[Progress] = []
@@ -187,33 +227,58 @@ def test_damaged_parts_are_computed_again_and_whole_ones_are_not(tmp_path: Path)
     assert said[0] == Progress(2, 6, 0, 2) and len(said) == 5
     assert results(tmp_path)["y"].to_pylist() == [0.0, 1.0, 4.0, 9.0, 16.0, 25.0]
     again = [part.stat().st_mtime_ns for part in parts]
-    assert [a == b for a, b in zip(before, again, strict=True)] == [True, False, False, False, False, True]
-    assert sweep(studies.squares, design, tmp_path, scheduler="tcp://127.0.0.1:1").done == 6  # nothing to do needs no workers
+    assert [a == b for a, b in zip(before, again, strict=True)] == [
+        True,
+        False,
+        False,
+        False,
+        False,
+        True,
+    ]
+    # Nothing to do needs no workers.
+    assert sweep(studies.squares, design, tmp_path, scheduler="tcp://127.0.0.1:1").done == 6
 
 
-# --- refusals ----------------------------------------------------------------------------------------------------------------------
+# --- refusals -------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def _manifest(**changes: object) -> Manifest:
     study, design = "tests.studies:squares", grid(x=range(10))
     code = {"version": version(), "sources": sources(study)}
     return Manifest(
-        **{"study": study, **code, "design": design.fingerprint, "parameters": ("x",), "cases": 10, "chunk": 1, **changes}  # type: ignore[arg-type]
+        **{
+            "study": study,
+            **code,
+            "design": design.fingerprint,
+            "parameters": ("x",),
+            "cases": 10,
+            "chunk": 1,
+            **changes,
+        }  # type: ignore[arg-type]
     )
 
 
 @pytest.mark.parametrize(
     ("there", "says"),
     [
-        ({"study": "tests.studies:troubled"}, "its study is tests.studies:troubled, not tests.studies:squares."),
+        (
+            {"study": "tests.studies:troubled"},
+            "its study is tests.studies:troubled, not tests.studies:squares.",
+        ),
         ({"parameters": ("a", "b")}, "its parameters are a, b, not x."),
         ({"cases": 20}, "its number of cases is 20, not 10."),
         ({"design": "0"}, "its parameters have other values."),
         ({"chunk": 7}, "its number of cases in a part is 7, not 1."),
-        ({"chunk": 7, "cases": 20}, "its number of cases is 20, not 10, its number of cases in a part is 7, not 1."),
+        (
+            {"chunk": 7, "cases": 20},
+            "its number of cases is 20, not 10, its number of cases in a part is 7, not 1.",
+        ),
     ],
 )
-def test_another_sweep_is_not_swept_over(there: dict[str, object], says: str, tmp_path: Path) -> None:
+def test_another_sweep_is_not_swept_over(
+    there: dict[str, object], says: str, tmp_path: Path
+) -> None:
     with claimed(tmp_path, _manifest(**there), True):
         (tmp_path / "part-000000.parquet").touch()
     with pytest.raises(DataError) as caught:
@@ -228,25 +293,48 @@ def test_a_sweep_of_which_nothing_is_done_is_in_nobodys_way(tmp_path: Path) -> N
 
 
 def test_one_process_at_a_time_is_at_a_folder(tmp_path: Path) -> None:
-    with claimed(tmp_path, _manifest(), True), pytest.raises(DataError, match="another process is sweeping there"):
+    with (
+        claimed(tmp_path, _manifest(), True),
+        pytest.raises(DataError, match="another process is sweeping there"),
+    ):
         sweep(studies.squares, grid(x=range(10)), tmp_path)
 
 
 def test_a_folder_of_other_things_is_refused_and_untouched(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("a")
-    with pytest.raises(DataError, match=r"it holds other things \(a\.csv\); give a folder of its own\."):
+    with pytest.raises(
+        DataError, match=r"it holds other things \(a\.csv\); give a folder of its own\."
+    ):
         sweep(studies.squares, grid(x=range(10)), tmp_path)
     assert files(tmp_path) == ["a.csv"]
     with pytest.raises(DataError, match=r"Cannot make the folder .*: File exists\."):
         sweep(studies.squares, grid(x=range(10)), tmp_path / "a.csv")
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[]", "null", '{"study": 1}', json.dumps({**vars(_manifest()), "chunk": 0}), "[" * 99_999])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        "[]",
+        "null",
+        '{"study": 1}',
+        json.dumps({**vars(_manifest()), "chunk": 0}),
+        "[" * 99_999,
+    ],
+)
 def test_a_manifest_that_is_none_is_said_in_a_sentence(text: str, tmp_path: Path) -> None:
     (tmp_path / "_sweep.json").write_text(text)
     (tmp_path / "part-000000.parquet").touch()
-    for act in (lambda: results(tmp_path), lambda: sweep(studies.squares, grid(x=range(10)), tmp_path)):
-        with pytest.raises(DataError, match=r"_sweep\.json is damaged, .*: put the file back as it was, or sweep into another folder\."):
+    for act in (
+        lambda: results(tmp_path),
+        lambda: sweep(studies.squares, grid(x=range(10)), tmp_path),
+    ):
+        with pytest.raises(
+            DataError,
+            match=r"_sweep\.json is damaged, .*: put the file back as it was, or sweep into "
+            r"another folder\.",
+        ):
             act()
 
 
@@ -258,7 +346,9 @@ def test_a_sweep_that_is_refused_leaves_nothing(tmp_path: Path) -> None:
         assert files(tmp_path) == []
 
 
-def test_results_of_nothing_are_said_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_of_nothing_are_said_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(DataError, match=r"holds no sweep: there is no _sweep\.json in it\."):
         results(tmp_path)
     with claimed(tmp_path, _manifest(), True):
@@ -267,7 +357,10 @@ def test_results_of_nothing_are_said_in_a_sentence(tmp_path: Path, monkeypatch: 
         results(tmp_path, partial=True)
     sweep(studies.squares, grid(x=range(10)), tmp_path, workers=1)
     monkeypatch.setattr(limits, "memory", lambda: 319)
-    with pytest.raises(DataError, match=r"The table of 10 cases would take 3\.2e-07 GB of memory; allowed are 3\.19e-07 GB"):
+    with pytest.raises(
+        DataError,
+        match=r"The table of 10 cases would take 3\.2e-07 GB of memory; allowed are 3\.19e-07 GB",
+    ):
         results(tmp_path)
 
 
@@ -276,18 +369,29 @@ def test_results_of_nothing_are_said_in_a_sentence(tmp_path: Path, monkeypatch: 
     [
         ({"chunk": 0}, "chunk is 0; allowed is a whole number from 1."),
         ({"workers": 1.5}, "number of workers is 1.5; allowed is a whole number from 1."),
-        ({"workers": 2, "scheduler": "tcp://127.0.0.1:1"}, "The number of workers has no effect beside a scheduler"),
+        (
+            {"workers": 2, "scheduler": "tcp://127.0.0.1:1"},
+            "The number of workers has no effect beside a scheduler",
+        ),
     ],
 )
-def test_arguments_are_checked_before_anything_is_made(options: dict, says: str, tmp_path: Path) -> None:
+def test_arguments_are_checked_before_anything_is_made(
+    options: dict, says: str, tmp_path: Path
+) -> None:
     with pytest.raises(CraneError, match=says):
         sweep(studies.squares, grid(x=range(10)), tmp_path / "a", **options)
     assert files(tmp_path) == []
 
 
-def test_a_study_that_workers_cannot_import_is_said_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_study_that_workers_cannot_import_is_said_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(studies.squares, "__module__", "tests.elsewhere")
-    with pytest.raises(CraneError, match=r"cannot import the study tests\.elsewhere:squares: ModuleNotFoundError: No module named"):
+    with pytest.raises(
+        CraneError,
+        match=r"cannot import the study tests\.elsewhere:squares: ModuleNotFoundError: No module "
+        r"named",
+    ):
         sweep(studies.squares, grid(x=range(2)), tmp_path, workers=1)
 
 
@@ -300,10 +404,15 @@ def test_results_that_would_not_fit_the_disk_are_refused_before_and_after_the_fi
 ) -> None:
     design = grid(x=range(1000))
     _disk(monkeypatch, 8 * 1999)
-    with pytest.raises(DataError, match=r"The results of 1000 cases would take 1\.6e-05 GB; 1\.6e-05 GB are free in "):
+    with pytest.raises(
+        DataError,
+        match=r"The results of 1000 cases would take 1\.6e-05 GB; 1\.6e-05 GB are free in ",
+    ):
         sweep(studies.wide, design, tmp_path, workers=1)
     _disk(monkeypatch, 8 * 2001)
-    with pytest.raises(DataError, match=r"The results of 900 cases would take .* GB; 1\.6e-05 GB are free in "):
+    with pytest.raises(
+        DataError, match=r"The results of 900 cases would take .* GB; 1\.6e-05 GB are free in "
+    ):
         sweep(studies.wide, design, tmp_path, chunk=100, workers=1)
     assert len(list(tmp_path.glob("part-*"))) == 1
     _disk(monkeypatch, 1e9)
@@ -311,11 +420,13 @@ def test_results_that_would_not_fit_the_disk_are_refused_before_and_after_the_fi
     assert results(tmp_path).num_rows == 1000
 
 
-# --- progress ----------------------------------------------------------------------------------------------------------------------
+# --- progress -------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_the_time_left_goes_by_the_pace_of_this_process() -> None:
-    assert Progress(done=50, cases=100, errors=0, before=40).left(20.0) == 100.0  # 10 cases in 20 s, 50 to come
+    # 10 cases in 20 s, 50 to come.
+    assert Progress(done=50, cases=100, errors=0, before=40).left(20.0) == 100.0
     assert Progress(done=40, cases=100, errors=0, before=40).left(20.0) is None
     assert Progress(done=100, cases=100, errors=0, before=40).left(20.0) == 0.0
 
@@ -328,7 +439,10 @@ def test_progress_is_shown_in_words() -> None:
     for progress in (Progress(40, 4000, 0, 40), Progress(50, 4000, 2, 40)):
         show(progress)
         said.append((bars.tasks[0].completed, bars.tasks[0].total, bars.tasks[0].fields["speed"]))
-    assert said == [(40, 4000, "40 of 4000 cases"), (50, 4000, "50 of 4000 cases, 0.5/s, 2 bad, 2:11:40 left")]
+    assert said == [
+        (40, 4000, "40 of 4000 cases"),
+        (50, 4000, "50 of 4000 cases, 0.5/s, 2 bad, 2:11:40 left"),
+    ]
     assert math.isclose(3950 / 0.5, 2 * 3600 + 11 * 60 + 40)
 
 
@@ -344,7 +458,10 @@ def test_progress_is_told_to_a_terminal_and_elsewhere_in_a_line_now_and_then(
         assert lines is not None
         lines(Progress(1, 2, 0, 0))
     assert capsys.readouterr().err.startswith("study: ")
-    monkeypatch.setattr("experiments.harness.setup.Console", lambda stderr: Console(file=io.StringIO(), force_terminal=True))
+    monkeypatch.setattr(
+        "experiments.harness.setup.Console",
+        lambda stderr: Console(file=io.StringIO(), force_terminal=True),
+    )
     with told.sweeping("study") as somebody:
         assert somebody is not None
         somebody(Progress(1, 2, 0, 0))

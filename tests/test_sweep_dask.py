@@ -1,4 +1,6 @@
-"""Sweeps on a Dask cluster as its users start it: scheduler and workers are processes, and some of them are killed."""
+"""Sweeps on a Dask cluster as its users start it: scheduler and workers are processes, and some of
+them are killed.
+"""
 
 from __future__ import annotations
 
@@ -34,10 +36,19 @@ pytest.importorskip("distributed", reason="the extra dask is not installed")
 @contextmanager
 def _dask(*words: str, log: Path, **environment: str) -> Iterator[subprocess.Popen[bytes]]:
     """A ``dask`` command in a group of its own, all of it killed in the end."""
-    more = {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), "DASK_TEMPORARY_DIRECTORY": str(log.parent), **environment}
+    more = {
+        "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]),
+        "DASK_TEMPORARY_DIRECTORY": str(log.parent),
+        **environment,
+    }
     with log.open("wb") as file:
         process = subprocess.Popen(
-            [sys.executable, "-m", "dask", *words], stdout=file, stderr=file, cwd=ROOT, env=os.environ | more, start_new_session=True
+            [sys.executable, "-m", "dask", *words],
+            stdout=file,
+            stderr=file,
+            cwd=ROOT,
+            env=os.environ | more,
+            start_new_session=True,
         )
     try:
         yield process
@@ -54,7 +65,9 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 @contextmanager
-def _cluster(folder: Path, **environment: str) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+def _cluster(
+    folder: Path, **environment: str
+) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """Address of a scheduler, and the processes of the scheduler and two workers."""
     quiet = ("--no-dashboard", "--dashboard-address", "127.0.0.1:0")
     with ExitStack() as stack:
@@ -65,7 +78,9 @@ def _cluster(folder: Path, **environment: str) -> Iterator[tuple[str, list[subpr
         address = re.search(r"Scheduler at: +(tcp://\S+)", log.read_text())[1]  # type: ignore[index]
         for i in range(2):
             words = ("worker", address, "--host", "127.0.0.1", "--nthreads", "1", *quiet)
-            processes.append(stack.enter_context(_dask(*words, log=folder / f"worker{i}.log", **environment)))
+            processes.append(
+                stack.enter_context(_dask(*words, log=folder / f"worker{i}.log", **environment))
+            )
         until(lambda: log.read_text().count("Register worker") == 2)
         yield address, processes
 
@@ -74,14 +89,19 @@ def test_a_cluster_whose_workers_are_killed_ends_what_it_can_and_says_when_none_
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, log, design = tmp_path / "sweep", tmp_path / "log", grid(x=range(40))
-    with _cluster(tmp_path, SWEEP_LOG=str(log), SWEEP_PAUSE="0.05") as (address, (scheduler, one, other)):
+    with _cluster(tmp_path, SWEEP_LOG=str(log), SWEEP_PAUSE="0.05") as (
+        address,
+        (scheduler, one, other),
+    ):
         victims = iter([lambda: _kill(one)])
 
         def killing(progress: Progress) -> None:
             if progress.done >= 10:
                 next(victims, lambda: None)()
 
-        assert sweep(studies.logged, design, folder, chunk=1, scheduler=address, progress=killing) == Progress(40, 40, 0, 0)
+        assert sweep(
+            studies.logged, design, folder, chunk=1, scheduler=address, progress=killing
+        ) == Progress(40, 40, 0, 0)
         table = results(folder)
         assert table["case"].to_pylist() == list(range(40))
         assert table["y"].to_pylist() == [float(x * x) for x in range(40)]
@@ -90,7 +110,11 @@ def test_a_cluster_whose_workers_are_killed_ends_what_it_can_and_says_when_none_
 
         _kill(other)
         monkeypatch.setattr(cluster, "WORKERLESS", 1)
-        with pytest.raises(CraneError, match=rf"{address} has no worker; start some with: dask worker {address} --host 127\.0\.0\.1 "):
+        with pytest.raises(
+            CraneError,
+            match=rf"{address} has no worker; start some with: dask worker {address} --host "
+            r"127\.0\.0\.1 ",
+        ):
             sweep(studies.squares, design, tmp_path / "b", scheduler=address)
 
         monkeypatch.setattr(cluster, "WORKERLESS", 60)
@@ -100,17 +124,27 @@ def test_a_cluster_whose_workers_are_killed_ends_what_it_can_and_says_when_none_
 
 
 def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(tmp_path: Path) -> None:
-    """The scheduler gives up a chunk at the first death instead of the fourth, to be done sooner."""
+    """The scheduler gives up a chunk at the first death instead of the fourth, to be done
+    sooner.
+    """
     with _cluster(tmp_path, DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0") as (address, _):
         sweep(studies.deadly, grid(x=range(6)), tmp_path / "sweep", chunk=2, scheduler=address)
-        assert results(tmp_path / "sweep")["error"].to_pylist() == [DIED if x == 3 else None for x in range(6)]
-        sweep(studies.stuck, grid(x=range(6)), tmp_path / "c", chunk=2, scheduler=address, limit=0.6)
+        assert results(tmp_path / "sweep")["error"].to_pylist() == [
+            DIED if x == 3 else None for x in range(6)
+        ]
+        sweep(
+            studies.stuck, grid(x=range(6)), tmp_path / "c", chunk=2, scheduler=address, limit=0.6
+        )
         errors = results(tmp_path / "c")["error"].to_pylist()
-        assert errors.pop(3).endswith("or was ended since the case took longer than the 0.6 s that a case may.")
+        assert errors.pop(3).endswith(
+            "or was ended since the case took longer than the 0.6 s that a case may."
+        )
         assert errors == [None] * 5
         studies.squares.__module__, before = "tests.elsewhere", studies.squares.__module__
         try:
-            with pytest.raises(CraneError, match=r"cannot import the study tests\.elsewhere:squares"):
+            with pytest.raises(
+                CraneError, match=r"cannot import the study tests\.elsewhere:squares"
+            ):
                 sweep(studies.squares, grid(x=range(6)), tmp_path / "b", scheduler=address)
         finally:
             studies.squares.__module__ = before
@@ -127,7 +161,10 @@ def test_a_sweep_on_a_cluster_answers_ctrl_c_within_two_seconds(hung: bool, tmp_
             os.killpg(process.pid, signal.SIGINT)
             err = answered(process)
         done = CHUNK * len(parts(folder))
-        assert err == f"Interrupted: {done} of {CASES} cases are done, and kept in {folder}; the same sweep goes on from there.\n"
+        assert (
+            err == f"Interrupted: {done} of {CASES} cases are done, and kept in {folder}; the same "
+            "sweep goes on from there.\n"
+        )
         assert process.returncode == 130
 
 
@@ -137,7 +174,9 @@ def _listening(session: int) -> dict[int, set[str]]:
     for process in psutil.process_iter():
         try:
             if os.getsid(process.pid) == session:
-                found[process.pid] = {c.laddr.ip for c in process.net_connections() if c.status == psutil.CONN_LISTEN}
+                found[process.pid] = {
+                    c.laddr.ip for c in process.net_connections() if c.status == psutil.CONN_LISTEN
+                }
         except (ProcessLookupError, psutil.NoSuchProcess):
             continue
     return {pid: addresses for pid, addresses in found.items() if addresses}
@@ -145,20 +184,33 @@ def _listening(session: int) -> dict[int, set[str]]:
 
 @contextmanager
 def _documented(folder: Path, kind: int, listeners: int = 0) -> Iterator[tuple[str, str]]:
-    """What the commands of a block of docs/sweeps.md said, and the address of their scheduler, while their servers still run.
+    """What the commands of a block of docs/sweeps.md said, and the address of their scheduler,
+    while their servers still run.
 
-    Of these there are to be so many processes. None of them, and not the program that sweeps, ever listens beyond 127.0.0.1.
+    Of these there are to be so many processes. None of them, and not the program that sweeps, ever
+    listens beyond 127.0.0.1.
     """
     port = free_port()
     study, *blocks = re.findall(
-        r"```(?:python)?\n(.*?)```", (ROOT / "docs" / "sweeps.md").read_text().replace("8786", str(port)), re.DOTALL
+        r"```(?:python)?\n(.*?)```",
+        (ROOT / "docs" / "sweeps.md").read_text().replace("8786", str(port)),
+        re.DOTALL,
     )
     (folder / "swings.py").write_text(study)
-    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "DASK_TEMPORARY_DIRECTORY": str(folder)}
+    environment = os.environ | {
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+        "DASK_TEMPORARY_DIRECTORY": str(folder),
+    }
     environment["PYTHONPATH"] = f".:{ROOT}"
     commands = blocks[kind].replace("PYTHONPATH=.", f"PYTHONPATH=.:{ROOT}")
     with (folder / "said").open("w") as out:
-        shell = subprocess.Popen(["bash", "-ec", commands], cwd=folder, env=environment, stdout=out, start_new_session=True)
+        shell = subprocess.Popen(
+            ["bash", "-ec", commands],
+            cwd=folder,
+            env=environment,
+            stdout=out,
+            start_new_session=True,
+        )
     seen: dict[int, set[str]] = {}
     try:
         while shell.poll() is None or (shell.returncode == 0 and len(seen) < listeners):
@@ -188,44 +240,84 @@ def test_the_commands_of_the_documentation_work(local: tuple[str, pa.Table]) -> 
     assert local[0] == f"{_ALL}2048 cases, 0 bad, 0 of them computed just now\n{_COLUMNS}\n"
 
 
-def test_the_documented_cluster_computes_the_same_and_listens_to_nobody_else(local: tuple[str, pa.Table], tmp_path: Path) -> None:
-    with _documented(tmp_path, 1, listeners=5) as (said, _):  # the scheduler, two workers, and a nanny for each
+def test_the_documented_cluster_computes_the_same_and_listens_to_nobody_else(
+    local: tuple[str, pa.Table], tmp_path: Path
+) -> None:
+    # The scheduler, two workers, and a nanny for each.
+    with _documented(tmp_path, 1, listeners=5) as (said, _):
         assert said == _ALL
     assert results(tmp_path / "out" / "periods").equals(local[1])
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="certificates are made by openssl")
-def test_with_tls_only_who_has_a_certificate_can_connect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_with_tls_only_who_has_a_certificate_can_connect(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(cluster, "CONNECTING", 1.0)
     with _documented(tmp_path, 2, listeners=3) as (said, place):
         assert said == _ALL
-        make = "openssl req -x509 -newkey rsa:2048 -nodes -days 1 -subj /CN=stranger -keyout strange.key -out strange.pem"
+        make = (
+            "openssl req -x509 -newkey rsa:2048 -nodes -days 1 -subj /CN=stranger -keyout "
+            "strange.key -out strange.pem"
+        )
         subprocess.run(make.split(), cwd=tmp_path, capture_output=True, check=True)
-        ours, strange, key = (str(tmp_path / name) for name in ("cert.pem", "strange.pem", "strange.key"))
+        ours, strange, key = (
+            str(tmp_path / name) for name in ("cert.pem", "strange.pem", "strange.key")
+        )
         for address, security, says in (
-            (f"tls://{place}", cluster.tls(ours, strange, key), f"No Dask scheduler answers at tls://{place}"),
-            (f"tls://{place}", cluster.tls(strange, strange, key), f"No Dask scheduler answers at tls://{place}"),
-            (f"tls://{place}", None, r"needs certificates for TLS; give them, see docs/sweeps\.md\."),
+            (
+                f"tls://{place}",
+                cluster.tls(ours, strange, key),
+                f"No Dask scheduler answers at tls://{place}",
+            ),
+            (
+                f"tls://{place}",
+                cluster.tls(strange, strange, key),
+                f"No Dask scheduler answers at tls://{place}",
+            ),
+            (
+                f"tls://{place}",
+                None,
+                r"needs certificates for TLS; give them, see docs/sweeps\.md\.",
+            ),
             (f"tcp://{place}", None, f"No Dask scheduler answers at tcp://{place}"),
-            (f"tcp://{place}", cluster.tls(ours, strange, key), r"Certificates have no effect on tcp://.* begins with tls://\."),
+            (
+                f"tcp://{place}",
+                cluster.tls(ours, strange, key),
+                r"Certificates have no effect on tcp://.* begins with tls://\.",
+            ),
         ):
             with pytest.raises(CraneError, match=says):
-                sweep(studies.squares, grid(x=range(4)), tmp_path / "refused", scheduler=address, security=security)
+                sweep(
+                    studies.squares,
+                    grid(x=range(4)),
+                    tmp_path / "refused",
+                    scheduler=address,
+                    security=security,
+                )
             assert not (tmp_path / "refused").exists()
 
 
 def test_certificates_that_cannot_be_used_are_said_in_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "none.pem").write_text("none")
     with pytest.raises(CraneError, match=r"Cannot read .*missing\.pem: there is no such file\."):
-        cluster.tls(str(tmp_path / "none.pem"), str(tmp_path / "none.pem"), str(tmp_path / "missing.pem"))
+        cluster.tls(
+            str(tmp_path / "none.pem"), str(tmp_path / "none.pem"), str(tmp_path / "missing.pem")
+        )
     broken = cluster.tls(*[str(tmp_path / "none.pem")] * 3)
     for security, options, says in (
         (broken, {"scheduler": "tls://127.0.0.1:1"}, "The certificates for TLS cannot be used"),
-        (5, {"scheduler": "tls://127.0.0.1:1"}, r"security is 5; allowed is a distributed\.security\.Security\."),
+        (
+            5,
+            {"scheduler": "tls://127.0.0.1:1"},
+            r"security is 5; allowed is a distributed\.security\.Security\.",
+        ),
         (broken, {}, "Certificates have no effect without a scheduler; give its address, too."),
     ):
         with pytest.raises(CraneError, match=says):
-            sweep(studies.squares, grid(x=range(4)), tmp_path / "sweep", security=security, **options)  # type: ignore[arg-type]
+            sweep(
+                studies.squares, grid(x=range(4)), tmp_path / "sweep", security=security, **options
+            )  # type: ignore[arg-type]
     assert not (tmp_path / "sweep").exists()
 
 
@@ -246,16 +338,25 @@ def _server(answer: Callable[[socket.socket], object]) -> Iterator[str]:
 @pytest.mark.parametrize(
     ("answer", "says"),
     [
-        (lambda to: to.sendall(b"SSH-2.0-OpenSSH_9.2\r\n"), r"what listens there is something else\."),
+        (
+            lambda to: to.sendall(b"SSH-2.0-OpenSSH_9.2\r\n"),
+            r"what listens there is something else\.",
+        ),
         (lambda to: to.close(), r"what listens there is something else\."),
         (lambda to: to.recv(1), r"timed out\."),
     ],
 )
 def test_a_server_that_is_no_scheduler_is_said_in_a_sentence(
-    answer: Callable[[socket.socket], object], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    answer: Callable[[socket.socket], object],
+    says: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(cluster, "CONNECTING", 0.5)
-    with _server(answer) as address, pytest.raises(CraneError, match=rf"No Dask scheduler answers at {address}: {says}"):
+    with (
+        _server(answer) as address,
+        pytest.raises(CraneError, match=rf"No Dask scheduler answers at {address}: {says}"),
+    ):
         sweep(studies.squares, grid(x=range(4)), tmp_path, scheduler=address)
     assert files(tmp_path) == []
 
@@ -263,7 +364,9 @@ def test_a_server_that_is_no_scheduler_is_said_in_a_sentence(
 def test_ctrl_c_is_answered_while_a_scheduler_keeps_silent(tmp_path: Path) -> None:
     """It greets, as one that hangs would, and that is all."""
     with socket.create_server(("127.0.0.1", 0)) as server, ExitStack() as stack:
-        with sweeping(tmp_path / "sweep", tmp_path / "log", 0.1, f"tcp://127.0.0.1:{server.getsockname()[1]}") as process:
+        with sweeping(
+            tmp_path / "sweep", tmp_path / "log", 0.1, f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        ) as process:
             for _ in range(2):  # it looks who is there, then it connects
                 stack.enter_context(server.accept()[0]).sendall((100).to_bytes(8, "little"))
             time.sleep(0.3)
@@ -287,40 +390,75 @@ def test_ctrl_c_is_answered_while_a_scheduler_keeps_silent(tmp_path: Path) -> No
             "tcp://[::1",
             "tcp://127.0.0.1:1/a",
         ),
-        *(f"tcp://{'a' * 300}:1", "tcp://\ud800:1", "tcp://a@127.0.0.1:1", "tcp://127.0.0.1:99999", b"tcp://127.0.0.1:1", "tcp://a..b:1"),
+        *(
+            f"tcp://{'a' * 300}:1",
+            "tcp://\ud800:1",
+            "tcp://a@127.0.0.1:1",
+            "tcp://127.0.0.1:99999",
+            b"tcp://127.0.0.1:1",
+            "tcp://a..b:1",
+        ),
     ],
 )
 def test_what_is_no_address_is_said_in_a_sentence(address: str, tmp_path: Path) -> None:
-    with pytest.raises(CraneError, match=r"The address of a scheduler is .*; allowed is one like tcp://127\.0\.0\.1:8786\."):
+    with pytest.raises(
+        CraneError,
+        match=r"The address of a scheduler is .*; allowed is one like tcp://127\.0\.0\.1:8786\.",
+    ):
         sweep(studies.squares, grid(x=range(4)), tmp_path / "a" / "b", scheduler=address)
     assert files(tmp_path) == []
 
 
-def test_a_scheduler_that_is_not_there_is_said_when_it_had_time_to_come(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_is_not_there_is_said_when_it_had_time_to_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert cluster.CONNECTING <= 5.0
     monkeypatch.setattr(cluster, "CONNECTING", 0.5)
     began = time.monotonic()
-    with pytest.raises(CraneError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:1: Connection refused\."):
+    with pytest.raises(
+        CraneError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:1: Connection refused\."
+    ):
         sweep(studies.squares, grid(x=range(4)), tmp_path, scheduler="tcp://127.0.0.1:1")
     assert 0.5 < time.monotonic() - began < 5.0  # half a second of waiting, and the import of Dask
 
 
-def test_a_name_that_is_looked_up_for_ever_is_said_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_name_that_is_looked_up_for_ever_is_said_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(cluster, "CONNECTING", 0.2)
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: time.sleep(30) or [])
     began = time.monotonic()
-    with pytest.raises(CraneError, match=r"No Dask scheduler answers at tcp://far\.example:8786: timed out\."):
-        sweep(studies.squares, grid(x=range(4)), tmp_path / "sweep", scheduler="tcp://far.example:8786")
+    with pytest.raises(
+        CraneError, match=r"No Dask scheduler answers at tcp://far\.example:8786: timed out\."
+    ):
+        sweep(
+            studies.squares,
+            grid(x=range(4)),
+            tmp_path / "sweep",
+            scheduler="tcp://far.example:8786",
+        )
     assert time.monotonic() - began < 10.0
 
 
 def test_without_dask_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(CraneError, match=r"needs Dask; install it with: pip install 'cranedyn\[dask\]'"):
+    with pytest.raises(
+        CraneError, match=r"needs Dask; install it with: pip install 'cranedyn\[dask\]'"
+    ):
         sweep(studies.squares, grid(x=range(4)), tmp_path, scheduler="tcp://127.0.0.1:1")
 
 
 def test_sweeping_on_local_cores_imports_no_dask() -> None:
-    script = "import sys, cranedyn.sweep; print([name for name in sys.modules if name.split('.')[0] in ('dask', 'distributed', 'scipy')])"
-    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=30, cwd=ROOT, check=True)
+    script = (
+        "import sys, cranedyn.sweep; print([name for name in sys.modules if "
+        "name.split('.')[0] in ('dask', 'distributed', 'scipy')])"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        cwd=ROOT,
+        check=True,
+    )
     assert run.stdout == "[]\n"

@@ -1,4 +1,6 @@
-"""Designs: every combination once, boxes filled evenly, the same seed the same points, and a sentence for what is no design."""
+"""Designs: every combination once, boxes filled evenly, the same seed the same points, and a
+sentence for what is no design.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +23,14 @@ _grids = st.dictionaries(_names, _numbers | _words, min_size=1, max_size=3)
 
 
 @given(_grids)
-def test_a_grid_is_the_product_of_its_values_the_last_changing_fastest(values: dict[str, list]) -> None:
+def test_a_grid_is_the_product_of_its_values_the_last_changing_fastest(
+    values: dict[str, list],
+) -> None:
     design = grid(**values)
     assert list(design.columns) == list(values)
-    assert list(zip(*design.columns.values(), strict=True)) == list(itertools.product(*values.values()))
+    assert list(zip(*design.columns.values(), strict=True)) == list(
+        itertools.product(*values.values())
+    )
 
 
 @given(_grids, _grids)
@@ -40,14 +46,25 @@ def test_one_value_is_shared_by_all_cases_and_whole_numbers_are_numbers() -> Non
     design = grid(strategy="flat", mass=range(3), seed=np.arange(2), on=True)
     assert len(design) == 6
     assert set(design.columns["strategy"]) == {"flat"}
-    assert {name: values.dtype.kind for name, values in design.columns.items()} == {"strategy": "U", "mass": "f", "seed": "f", "on": "f"}
+    assert {name: values.dtype.kind for name, values in design.columns.items()} == {
+        "strategy": "U",
+        "mass": "f",
+        "seed": "f",
+        "on": "f",
+    }
 
 
-_boxes = st.dictionaries(_names, st.tuples(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3)), min_size=1, max_size=4)
+_boxes = st.dictionaries(
+    _names, st.tuples(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3)), min_size=1, max_size=4
+)
 
 
-@given(_boxes, st.integers(1, 70), st.integers(0, 1000), st.sampled_from(["sobol", "latin hypercube"]))
-def test_samples_stay_in_their_box_and_come_again_from_their_seed(box: dict[str, tuple], count: int, seed: int, method: str) -> None:
+@given(
+    _boxes, st.integers(1, 70), st.integers(0, 1000), st.sampled_from(["sobol", "latin hypercube"])
+)
+def test_samples_stay_in_their_box_and_come_again_from_their_seed(
+    box: dict[str, tuple], count: int, seed: int, method: str
+) -> None:
     ranges = {name: (low, low + width) for name, (low, width) in box.items()}
     design = sampled(count, seed=seed, method=method, **ranges)
     assert len(design) == count
@@ -57,18 +74,26 @@ def test_samples_stay_in_their_box_and_come_again_from_their_seed(box: dict[str,
     assert design.fingerprint != sampled(count, seed=seed + 1, method=method, **ranges).fingerprint
 
 
-@pytest.mark.parametrize(("count", "method"), [(37, "latin hypercube"), (64, "latin hypercube"), (64, "sobol")])
+@pytest.mark.parametrize(
+    ("count", "method"), [(37, "latin hypercube"), (64, "latin hypercube"), (64, "sobol")]
+)
 def test_every_slice_of_every_range_has_one_point(count: int, method: str) -> None:
     design = sampled(count, seed=3, method=method, a=(0.0, 1.0), b=(-2.0, 6.0), c=(10.0, 11.0))
-    for values, low, width in zip(design.columns.values(), (0.0, -2.0, 10.0), (1.0, 8.0, 1.0), strict=True):
+    for values, low, width in zip(
+        design.columns.values(), (0.0, -2.0, 10.0), (1.0, 8.0, 1.0), strict=True
+    ):
         assert_array_equal(np.sort(np.floor((values - low) / width * count)), np.arange(count))
 
 
 def test_sobol_points_are_one_in_each_box_of_a_power_of_two() -> None:
-    """A (0, m, 2)-net in base 2 (Sobol 1967): so it is for every division of 64 boxes into rows and columns."""
+    """A (0, m, 2)-net in base 2 (Sobol 1967): so it is for every division of 64 boxes into rows and
+    columns.
+    """
     design = sampled(64, seed=5, a=(0.0, 1.0), b=(0.0, 1.0))
     for rows in (1, 2, 4, 8, 16, 32, 64):
-        boxes = np.floor(design.columns["a"] * rows) * 64 + np.floor(design.columns["b"] * (64 // rows))
+        boxes = np.floor(design.columns["a"] * rows) * 64 + np.floor(
+            design.columns["b"] * (64 // rows)
+        )
         assert len(set(boxes)) == 64
 
 
@@ -105,28 +130,73 @@ def test_a_fingerprint_tells_names_values_and_order_apart() -> None:
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: grid(), "A design needs columns of one length, with a case at least; there is no column."),
-        (lambda: grid(a=[1.0], b=[]), "A design needs columns of one length, with a case at least; b has 0."),
-        (lambda: Design({"a": np.zeros(2), "b": np.zeros(3)}), "of one length, with a case at least; a has 2, b has 3."),
-        (lambda: grid(case=[1.0]), "A parameter cannot be called 'case'; allowed is any word but case and error."),
+        (
+            lambda: grid(),
+            "A design needs columns of one length, with a case at least; there is no column.",
+        ),
+        (
+            lambda: grid(a=[1.0], b=[]),
+            "A design needs columns of one length, with a case at least; b has 0.",
+        ),
+        (
+            lambda: Design({"a": np.zeros(2), "b": np.zeros(3)}),
+            "of one length, with a case at least; a has 2, b has 3.",
+        ),
+        (
+            lambda: grid(case=[1.0]),
+            "A parameter cannot be called 'case'; allowed is any word but case and error.",
+        ),
         (lambda: Design({"": np.zeros(2)}), "A parameter cannot be called ''"),
         (lambda: grid(a=[1.0, math.nan]), "a is nan; allowed is a finite number."),
-        (lambda: grid(a=np.array([1.0, math.inf])), "a of case 1 is inf; allowed is a finite number."),
+        (
+            lambda: grid(a=np.array([1.0, math.inf])),
+            "a of case 1 is inf; allowed is a finite number.",
+        ),
         (lambda: grid(a=[1.0, "x"]), "column a is of numbers and words; allowed is one of them."),
         (lambda: grid(a=[[1.0]]), r"a is \[1.0\]; allowed is a number."),
-        (lambda: grid(a=np.zeros((2, 2))), r"shape of a is \(2, 2\); allowed is one row of values."),
+        (
+            lambda: grid(a=np.zeros((2, 2))),
+            r"shape of a is \(2, 2\); allowed is one row of values.",
+        ),
         (lambda: grid(a=["x", ""]), "a value of a is ''; allowed is a number or a printable word."),
-        (lambda: grid(a=["x\n"]), "a value of a is 'x.n'; allowed is a number or a printable word."),
+        (
+            lambda: grid(a=["x\n"]),
+            "a value of a is 'x.n'; allowed is a number or a printable word.",
+        ),
         (lambda: sampled(4, seed=1), "there is no column"),
-        (lambda: sampled(0, seed=1, a=(0, 1)), "number of points is 0; allowed is a whole number from 1 to 1073741824."),
-        (lambda: sampled(2.5, seed=1, a=(0, 1)), "number of points is 2.5; allowed is a whole number from 1"),
+        (
+            lambda: sampled(0, seed=1, a=(0, 1)),
+            "number of points is 0; allowed is a whole number from 1 to 1073741824.",
+        ),
+        (
+            lambda: sampled(2.5, seed=1, a=(0, 1)),
+            "number of points is 2.5; allowed is a whole number from 1",
+        ),
         (lambda: sampled(4, seed=-1, a=(0, 1)), "seed is -1; allowed is a whole number from 0."),
-        (lambda: sampled(4, seed=1, method="halton", a=(0, 1)), "no method of sampling 'halton'; there are sobol, latin hypercube."),
-        (lambda: sampled(4, seed=1, a=(1, 0)), "range of a is 1 to 0; allowed is two numbers, the smaller first."),
-        (lambda: sampled(4, seed=1, a=(1, 1)), "range of a is 1 to 1; allowed is two numbers, the smaller first."),
-        (lambda: sampled(4, seed=1, a=3), "range of a is 3; allowed is two numbers, the smaller first."),
-        (lambda: sampled(4, seed=1, a=(0, math.inf)), "largest a is inf; allowed is a finite number."),
-        (lambda: sampled(4, seed=1, a=(-1e308, 1e308)), "range of a is -1e.308 to 1e.308; allowed is two numbers"),
+        (
+            lambda: sampled(4, seed=1, method="halton", a=(0, 1)),
+            "no method of sampling 'halton'; there are sobol, latin hypercube.",
+        ),
+        (
+            lambda: sampled(4, seed=1, a=(1, 0)),
+            "range of a is 1 to 0; allowed is two numbers, the smaller first.",
+        ),
+        (
+            lambda: sampled(4, seed=1, a=(1, 1)),
+            "range of a is 1 to 1; allowed is two numbers, the smaller first.",
+        ),
+        (
+            lambda: sampled(4, seed=1, a=3),
+            "range of a is 3; allowed is two numbers, the smaller first.",
+        ),
+        (
+            lambda: sampled(4, seed=1, a=(0, math.inf)),
+            "largest a is inf; allowed is a finite number.",
+        ),
+        (
+            lambda: sampled(4, seed=1, a=(-1e308, 1e308)),
+            "range of a is -1e.308 to 1e.308; allowed is two numbers",
+        ),
         (lambda: sampled(4, seed=1, a=(0, "x")), "largest a is x; allowed is a number."),
     ],
 )
@@ -135,12 +205,20 @@ def test_what_is_no_design_is_said_in_a_sentence(make: object, says: str) -> Non
         make()  # type: ignore[operator]
 
 
-def test_a_design_that_would_not_fit_the_memory_is_refused_before_it_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_design_that_would_not_fit_the_memory_is_refused_before_it_is_made(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     many = range(1000)
-    with pytest.raises(CraneError, match=r"A design of 1000000000000 cases would take 3\.2e\+04 GB of memory; allowed are "):
+    with pytest.raises(
+        CraneError,
+        match=r"A design of 1000000000000 cases would take 3\.2e\+04 GB of memory; allowed are ",
+    ):
         grid(a=many, b=many, c=many, d=many)
     with pytest.raises(CraneError, match="A design of 1073741824 cases would take"):
         sampled(2**30, seed=1, **{f"x{i}": (0, 1) for i in range(2000)})
     monkeypatch.setattr(limits, "memory", lambda: 8 * 99)
-    with pytest.raises(CraneError, match=r"A design of 100 cases would take 8e-07 GB of memory; allowed are 7\.92e-07 GB"):
+    with pytest.raises(
+        CraneError,
+        match=r"A design of 100 cases would take 8e-07 GB of memory; allowed are 7\.92e-07 GB",
+    ):
         sampled(100, seed=1, method="latin hypercube", a=(0.0, 1.0))

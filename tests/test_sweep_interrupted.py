@@ -1,4 +1,6 @@
-"""Sweeps that are killed, interrupted or left by their workers: nothing that was done is lost, and nothing is done twice."""
+"""Sweeps that are killed, interrupted or left by their workers: nothing that was done is lost, and
+nothing is done twice.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ from tests import studies
 
 def main():
     where = {"scheduler": sys.argv[4]} if sys.argv[4:] else {"workers": 2}
-    sweep(studies.logged, grid(x=range(int(sys.argv[2]))), sys.argv[1], chunk=int(sys.argv[3]), **where)
+    design = grid(x=range(int(sys.argv[2])))
+    sweep(studies.logged, design, sys.argv[1], chunk=int(sys.argv[3]), **where)
     return 0
 
 if __name__ == "__main__":
@@ -47,8 +50,12 @@ def until(holds: Callable[[], object], seconds: float = 30.0) -> None:
 
 
 @contextmanager
-def sweeping(folder: Path, log: Path, pause: float = 0.1, *scheduler: str) -> Iterator[subprocess.Popen[str]]:
-    """A slow sweep in a process of its own, in a group of its own as a terminal would have it; ended in any case."""
+def sweeping(
+    folder: Path, log: Path, pause: float = 0.1, *scheduler: str
+) -> Iterator[subprocess.Popen[str]]:
+    """A slow sweep in a process of its own, in a group of its own as a terminal would have it;
+    ended in any case.
+    """
     script = log.with_name("slow.py")
     script.write_text(_SWEEP)
     process = subprocess.Popen(
@@ -56,7 +63,8 @@ def sweeping(folder: Path, log: Path, pause: float = 0.1, *scheduler: str) -> It
         stderr=subprocess.PIPE,
         text=True,
         cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT), "SWEEP_LOG": str(log), "SWEEP_PAUSE": str(pause)},
+        env=os.environ
+        | {"PYTHONPATH": str(ROOT), "SWEEP_LOG": str(log), "SWEEP_PAUSE": str(pause)},
         start_new_session=True,
     )
     try:
@@ -70,7 +78,9 @@ def sweeping(folder: Path, log: Path, pause: float = 0.1, *scheduler: str) -> It
 
 
 def answered(process: subprocess.Popen[str]) -> str:
-    """What a sweep that has just been interrupted says, within 2 s; a machine with much else to do may end the program somewhat later."""
+    """What a sweep that has just been interrupted says, within 2 s; a machine with much else to do
+    may end the program somewhat later.
+    """
     assert process.stderr is not None
     assert select.select([process.stderr], [], [], 2.0)[0], "it did not answer"
     return process.communicate(timeout=6)[1]
@@ -89,11 +99,17 @@ def ran(log: Path) -> tuple[Counter[int], set[int]]:
 
 def gone(pids: set[int]) -> bool:
     """Whether none of these processes runs any more."""
-    return not any(Path(f"/proc/{pid}").exists() and "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text() for pid in pids)
+    return not any(
+        Path(f"/proc/{pid}").exists()
+        and "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+        for pid in pids
+    )
 
 
 def finish(folder: Path, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sweep on, here; every case is there once, and none of a part that was there has been run again."""
+    """Sweep on, here; every case is there once, and none of a part that was there has been run
+    again.
+    """
     there = parts(folder)
     kept = {CHUNK * int(name[5:11]) + i for name in there for i in range(CHUNK)}
     monkeypatch.setenv("SWEEP_LOG", str(log))
@@ -108,11 +124,15 @@ def finish(folder: Path, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(1 <= runs[x] <= 2 for x in range(CASES))  # twice only those that were under way
     assert sum(runs.values()) <= CASES + 2 * CHUNK  # two chunks at most
     assert parts(folder).items() >= there.items()  # not even written again
-    assert all(name in (".lock", "_sweep.json") or name.startswith("part-") for name in files(folder))
+    assert all(
+        name in (".lock", "_sweep.json") or name.startswith("part-") for name in files(folder)
+    )
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are looked up in /proc")
-def test_a_sweep_killed_in_the_middle_goes_on_and_leaves_no_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sweep_killed_in_the_middle_goes_on_and_leaves_no_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder, log = tmp_path / "sweep", tmp_path / "log"
     with sweeping(folder, log) as process:
         until(lambda: len(parts(folder)) >= 3)
@@ -126,7 +146,9 @@ def test_a_sweep_killed_in_the_middle_goes_on_and_leaves_no_process(tmp_path: Pa
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="processes are looked up in /proc")
-def test_a_sweep_that_is_killed_takes_its_workers_along_in_the_middle_of_a_chunk(tmp_path: Path) -> None:
+def test_a_sweep_that_is_killed_takes_its_workers_along_in_the_middle_of_a_chunk(
+    tmp_path: Path,
+) -> None:
     with sweeping(tmp_path / "sweep", tmp_path / "log", pause=50.0) as process:
         until(lambda: len(ran(tmp_path / "log")[1]) == 2)
         os.kill(process.pid, signal.SIGKILL)
@@ -135,7 +157,9 @@ def test_a_sweep_that_is_killed_takes_its_workers_along_in_the_middle_of_a_chunk
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_sweep_says_how_to_go_on(number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_sweep_says_how_to_go_on(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder, log = tmp_path / "sweep", tmp_path / "log"
     with sweeping(folder, log, pause=0.3) as process:
         until(lambda: len(parts(folder)) >= 2)
@@ -145,13 +169,19 @@ def test_an_interrupted_sweep_says_how_to_go_on(number: signal.Signals, tmp_path
             process.send_signal(number)
         err = answered(process)
     done = CHUNK * len(parts(folder))
-    assert err == f"Interrupted: {done} of {CASES} cases are done, and kept in {folder}; the same sweep goes on from there.\n"
+    assert (
+        err
+        == f"Interrupted: {done} of {CASES} cases are done, and kept in {folder}; the same sweep "
+        "goes on from there.\n"
+    )
     assert process.returncode == 130
     assert gone(ran(log)[1])
     finish(folder, log, monkeypatch)
 
 
-def test_an_interruption_while_workers_start_is_as_quiet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interruption_while_workers_start_is_as_quiet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder, log = tmp_path / "sweep", tmp_path / "log"
     with sweeping(folder, log) as process:
         until(lambda: (folder / "_sweep.json").exists())
@@ -170,7 +200,10 @@ def test_two_processes_never_sweep_the_same_folder(tmp_path: Path) -> None:
         (tmp_path / "b").mkdir()
         with sweeping(folder, tmp_path / "b" / "log") as other:
             _, err = other.communicate(timeout=30)
-        assert (other.returncode, err) == (2, f"error: Cannot sweep in {folder}: another process is sweeping there.\n")
+        assert (other.returncode, err) == (
+            2,
+            f"error: Cannot sweep in {folder}: another process is sweeping there.\n",
+        )
         assert one.poll() is None
 
 
@@ -199,5 +232,9 @@ def test_a_script_that_sweeps_while_it_is_imported_is_told_how_not_to(tmp_path: 
     (tmp_path / "careless.py").write_text(_UNGUARDED)
     command = [sys.executable, str(tmp_path / "careless.py"), str(tmp_path / "sweep")]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    run = subprocess.run(command, capture_output=True, text=True, timeout=30, env=environment, check=False)
-    assert run.stderr.splitlines()[-1].endswith("before it began; a script that sweeps must do so under if __name__ == '__main__'.")
+    run = subprocess.run(
+        command, capture_output=True, text=True, timeout=30, env=environment, check=False
+    )
+    assert run.stderr.splitlines()[-1].endswith(
+        "before it began; a script that sweeps must do so under if __name__ == '__main__'."
+    )

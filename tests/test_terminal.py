@@ -15,7 +15,11 @@ from experiments.harness.outcome import Claim, Outcome, Table, show
 from experiments.harness.terminal import blocks
 
 HEADS = st.lists(
-    st.sampled_from(["l [m]", "T [s]", "at arrival [mrad]", "hoist compliance", "ζ", "art.", "F_x [N]"]), min_size=1, max_size=14
+    st.sampled_from(
+        ["l [m]", "T [s]", "at arrival [mrad]", "hoist compliance", "ζ", "art.", "F_x [N]"]
+    ),
+    min_size=1,
+    max_size=14,
 )
 
 
@@ -25,7 +29,12 @@ def tables(draw: st.DrawFn) -> Table:
     heads, count = draw(HEADS), draw(st.integers(1, 6))
     number = st.floats(-1e6, 1e6) | st.none()
     rows = [[f"strategy {i} with words", *(draw(number) for _ in heads)] for i in range(count)]
-    return Table("A title", [("strategy", ""), *((head, ".6g") for head in heads)], rows, "A note of some words. " * 4)
+    return Table(
+        "A title",
+        [("strategy", ""), *((head, ".6g") for head in heads)],
+        rows,
+        "A note of some words. " * 4,
+    )
 
 
 def printed(table: Table, width: int) -> str:
@@ -57,7 +66,11 @@ def test_a_table_that_fits_is_one_block_and_stays_upright() -> None:
 
 
 def test_a_table_with_few_rows_and_many_columns_is_turned() -> None:
-    table = Table("t", [("l [m]", "g"), *((f"quantity {i}", ".4f") for i in range(12))], [[5.0, *[1.0] * 12], [10.0, *[2.0] * 12]])
+    table = Table(
+        "t",
+        [("l [m]", "g"), *((f"quantity {i}", ".4f") for i in range(12))],
+        [[5.0, *[1.0] * 12], [10.0, *[2.0] * 12]],
+    )
     (part,) = blocks(table, 80)
     assert [column.header.plain for column in part.columns] == ["l [m]", "5", "10"]
     assert part.row_count == 12
@@ -68,7 +81,9 @@ def test_rows_that_two_columns_tell_apart_keep_both_in_every_block() -> None:
     table = Table("t", columns, [[15.0, 3e5, *[0.1] * 12], [15.0, 3e4, *[0.2] * 12]])
     parts = list(blocks(table, 80))
     assert len(parts) > 1
-    assert all([column.header.plain for column in part.columns[:2]] == ["l [m]", "k_p"] for part in parts)
+    assert all(
+        [column.header.plain for column in part.columns[:2]] == ["l [m]", "k_p"] for part in parts
+    )
     assert [bool(part.title) for part in parts] == [True, *[False] * (len(parts) - 1)]
 
 
@@ -76,7 +91,9 @@ def test_without_a_terminal_a_claim_is_one_line_and_columns_are_80(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("COLUMNS", raising=False)
-    table = Table("t", [("a", ""), *((f"number {i}", ".6f") for i in range(14))], [("x", *[1.0] * 14)] * 20)
+    table = Table(
+        "t", [("a", ""), *((f"number {i}", ".6f") for i in range(14))], [("x", *[1.0] * 14)] * 20
+    )
     show(Outcome([table], [Claim("A long sentence. " * 12, True)]))
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines[:-2])) <= 80
@@ -86,7 +103,9 @@ def test_without_a_terminal_a_claim_is_one_line_and_columns_are_80(
     assert max(map(len, capsys.readouterr().out.splitlines())) > 150
 
 
-def test_a_long_run_says_a_line_now_and_then_and_a_short_one_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_long_run_says_a_line_now_and_then_and_a_short_one_nothing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     now = 0.0
     lines = Lines(lambda: now)
     told = lines.run("l = 5 m", 70.0)
@@ -94,7 +113,10 @@ def test_a_long_run_says_a_line_now_and_then_and_a_short_one_nothing(capsys: pyt
         now = 0.1 * k
         told(now)
     told_by = next(0.1 * k for k in range(300) if 0.1 * k >= EVERY)
-    assert capsys.readouterr().err.splitlines() == [f"l = 5 m: {told_by:.1f} of 70 s", "l = 5 m: 20.0 of 70 s"]
+    assert capsys.readouterr().err.splitlines() == [
+        f"l = 5 m: {told_by:.1f} of 70 s",
+        "l = 5 m: 20.0 of 70 s",
+    ]
     lines.count("cases", 7)(3)
     assert capsys.readouterr().err == ""
     now = 1000.0

@@ -1,4 +1,6 @@
-"""The closed forms, against numerical integration, series and tables: theory must not be tested by what it is there to test."""
+"""The closed forms, against numerical integration, series and tables: theory must not be tested by
+what it is there to test.
+"""
 
 from __future__ import annotations
 
@@ -31,35 +33,52 @@ def _crossings(t: np.ndarray, y: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def test_the_period_of_a_point_load_is_the_published() -> None:
     # the article's column, three decimals
-    assert_allclose(theory.point_period(np.array([5.0, 10.0, 15.0, 20.0]), 9.80665), [4.487, 6.345, 7.771, 8.973], atol=6e-4)
+    assert_allclose(
+        theory.point_period(np.array([5.0, 10.0, 15.0, 20.0]), 9.80665),
+        [4.487, 6.345, 7.771, 8.973],
+        atol=6e-4,
+    )
 
 
 def test_the_period_of_a_rigid_load_is_the_published() -> None:
-    found = [theory.rigid_period(length, 9.80665, 1000.0, 400.0) for length in (5.0, 10.0, 15.0, 20.0)]
+    found = [
+        theory.rigid_period(length, 9.80665, 1000.0, 400.0) for length in (5.0, 10.0, 15.0, 20.0)
+    ]
     assert_allclose(found, [4.522, 6.358, 7.778, 8.978], atol=6e-4)  # three decimals
-    assert theory.rigid_period(7.0, G, 3.0, 0.0) == pytest.approx(theory.point_period(7.0, G), rel=1e-15)
+    assert theory.rigid_period(7.0, G, 3.0, 0.0) == pytest.approx(
+        theory.point_period(7.0, G), rel=1e-15
+    )
 
 
 @given(st.floats(1e-3, 3.0))
-def test_the_factor_of_finite_amplitude_is_that_of_the_arithmetic_geometric_mean(amplitude: float) -> None:
+def test_the_factor_of_finite_amplitude_is_that_of_the_arithmetic_geometric_mean(
+    amplitude: float,
+) -> None:
     expected = pendulum_period(1.0, 1.0, amplitude) / (2.0 * math.pi)
     assert theory.amplitude_factor(amplitude) == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_factor_of_finite_amplitude_begins_as_its_series() -> None:
     a = 0.1
-    assert theory.amplitude_factor(a) == pytest.approx(1 + a**2 / 16 + 11 * a**4 / 3072 + 173 * a**6 / 737280, abs=1e-12)  # next a⁸/1e4
+    # Next a⁸/1e4.
+    assert theory.amplitude_factor(a) == pytest.approx(
+        1 + a**2 / 16 + 11 * a**4 / 3072 + 173 * a**6 / 737280, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("length", [5.0, 20.0])
 @pytest.mark.parametrize(("stiffness", "damping"), [(3e5, 5e4), (3e5, 0.0), (3e4, 1.2e4)])
-def test_the_give_of_the_pivot_is_the_eigenvalue_of_trolley_and_load(length: float, stiffness: float, damping: float) -> None:
+def test_the_give_of_the_pivot_is_the_eigenvalue_of_trolley_and_load(
+    length: float, stiffness: float, damping: float
+) -> None:
     m, trolley = 1000.0, 600.0
     # trolley x, lag φ: M ẍ + k_d ẋ + k_p x = -m g φ, l φ̈ + g φ = ẍ
     mass = np.array([[trolley, 0.0], [-1.0, length]])
     spring, damper = np.array([[stiffness, m * G], [0.0, G]]), np.diag([damping, 0.0])
     inverse = np.linalg.inv(mass)
-    values = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ spring, -inverse @ damper]]))
+    values = np.linalg.eigvals(
+        np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ spring, -inverse @ damper]])
+    )
     value = min(values[values.imag > 1e-3], key=lambda v: abs(v - 1j * math.sqrt(G / length)))
     gain = 2.0 * math.pi / abs(value) / float(theory.point_period(length, G)) - 1.0
     found = theory.pivot_compliance(length, G, m, stiffness, damping, trolley)
@@ -69,7 +88,9 @@ def test_the_give_of_the_pivot_is_the_eigenvalue_of_trolley_and_load(length: flo
     assert found[1] == pytest.approx(-value.real / abs(value), abs=4.0 * first**2)
 
 
-@pytest.mark.parametrize(("length", "percent"), [(5.0, 0.33), (10.0, 0.16), (15.0, 0.11), (20.0, 0.08)])
+@pytest.mark.parametrize(
+    ("length", "percent"), [(5.0, 0.33), (10.0, 0.16), (15.0, 0.11), (20.0, 0.08)]
+)
 def test_the_give_of_a_spring_is_the_published(length: float, percent: float) -> None:
     gain, ratio = theory.pivot_compliance(length, 9.80665, 1000.0, 3e5)
     assert 100.0 * gain == pytest.approx(percent, abs=5e-3)  # two decimals
@@ -77,7 +98,9 @@ def test_the_give_of_a_spring_is_the_published(length: float, percent: float) ->
 
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(3e4, 2e4), (1e5, 1e3)])
-def test_the_give_of_the_hoist_is_that_of_an_elastic_pendulum(stiffness: float, damping: float) -> None:
+def test_the_give_of_the_hoist_is_that_of_an_elastic_pendulum(
+    stiffness: float, damping: float
+) -> None:
     m, length, amplitude = 1000.0, 10.0, 0.1
     omega, turns = math.sqrt(G / length), 20
 
@@ -105,16 +128,29 @@ def test_the_give_of_the_hoist_is_that_of_an_elastic_pendulum(stiffness: float, 
     assert decay == pytest.approx(ratio, rel=0.02)
 
 
-@pytest.mark.parametrize(("length", "rate", "expected"), [(10.0, 0.5, -0.0169789144434), (40.0, -0.8, -0.106873470578)])
-def test_constant_hoisting_has_the_tabulated_values(length: float, rate: float, expected: float) -> None:
-    assert theory.constant_hoisting(np.array([40.0]), length, rate, G, 0.05, 0.0)[0] == pytest.approx(expected, rel=1e-11)  # digits given
+@pytest.mark.parametrize(
+    ("length", "rate", "expected"), [(10.0, 0.5, -0.0169789144434), (40.0, -0.8, -0.106873470578)]
+)
+def test_constant_hoisting_has_the_tabulated_values(
+    length: float, rate: float, expected: float
+) -> None:
+    # Digits given.
+    assert theory.constant_hoisting(np.array([40.0]), length, rate, G, 0.05, 0.0)[
+        0
+    ] == pytest.approx(expected, rel=1e-11)
 
 
 @pytest.mark.parametrize(("length", "rate"), [(10.0, 0.5), (20.0, -0.5)])
-def test_constant_hoisting_solves_its_equation_and_its_envelope_encloses_it(length: float, rate: float) -> None:
+def test_constant_hoisting_solves_its_equation_and_its_envelope_encloses_it(
+    length: float, rate: float
+) -> None:
     times = np.linspace(0.0, 20.0, 4001)
     swing, swing_rate = 0.04, -0.03
-    expected = _solve(lambda t, y: [y[1], -(2 * rate * y[1] + G * y[0]) / (length + rate * t)], [swing, swing_rate], times)[0]
+    expected = _solve(
+        lambda t, y: [y[1], -(2 * rate * y[1] + G * y[0]) / (length + rate * t)],
+        [swing, swing_rate],
+        times,
+    )[0]
     found = theory.constant_hoisting(times, length, rate, G, swing, swing_rate)
     assert_allclose(found, expected, atol=1e-11)  # the integration's 1e-12
     envelope = theory.constant_hoisting_envelope(times, length, rate, G, swing, swing_rate)
@@ -131,11 +167,14 @@ def test_the_bessel_envelope_of_slow_hoisting_is_the_adiabatic_law() -> None:
     assert a[1] / a[0] == pytest.approx((8.0 / 20.0) ** -0.75, rel=1e-4)  # (v/ω l)² = 1e-5
 
 
-# --- swing with the drives moving --------------------------------------------------------------------------------------------------
+# --- swing with the drives moving
+# --------------------------------------------------------------------------------------------------
 
 
 @given(states, accelerations)
-def test_small_swing_is_the_limit_of_the_full_equations(state: State, excitation: np.ndarray) -> None:
+def test_small_swing_is_the_limit_of_the_full_equations(
+    state: State, excitation: np.ndarray
+) -> None:
     c, size = big_crane(), 1e-4
     q, v = state.q.copy(), state.v.copy()
     q[2:4] *= size
@@ -153,30 +192,55 @@ def test_small_swing_is_the_limit_of_the_full_equations(state: State, excitation
         slew_acceleration=excitation[0],
     )
     full = dynamics.prescribed_acceleration(c, State(q, v), excitation)[0][2:4]
-    # what is dropped is of second order in the swing, and φ tan θ times pushes of up to 5 m/s² over 3.4 m
+    # what is dropped is of second order in the swing, and φ tan θ times pushes of up to 5 m/s² over
+    # 3.4 m
     assert_allclose(found, full, atol=20.0 * size**2)
 
 
 def test_the_papers_equation_is_small_swing_without_rates() -> None:
     still = dict(length_rate=0.0, x_rate=0.0, x_acceleration=0.0, slew_rate=0.0)
-    found = theory.small_swing(np.array([0.0, 0.03]), np.zeros(2), length=15.0, gravity=G, x=20.0, slew_acceleration=0.01, **still)
-    assert theory.tangential_paper(0.03, length=15.0, gravity=G, excitation=20.0 * 0.01) == pytest.approx(found[1], rel=1e-14)
+    found = theory.small_swing(
+        np.array([0.0, 0.03]),
+        np.zeros(2),
+        length=15.0,
+        gravity=G,
+        x=20.0,
+        slew_acceleration=0.01,
+        **still,
+    )
+    assert theory.tangential_paper(
+        0.03, length=15.0, gravity=G, excitation=20.0 * 0.01
+    ) == pytest.approx(found[1], rel=1e-14)
     # positive when the load lags: at rest on θ = x γ̈/g
-    assert theory.tangential_paper(20.0 * 0.01 / G, length=15.0, gravity=G, excitation=0.2) == pytest.approx(0.0, abs=1e-16)
+    assert theory.tangential_paper(
+        20.0 * 0.01 / G, length=15.0, gravity=G, excitation=0.2
+    ) == pytest.approx(0.0, abs=1e-16)
 
 
-def test_the_papers_radial_equation_is_small_swing_on_a_jib_that_stands_and_a_cable_that_rests() -> None:
+def test_the_papers_radial_equation_is_small_swing_where_jib_and_cable_rest() -> None:
     still = dict(length_rate=0.0, x_rate=0.3, slew_rate=0.0, slew_acceleration=0.0)
-    found = theory.small_swing(np.array([0.02, 0.0]), np.array([0.1, 0.0]), length=15.0, gravity=G, x=20.0, x_acceleration=0.4, **still)
-    assert theory.radial_paper(0.02, length=15.0, gravity=G, excitation=0.4) == pytest.approx(found[0], rel=1e-14)
+    found = theory.small_swing(
+        np.array([0.02, 0.0]),
+        np.array([0.1, 0.0]),
+        length=15.0,
+        gravity=G,
+        x=20.0,
+        x_acceleration=0.4,
+        **still,
+    )
+    assert theory.radial_paper(0.02, length=15.0, gravity=G, excitation=0.4) == pytest.approx(
+        found[0], rel=1e-14
+    )
 
 
-# --- slow hoisting -----------------------------------------------------------------------------------------------------------------
+# --- slow hoisting --------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_a_small_swing_grows_with_the_three_quarter_power() -> None:
     found = theory.adiabatic_amplitude(np.array([20.0, 12.0, 5.0]), 20.0, 1e-3)
-    assert_allclose(found, 1e-3 * np.array([1.0, 0.6, 0.25]) ** -0.75, rtol=1e-6)  # the next order is amplitude², 8e-6 at 5 m / 16
+    # The next order is amplitude², 8e-6 at 5 m / 16.
+    assert_allclose(found, 1e-3 * np.array([1.0, 0.6, 0.25]) ** -0.75, rtol=1e-6)
 
 
 @pytest.mark.parametrize("amplitude", [1.0, 1.5])
@@ -188,20 +252,29 @@ def test_a_large_swing_keeps_its_action_when_the_cable_runs_slowly(amplitude: fl
 
     duration = (target - length) / rate
     times = np.linspace(0.0, duration, 120001)
-    phi, _ = solve_ivp(rates, (0.0, duration), [amplitude, 0.0], "DOP853", times, rtol=1e-9, atol=1e-10).y
+    phi, _ = solve_ivp(
+        rates, (0.0, duration), [amplitude, 0.0], "DOP853", times, rtol=1e-9, atol=1e-10
+    ).y
     last = np.abs(phi[-2000:]).max()
     at = length + rate * times[-2000 + int(np.abs(phi[-2000:]).argmax())]
-    # the hoisting speed over that of the swing, ε = v/(ω l) = 1e-3: amplitudes at the turning points are off by about ε
-    assert last == pytest.approx(float(theory.adiabatic_amplitude(np.array([at]), length, amplitude)[0]), rel=1e-3)
+    # the hoisting speed over that of the swing, ε = v/(ω l) = 1e-3: amplitudes at the turning
+    # points are off by about ε
+    assert last == pytest.approx(
+        float(theory.adiabatic_amplitude(np.array([at]), length, amplitude)[0]), rel=1e-3
+    )
     assert last > amplitude * 1.2
-    assert abs(last / (amplitude * (at / length) ** -0.75) - 1) > 0.015  # the power law of small swings has ended
+    # The power law of small swings has ended.
+    assert abs(last / (amplitude * (at / length) ** -0.75) - 1) > 0.015
 
 
-# --- spherical pendulum ------------------------------------------------------------------------------------------------------------
+# --- spherical pendulum ---------------------------------------------------------------------------
+# ---------------------------------
 
 
 def _turned(length: float, far: float, near: float) -> float:
-    """Precession of a point on a sphere, by Cartesian coordinates and the force of the rope; the far ends are where it turns inward."""
+    """Precession of a point on a sphere, by Cartesian coordinates and the force of the rope; the
+    far ends are where it turns inward.
+    """
 
     def rates(_: float, y: np.ndarray) -> np.ndarray:
         place, speed = y[:3], y[3:]
@@ -214,14 +287,26 @@ def _turned(length: float, far: float, near: float) -> float:
     outward.direction = -1.0  # type: ignore[attr-defined]
     start = [far, 0.0, -math.sqrt(length**2 - far**2), 0.0, near * math.sqrt(G / length), 0.0]
     period = float(theory.point_period(length, G))
-    run = solve_ivp(rates, (0.0, 1.3 * period), start, "DOP853", events=outward, rtol=1e-12, atol=1e-13, max_step=0.2)
+    run = solve_ivp(
+        rates,
+        (0.0, 1.3 * period),
+        start,
+        "DOP853",
+        events=outward,
+        rtol=1e-12,
+        atol=1e-13,
+        max_step=0.2,
+    )
     (last,) = (y for t, y in zip(run.t_events[0], run.y_events[0], strict=True) if t > 0.8 * period)
     return math.atan2(last[1], last[0])
 
 
 @pytest.mark.parametrize(("far", "near"), [(2.0, 1.0), (8.0, 4.0), (12.0, 1.0)])
 def test_the_apsidal_integral_is_the_angle_by_which_an_orbit_turns(far: float, near: float) -> None:
-    assert theory.apsidal_precession(20.0, far, near) == pytest.approx(_turned(20.0, far, near), abs=1e-9)  # integration and its event
+    # Integration and its event.
+    assert theory.apsidal_precession(20.0, far, near) == pytest.approx(
+        _turned(20.0, far, near), abs=1e-9
+    )
 
 
 def test_the_precession_of_a_small_oval_is_airys() -> None:
@@ -229,30 +314,42 @@ def test_the_precession_of_a_small_oval_is_airys() -> None:
         0.01180405123, abs=2e-11
     )  # digits given, a difference of two of size 2π
     for size in (0.1, 0.05):
-        gain = theory.apsidal_precession(1.0, size, size / 2.0) / theory.airy_precession(1.0, size, size / 2.0) - 1.0
+        gain = (
+            theory.apsidal_precession(1.0, size, size / 2.0)
+            / theory.airy_precession(1.0, size, size / 2.0)
+            - 1.0
+        )
         assert 0.0 < gain < 1.25 * size**2  # the next order: (a² + b²)/l² of it at most
 
 
-# --- steady slewing ----------------------------------------------------------------------------------------------------------------
+# --- steady slewing -------------------------------------------------------------------------------
+# ---------------------------------
 
 
 @pytest.mark.parametrize(
-    ("radius", "length", "rpm", "degrees"), [(50.0, 45.0, 0.8, 2.1167287968), (25.0, 19.0, 0.5, 0.4024351067), (20.0, 40.0, 6.0, None)]
+    ("radius", "length", "rpm", "degrees"),
+    [(50.0, 45.0, 0.8, 2.1167287968), (25.0, 19.0, 0.5, 0.4024351067), (20.0, 40.0, 6.0, None)],
 )
 def test_a_load_that_hangs_out_under_a_turning_jib_is_at_rest_by_the_lagrangian(
     radius: float, length: float, rpm: float, degrees: float | None
 ) -> None:
     rate = rpm * math.pi / 30.0
     phi = theory.slewing_swing(radius, length, rate, G)
-    assert degrees is None or -math.degrees(phi) == pytest.approx(degrees, abs=5e-11)  # digits given
+    # Digits given.
+    assert degrees is None or -math.degrees(phi) == pytest.approx(degrees, abs=5e-11)
     point = Lagrangian(G, load_inertia=0.0, link=0.0, link_inertia=0.0)
-    forces = point.forces(np.array([0.0, radius, phi, 0.0, length]), np.array([rate, 0.0, 0.0, 0.0, 0.0]), np.zeros(5))
+    forces = point.forces(
+        np.array([0.0, radius, phi, 0.0, length]), np.array([rate, 0.0, 0.0, 0.0, 0.0]), np.zeros(5)
+    )
     # nothing turns the swing joints, rounding of 5e5 N m; the hoist pulls with the tension
     assert_allclose(forces[2:4], 0.0, atol=1e-8)
-    assert -forces[4] == pytest.approx(theory.slewing_tension(radius, length, rate, G, 1000.0), rel=1e-12)
+    assert -forces[4] == pytest.approx(
+        theory.slewing_tension(radius, length, rate, G, 1000.0), rel=1e-12
+    )
 
 
-# --- moves of the trolley ----------------------------------------------------------------------------------------------------------
+# --- moves of the trolley -------------------------------------------------------------------------
+# ---------------------------------
 
 
 def _left(duration: float, length: float, acceleration) -> float:
@@ -274,12 +371,21 @@ def test_what_pulses_of_acceleration_leave() -> None:
     def pulses(t: float) -> float:
         return 0.3 * ((t < 4.0) - float(t > 10.0))
 
-    # steps that straddle an edge of a pulse: 0.3 m/s² for 0.01 s over 20 m and 0.7/s, and a tenth of it by the step control
-    assert theory.pulse_residual(0.3, 4.0, 20.0, G) == pytest.approx(_left(10.0, 20.0, pulses), abs=3e-5)
-    assert theory.coast_residual(0.3, 4.0, 6.0, 20.0, G) == pytest.approx(_left(14.0, 20.0, pulses), abs=3e-5)
-    assert theory.coast_residual(0.3, 4.0, 6.0, 20.0, G) == pytest.approx(0.0424916046338, abs=5e-14)  # digits given
+    # steps that straddle an edge of a pulse: 0.3 m/s² for 0.01 s over 20 m and 0.7/s, and a tenth
+    # of it by the step control
+    assert theory.pulse_residual(0.3, 4.0, 20.0, G) == pytest.approx(
+        _left(10.0, 20.0, pulses), abs=3e-5
+    )
+    assert theory.coast_residual(0.3, 4.0, 6.0, 20.0, G) == pytest.approx(
+        _left(14.0, 20.0, pulses), abs=3e-5
+    )
+    # Digits given.
+    assert theory.coast_residual(0.3, 4.0, 6.0, 20.0, G) == pytest.approx(
+        0.0424916046338, abs=5e-14
+    )
     whole = float(theory.point_period(20.0, G))
-    assert theory.pulse_residual(0.3, whole, 20.0, G) == pytest.approx(0.0, abs=1e-15)  # a push of one period leaves none
+    # A push of one period leaves none.
+    assert theory.pulse_residual(0.3, whole, 20.0, G) == pytest.approx(0.0, abs=1e-15)
 
 
 @pytest.mark.parametrize(("duration", "degrees"), [(10.0, 10.687330), (15.0, 1.395181)])
@@ -296,7 +402,10 @@ def test_what_a_quintic_leaves(duration: float, degrees: float) -> None:
 @pytest.mark.parametrize("ratio", [1.834566, 2.895032, 4.938452])
 def test_a_quintic_of_some_durations_leaves_nothing(ratio: float) -> None:
     period = float(theory.point_period(20.0, G))
-    at, before, after = (theory.quintic_residual(10.0, (ratio + shift) * period, 20.0, G) for shift in (0.0, -1e-2, 1e-2))
+    at, before, after = (
+        theory.quintic_residual(10.0, (ratio + shift) * period, 20.0, G)
+        for shift in (0.0, -1e-2, 1e-2)
+    )
     assert at < 1e-4 * min(before, after)  # six decimals: 5e-7 over 1e-2
 
 
@@ -305,4 +414,6 @@ def test_the_period_under_a_rolling_trolley_is_the_eigenvalue_of_both() -> None:
     # (M + m) ẍ - m l φ̈ = 0 and l φ̈ + g φ = ẍ
     inertia = np.array([[trolley + mass, -mass * length], [-1.0, length]])
     values = np.linalg.eigvals(np.linalg.solve(inertia, np.array([[0.0, 0.0], [0.0, G]])))
-    assert theory.rolling_period(length, G, mass, trolley) == pytest.approx(2.0 * math.pi / math.sqrt(max(values)), rel=1e-12)
+    assert theory.rolling_period(length, G, mass, trolley) == pytest.approx(
+        2.0 * math.pi / math.sqrt(max(values)), rel=1e-12
+    )

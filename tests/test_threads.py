@@ -1,4 +1,6 @@
-"""What several threads may do at once, see docs/model.md: all of it with one crane, and the numbers are those of one thread alone."""
+"""What several threads may do at once, see docs/model.md: all of it with one crane, and the numbers
+are those of one thread alone.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,9 @@ def together(*tasks: Callable[[], Any]) -> list[Any]:
 def _in_wind(c: Crane, x: float, engine: Any) -> Trajectory:
     gale = wind.wind(c, wind.steady(10.0), direction=0.3, payload_area=8.0, trolley_area=2.0)
     start = c.state(x=x, phi=0.1, theta=0.05)
-    return simulate(c, hold_controller(c), start=start, duration=1.0, dt=5e-3, disturbance=gale, engine=engine)
+    return simulate(
+        c, hold_controller(c), start=start, duration=1.0, dt=5e-3, disturbance=gale, engine=engine
+    )
 
 
 @pytest.mark.parametrize("engine", sorted({"pinocchio", FAST}))
@@ -80,7 +84,11 @@ def test_what_a_crane_is_asked_in_two_threads_it_answers_as_in_one(restless: Non
 
     alone = [asked(x) for x in (8.0, 20.0)]
     found = together(lambda: asked(8.0), lambda: asked(20.0))
-    assert all(np.array_equal(one, same) for a, b in zip(alone, found, strict=True) for one, same in zip(a, b, strict=True))
+    assert all(
+        np.array_equal(one, same)
+        for a, b in zip(alone, found, strict=True)
+        for one, same in zip(a, b, strict=True)
+    )
 
 
 def test_motions_are_planned_and_controllers_made_in_two_threads_as_in_one(restless: None) -> None:
@@ -93,18 +101,25 @@ def test_motions_are_planned_and_controllers_made_in_two_threads_as_in_one(restl
 
     alone = [planned(x) for x in (8.0, 14.0)]
     found = together(lambda: planned(8.0), lambda: planned(14.0))
-    assert all(np.array_equal(one, same) for a, b in zip(alone, found, strict=True) for one, same in zip(a, b, strict=True))
+    assert all(
+        np.array_equal(one, same)
+        for a, b in zip(alone, found, strict=True)
+        for one, same in zip(a, b, strict=True)
+    )
 
 
 @pytest.mark.skipif(FAST != "compiled", reason="extra compiled (llvmlite) is not installed")
 def test_code_is_made_and_batches_run_in_two_threads_as_in_one(restless: None) -> None:
     from cranedyn.compiled.batch import simulate_batch
 
-    cranes = [crane(payload_mass=mass) for mass in (911.0, 912.0)]  # of which no other test has made code
+    # Of which no other test has made code.
+    cranes = [crane(payload_mass=mass) for mass in (911.0, 912.0)]
 
     def swung(c: Crane) -> np.ndarray:
         starts = [c.state(phi=swing) for swing in (0.1, 0.2, 0.3)]
-        return simulate_batch(c, hold_controller(c), start=starts, duration=1.0, record=1, threads=2).q
+        return simulate_batch(
+            c, hold_controller(c), start=starts, duration=1.0, record=1, threads=2
+        ).q
 
     found = together(*(lambda c=c: swung(c) for c in cranes))  # type: ignore[misc]
     assert all(np.array_equal(one, swung(c)) for one, c in zip(found, cranes, strict=True))
@@ -118,5 +133,10 @@ def test_a_crane_that_comes_from_another_process_has_scratch_memory_of_its_own()
 
 def test_cranes_are_loaded_in_several_threads(restless: None) -> None:
     masses = [1100.0, 1200.0, 1300.0]
-    found = together(*(lambda mass=mass: load_crane(gravity=G, payload_mass=mass).payload_mass for mass in masses))  # type: ignore[misc]
+    found = together(
+        *(
+            lambda mass=mass: load_crane(gravity=G, payload_mass=mass).payload_mass
+            for mass in masses
+        )
+    )  # type: ignore[misc]
     assert found == masses

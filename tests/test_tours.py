@@ -1,4 +1,6 @@
-"""Tours planned leg by leg, paths with a cruise, drives that yield to the swing, and the demo with and without control."""
+"""Tours planned leg by leg, paths with a cruise, drives that yield to the swing, and the demo with
+and without control.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,8 @@ def test_a_flat_path_with_a_cruise_starts_and_ends_with_the_load_at_rest_where_a
     first, last = crane().state(x=10.0, l=15.0), crane().state(gamma=0.6, x=20.0, l=10.0)
     motion = flat(crane(), first, last, 20.0, ramp=5.0)
     for q, end in ((motion.q[0], first), (motion.q[-1], last)):
-        assert_allclose(payload_position(crane(), q), payload_position(crane(), end.q), atol=1e-7)  # a spline of 5 ms samples
+        # A spline of 5 ms samples.
+        assert_allclose(payload_position(crane(), q), payload_position(crane(), end.q), atol=1e-7)
         assert_allclose(q[2:4], 0.0, atol=1e-7)
 
 
@@ -65,7 +68,8 @@ def test_a_tour_joins_its_legs_without_a_jump_and_repeats() -> None:
     made = tour(crane(), ARTICLE_TOUR, in_ten_seconds, dwell=3.0)
     assert made.duration == pytest.approx(7 * 13.0)
     assert len(made.motion.q) == round(made.duration / 5e-3) + 1
-    assert np.abs(np.diff(made.motion.q, axis=0)).max() < 5e-3 * 15.0 / 8.0 * 1.4 * 1.01  # the fastest quintic has 14 m in 10 s
+    # The fastest quintic has 14 m in 10 s.
+    assert np.abs(np.diff(made.motion.q, axis=0)).max() < 5e-3 * 15.0 / 8.0 * 1.4 * 1.01
     assert_allclose(made.motion.q[-1], made.motion.q[0], atol=1e-12)
     for stage in made.stages:
         assert_allclose(made(stage.arrival).position, stage.target, atol=1e-12)
@@ -93,14 +97,21 @@ def test_drives_that_yield_damp_the_swing_as_much_as_asked() -> None:
     run = quickly(point, controller, start=start, duration=40.0, drive="motion")
     for angle in ("phi_rad", "theta_rad"):
         swing = run[angle]
-        tops = [float(np.abs(swing[(run.t >= a) & (run.t < a + 9.2)]).max()) for a in (0.0, 9.2, 18.4)]
-        # a period of damped swing is 9.16 s and takes exp(-2πζ/√(1-ζ²)) = 0.277; sampling at 200 Hz and 30 m of radius for the arc: 3 %
-        assert tops[1] / tops[0] == pytest.approx(math.exp(-2 * math.pi * 0.2 / math.sqrt(0.96)), rel=0.03)
+        tops = [
+            float(np.abs(swing[(run.t >= a) & (run.t < a + 9.2)]).max()) for a in (0.0, 9.2, 18.4)
+        ]
+        # a period of damped swing is 9.16 s and takes exp(-2πζ/√(1-ζ²)) = 0.277; sampling at 200 Hz
+        # and 30 m of radius for the arc: 3 %
+        assert tops[1] / tops[0] == pytest.approx(
+            math.exp(-2 * math.pi * 0.2 / math.sqrt(0.96)), rel=0.03
+        )
 
 
 def test_drives_that_yield_keep_their_rates_and_accelerations() -> None:
     start = crane().state(phi=0.3)
-    controller = damped(crane(), hold(crane(), start), limits=Limits((0.08, 0.1, 0.8), (0.02, 0.4, 0.4)))
+    controller = damped(
+        crane(), hold(crane(), start), limits=Limits((0.08, 0.1, 0.8), (0.02, 0.4, 0.4))
+    )
     run = quickly(crane(), controller, start=start, duration=10.0, drive="motion")
     assert np.abs(np.diff(run["x_dot_m_s"])).max() <= 0.4 * 5e-3 * (1 + 1e-9)
     assert np.abs(run["x_dot_m_s"]).max() == pytest.approx(0.1)
@@ -114,20 +125,37 @@ def test_at_the_slew_axis_the_slew_does_not_yield_and_every_command_is_finite(th
     q[1:4] = 0.0, 0.05, theta
     command = controller(0.0, State(q, np.zeros(5)), reference(0.0))
     assert command[0] == 0.0
-    assert command[1] == pytest.approx(-2.0 * 0.2 * math.sqrt(G * q[4]) * 0.05 / 5e-3)  # -2 ζ ω l φ within one period
+    # -2 ζ ω l φ within one period.
+    assert command[1] == pytest.approx(-2.0 * 0.2 * math.sqrt(G * q[4]) * 0.05 / 5e-3)
     q[1] = 1e-9  # beside it the slew yields as fast as it can
     command = controller(0.0, State(q, np.zeros(5)), reference(0.0))
     assert command[0] == -math.copysign(10.0, theta) * (theta != 0.0)
 
 
 @pytest.mark.parametrize(
-    "made", [partial(follow, crane()), lambda reference, period: damped(crane(), reference, limits=FREE, control_period=period)]
+    "made",
+    [
+        partial(follow, crane()),
+        lambda reference, period: damped(crane(), reference, limits=FREE, control_period=period),
+    ],
 )
 @pytest.mark.parametrize("engine", ["pinocchio", FAST])
-def test_a_controller_made_for_a_shorter_control_period_is_refused(made: Callable, engine: EngineName) -> None:
+def test_a_controller_made_for_a_shorter_control_period_is_refused(
+    made: Callable, engine: EngineName
+) -> None:
     reference = hold(crane(), crane().start)
-    run = partial(simulate, crane(), reference=reference, duration=0.1, drive="motion", control_period=0.02, engine=engine)
-    with pytest.raises(OutOfRange, match=r"control period of the run is 0.02 s; allowed is .* 0.005 s, or less"):
+    run = partial(
+        simulate,
+        crane(),
+        reference=reference,
+        duration=0.1,
+        drive="motion",
+        control_period=0.02,
+        engine=engine,
+    )
+    with pytest.raises(
+        OutOfRange, match=r"control period of the run is 0.02 s; allowed is .* 0.005 s, or less"
+    ):
         run(made(reference, 5e-3))
     run(made(reference, 0.02))
 
@@ -137,7 +165,10 @@ def test_without_yielding_they_follow() -> None:
     reference = spline(crane(), start, [(0.1, 12.0, 14.0)], [10.0])
     runs = [
         quickly(crane(), controller, reference, start=start, duration=10.0, drive="motion")
-        for controller in (follow(crane(), reference), damped(crane(), reference, ratio=0.0, limits=FREE))
+        for controller in (
+            follow(crane(), reference),
+            damped(crane(), reference, ratio=0.0, limits=FREE),
+        )
     ]
     assert_allclose(runs[0].q, runs[1].q, atol=1e-12)  # rounding
 
@@ -158,7 +189,10 @@ def test_planned_tours_keep_the_limits(control: str) -> None:
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo") / "out"
-    assert demo.main(["--control", "flat", "--cycles", "1", "--engine", FAST, "--out", str(folder)]) == 0
+    assert (
+        demo.main(["--control", "flat", "--cycles", "1", "--engine", FAST, "--out", str(folder)])
+        == 0
+    )
     return folder
 
 
@@ -169,14 +203,23 @@ def test_the_controlled_demo_has_no_swing_worth_the_name_in_any_dwell(done: Path
 
 
 def test_before_and_after_are_kept_and_recorded_together(done: Path) -> None:
-    assert {"demo.csv", "demo_before.csv", "demo.rrd", "swing.png"} <= {path.name for path in done.iterdir()}
+    assert {"demo.csv", "demo_before.csv", "demo.rrd", "swing.png"} <= {
+        path.name for path in done.iterdir()
+    }
     recording = (done / "demo.rrd").read_bytes()
     assert b"with flat" in recording
     assert b"without control" in recording
 
 
-def test_a_dwell_too_short_for_shaped_commands_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert demo.main(["--control", "shaped", "--dwell", "2", "--cycles", "1", "--out", str(tmp_path / "out")]) == 2
+def test_a_dwell_too_short_for_shaped_commands_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        demo.main(
+            ["--control", "shaped", "--dwell", "2", "--cycles", "1", "--out", str(tmp_path / "out")]
+        )
+        == 2
+    )
     assert "so it must be that at least" in capsys.readouterr().err
     with pytest.raises(CraneError, match="dwell"):
         CONTROLS["shaped"](harness.Setup(), LIMITS, 2.0)
@@ -185,10 +228,15 @@ def test_a_dwell_too_short_for_shaped_commands_is_refused(tmp_path: Path, capsys
 def test_a_load_heavier_than_planned_is_held_in_the_second_cycle_as_in_the_first() -> None:
     heavy, planned = crane(payload_mass=1300.0), crane()
     still = plumb(planned, hold(planned, planned.start), 1.0, 1e-2)
-    controller = HoistIntegral(planned, lqr(planned, still, dt=1e-3), 4e3, float(planned.effort_limit[2]))
+    controller = HoistIntegral(
+        planned, lqr(planned, still, dt=1e-3), 4e3, float(planned.effort_limit[2])
+    )
     loop = repeated(controller, still.arrival)
-    run = quickly(heavy, loop, still, start=planned.start, duration=30.0, dt=1e-3, control_period=1e-2)
+    run = quickly(
+        heavy, loop, still, start=planned.start, duration=30.0, dt=1e-3, control_period=1e-2
+    )
     sag = np.abs(run["l_m"] - planned.start.q[planned.layout.index("l")])
-    # The LQR alone lets a load sag that is heavier than planned; the integrator takes that out, in 30 cycles of a second
+    # The LQR alone lets a load sag that is heavier than planned; the integrator takes that out, in
+    # 30 cycles of a second
     assert sag.max() > 0.05
     assert sag[-1] < 0.02 * sag.max()

@@ -33,7 +33,19 @@ def _made(numbers: np.ndarray) -> Trajectory:
 
 
 WIDTH = sum(WIDTHS.values())
-NASTY = np.array([0.1 + 0.2, 1 / 3, 5e-324, 1.7976931348623157e308, -0.0, np.nextafter(1.0, 2.0), -9806.65, 1e22, 123456789.123456789])
+NASTY = np.array(
+    [
+        0.1 + 0.2,
+        1 / 3,
+        5e-324,
+        1.7976931348623157e308,
+        -0.0,
+        np.nextafter(1.0, 2.0),
+        -9806.65,
+        1e22,
+        123456789.123456789,
+    ]
+)
 
 
 @pytest.fixture
@@ -50,21 +62,36 @@ def _bits(trajectory: Trajectory) -> list[bytes]:
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    numbers=arrays(float, (3, WIDTH), elements=st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(NASTY.tolist())))
+    numbers=arrays(
+        float,
+        (3, WIDTH),
+        elements=st.one_of(
+            st.floats(allow_nan=False, allow_infinity=False), st.sampled_from(NASTY.tolist())
+        ),
+    )
 )
-def test_what_is_written_is_read_back_to_the_bit(ending: str, numbers: np.ndarray, tmp_path: Path) -> None:
+def test_what_is_written_is_read_back_to_the_bit(
+    ending: str, numbers: np.ndarray, tmp_path: Path
+) -> None:
     numbers[:, 0] = -1e308, 5e-324, 1e308  # times must increase
     before = _made(numbers)
     assert _bits(read(before.write(tmp_path / f"a{ending}"))) == _bits(before)
 
 
-def test_both_formats_hold_the_same_columns_in_the_same_order(made: Trajectory, tmp_path: Path) -> None:
+def test_both_formats_hold_the_same_columns_in_the_same_order(
+    made: Trajectory, tmp_path: Path
+) -> None:
     csv = pyarrow.csv.read_csv(made.write(tmp_path / "a.csv"))
     parquet = pyarrow.parquet.read_table(made.write(tmp_path / "a.parquet"))
-    assert csv.column_names == parquet.column_names == [column for columns in COLUMNS.values() for column in columns]
+    assert (
+        csv.column_names
+        == parquet.column_names
+        == [column for columns in COLUMNS.values() for column in columns]
+    )
     assert (
         csv.column_names[:11]
-        == "t_s gamma_rad x_m phi_rad theta_rad l_m gamma_dot_rad_s x_dot_m_s phi_dot_rad_s theta_dot_rad_s l_dot_m_s".split()
+        == "t_s gamma_rad x_m phi_rad theta_rad l_m gamma_dot_rad_s x_dot_m_s phi_dot_rad_s "
+        "theta_dot_rad_s l_dot_m_s".split()
     )
     assert csv.column_names[17:20] == ["T_gamma_Nm", "F_x_N", "F_l_N"]
 
@@ -87,7 +114,9 @@ def test_rows_are_counted_and_cut(made: Trajectory) -> None:
     ordered = _made(np.sort(np.random.default_rng(0).normal(size=(7, WIDTH)), axis=0))
     late = ordered.since(ordered.t[3])
     assert (len(ordered), len(late)) == (7, 4)
-    assert [getattr(late, name).tolist() for name in QUANTITIES] == [getattr(ordered, name)[3:].tolist() for name in QUANTITIES]
+    assert [getattr(late, name).tolist() for name in QUANTITIES] == [
+        getattr(ordered, name)[3:].tolist() for name in QUANTITIES
+    ]
     assert late.parameters == ordered.parameters
     assert ordered.state(-1).q.tolist() == ordered.q[6].tolist()
     assert ordered.state(2).v.tolist() == ordered.v[2].tolist()
@@ -118,7 +147,8 @@ def test_another_ending_is_refused_and_nothing_is_written(made: Trajectory, tmp_
     assert files(tmp_path) == []
 
 
-# --- files from elsewhere ----------------------------------------------------------------------------------------------------------
+# --- files from elsewhere -------------------------------------------------------------------------
+# ---------------------------------
 
 
 def _csv(tmp_path: Path, text: str) -> Path:
@@ -140,9 +170,18 @@ def test_columns_are_read_in_any_order_among_others_and_from_whole_numbers(tmp_p
         ("t_s,phi\n0,1\n1,2\n", r"theirs.csv has no column phi_rad; needed are t_s, phi_rad"),
         ("a,b\n0,1\n", r"has no column t_s, phi_rad"),
         ("t_s,phi_rad\n0,up\n1,2\n", r"Cannot read .*theirs.csv: .*invalid value 'up'"),
-        ("t_s,phi_rad\n0,1\n1,nan\n", r"column phi_rad holds a value that is not finite, in data row 2"),
-        ("t_s,phi_rad\n0,1\n1,\n", r"column phi_rad holds a value that is not finite, in data row 2"),
-        ("t_s,phi_rad\n0,inf\n1,1\n", r"column phi_rad holds a value that is not finite, in data row 1"),
+        (
+            "t_s,phi_rad\n0,1\n1,nan\n",
+            r"column phi_rad holds a value that is not finite, in data row 2",
+        ),
+        (
+            "t_s,phi_rad\n0,1\n1,\n",
+            r"column phi_rad holds a value that is not finite, in data row 2",
+        ),
+        (
+            "t_s,phi_rad\n0,inf\n1,1\n",
+            r"column phi_rad holds a value that is not finite, in data row 1",
+        ),
         ("t_s,phi_rad\n0,1\n0,2\n", r"t_s must increase from row to row"),
         ("t_s,phi_rad\n1,1\n0,2\n", r"t_s must increase from row to row"),
         ("t_s,phi_rad\n1,1\n", r"t_s must increase from row to row, over two rows at least"),
@@ -165,14 +204,18 @@ def test_columns_are_read_in_any_order_among_others_and_from_whole_numbers(tmp_p
         "empty",
     ],
 )
-def test_a_file_without_what_is_needed_is_refused_in_a_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+def test_a_file_without_what_is_needed_is_refused_in_a_sentence(
+    tmp_path: Path, text: str, sentence: str
+) -> None:
     with pytest.raises(DataError, match=sentence) as caught:
         read_columns(_csv(tmp_path, text), ("t_s", "phi_rad"))
     assert "\n" not in str(caught.value)
 
 
 def test_a_parquet_column_of_text_is_refused(tmp_path: Path) -> None:
-    pyarrow.parquet.write_table(pa.table({"t_s": [0.0, 1.0], "phi_rad": ["up", "down"]}), tmp_path / "a.parquet")
+    pyarrow.parquet.write_table(
+        pa.table({"t_s": [0.0, 1.0], "phi_rad": ["up", "down"]}), tmp_path / "a.parquet"
+    )
     with pytest.raises(DataError, match="column phi_rad holds something that is not a number"):
         read_columns(tmp_path / "a.parquet", ("t_s", "phi_rad"))
 
@@ -193,16 +236,24 @@ def test_a_binary_file_is_refused(tmp_path: Path, ending: str) -> None:
 
 
 @pytest.mark.parametrize("column", [column for columns in COLUMNS.values() for column in columns])
-def test_a_trajectory_with_a_column_missing_is_refused(tmp_path: Path, made: Trajectory, column: str) -> None:
+def test_a_trajectory_with_a_column_missing_is_refused(
+    tmp_path: Path, made: Trajectory, column: str
+) -> None:
     pyarrow.csv.write_csv(made.table().drop_columns([column]), tmp_path / "a.csv")
     with pytest.raises(DataError, match=f"has no column {column};"):
         read(tmp_path / "a.csv")
 
 
 def test_a_file_that_is_no_record_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"theirs\.csv has no column energy_J, dissipated_J, W_force_J, W_buffers_J, valid"):
+    with pytest.raises(
+        DataError,
+        match=r"theirs\.csv has no column energy_J, dissipated_J, W_force_J, W_buffers_J, valid",
+    ):
         read(_csv(tmp_path, "t_s,a\n0,1\n1,2\n"))
-    lonely = {name: [0.0, 1.0] for name in ("t_s", "energy_J", "dissipated_J", "W_force_J", "W_buffers_J", "valid")}
+    lonely = {
+        name: [0.0, 1.0]
+        for name in ("t_s", "energy_J", "dissipated_J", "W_force_J", "W_buffers_J", "valid")
+    }
     pyarrow.csv.write_csv(pa.table(lonely), tmp_path / "lonely.csv")
     with pytest.raises(DataError, match="columns of no joint"):
         read(tmp_path / "lonely.csv")

@@ -1,4 +1,6 @@
-"""Validation: every oracle holds as the command runs it, the document shows what it prints, and a plant that is wrong is noticed."""
+"""Validation: every oracle holds as the command runs it, the document shows what it prints, and a
+plant that is wrong is noticed.
+"""
 
 from __future__ import annotations
 
@@ -33,14 +35,22 @@ from tests.lagrangian import Lagrangian
 DOCUMENT = Path(__file__).parent.parent / "docs" / "validation.md"
 
 HALVINGS = 3
-"""One less than by default, so that the tests take half of the time; what is allowed follows from the runs themselves."""
+"""One less than by default, so that the tests take half of the time; what is allowed follows from
+the runs themselves."""
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("validate")
     shutil.copy(DOCUMENT, folder / "validation.md")
-    words = ["--halvings", str(HALVINGS), "--document", str(folder / "validation.md"), "--out", str(folder / "out")]
+    words = [
+        "--halvings",
+        str(HALVINGS),
+        "--document",
+        str(folder / "validation.md"),
+        "--out",
+        str(folder / "out"),
+    ]
     assert validate.main(words) == 0
     return folder, json.loads((folder / "out" / "result.json").read_text(encoding="utf-8"))
 
@@ -52,10 +62,15 @@ def _rows(document: Path) -> list[list[str]]:
     """Cells of the tables between the marks of a document, heads and rules among them."""
     text = document.read_text(encoding="utf-8")
     between = text[text.index(BEGIN) : text.index(END)].splitlines()
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in between if line.startswith("|")]
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in between
+        if line.startswith("|")
+    ]
 
 
-# --- the command -------------------------------------------------------------------------------------------------------------------
+# --- the command ----------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_every_oracle_is_a_claim_and_holds(result: tuple[Path, dict[str, Any]]) -> None:
@@ -65,26 +80,43 @@ def test_every_oracle_is_a_claim_and_holds(result: tuple[Path, dict[str, Any]]) 
     assert [table["title"] for table in result[1]["tables"]] == list(validate.PARTS)
 
 
-def test_the_error_goes_with_the_first_or_second_power_of_the_step(result: tuple[Path, dict[str, Any]]) -> None:
+def test_the_error_goes_with_the_first_or_second_power_of_the_step(
+    result: tuple[Path, dict[str, Any]],
+) -> None:
     orders = {row[0]: row[-1] for table in result[1]["tables"] for row in table["rows"]}
     first = [order for order in orders.values() if order is not None and order < 1.5]
     assert len(first) >= 10
     assert max(abs(order - 1.0) for order in first) < 0.02  # the claim's own bound
-    # a swing in its plane is a sequence that time can run either way, so its period has no first power
-    assert all(orders[name] == pytest.approx(2.0, abs=0.02) for name in orders if name.startswith("period of"))
+    # a swing in its plane is a sequence that time can run either way, so its period has no first
+    # power
+    assert all(
+        orders[name] == pytest.approx(2.0, abs=0.02)
+        for name in orders
+        if name.startswith("period of")
+    )
 
 
-def test_the_document_shows_the_rows_of_the_command_and_their_closed_forms(result: tuple[Path, dict[str, Any]]) -> None:
+def test_the_document_shows_the_rows_of_the_command_and_their_closed_forms(
+    result: tuple[Path, dict[str, Any]],
+) -> None:
     shown, made = _rows(DOCUMENT), _rows(result[0] / "validation.md")
     assert [row[:2] for row in shown] == [row[:2] for row in made]
     assert len(shown) == sum(len(table["rows"]) + 2 for table in result[1]["tables"])
 
 
 def test_the_document_shows_the_numbers_of_the_command() -> None:
-    made = [validate.table(title, found) for title, found in validate.checks(Bench(point_crane, FAST), 4).items()]
-    # 1e-11 is what the oracles allow for rounding; of what is left of a closed form, and of its allowance, some rows hold nothing else
+    made = [
+        validate.table(title, found)
+        for title, found in validate.checks(Bench(point_crane, FAST), 4).items()
+    ]
+    # 1e-11 is what the oracles allow for rounding; of what is left of a closed form, and of its
+    # allowance, some rows hold nothing else
     stale = read_document(DOCUMENT, "validate").stale(made, rounding=ROUNDING)
-    assert [sentence for sentence in stale if ": rest of " not in sentence and ": allowed of " not in sentence] == []
+    assert [
+        sentence
+        for sentence in stale
+        if ": rest of " not in sentence and ": allowed of " not in sentence
+    ] == []
 
 
 def test_the_document_keeps_its_text(result: tuple[Path, dict[str, Any]]) -> None:
@@ -93,17 +125,29 @@ def test_the_document_keeps_its_text(result: tuple[Path, dict[str, Any]]) -> Non
     assert one == two
 
 
-def test_the_documents_count_closed_forms_and_claims_as_the_command_does(result: tuple[Path, dict[str, Any]]) -> None:
+def test_the_documents_count_closed_forms_and_claims_as_the_command_does(
+    result: tuple[Path, dict[str, Any]],
+) -> None:
     forms, claims = result[1]["parameters"]["closed_forms"], len(result[1]["claims"])
     assert claims == forms + 1  # the order of the step
-    assert f"| {forms} closed forms of mechanics; order" in (DOCUMENT.parents[1] / "README.md").read_text(encoding="utf-8")
+    assert f"| {forms} closed forms of mechanics; order" in (
+        DOCUMENT.parents[1] / "README.md"
+    ).read_text(encoding="utf-8")
     assert f"of the {claims} claims fail" in DOCUMENT.read_text(encoding="utf-8")
 
 
-def test_trajectories_figures_and_recording_are_written(result: tuple[Path, dict[str, Any]]) -> None:
-    runs = {f"{name}{ending}" for name in ("oval_swing", "steady_slewing") for ending in (".csv", ".parquet")}
+def test_trajectories_figures_and_recording_are_written(
+    result: tuple[Path, dict[str, Any]],
+) -> None:
+    runs = {
+        f"{name}{ending}"
+        for name in ("oval_swing", "steady_slewing")
+        for ending in (".csv", ".parquet")
+    }
     assert set(files(result[0] / "out")) == runs | {"result.json", "validate.rrd"} | {
-        f"{name}{ending}" for name in ("convergence", "ripple", "oval") for ending in (".png", ".svg")
+        f"{name}{ending}"
+        for name in ("convergence", "ripple", "oval")
+        for ending in (".png", ".svg")
     }
 
 
@@ -123,7 +167,11 @@ def test_the_report_shows_the_result(result: tuple[Path, dict[str, Any]]) -> Non
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(
-    words: str, sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: str,
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "plain.md").write_text("# Title\n")
@@ -135,24 +183,33 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
     assert files(tmp_path) == ["plain.md"]
 
 
-# --- judging -----------------------------------------------------------------------------------------------------------------------
+# --- judging --------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 def test_powers_of_the_step_are_taken_off_and_their_order_is_found() -> None:
-    found = check(Oracle("x", "", 2.0, lambda dt: 2.0 + 3.0 * dt - 5.0 * dt**2 + 7.0 * dt**3), HALVINGS)
+    found = check(
+        Oracle("x", "", 2.0, lambda dt: 2.0 + 3.0 * dt - 5.0 * dt**2 + 7.0 * dt**3), HALVINGS
+    )
     assert found.steps == [0.02, 0.01, 0.005, 0.0025]
     assert found.limit == pytest.approx(2.0, abs=1e-14)  # rounding
     assert found.order == pytest.approx(1.0, abs=1e-3)  # the second power, (dt 5/3)² of it
     assert found.holds
     even = check(Oracle("x", "", 2.0, lambda dt: 2.0 + 3.0 * dt**2 - 5.0 * dt**4), HALVINGS)
-    assert even.limit == pytest.approx(2.0, abs=5.0 * 0.01**4)  # what is left of the fourth power, below that of the second step
+    # What is left of the fourth power, below that of the second step.
+    assert even.limit == pytest.approx(2.0, abs=5.0 * 0.01**4)
     assert even.order == pytest.approx(2.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("off", [1e-9, -1e-6, math.nan])
 def test_a_limit_that_is_off_does_not_hold(off: float) -> None:
     assert not check(Oracle("x", "", 2.0, lambda dt: 2.0 + off + 3.0 * dt), HALVINGS).holds
-    assert off != off or check(Oracle("x", "", 2.0, lambda dt: 2.0 + off + 3.0 * dt, 2.0 * abs(off), "much"), HALVINGS).holds
+    assert (
+        off != off
+        or check(
+            Oracle("x", "", 2.0, lambda dt: 2.0 + off + 3.0 * dt, 2.0 * abs(off), "much"), HALVINGS
+        ).holds
+    )
 
 
 def test_runs_that_have_no_limit_hold_nothing() -> None:
@@ -163,12 +220,19 @@ def test_runs_that_have_no_limit_hold_nothing() -> None:
     assert not jump.holds  # near enough, but only because nothing is known
 
 
-# --- a plant that is wrong ---------------------------------------------------------------------------------------------------------
+# --- a plant that is wrong ------------------------------------------------------------------------
+# ---------------------------------
 
 
-def _failing(part: Callable[[Bench], list[Oracle]], crane: Crane, words: str, engine: EngineName = FAST) -> int:
+def _failing(
+    part: Callable[[Bench], list[Oracle]], crane: Crane, words: str, engine: EngineName = FAST
+) -> int:
     """How many rows do not hold on a crane, of those that begin with some words."""
-    rows = [oracle for oracle in part(Bench(lambda **values: crane, engine)) if oracle.name.startswith(words)]
+    rows = [
+        oracle
+        for oracle in part(Bench(lambda **values: crane, engine))
+        if oracle.name.startswith(words)
+    ]
     assert rows
     return sum(not check(oracle, HALVINGS).holds for oracle in rows)
 
@@ -214,13 +278,23 @@ def _explicit(
 
 
 def test_another_integrator_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reading, "simulate", partial(simulate, integrator=Integrator("explicit Euler", _explicit, lead=-0.5)))
+    monkeypatch.setattr(
+        reading,
+        "simulate",
+        partial(simulate, integrator=Integrator("explicit Euler", _explicit, lead=-0.5)),
+    )
     assert _failing(conserved.oracles, point_crane(), "ripple of the energy", "pinocchio") == 1
 
 
-def test_coriolis_and_centrifugal_forces_that_are_lost_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_coriolis_and_centrifugal_forces_that_are_lost_are_noticed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     usual = loop.follow_drives
-    monkeypatch.setattr(loop, "follow_drives", lambda model, data, q, v, a, *more: usual(model, data, q, 0.0 * v, a, *more))
+    monkeypatch.setattr(
+        loop,
+        "follow_drives",
+        lambda model, data, q, v, a, *more: usual(model, data, q, 0.0 * v, a, *more),
+    )
     assert _failing(hoisting.oracles, point_crane(), "φ after", "pinocchio") == 2
     assert _failing(slewing.oracles, point_crane(), "seen from a jib", "pinocchio") == 2
 
@@ -228,22 +302,45 @@ def test_coriolis_and_centrifugal_forces_that_are_lost_are_noticed(monkeypatch: 
 def test_spoilt_cranes_make_claims_fail_and_the_exit_code_say_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(validate, "PARTS", {"Locked drives": lambda bench: swing.oracles(bench)[:2]})
-    assert validate.main(["--spoil", "payload_inertia:=5", "--halvings", "3", "--engine", FAST, "--out", str(tmp_path / "out")]) == 1
-    assert capsys.readouterr().out.count("\nFAILS ") == 3  # both periods, and no order where an error does not vanish
+    monkeypatch.setattr(
+        validate, "PARTS", {"Locked drives": lambda bench: swing.oracles(bench)[:2]}
+    )
+    assert (
+        validate.main(
+            [
+                "--spoil",
+                "payload_inertia:=5",
+                "--halvings",
+                "3",
+                "--engine",
+                FAST,
+                "--out",
+                str(tmp_path / "out"),
+            ]
+        )
+        == 1
+    )
+    # Both periods, and no order where an error does not vanish.
+    assert capsys.readouterr().out.count("\nFAILS ") == 3
 
 
 def test_a_run_in_which_there_is_nothing_to_read_is_refused() -> None:
     t = np.linspace(0.0, 2.0, 21)
-    with pytest.raises(DataError, match="A swing passes the vertical 0 times in 2 s, where its oracle needs 2"):
+    with pytest.raises(
+        DataError, match="A swing passes the vertical 0 times in 2 s, where its oracle needs 2"
+    ):
         reading.crossing(t, np.exp(-t), 2)
-    with pytest.raises(DataError, match=r"nothing to read between 1 and 1\.1 s, where its oracle needs a turning point"):
+    with pytest.raises(
+        DataError,
+        match=r"nothing to read between 1 and 1\.1 s, where its oracle needs a turning point",
+    ):
         reading.root(reading.curve(t, np.exp(-t), 10).derivative(), 1.0, 1.1)
 
 
 def test_times_between_rows_are_read_to_rounding() -> None:
     t = np.linspace(0.0, 10.0, 101)
-    assert reading.crossing(t, np.cos(0.7 * t), 2) == pytest.approx(1.5 * math.pi / 0.7, rel=1e-12)  # (0.07)⁸ of the polynomial
+    # (0.07)⁸ of the polynomial.
+    assert reading.crossing(t, np.cos(0.7 * t), 2) == pytest.approx(1.5 * math.pi / 0.7, rel=1e-12)
 
 
 def test_the_payload_by_hand_is_where_the_lagrangian_has_it() -> None:

@@ -27,11 +27,20 @@ def outward(validity: str) -> Trajectory:
     """The trolley is asked to go 2 m beyond the tip of the jib."""
     start = crane().state(x=10.0, l=15.0)
     reference = ramp(crane(), hold(crane(), start), "x", 14.0, rate=1.5, at=1.0)
-    return simulate(crane(), hold_controller(crane(), gravity=G), reference, start=start, duration=20.0, validity=validity)  # type: ignore[arg-type]
+    return simulate(
+        crane(),
+        hold_controller(crane(), gravity=G),
+        reference,
+        start=start,
+        duration=20.0,
+        validity=validity,
+    )  # type: ignore[arg-type]
 
 
 def test_a_run_stops_where_a_drive_leaves_its_range_and_keeps_what_it_has() -> None:
-    with pytest.raises(RunError, match=r"trolley_joint is at 22\.\d+ m, its range is 2 to 22") as caught:
+    with pytest.raises(
+        RunError, match=r"trolley_joint is at 22\.\d+ m, its range is 2 to 22"
+    ) as caught:
         outward("stop")
     error = caught.value
     assert error.joint == "trolley_joint"
@@ -48,12 +57,15 @@ def test_a_marked_run_goes_on_to_its_end_and_names_where_it_left_the_range() -> 
     assert run["x_m"][-1] == pytest.approx(24.0, abs=0.1)
     assert ((run["x_m"] > 22.0) == (run["valid"] == 0.0)).all()
     found = events(crane(), run)
-    assert [(event.joint, event.row) for event in found[:1]] == [("trolley_joint", int(np.argmax(run["x_m"] > 22.0)))]
+    assert [(event.joint, event.row) for event in found[:1]] == [
+        ("trolley_joint", int(np.argmax(run["x_m"] > 22.0)))
+    ]
 
 
 def test_buffers_hold_the_trolley_at_the_end_of_its_range_with_their_energy_in_the_ledger() -> None:
     run = outward("buffers")
-    # the drive presses with 300 kN/m · 2 m against a spring of (20 rad/s)² times the joint's inertia of at most 1.6 t
+    # the drive presses with 300 kN/m · 2 m against a spring of (20 rad/s)² times the joint's
+    # inertia of at most 1.6 t
     assert 22.5 < run["x_m"].max() < 24.0
     assert run["W_buffers_J"][-1] < -1e4
     assert np.abs(run.unexplained).max() < 1e-3 * abs(run["W_buffers_J"][-1])  # a step's error
@@ -64,30 +76,49 @@ def test_a_buffer_pushes_but_never_pulls() -> None:
     # a trolley without drive rolls against the end and comes back slower, the damper has taken some
     light = crane(payload_mass=1e-6, payload_inertia=0.0)
     start = light.state(x=21.5, x_dot=1.0)
-    run = simulate(light, constant(0.0, 0.0, -1e-6 * G), start=start, duration=2.0, validity="buffers")
+    run = simulate(
+        light, constant(0.0, 0.0, -1e-6 * G), start=start, duration=2.0, validity="buffers"
+    )
     assert 22.0 < run["x_m"].max() < 22.1
-    # a mass on a spring with a damper of ζ that lets go when it would pull keeps exp(-2ζ acos ζ/√(1-ζ²)) of its speed; within a step's 1 %
-    assert run["x_dot_m_s"][-1] == pytest.approx(-math.exp(-math.acos(0.5) / math.sqrt(0.75)), rel=0.01)
-    assert_allclose(run["x_dot_m_s"][-50:], run["x_dot_m_s"][-1], rtol=1e-6)  # free again; the load of 1e-6 kg
+    # a mass on a spring with a damper of ζ that lets go when it would pull keeps exp(-2ζ acos
+    # ζ/√(1-ζ²)) of its speed; within a step's 1 %
+    assert run["x_dot_m_s"][-1] == pytest.approx(
+        -math.exp(-math.acos(0.5) / math.sqrt(0.75)), rel=0.01
+    )
+    # Free again; the load of 1e-6 kg.
+    assert_allclose(run["x_dot_m_s"][-50:], run["x_dot_m_s"][-1], rtol=1e-6)
 
 
 def test_a_buffer_at_the_end_of_the_cable_holds_the_load_whose_rope_stays_taut() -> None:
     start = crane().state(l=23.0)
     reference = ramp(crane(), hold(crane(), start), "l", 4.0, rate=1.0, at=0.5)
-    run = simulate(crane(), hold_controller(crane(), gravity=G), reference, start=start, duration=15.0, validity="buffers")
-    # the drive lets down with 30 kN/m beyond 26.4 m, against (20 rad/s)² times the load of 1 t: 0.6 m off its aim less 0.04 m
+    run = simulate(
+        crane(),
+        hold_controller(crane(), gravity=G),
+        reference,
+        start=start,
+        duration=15.0,
+        validity="buffers",
+    )
+    # the drive lets down with 30 kN/m beyond 26.4 m, against (20 rad/s)² times the load of 1 t: 0.6
+    # m off its aim less 0.04 m
     assert 26.4 < run["l_m"][-1] < 26.5
     assert run["valid"].all()
     assert run["W_buffers_J"][-1] < -10.0
 
 
 @pytest.mark.parametrize("engine", ["pinocchio", FAST])
-def test_a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the_load(engine: EngineName) -> None:
+def test_a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the_load(
+    engine: EngineName,
+) -> None:
     start = crane().state(l=3.6)
     brake = hold_controller(crane(), gravity=G)
     gentle = ramp(crane(), hold(crane(), start), "l", -0.6, rate=0.2, at=0.5)
-    run = simulate(crane(), brake, gentle, start=start, duration=20.0, validity="buffers", engine=engine)
-    # the drive pulls with 30 kN/m above its aim of 3 m, the buffer pushes with (20 rad/s)² times the load of 1 t below 3.4 m
+    run = simulate(
+        crane(), brake, gentle, start=start, duration=20.0, validity="buffers", engine=engine
+    )
+    # the drive pulls with 30 kN/m above its aim of 3 m, the buffer pushes with (20 rad/s)² times
+    # the load of 1 t below 3.4 m
     assert run["l_m"][-1] == pytest.approx((3.0 * 3e4 + 3.4 * 4e5) / (3e4 + 4e5), abs=1e-6)
     assert run["valid"].all()
     # at 1 m/s the damper alone pushes with 20 kN, the hoist pulls with 10 kN
@@ -104,7 +135,9 @@ def test_a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the
     if engine == "compiled":
         from cranedyn.compiled.batch import simulate_batch
 
-        batch = simulate_batch(crane(), brake, fast, start=[how["start"]], duration=5.0, buffers=True)
+        batch = simulate_batch(
+            crane(), brake, fast, start=[how["start"]], duration=5.0, buffers=True
+        )
         assert batch.valid_until[0] == pytest.approx(error.t, abs=1e-9)
 
 
@@ -117,7 +150,9 @@ def test_heights_of_many_rows_are_pinocchios_on_an_arm_with_turned_joints() -> N
     for row, one in enumerate(q):
         pin.forwardKinematics(model, data, one)
         expected[row] = [data.oMi[i].act(point)[2] for i in range(1, model.njoints)]
-    found = [rigid_body.heights(rigid_body.bodies(model), q, body, point) for body in range(model.nv)]
+    found = [
+        rigid_body.heights(rigid_body.bodies(model), q, body, point) for body in range(model.nv)
+    ]
     assert_allclose(np.transpose(found), expected, atol=1e-13)  # rounding of heights of some metres
 
 
@@ -125,7 +160,8 @@ def test_heights_of_many_rows_are_pinocchios_on_an_arm_with_turned_joints() -> N
 def test_heights_of_many_rows_are_those_of_the_payload(found: list[State]) -> None:
     c, q = crane(), np.array([state.q for state in found])
     heights = rigid_body.heights(rigid_body.bodies(c.model), q, c.payload.body, c.payload.lever)
-    assert_allclose(heights, [payload_position(c, one)[2] for one in q], atol=1e-13)  # rounding of 45 m
+    # Rounding of 45 m.
+    assert_allclose(heights, [payload_position(c, one)[2] for one in q], atol=1e-13)
 
 
 def test_buffers_are_for_drives_that_take_efforts() -> None:
@@ -134,7 +170,9 @@ def test_buffers_are_for_drives_that_take_efforts() -> None:
 
 
 def test_a_rope_that_would_have_to_push_stops_the_run() -> None:
-    with pytest.raises(RunError, match=r"At t = 0 s the rope would have to push, its tension is -1 N") as caught:
+    with pytest.raises(
+        RunError, match=r"At t = 0 s the rope would have to push, its tension is -1 N"
+    ) as caught:
         simulate(crane(), constant(0.0, 0.0, 1.0), duration=1.0)
     assert caught.value.joint == "hoist_joint"
 
@@ -183,29 +221,50 @@ def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> Non
     ("arguments", "words"),
     [
         ({"validity": "ignore"}, "validity is ignore"),
-        ({"start": (np.zeros(5), np.full(5, np.nan))}, "rate 1 of 5 at the start is nan; allowed is a finite number"),
-        ({"start": (np.zeros(4), np.zeros(5))}, "start is a state of 4 coordinates and 5 rates; allowed is as many of each"),
-        ({"start": (np.zeros(4), np.zeros(4))}, "start is a state of 4 coordinates; allowed is one of 5: gamma, x, phi, theta, l"),
+        (
+            {"start": (np.zeros(5), np.full(5, np.nan))},
+            "rate 1 of 5 at the start is nan; allowed is a finite number",
+        ),
+        (
+            {"start": (np.zeros(4), np.zeros(5))},
+            "start is a state of 4 coordinates and 5 rates; allowed is as many of each",
+        ),
+        (
+            {"start": (np.zeros(4), np.zeros(4))},
+            "start is a state of 4 coordinates; allowed is one of 5: gamma, x, phi, theta, l",
+        ),
         ({"start": "rest"}, "start is 'rest'"),
         ({"since": math.nan}, "time at the start is nan"),
         ({"duration": 1e5}, r"s at most: its \d+ rows would take"),
         ({"dt": 1e-14}, "dt is 1e-14 s; allowed is 1e-09 to 1000"),
         ({"dt": 1e-9, "control_period": 1e-9, "duration": 100.0}, "that is 1e[+]10 steps"),
         ({"since": 1e17}, "time at the start is 1e[+]17 s; allowed is -1e9 to 1e9"),
-        ({"disturbance": lambda t, state: np.zeros(3)}, r"force of the disturbance is an array of shape \(3,\)"),
+        (
+            {"disturbance": lambda t, state: np.zeros(3)},
+            r"force of the disturbance is an array of shape \(3,\)",
+        ),
         ({"disturbance": lambda t, state: np.full((2, 3), np.nan)}, "force of the disturbance is"),
         ({"controller": lambda t, state, setpoint: "up"}, "command of the controller is 'up'"),
     ],
 )
 def test_what_cannot_be_run_is_refused_at_once(arguments: dict, words: str) -> None:
     with pytest.raises(OutOfRange, match=words):
-        simulate(crane(), **{"controller": hold_controller(crane(), gravity=G), "duration": 1.0} | arguments)
+        simulate(
+            crane(),
+            **{"controller": hold_controller(crane(), gravity=G), "duration": 1.0} | arguments,
+        )
 
 
 def test_a_load_on_no_cable_is_refused_where_motion_is_prescribed() -> None:
     point = crane(payload_inertia=0.0, dummy_mass=0.0, dummy_inertia=0.0)
     with pytest.raises(CraneError, match="inertia against swing is 0 and 0 kg m²"):
-        simulate(point, locked, start=State(np.array([0.0, 10.0, 0.0, 0.0, 0.0]), np.zeros(5)), duration=0.1, drive="motion")
+        simulate(
+            point,
+            locked,
+            start=State(np.array([0.0, 10.0, 0.0, 0.0, 0.0]), np.zeros(5)),
+            duration=0.1,
+            drive="motion",
+        )
 
 
 @pytest.mark.parametrize("force", [1.5e308, 1e200])
@@ -214,7 +273,9 @@ def test_a_motion_that_costs_no_finite_effort_keeps_a_finite_record(force: float
         return np.full((2, 3), force if t > 0.05 else 0.0)
 
     with pytest.raises(RunError) as caught:
-        simulate(crane(), locked, duration=1.0, drive="motion", validity="mark", disturbance=disturbance)
+        simulate(
+            crane(), locked, duration=1.0, drive="motion", validity="mark", disturbance=disturbance
+        )
     assert caught.value.trajectory is not None
     assert all(np.isfinite(getattr(caught.value.trajectory, name)).all() for name in QUANTITIES)
 
@@ -237,7 +298,9 @@ def test_a_controller_cannot_change_the_state_it_is_given(part: str, first: floa
     with pytest.raises(RunError, match="read-only") as caught:
         simulate(crane(), meddling, duration=1.0)
     assert isinstance(caught.value.__cause__, ValueError)
-    assert caught.value.trajectory is not None and len(caught.value.trajectory) == round(first / 5e-3)
+    assert caught.value.trajectory is not None and len(caught.value.trajectory) == round(
+        first / 5e-3
+    )
 
 
 def test_a_controller_cannot_change_the_setpoint_it_is_given() -> None:

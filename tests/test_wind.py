@@ -23,24 +23,41 @@ POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_
 
 @given(states)
 def test_a_force_does_the_work_of_its_way(state: State) -> None:
-    # virtual work: J is the derivative of the places; complex steps are not for Pinocchio, so central differences, O(h²) = 1e-10
+    # virtual work: J is the derivative of the places; complex steps are not for Pinocchio, so
+    # central differences, O(h²) = 1e-10
     force, h = np.array([[1.0, -2.0, 3.0], [-4.0, 5.0, 6.0]]), 1e-5
     assert crane().layout.points == ("payload", "trolley")
     found = outside_effort(crane().points, crane().model, crane().data, state.q, force)
     for i, e in enumerate(np.eye(5)):
-        paths = (point_positions(crane(), state.q + h * e) - point_positions(crane(), state.q - h * e)) / (2 * h)
+        paths = (
+            point_positions(crane(), state.q + h * e) - point_positions(crane(), state.q - h * e)
+        ) / (2 * h)
         assert_allclose(found[i], (force * paths).sum(), atol=1e-6 * 30.0)
-    assert_allclose(found @ state.v, (force * point_velocities(crane(), state)).sum(), rtol=1e-9, atol=1e-9)
+    assert_allclose(
+        found @ state.v, (force * point_velocities(crane(), state)).sum(), rtol=1e-9, atol=1e-9
+    )
 
 
-@pytest.mark.parametrize(("force", "coordinate", "sign"), [((0.0, 1000.0, 0.0), 2, 1.0), ((1000.0, 0.0, 0.0), 3, -1.0)])
-def test_a_steady_push_is_rest_at_the_closed_form_angle(force: tuple[float, ...], coordinate: int, sign: float) -> None:
-    # +Y is inward, so the load hangs as if it lagged an outward move; +X is the way of a slew to the left, so the load leads
+@pytest.mark.parametrize(
+    ("force", "coordinate", "sign"), [((0.0, 1000.0, 0.0), 2, 1.0), ((1000.0, 0.0, 0.0), 3, -1.0)]
+)
+def test_a_steady_push_is_rest_at_the_closed_form_angle(
+    force: tuple[float, ...], coordinate: int, sign: float
+) -> None:
+    # +Y is inward, so the load hangs as if it lagged an outward move; +X is the way of a slew to
+    # the left, so the load leads
     c = crane(**POINT)
     angle = sign * math.atan(1000.0 / (1000.0 * G))
     q = c.state(x=10.0, l=15.0).q.copy()
     q[coordinate] = angle
-    run = simulate(c, locked, start=State(q, np.zeros(5)), duration=10.0, drive="motion", disturbance=wind.constant_force(c, payload=force))
+    run = simulate(
+        c,
+        locked,
+        start=State(q, np.zeros(5)),
+        duration=10.0,
+        drive="motion",
+        disturbance=wind.constant_force(c, payload=force),
+    )
     assert_allclose(run.q, np.tile(q, (len(run), 1)), atol=1e-9)  # rest, to rounding
 
 
@@ -54,39 +71,67 @@ def test_a_push_that_comes_at_once_swings_the_load_to_twice_its_rest() -> None:
         drive="motion",
         disturbance=wind.constant_force(c, payload=(0.0, 1000.0, 0.0)),
     )
-    # in the tilted field g_eff the load is a pendulum released at rest atan(F/mg) off its middle, whatever the amplitude
-    assert run["phi_rad"].max() == pytest.approx(2.0 * math.atan(1.0 / G), abs=2e-5)  # half a step of lead: ω dt/2 of the amplitude
+    # in the tilted field g_eff the load is a pendulum released at rest atan(F/mg) off its middle,
+    # whatever the amplitude Half a step of lead: ω dt/2 of the amplitude.
+    assert run["phi_rad"].max() == pytest.approx(2.0 * math.atan(1.0 / G), abs=2e-5)
 
 
 def test_the_work_of_a_push_is_in_the_ledger_and_what_it_leaves_open_halves_with_the_step() -> None:
     c = crane(**POINT)
-    constant_force = wind.constant_force(c, payload=(300.0, 800.0, -200.0), trolley=(100.0, 500.0, 0.0))
+    constant_force = wind.constant_force(
+        c, payload=(300.0, 800.0, -200.0), trolley=(100.0, 500.0, 0.0)
+    )
     start = c.state(x=10.0, l=15.0, phi=0.1, theta=-0.05)
     coarse, fine = (
-        simulate(c, hold_controller(c, gravity=G), start=start, duration=10.0, dt=dt, control_period=5e-3, disturbance=constant_force)
+        simulate(
+            c,
+            hold_controller(c, gravity=G),
+            start=start,
+            duration=10.0,
+            dt=dt,
+            control_period=5e-3,
+            disturbance=constant_force,
+        )
         for dt in (1e-3, 5e-4)
     )
     assert np.ptp(fine["W_force_J"]) > 300.0
     assert np.abs(fine.unexplained).max() < 3e-3 * np.ptp(fine["W_force_J"])
-    assert np.abs(coarse.unexplained).max() / np.abs(fine.unexplained).max() == pytest.approx(2.0, abs=0.1)  # order 1
+    # Order 1.
+    assert np.abs(coarse.unexplained).max() / np.abs(fine.unexplained).max() == pytest.approx(
+        2.0, abs=0.1
+    )
 
 
 def test_a_force_on_the_trolley_is_what_the_drive_must_give_less() -> None:
-    run = simulate(crane(), locked, duration=0.1, drive="motion", disturbance=wind.constant_force(crane(), trolley=(0.0, -700.0, 0.0)))
+    run = simulate(
+        crane(),
+        locked,
+        duration=0.1,
+        drive="motion",
+        disturbance=wind.constant_force(crane(), trolley=(0.0, -700.0, 0.0)),
+    )
     assert_allclose(run["F_x_N"], -700.0, atol=1e-9)  # outward along -Y; rounding
 
 
 def test_a_steady_wind_pushes_with_the_square_of_its_speed() -> None:
     c = crane()
-    disturbance = wind.wind(c, wind.steady(20.0), direction=math.pi / 2, payload_area=5.0, trolley_area=1.0)
+    disturbance = wind.wind(
+        c, wind.steady(20.0), direction=math.pi / 2, payload_area=5.0, trolley_area=1.0
+    )
     rest = disturbance(0.0, c.start)
-    assert_allclose(rest, [[0.0, 0.5 * 1.225 * 5.0 * 400.0, 0.0], [0.0, 0.5 * 1.225 * 400.0, 0.0]], atol=1e-12)
+    assert_allclose(
+        rest, [[0.0, 0.5 * 1.225 * 5.0 * 400.0, 0.0], [0.0, 0.5 * 1.225 * 400.0, 0.0]], atol=1e-12
+    )
 
 
 def test_a_load_that_moves_with_the_wind_feels_none() -> None:
     c = crane()
     moving = c.state(x_dot=8.0)  # outward along -Y, pivot and payload alike
-    assert_allclose(wind.wind(c, wind.steady(8.0), direction=-math.pi / 2, payload_area=5.0)(0.0, moving), 0.0, atol=1e-12)
+    assert_allclose(
+        wind.wind(c, wind.steady(8.0), direction=-math.pi / 2, payload_area=5.0)(0.0, moving),
+        0.0,
+        atol=1e-12,
+    )
 
 
 def test_wind_damps_a_swing_in_its_direction() -> None:
@@ -104,11 +149,14 @@ def test_wind_damps_a_swing_in_its_direction() -> None:
         )
         for speed in (0.0, 10.0)
     )
-    # linear drag ρ A w takes amplitude at a rate ρ A w/(2 m); the swing starts 0.1 rad from plumb, about a rest that the wind holds aside
+    # linear drag ρ A w takes amplitude at a rate ρ A w/(2 m); the swing starts 0.1 rad from plumb,
+    # about a rest that the wind holds aside
     aside = 0.5 * 1.225 * 5.0 * 10.0**2 / (1000.0 * G)
     swing = [float(np.ptp(run["phi_rad"][run.t > 50.0])) / 2.0 for run in (still, windy)]
     # the window of 10 s begins and ends within a swing: 52 s ± 2 s of decay
-    assert swing[1] / (0.1 - aside) == pytest.approx(math.exp(-1.225 * 5.0 * 10.0 / 2000.0 * 52.0), rel=0.06)
+    assert swing[1] / (0.1 - aside) == pytest.approx(
+        math.exp(-1.225 * 5.0 * 10.0 / 2000.0 * 52.0), rel=0.06
+    )
     assert swing[0] > 0.09
 
 
@@ -116,17 +164,30 @@ def test_gusts_have_their_shapes() -> None:
     step = wind.step_gust(wind.steady(5.0), 10.0, at=2.0)
     assert [step(t) for t in (1.9, 2.0, 9.0)] == [5.0, 15.0, 15.0]
     bump = wind.cosine_gust(wind.steady(5.0), 10.0, at=2.0, lasts=4.0)
-    assert_allclose([bump(t) for t in (1.0, 2.0, 3.0, 4.0, 6.0, 7.0)], [5.0, 5.0, 10.0, 15.0, 5.0, 5.0], atol=1e-12)
+    assert_allclose(
+        [bump(t) for t in (1.0, 2.0, 3.0, 4.0, 6.0, 7.0)],
+        [5.0, 5.0, 10.0, 15.0, 5.0, 5.0],
+        atol=1e-12,
+    )
 
 
 def test_turbulence_has_its_intensity_and_its_time_scale_and_repeats_with_its_seed() -> None:
     one, two = (
-        wind.turbulence(wind.steady(10.0), 0.15, np.random.default_rng(3), duration=20_000.0, time_scale=5.0, step=0.5) for _ in range(2)
+        wind.turbulence(
+            wind.steady(10.0),
+            0.15,
+            np.random.default_rng(3),
+            duration=20_000.0,
+            time_scale=5.0,
+            step=0.5,
+        )
+        for _ in range(2)
     )
     t = np.arange(0.0, 20_000.0, 0.5)
     values = np.array([one(s) for s in t]) - 10.0
     assert values[:100].tolist() == [two(s) - 10.0 for s in t[:100]]
-    # 20,000 s are 2000 independent stretches of twice the time scale: 1/√(2·2000) = 1.6 % of σ, 3.2 % of σ²; three of these
+    # 20,000 s are 2000 independent stretches of twice the time scale: 1/√(2·2000) = 1.6 % of σ, 3.2
+    # % of σ²; three of these
     assert values.std() == pytest.approx(1.5, rel=0.05)
     lag = float(np.mean(values[:-10] * values[10:]) / values.var())
     assert lag == pytest.approx(math.exp(-1.0), abs=0.1)
@@ -137,26 +198,52 @@ def test_turbulence_has_its_intensity_at_every_time_however_long_the_step(ratio:
     rng, seeds, share = np.random.default_rng(5), 4000, np.linspace(0.0, 1.0, 5)
     found = np.empty((seeds, 5))
     for row in found:
-        speed = wind.turbulence(wind.steady(10.0), 0.1, rng, duration=2.0 * ratio, time_scale=1.0, step=ratio)
+        speed = wind.turbulence(
+            wind.steady(10.0), 0.1, rng, duration=2.0 * ratio, time_scale=1.0, step=ratio
+        )
         row[:] = [speed(ratio * (1.0 + s)) - 10.0 for s in share]
-    # the variance of n normal numbers has the standard deviation √(2/n) of itself, 2.2 %; 4 of these
+    # the variance of n normal numbers has the standard deviation √(2/n) of itself, 2.2 %; 4 of
+    # these
     assert_allclose(found.var(axis=0), 1.0, atol=4.0 * math.sqrt(2.0 / seeds))
-    # from the beginning of a step to a share of it: (1 - s + s keep) over the deviation of the line; at its end exp(-step / time scale)
+    # from the beginning of a step to a share of it: (1 - s + s keep) over the deviation of the
+    # line; at its end exp(-step / time scale)
     keep = math.exp(-ratio)
-    expected = (1.0 - share + share * keep) / np.sqrt(1.0 - 2.0 * share * (1.0 - share) * (1.0 - keep))
-    assert_allclose((found[:, :1] * found).mean(axis=0), expected, atol=4.0 * math.sqrt(2.0 / seeds))
+    expected = (1.0 - share + share * keep) / np.sqrt(
+        1.0 - 2.0 * share * (1.0 - share) * (1.0 - keep)
+    )
+    assert_allclose(
+        (found[:, :1] * found).mean(axis=0), expected, atol=4.0 * math.sqrt(2.0 / seeds)
+    )
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: wind.constant_force(crane(), payload=(1.0, 2.0)), r"force on the payload is an array of shape \(2,\); .* shape \(3,\)"),
-        (lambda: wind.constant_force(crane(), trolley=(math.nan, 0.0, 0.0)), "force on the trolley is nan"),
-        (lambda: wind.constant_force(crane(), payload=1.0), "payload is 1.0; allowed is a sequence of numbers"),  # type: ignore[arg-type]
+        (
+            lambda: wind.constant_force(crane(), payload=(1.0, 2.0)),
+            r"force on the payload is an array of shape \(2,\); .* shape \(3,\)",
+        ),
+        (
+            lambda: wind.constant_force(crane(), trolley=(math.nan, 0.0, 0.0)),
+            "force on the trolley is nan",
+        ),
+        (
+            lambda: wind.constant_force(crane(), payload=1.0),
+            "payload is 1.0; allowed is a sequence of numbers",
+        ),  # type: ignore[arg-type]
         (lambda: wind.steady(math.inf), "wind speed is inf"),
-        (lambda: wind.cosine_gust(wind.steady(1.0), 1.0, at=0.0, lasts=0.0), "duration of the gust is 0"),
-        (lambda: wind.turbulence(wind.steady(1.0), -0.1, np.random.default_rng(0), duration=1.0), "turbulence intensity is -0.1"),
-        (lambda: wind.wind(crane(), wind.steady(1.0), direction=0.0, payload_area=-1.0), "drag area of the payload is -1"),
+        (
+            lambda: wind.cosine_gust(wind.steady(1.0), 1.0, at=0.0, lasts=0.0),
+            "duration of the gust is 0",
+        ),
+        (
+            lambda: wind.turbulence(wind.steady(1.0), -0.1, np.random.default_rng(0), duration=1.0),
+            "turbulence intensity is -0.1",
+        ),
+        (
+            lambda: wind.wind(crane(), wind.steady(1.0), direction=0.0, payload_area=-1.0),
+            "drag area of the payload is -1",
+        ),
     ],
 )
 def test_impossible_winds_are_refused(make: object, words: str) -> None:
@@ -167,7 +254,10 @@ def test_impossible_winds_are_refused(make: object, words: str) -> None:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: wind.constant_force(crane(), hook=(0.0, 0.0, 1.0)), "no point 'hook'; there are payload, trolley"),
+        (
+            lambda: wind.constant_force(crane(), hook=(0.0, 0.0, 1.0)),
+            "no point 'hook'; there are payload, trolley",
+        ),
         (
             lambda: wind.wind(crane(), wind.steady(1.0), direction=0.0, hook_area=1.0),
             "no drag area 'hook_area'; there are payload_area, trolley_area",

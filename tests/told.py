@@ -1,4 +1,6 @@
-"""Numbers that documents tell of experiments outside of tables between marks, as they must stand there."""
+"""Numbers that documents tell of experiments outside of tables between marks, as they must stand
+there.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,8 @@ from typing import Any
 from tests.helpers import ROOT
 
 Result = Any
-"""What an experiment left: an object whose `table` gives the rows of the table with a title, by header."""
+"""What an experiment left: an object whose `table` gives the rows of the table with a title, by
+header."""
 
 Told = tuple[list[str], list[str]]
 """What README.md and docs/findings.md tell."""
@@ -45,9 +48,12 @@ def _of_a1(result: Result) -> Told:
         "sum",
         "simulated",
     ]
-    left = [f"{row['simulated less article']:+.6f}" for row in result.table("Where the damping ratio")]
+    left = [
+        f"{row['simulated less article']:+.6f}" for row in result.table("Where the damping ratio")
+    ]
     errors, amplitudes = (
-        max(abs(row[one] - row[other]) for row in article) for one, other in (("error [%]", "art. 2"), ("A [rad]", "art. 5"))
+        max(abs(row[one] - row[other]) for row in article)
+        for one, other in (("error [%]", "art. 2"), ("A [rad]", "art. 5"))
     )
     findings = [
         *(f"{_row((row[cause] for row in budget[:4]), '+.3f')}|" for cause in causes),
@@ -80,16 +86,30 @@ def _of_a2(result: Result) -> Told:
 def _of_a3(result: Result) -> Told:
     rows = result.table("Tangential swing")
     amplitude, correlation, rms = (
-        format(rows[0][name], form) for name, form in (("θ measured [rad]", ".4f"), ("correlation", "+.4f"), ("RMS [rad]", ".5f"))
+        format(rows[0][name], form)
+        for name, form in (
+            ("θ measured [rad]", ".4f"),
+            ("correlation", "+.4f"),
+            ("RMS [rad]", ".5f"),
+        )
     )
-    soft, stiff = ([row["of amplitude [%]"] for row in rows if row["slew drive"] == drive] for drive in ("soft", "stiff"))
+    soft, stiff = (
+        [row["of amplitude [%]"] for row in rows if row["slew drive"] == drive]
+        for drive in ("soft", "stiff")
+    )
     findings = [f"{_row(pair, '.2f')}|" for pair in zip(soft, stiff, strict=True)]
-    return [f"| {amplitude}, {correlation}, {rms} |"], [*findings, f"({amplitude} rad, {correlation}, {rms} rad)"]
+    return [f"| {amplitude}, {correlation}, {rms} |"], [
+        *findings,
+        f"({amplitude} rad, {correlation}, {rms} rad)",
+    ]
 
 
 def _of_energy(result: Result) -> Told:
     left = next(row["ours"] for row in result.table("Energy of a") if row["[J]"] == "unexplained")
-    damped, steps = result.table("Damping of the swing joints"), [row["at most [J]"] for row in result.table("What the ledger")]
+    damped, steps = (
+        result.table("Damping of the swing joints"),
+        [row["at most [J]"] for row in result.table("What the ledger")],
+    )
     most = damped[1]["open, at most [J]"]
     findings = [
         f"open by {most:.2f} J at most",
@@ -111,5 +131,11 @@ def _short(number: float) -> str:
     return f"{number:.1e}".replace("e-0", "e-")
 
 
-TOLD: dict[str, Callable[[Result], Told]] = {"a1": _of_a1, "a2": _of_a2, "a3": _of_a3, "energy": _of_energy, "mass_ratio": _of_mass_ratio}
+TOLD: dict[str, Callable[[Result], Told]] = {
+    "a1": _of_a1,
+    "a2": _of_a2,
+    "a3": _of_a3,
+    "energy": _of_energy,
+    "mass_ratio": _of_mass_ratio,
+}
 """By experiment."""

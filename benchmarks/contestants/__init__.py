@@ -4,5 +4,11 @@ from __future__ import annotations
 
 from benchmarks.contestants import bullet, drake, mujoco, native, ours
 
-CONTESTANTS = (*ours.CONTESTANTS, *mujoco.CONTESTANTS, *bullet.CONTESTANTS, *drake.CONTESTANTS, *native.CONTESTANTS)
+CONTESTANTS = (
+    *ours.CONTESTANTS,
+    *mujoco.CONTESTANTS,
+    *bullet.CONTESTANTS,
+    *drake.CONTESTANTS,
+    *native.CONTESTANTS,
+)
 """All of them, in the order of the tables; those that cannot run here say why."""

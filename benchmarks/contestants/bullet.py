@@ -13,24 +13,36 @@ from benchmarks.workload import Case, Contestant, Result, Run, brake
 
 
 def _missing() -> str | None:
-    return None if find_spec("pybullet") else "pybullet is not installed: pip install 'cranedyn[benchmarks]' (its wheel is for Python 3.11)"
+    return (
+        None
+        if find_spec("pybullet")
+        else "pybullet is not installed: pip install 'cranedyn[benchmarks]' (its wheel is for "
+        "Python 3.11)"
+    )
 
 
 def _weighed(urdf: str) -> str:
-    """A URDF whose fixed links without mass say that they have none, where Bullet would take 1 kg and warn of it."""
+    """A URDF whose fixed links without mass say that they have none, where Bullet would take 1 kg
+    and warn of it.
+    """
     robot = ET.fromstring(urdf)
     for link in robot.iterfind("link"):
         if link.find("inertial") is None:
             inertial = ET.SubElement(link, "inertial")
             ET.SubElement(inertial, "mass", value="0")
-            ET.SubElement(inertial, "inertia", {name: "0" for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")})
+            ET.SubElement(
+                inertial,
+                "inertia",
+                {name: "0" for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")},
+            )
     return ET.tostring(robot, encoding="unicode")
 
 
 def _stepped(case: Case, at_once: int) -> Run:
     """One crane, with so many physics steps in each call of `stepSimulation`.
 
-    Bullet forgets torques after each call. With several steps in a call it holds the damping of the joints over all of them, too.
+    Bullet forgets torques after each call. With several steps in a call it holds the damping of the
+    joints over all of them, too.
     """
     import pybullet as bullet
 
@@ -38,20 +50,44 @@ def _stepped(case: Case, at_once: int) -> Run:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "crane.urdf"
         path.write_text(_weighed(case.crane.urdf), encoding="utf-8")
-        robot = bullet.loadURDF(str(path), useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=setup)
+        robot = bullet.loadURDF(
+            str(path),
+            useFixedBase=True,
+            flags=bullet.URDF_USE_INERTIA_FROM_FILE,
+            physicsClientId=setup,
+        )
     bullet.setGravity(0.0, 0.0, -case.crane.gravity, physicsClientId=setup)
     substeps = at_once if at_once > 1 else 0
-    bullet.setPhysicsEngineParameter(fixedTimeStep=at_once * case.dt, numSubSteps=substeps, physicsClientId=setup)
-    places = {bullet.getJointInfo(robot, i, physicsClientId=setup)[1].decode(): i for i in range(bullet.getNumJoints(robot, setup))}
+    bullet.setPhysicsEngineParameter(
+        fixedTimeStep=at_once * case.dt, numSubSteps=substeps, physicsClientId=setup
+    )
+    places = {
+        bullet.getJointInfo(robot, i, physicsClientId=setup)[1].decode(): i
+        for i in range(bullet.getNumJoints(robot, setup))
+    }
     joints = [places[joint.name] for joint in case.crane.layout.joints]
     drives = [joints[i] for i in case.crane.layout.drives]
     for i in range(-1, len(places)):
-        bullet.changeDynamics(robot, i, linearDamping=0.0, angularDamping=0.0, maxJointVelocity=1e9, physicsClientId=setup)
+        bullet.changeDynamics(
+            robot,
+            i,
+            linearDamping=0.0,
+            angularDamping=0.0,
+            maxJointVelocity=1e9,
+            physicsClientId=setup,
+        )
     for joint, damping in zip(joints, case.crane.damping, strict=True):
         bullet.changeDynamics(robot, joint, jointDamping=damping, physicsClientId=setup)
     # A velocity motor without force: otherwise Bullet brakes each joint.
-    bullet.setJointMotorControlArray(robot, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * len(joints), physicsClientId=setup)
-    states, control, torque, step = bullet.getJointStates, bullet.setJointMotorControlArray, bullet.TORQUE_CONTROL, bullet.stepSimulation
+    bullet.setJointMotorControlArray(
+        robot, joints, bullet.VELOCITY_CONTROL, forces=[0.0] * len(joints), physicsClientId=setup
+    )
+    states, control, torque, step = (
+        bullet.getJointStates,
+        bullet.setJointMotorControlArray,
+        bullet.TORQUE_CONTROL,
+        bullet.stepSimulation,
+    )
     calls = range(case.steps // at_once)
 
     def run(starts: np.ndarray, duration: float) -> Result:
@@ -72,6 +108,8 @@ def _stepped(case: Case, at_once: int) -> Run:
 
 
 CONTESTANTS = (
-    Contestant("PyBullet, substeps of a control period", _missing, lambda case: _stepped(case, case.steps)),
+    Contestant(
+        "PyBullet, substeps of a control period", _missing, lambda case: _stepped(case, case.steps)
+    ),
     Contestant("PyBullet, each step", _missing, lambda case: _stepped(case, 1)),
 )

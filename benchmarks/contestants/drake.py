@@ -1,4 +1,6 @@
-"""Drake on the same URDF: a continuous plant under its semi-explicit Euler, and a discrete plant."""
+"""Drake on the same URDF: a continuous plant under its semi-explicit Euler, and a discrete
+plant.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,17 @@ from benchmarks.workload import Case, Contestant, Result, Run, brake
 
 
 def _missing() -> str | None:
-    return None if find_spec("pydrake") else "drake is not installed: pip install 'cranedyn[benchmarks]'"
+    return (
+        None
+        if find_spec("pydrake")
+        else "drake is not installed: pip install 'cranedyn[benchmarks]'"
+    )
 
 
 def _advanced(case: Case, *, discrete: bool) -> Run:
-    """One crane, advanced over a control period at a time under efforts that are written into its input port."""
+    """One crane, advanced over a control period at a time under efforts that are written into its
+    input port.
+    """
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
     from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
@@ -23,7 +31,9 @@ def _advanced(case: Case, *, discrete: bool) -> Run:
     plant: Any = MultibodyPlant(case.dt if discrete else 0.0)
     Parser(plant).AddModelsFromString(case.crane.urdf, "urdf")
     for i in case.crane.layout.drives:
-        plant.AddJointActuator(case.crane.layout.joints[i].name, plant.GetJointByName(case.crane.layout.joints[i].name))
+        plant.AddJointActuator(
+            case.crane.layout.joints[i].name, plant.GetJointByName(case.crane.layout.joints[i].name)
+        )
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -case.crane.gravity])
     plant.Finalize()
     simulator = Simulator(plant)

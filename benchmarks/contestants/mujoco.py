@@ -1,4 +1,6 @@
-"""MuJoCo on the same URDF: stepped from Python for one crane, rolled out on all processors for many."""
+"""MuJoCo on the same URDF: stepped from Python for one crane, rolled out on all processors for
+many.
+"""
 
 from __future__ import annotations
 
@@ -25,17 +27,25 @@ def twin(urdf: str, *, gravity: float, dt: float) -> Any:
 
     model = mujoco.MjModel.from_xml_string(urdf)
     option, off = model.opt, mujoco.mjtDisableBit
-    option.integrator, option.timestep, option.gravity[:] = mujoco.mjtIntegrator.mjINT_EULER, dt, [0.0, 0.0, -gravity]
+    option.integrator, option.timestep, option.gravity[:] = (
+        mujoco.mjtIntegrator.mjINT_EULER,
+        dt,
+        [0.0, 0.0, -gravity],
+    )
     option.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_EULERDAMP
     return model
 
 
 def _missing() -> str | None:
-    return None if find_spec("mujoco") else "mujoco is not installed: pip install 'cranedyn[mujoco]'"
+    return (
+        None if find_spec("mujoco") else "mujoco is not installed: pip install 'cranedyn[mujoco]'"
+    )
 
 
 def _stepped(case: Case, at_once: int) -> Run:
-    """One crane, with so many physics steps in each call of `mj_step`; its efforts are plain numbers between them."""
+    """One crane, with so many physics steps in each call of `mj_step`; its efforts are plain
+    numbers between them.
+    """
     import mujoco
 
     model = twin(case.crane.urdf, gravity=case.crane.gravity, dt=case.dt)
@@ -60,7 +70,8 @@ def _stepped(case: Case, at_once: int) -> Run:
 
 
 def _rolled_out(case: Case) -> Run:
-    """Many cranes, rolled out together over one control period after the other, with their efforts computed by NumPy in between.
+    """Many cranes, rolled out together over one control period after the other, with their efforts
+    computed by NumPy in between.
 
     A controller inside the model would be asked at every physics step, which is another controller.
     """
@@ -78,13 +89,29 @@ def _rolled_out(case: Case) -> Run:
         count, setpoint = len(starts), starts[:, drives]
         state = np.zeros((count, mujoco.mj_stateSize(model, full)))
         state[:, 1:11] = starts
-        states, sensors = np.empty((count, case.steps, state.shape[1])), np.empty((count, case.steps, 0))
+        states, sensors = (
+            np.empty((count, case.steps, state.shape[1])),
+            np.empty((count, case.steps, 0)),
+        )
         tau, peaks = np.zeros((count, 1, 5)), case.swing(starts)
         for _ in range(case.periods(duration)):
             rows = state[:, 1:11]
-            effort = hold.feed_forward + hold.stiffness * (setpoint - rows[:, drives]) - hold.damping * rows[:, 5 + drives]
+            effort = (
+                hold.feed_forward
+                + hold.stiffness * (setpoint - rows[:, drives])
+                - hold.damping * rows[:, 5 + drives]
+            )
             tau[:, 0, drives] = np.clip(effort, -limit, limit)
-            rollout.rollout(model, datas, state, tau, control_spec=int(force), nstep=case.steps, state=states, sensordata=sensors)
+            rollout.rollout(
+                model,
+                datas,
+                state,
+                tau,
+                control_spec=int(force),
+                nstep=case.steps,
+                state=states,
+                sensordata=sensors,
+            )
             state = states[:, -1].copy()
             peaks = np.maximum(peaks, case.swing(state[:, 1:11]))
         return Result(state[:, 1:11].copy(), peaks)
@@ -93,7 +120,14 @@ def _rolled_out(case: Case) -> Run:
 
 
 CONTESTANTS = (
-    Contestant("MuJoCo, mj_step of a control period", _missing, lambda case: _stepped(case, case.steps)),
+    Contestant(
+        "MuJoCo, mj_step of a control period", _missing, lambda case: _stepped(case, case.steps)
+    ),
     Contestant("MuJoCo, mj_step of each step", _missing, lambda case: _stepped(case, 1)),
-    Contestant(f"MuJoCo, rollout of control periods, {os.cpu_count()} threads", _missing, _rolled_out, many=True),
+    Contestant(
+        f"MuJoCo, rollout of control periods, {os.cpu_count()} threads",
+        _missing,
+        _rolled_out,
+        many=True,
+    ),
 )

@@ -17,8 +17,17 @@ from cranedyn.errors import CraneError, ModelError
 
 SOURCE = Path(__file__).with_name("crane.c")
 
-FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math", "-ffinite-math-only")
-"""What makes -ffast-math fast, without what it does to the processor's handling of tiny numbers in everything else that runs."""
+FLAGS = (
+    "-O3",
+    "-march=native",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fno-signed-zeros",
+    "-fassociative-math",
+    "-ffinite-math-only",
+)
+"""What makes -ffast-math fast, without what it does to the processor's handling of tiny numbers in
+everything else that runs."""
 
 LANES, GROUPS = 8, 2
 """Cranes in a vector, and vectors in turn: 16 cranes go together."""
@@ -36,13 +45,22 @@ def numbers(case: Case) -> dict[str, float]:
     """The numbers of a crane as the C source names them, from its loaded model.
 
     Raises:
-        ModelError: If the crane is not one the equations were written for: inertias the same about each axis, centres on the joints.
+        ModelError: If the crane is not one the equations were written for: inertias the same about
+            each axis, centres on the joints.
     """
     crane, hold = case.crane, case.controller
     trolley, outer, inner, payload = list(crane.model.inertias)[2:]
-    for name, body in (("trolley", trolley), ("outer link", outer), ("inner link", inner), ("payload", payload)):
+    for name, body in (
+        ("trolley", trolley),
+        ("outer link", outer),
+        ("inner link", inner),
+        ("payload", payload),
+    ):
         if body.lever.any() or not np.array_equal(body.inertia, body.inertia[0, 0] * np.eye(3)):
-            raise ModelError(f"The {name} has a centre beside its joint or an inertia that differs by axis; the C crane knows neither.")
+            raise ModelError(
+                f"The {name} has a centre beside its joint or an inertia that differs by axis; the "
+                "C crane knows neither."
+            )
     found = {
         "PAYLOAD": payload.mass,
         "TROLLEY": trolley.mass + outer.mass + inner.mass,
@@ -52,9 +70,22 @@ def numbers(case: Case) -> dict[str, float]:
         "GRAVITY": crane.gravity,
         "DT": case.dt,
     }
-    found |= dict(zip(("DAMP_SLEW", "DAMP_TROLLEY", "DAMP_PHI", "DAMP_THETA", "DAMP_HOIST"), crane.damping, strict=True))
-    for letters, values in (("KP", hold.stiffness), ("KD", hold.damping), ("FF", hold.feed_forward), ("MAX", crane.effort_limit)):
-        found |= dict(zip((f"{letters}_SLEW", f"{letters}_TROLLEY", f"{letters}_HOIST"), values, strict=True))
+    found |= dict(
+        zip(
+            ("DAMP_SLEW", "DAMP_TROLLEY", "DAMP_PHI", "DAMP_THETA", "DAMP_HOIST"),
+            crane.damping,
+            strict=True,
+        )
+    )
+    for letters, values in (
+        ("KP", hold.stiffness),
+        ("KD", hold.damping),
+        ("FF", hold.feed_forward),
+        ("MAX", crane.effort_limit),
+    ):
+        found |= dict(
+            zip((f"{letters}_SLEW", f"{letters}_TROLLEY", f"{letters}_HOIST"), values, strict=True)
+        )
     return found
 
 
@@ -64,14 +95,30 @@ def compiled(case: Case, lanes: int, groups: int) -> ctypes.CDLL:
     Raises:
         CraneError: If the compiler refuses it.
     """
-    values = {**{name: repr(float(value)) for name, value in numbers(case).items()}, "STEPS": case.steps, "LANES": lanes, "GROUPS": groups}
+    values = {
+        **{name: repr(float(value)) for name, value in numbers(case).items()},
+        "STEPS": case.steps,
+        "LANES": lanes,
+        "GROUPS": groups,
+    }
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "crane.so"
         defined = [f"-D{name}={value}" for name, value in values.items()]
-        command = [compiler() or "cc", *FLAGS, *defined, "-shared", "-fPIC", "-o", str(library), str(SOURCE)]
+        command = [
+            compiler() or "cc",
+            *FLAGS,
+            *defined,
+            "-shared",
+            "-fPIC",
+            "-o",
+            str(library),
+            str(SOURCE),
+        ]
         made = subprocess.run(command, capture_output=True, text=True, check=False)
         if made.returncode:
-            raise CraneError(f"{command[0]} cannot compile {SOURCE.name}: {made.stderr.strip().splitlines()[-1]}")
+            raise CraneError(
+                f"{command[0]} cannot compile {SOURCE.name}: {made.stderr.strip().splitlines()[-1]}"
+            )
         loaded = ctypes.CDLL(str(library))
     loaded.run.argtypes = [ctypes.c_long, ctypes.c_long, *4 * [ctypes.c_void_p]]
     loaded.run.restype = None
@@ -83,7 +130,12 @@ def _one(case: Case) -> Run:
 
     def run(starts: np.ndarray, duration: float) -> Result:
         periods = case.periods(duration)
-        starts, ends, peaks, log = np.ascontiguousarray(starts, float), np.empty((1, 10)), np.empty(1), np.empty((periods + 1, 13))
+        starts, ends, peaks, log = (
+            np.ascontiguousarray(starts, float),
+            np.empty((1, 10)),
+            np.empty(1),
+            np.empty((periods + 1, 13)),
+        )
         library.run(1, periods, *(array.ctypes.data for array in (starts, ends, peaks, log)))
         return Result(ends, np.sqrt(peaks), log)
 
@@ -96,15 +148,27 @@ def _many(threads: int, case: Case) -> Run:
 
     def run(starts: np.ndarray, duration: float) -> Result:
         together, cranes = LANES * GROUPS, len(starts)
-        full = np.concatenate([starts, np.repeat(starts[-1:], -cranes % together, axis=0)]).astype(float, order="C", copy=False)
+        full = np.concatenate([starts, np.repeat(starts[-1:], -cranes % together, axis=0)]).astype(
+            float, order="C", copy=False
+        )
         ends, peaks = np.empty_like(full), np.empty(len(full))
 
         def part(rounds: np.ndarray) -> None:
             rows = slice(together * rounds[0], together * (rounds[-1] + 1))
-            library.run(len(rounds), case.periods(duration), *(array[rows].ctypes.data for array in (full, ends, peaks)), None)
+            library.run(
+                len(rounds),
+                case.periods(duration),
+                *(array[rows].ctypes.data for array in (full, ends, peaks)),
+                None,
+            )
 
         rounds = np.arange(len(full) // together)
-        list(pool.map(part, np.array_split(rounds, min(len(rounds), 1 if threads == 1 else _CHUNKS * threads))))
+        list(
+            pool.map(
+                part,
+                np.array_split(rounds, min(len(rounds), 1 if threads == 1 else _CHUNKS * threads)),
+            )
+        )
         return Result(ends[:cranes], np.sqrt(peaks[:cranes]))
 
     return run
@@ -115,7 +179,12 @@ def _missing() -> str | None:
 
 
 def _threads(count: int) -> Contestant:
-    return Contestant(f"C by hand, {count} thread{'s' * (count > 1)}", _missing, lambda case: _many(count, case), many=True)
+    return Contestant(
+        f"C by hand, {count} thread{'s' * (count > 1)}",
+        _missing,
+        lambda case: _many(count, case),
+        many=True,
+    )
 
 
 CONTESTANTS = (

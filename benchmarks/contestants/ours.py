@@ -49,16 +49,27 @@ def _compiled(case: Case, controller: Callable[[float, State, Setpoint], np.ndar
     return run
 
 
-def _batch(threads: int | None, integrator: Integrator = semi_implicit_euler) -> Callable[[Case], Run]:
+def _batch(
+    threads: int | None, integrator: Integrator = semi_implicit_euler
+) -> Callable[[Case], Run]:
     """Eight cranes in a vector, control and steps compiled."""
 
     def prepare(case: Case) -> Run:
         from cranedyn.compiled.batch import simulate_batch
 
-        together = partial(simulate_batch, case.crane, case.controller, dt=case.dt, control_period=case.period, threads=threads)
+        together = partial(
+            simulate_batch,
+            case.crane,
+            case.controller,
+            dt=case.dt,
+            control_period=case.period,
+            threads=threads,
+        )
 
         def run(starts: np.ndarray, duration: float) -> Result:
-            found = together(start=State(starts[:, :5], starts[:, 5:]), duration=duration, integrator=integrator)
+            found = together(
+                start=State(starts[:, :5], starts[:, 5:]), duration=duration, integrator=integrator
+            )
             return Result(np.hstack(found.end), found.peak_swing)
 
         run(case.starts(1), case.period)

@@ -1,1 +1,3 @@
-"""What a record shows: fits of a swing, amplitudes, settling, and predictions to hold them against."""
+"""What a record shows: fits of a swing, amplitudes, settling, and predictions to hold them
+against.
+"""

@@ -18,7 +18,8 @@ from cranedyn.references.tabulated import tabulated
 from cranedyn.theory import amplitude_factor, hoist_compliance
 
 _GONE = 300.0
-"""After so many times of decay nothing is left of a swing: its square is no longer a number of full precision."""
+"""After so many times of decay nothing is left of a swing: its square is no longer a number of full
+precision."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,11 @@ def free_swing(
 ) -> FreeSwing:
     """Predict the radial swing that a reference leaves behind.
 
-    Period and damping of small swings are an eigenvalue of the linear crane under the sampled hold, stepped as `simulate` steps it; the
-    amplitude is the share of that mode after the reference has acted on the linear loop. Two effects of finite amplitude are then
-    added: the pendulum's own, (2/π) K(sin²(A/2)), and the compliance of the hoist at twice the swing's frequency
-    (`theory.hoist_compliance`).
+    Period and damping of small swings are an eigenvalue of the linear crane under the sampled hold,
+    stepped as `simulate` steps it; the amplitude is the share of that mode after the reference has
+    acted on the linear loop. Two effects of finite amplitude are then
+    added: the pendulum's own, (2/π) K(sin²(A/2)), and the compliance of the hoist at twice the
+    swing's frequency (`theory.hoist_compliance`).
 
     Args:
         crane: The crane.
@@ -67,8 +69,8 @@ def free_swing(
 
     Raises:
         MissingRole: If it is not a tower crane.
-        OutOfRange: If the stretch does not begin at 0 or later and end after that while there is a swing, or the control period is not a
-            multiple of `dt`.
+        OutOfRange: If the stretch does not begin at 0 or later and end after that while there is a
+            swing, or the control period is not a multiple of `dt`.
     """
     if not number("since", since, "s", ">= 0") < number("until", until, "s"):
         raise OutOfRange("since", since, f"less than until, {until:g} s", "s")
@@ -84,22 +86,40 @@ def free_swing(
     loop = plant.closed(feedback_gain(crane, hold.stiffness, hold.damping))
     mode = swing_mode(loop, control_period, coordinate=radial)
     times = control_period * np.arange(round(since / control_period))
-    excitations = hold.stiffness * (tabulated(reference, times, layout.m).position - start.q[layout.drives])
+    excitations = hold.stiffness * (
+        tabulated(reference, times, layout.m).position - start.q[layout.drives]
+    )
     last = max((k for k, excitation in enumerate(excitations) if excitation.any()), default=0)
     z = np.zeros(2 * layout.n)
     for excitation in excitations[: last + 1]:
         z = loop @ z + plant.b @ excitation
 
     def compliance(amplitude: float) -> tuple[float, float]:
-        return hoist_compliance(amplitude, rest[cable], crane.gravity, crane.payload_mass, stiffness, damping)
+        return hoist_compliance(
+            amplitude, rest[cable], crane.gravity, crane.payload_mass, stiffness, damping
+        )
 
     times = np.linspace(since, until, 200) - (last + 1) * control_period
     if -mode.rate.real * until > _GONE:
-        raise OutOfRange("until", until, f"{-_GONE / mode.rate.real:.3g} or less: the swing has died away by then", "s")
-    decayed = _decay(times, 2.0 * float(abs(mode.weights @ z)), -mode.rate.real, mode.rate.imag * compliance(1.0)[1])
+        raise OutOfRange(
+            "until",
+            until,
+            f"{-_GONE / mode.rate.real:.3g} or less: the swing has died away by then",
+            "s",
+        )
+    decayed = _decay(
+        times,
+        2.0 * float(abs(mode.weights @ z)),
+        -mode.rate.real,
+        mode.rate.imag * compliance(1.0)[1],
+    )
     amplitude = math.sqrt(float(np.mean(decayed**2)))
     stretch, damped = compliance(amplitude)
-    return FreeSwing(mode.period * float(amplitude_factor(amplitude)) * (1.0 + stretch), mode.damping_ratio + damped, amplitude)
+    return FreeSwing(
+        mode.period * float(amplitude_factor(amplitude)) * (1.0 + stretch),
+        mode.damping_ratio + damped,
+        amplitude,
+    )
 
 
 def _decay(t: np.ndarray, first: float, linear: float, cubic: float) -> np.ndarray:

@@ -20,7 +20,8 @@ from cranedyn.errors import DataError, number
 
 @dataclass(frozen=True)
 class SwingFit:
-    """φ(t) = A exp(-ζ ω_n t) cos(ω_d t + ψ) + c, with ω_d = ω_n √(1 - ζ²) and t counted from the start of the record.
+    """φ(t) = A exp(-ζ ω_n t) cos(ω_d t + ψ) + c, with ω_d = ω_n √(1 - ζ²) and t counted from the
+    start of the record.
 
     Attributes:
         period: 2π/ω_d [s].
@@ -45,11 +46,20 @@ class SwingFit:
     @property
     def decay_rate(self) -> float:
         """ζ ω_n [1/s]."""
-        return self.damping_ratio / math.sqrt(1.0 - self.damping_ratio**2) * 2.0 * math.pi / self.period
+        return (
+            self.damping_ratio
+            / math.sqrt(1.0 - self.damping_ratio**2)
+            * 2.0
+            * math.pi
+            / self.period
+        )
 
     def __call__(self, t: np.ndarray) -> np.ndarray:
         """The fitted swing at given times [rad]."""
-        return self.amplitude_at(t) * np.cos(2.0 * math.pi / self.period * t + self.phase) + self.offset
+        return (
+            self.amplitude_at(t) * np.cos(2.0 * math.pi / self.period * t + self.phase)
+            + self.offset
+        )
 
 
 @checked
@@ -61,20 +71,24 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
         swing: Swing angle [rad], shape (n,).
 
     Raises:
-        DataError: If time does not increase, the record holds fewer than two swings, or the fit does not converge.
+        DataError: If time does not increase, the record holds fewer than two swings, or the fit
+            does not converge.
     """
     t = finite("t", t, ("n",), unit="s")
     swing = finite("swing", swing, t.shape, unit="rad")
     if len(t) == 0:
         raise DataError("The record holds no row where a swing is to be fitted.")
     if not (t[1:] > t[:-1]).all():
-        raise DataError("The times of a record must increase from row to row where a swing is to be fitted.")
+        raise DataError(
+            "The times of a record must increase from row to row where a swing is to be fitted."
+        )
     centred = swing - swing.mean()
     clear = np.abs(centred) > 0.25 * centred.std()  # so that noise about zero makes no crossings
     crossings = zero_crossings(t[clear], centred[clear])
     if len(crossings) < 5:
         raise DataError(
-            f"The record from {t[0]:g} to {t[-1]:g} s holds {max(len(crossings) - 1, 0)} half swings; at least four are needed for a fit."
+            f"The record from {t[0]:g} to {t[-1]:g} s holds {max(len(crossings) - 1, 0)} half "
+            "swings; at least four are needed for a fit."
         )
     half = (crossings[-1] - crossings[0]) / (len(crossings) - 1)
     middle = 0.5 * (t[0] + t[-1])
@@ -84,15 +98,28 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
         s = t - middle
         return np.exp(-decay * s) * (a * np.cos(omega * s) + b * np.sin(omega * s)) + c - swing
 
-    basis = np.stack([np.cos(math.pi / half * (t - middle)), np.sin(math.pi / half * (t - middle)), np.ones_like(t)], axis=1)
+    basis = np.stack(
+        [
+            np.cos(math.pi / half * (t - middle)),
+            np.sin(math.pi / half * (t - middle)),
+            np.ones_like(t),
+        ],
+        axis=1,
+    )
     a, b, c = np.linalg.lstsq(basis, swing, rcond=None)[0]
     with np.errstate(all="ignore"):
         fit = least_squares(misfit, (a, b, 0.0, math.pi / half, c), method="lm", x_scale="jac")
         a, b, decay, omega, c = fit.x.tolist()
         amplitude = float(math.hypot(a, b) * np.exp(decay * middle))
     if not (fit.success and math.isfinite(amplitude) and omega > 0.0 and abs(decay) < omega):
-        reason = fit.message if not fit.success else f"its best decay is {decay:g} 1/s at {omega:g} rad/s."
-        raise DataError(f"The record from {t[0]:g} to {t[-1]:g} s does not fit a decaying cosine: {reason}")
+        reason = (
+            fit.message
+            if not fit.success
+            else f"its best decay is {decay:g} 1/s at {omega:g} rad/s."
+        )
+        raise DataError(
+            f"The record from {t[0]:g} to {t[-1]:g} s does not fit a decaying cosine: {reason}"
+        )
     return SwingFit(
         period=2.0 * math.pi / omega,
         damping_ratio=decay / math.hypot(decay, omega),
@@ -105,7 +132,9 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
 
 @checked
 def zero_crossings(t: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Times at which a signal changes sign, by linear interpolation between samples; error O(dt²) of the period."""
+    """Times at which a signal changes sign, by linear interpolation between samples; error O(dt²)
+    of the period.
+    """
     y = shaped("y", y, shaped("t", t, ("n",)).shape)
     i = np.flatnonzero((np.signbit(y[:-1]) != np.signbit(y[1:])) & (y[:-1] != y[1:]))
     return t[i] - y[i] * (t[i + 1] - t[i]) / (y[i + 1] - y[i])
@@ -113,11 +142,16 @@ def zero_crossings(t: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 @checked
 def peaks(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times and heights of the largest |y| between neighbouring zero crossings, by a parabola through the three samples at the top."""
+    """Times and heights of the largest |y| between neighbouring zero crossings, by a parabola
+    through the three samples at the top.
+    """
     y = shaped("y", y, shaped("t", t, ("n",)).shape)
     size = np.abs(y)
     edges = np.flatnonzero(np.signbit(y[:-1]) != np.signbit(y[1:])) + 1
-    i = np.array([first + int(np.argmax(size[first:last])) for first, last in itertools.pairwise(edges)], dtype=int)
+    i = np.array(
+        [first + int(np.argmax(size[first:last])) for first, last in itertools.pairwise(edges)],
+        dtype=int,
+    )
     before, top, after = size[i - 1], size[i], size[i + 1]
     bend = before - 2.0 * top + after
     shift = np.divide(0.5 * (before - after), bend, out=np.zeros_like(bend), where=bend != 0.0)
@@ -150,15 +184,20 @@ def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
     """Fit a power law by least squares on logarithms.
 
     Raises:
-        DataError: If fewer than three points are given, all x are alike, or a number is not positive.
+        DataError: If fewer than three points are given, all x are alike, or a number is not
+            positive.
     """
     y = finite("y", y, finite("x", x, ("n",)).shape)
     if len(x) < 3 or np.ptp(x) == 0.0:
         raise DataError(f"A power law needs three points of different abscissa, here are {len(x)}.")
     if not min(np.min(x), np.min(y)) > 0.0:
-        raise DataError(f"A power law needs positive numbers, the least here is {min(np.min(x), np.min(y)):g}.")
+        raise DataError(
+            f"A power law needs positive numbers, the least here is {min(np.min(x), np.min(y)):g}."
+        )
     line = linregress(np.log(x), np.log(y))
-    return PowerLaw(float(line.slope), float(math.exp(line.intercept)), float(line.rvalue**2), len(x))
+    return PowerLaw(
+        float(line.slope), float(math.exp(line.intercept)), float(line.rvalue**2), len(x)
+    )
 
 
 @dataclass(frozen=True)
@@ -202,8 +241,11 @@ def agreement(measured: np.ndarray, modelled: np.ndarray) -> Agreement:
 
 
 @checked
-def swing_amplitude(swing: np.ndarray, rates: np.ndarray, length: np.ndarray | float, gravity: float) -> np.ndarray:
-    """Amplitude that a small swing would keep if the drives stood still from now on [rad], shape (n,).
+def swing_amplitude(
+    swing: np.ndarray, rates: np.ndarray, length: np.ndarray | float, gravity: float
+) -> np.ndarray:
+    """Amplitude that a small swing would keep if the drives stood still from now on [rad], shape
+    (n,).
 
     Args:
         swing: φ and θ [rad], shape (n, 2).

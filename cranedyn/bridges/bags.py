@@ -1,4 +1,6 @@
-"""Recordings of ROS read back: the columns of a trajectory from messages of joint states in .mcap and .bag files."""
+"""Recordings of ROS read back: the columns of a trajectory from messages of joint states in .mcap
+and .bag files.
+"""
 
 from __future__ import annotations
 
@@ -34,11 +36,15 @@ Raw = tuple[str, int, bytes]
 
 
 @checked
-def read_columns(path: str | Path, columns: Sequence[str], names: Mapping[str, str] | None = None) -> dict[str, np.ndarray]:
-    """Columns of a trajectory from the joint states in a recording of ROS 2 (.mcap) or ROS 1 (.bag).
+def read_columns(
+    path: str | Path, columns: Sequence[str], names: Mapping[str, str] | None = None
+) -> dict[str, np.ndarray]:
+    """Columns of a trajectory from the joint states in a recording of ROS 2 (.mcap) or ROS 1
+    (.bag).
 
-    Messages are taken from ``/joint_states``, or from the only topic of that type. Times are those of their headers, or of logging where
-    headers have none, and count from the first message. What a file says of its own message types is not looked at: JointState is known.
+    Messages are taken from ``/joint_states``, or from the only topic of that type. Times are those
+    of their headers, or of logging where headers have none, and count from the first message. What
+    a file says of its own message types is not looked at: JointState is known.
 
     Args:
         path: The file.
@@ -49,7 +55,8 @@ def read_columns(path: str | Path, columns: Sequence[str], names: Mapping[str, s
         The columns by name, shape (n,) each.
 
     Raises:
-        DataError: If the extra is not installed, the file cannot be read, or it has no joint states, or others than needed.
+        DataError: If the extra is not installed, the file cannot be read, or it has no joint
+            states, or others than needed.
         UnknownName: If a name is given for no coordinate.
     """
     check_installed()
@@ -65,46 +72,76 @@ def read_columns(path: str | Path, columns: Sequence[str], names: Mapping[str, s
     except CraneError:
         raise
     except Exception as error:  # whatever a parser raises over the bytes of a stranger
-        raise DataError(f"Cannot read {path}: {type(error).__name__}: {str(error) or 'it is damaged'}.") from error
+        raise DataError(
+            f"Cannot read {path}: {type(error).__name__}: {str(error) or 'it is damaged'}."
+        ) from error
 
 
 def _columns(path: Path, columns: Sequence[str], names: Mapping[str, str]) -> dict[str, np.ndarray]:
     decode = _decoder(path)
-    found = [(topic, time, decode(raw)) for topic, time, raw in (_of_mcap if path.suffix == ".mcap" else _of_bag)(path)]
+    found = [
+        (topic, time, decode(raw))
+        for topic, time, raw in (_of_mcap if path.suffix == ".mcap" else _of_bag)(path)
+    ]
     topics = sorted({topic for topic, *_ in found})
     if TOPIC not in topics and len(topics) != 1:
         there = ", ".join(map(quoted, topics)) or "none"
-        raise DataError(f"{path} has joint states on {there}; allowed are messages on {TOPIC}, or on one topic.")
-    chosen = [(time, message) for topic, time, message in found if topic == (TOPIC if TOPIC in topics else topics[0])]
-    stamps = [message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for _, message in chosen]
+        raise DataError(
+            f"{path} has joint states on {there}; allowed are messages on {TOPIC}, or on one topic."
+        )
+    chosen = [
+        (time, message)
+        for topic, time, message in found
+        if topic == (TOPIC if TOPIC in topics else topics[0])
+    ]
+    stamps = [
+        message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for _, message in chosen
+    ]
     times = np.array(stamps if any(stamps) else [time for time, _ in chosen])
     order = np.argsort(times, kind="stable")
     times = times[order]
     if len(times) < 2 or not (np.diff(times) > 0).all():
-        raise DataError(f"{path} has joint states at {len(times)} times, some of them the same; allowed are two or more that increase.")
+        raise DataError(
+            f"{path} has joint states at {len(times)} times, some of them the same; allowed are "
+            "two or more that increase."
+        )
     messages = [chosen[i][1] for i in order.tolist()]
-    return {name: (times - times[0]) / 1e9 if name == "t_s" else _column(path, messages, name, names) for name in columns}
+    return {
+        name: (times - times[0]) / 1e9 if name == "t_s" else _column(path, messages, name, names)
+        for name in columns
+    }
 
 
-def _column(path: Path, messages: Sequence[Any], column: str, names: Mapping[str, str]) -> np.ndarray:
+def _column(
+    path: Path, messages: Sequence[Any], column: str, names: Mapping[str, str]
+) -> np.ndarray:
     """One coordinate or rate, shape (n,)."""
     units = {role.symbol: "m" if role.kind == "prismatic" else "rad" for role in ROLES.values()}
     kinds = {f"{symbol}_{unit}": ("position", symbol) for symbol, unit in units.items()}
     kinds |= {f"{symbol}_dot_{unit}_s": ("velocity", symbol) for symbol, unit in units.items()}
     if column not in kinds:
-        raise DataError(f"{path} cannot have a column {column}: joint states have positions and velocities.")
+        raise DataError(
+            f"{path} cannot have a column {column}: joint states have positions and velocities."
+        )
     kind, symbol = kinds[column]
     joint, values = names[symbol], np.empty(len(messages))
     for k, message in enumerate(messages):
         if joint not in message.name:
             there = ", ".join(map(quoted, message.name[:20])) or "none"
-            raise DataError(f"{path} has no joint {joint}, but {there}; say which is {symbol} by --joints {symbol}=NAME.")
+            raise DataError(
+                f"{path} has no joint {joint}, but {there}; say which is {symbol} by --joints "
+                f"{symbol}=NAME."
+            )
         i, numbers = message.name.index(joint), getattr(message, kind)
         if i >= len(numbers):
-            raise DataError(f"{path} has no {kind} of {joint} in its message {k + 1}; {column} needs one.")
+            raise DataError(
+                f"{path} has no {kind} of {joint} in its message {k + 1}; {column} needs one."
+            )
         values[k] = numbers[i]
     if not (finite := np.isfinite(values)).all():
-        raise DataError(f"{path}: {kind} of {joint} is not finite in its message {int(np.argmin(finite)) + 1}.")
+        raise DataError(
+            f"{path}: {kind} of {joint} is not finite in its message {int(np.argmin(finite)) + 1}."
+        )
     return values
 
 
@@ -130,13 +167,21 @@ def _of_mcap(path: Path) -> Iterator[Raw]:
         for record in StreamReader(file, emit_chunks=True, record_size_limit=_MOST).records:
             if isinstance(record, Chunk):
                 data = _unpacked(record.compression, record.data)
-                parts = breakup_chunk(Chunk("", data, record.message_end_time, record.message_start_time, 0, len(data)))
+                parts = breakup_chunk(
+                    Chunk(
+                        "", data, record.message_end_time, record.message_start_time, 0, len(data)
+                    )
+                )
             else:
                 parts = [record]
             for part in parts:
                 if isinstance(part, Schema):
                     schemas[part.id] = part.name
-                elif isinstance(part, Channel) and schemas.get(part.schema_id) == TYPE and part.message_encoding == "cdr":
+                elif (
+                    isinstance(part, Channel)
+                    and schemas.get(part.schema_id) == TYPE
+                    and part.message_encoding == "cdr"
+                ):
                     topics[part.id] = part.topic
                 elif isinstance(part, Message) and part.channel_id in topics:
                     yield topics[part.channel_id], part.log_time, part.data
@@ -149,7 +194,9 @@ def _of_bag(path: Path) -> Iterator[Raw]:
 
     with Reader(path) as reader:
         for place, chunk in reader.chunks.items():
-            name = next(name for name, unpack in decompressors.items() if unpack is chunk.decompressor)
+            name = next(
+                name for name, unpack in decompressors.items() if unpack is chunk.decompressor
+            )
             reader.chunks[place] = chunk._replace(decompressor=partial(_unpacked, name))
         connections = [one for one in reader.connections if one.msgtype == TYPE]
         if connections:
@@ -176,7 +223,10 @@ def _unpacked(compression: str, data: bytes) -> bytes:
     elif compression in ("", "none"):
         content = data
     else:
-        raise DataError(f"A piece of the recording is compressed by {quoted(compression)}; allowed are zstd, lz4 and bz2.")
+        raise DataError(
+            f"A piece of the recording is compressed by {quoted(compression)}; allowed are zstd, "
+            "lz4 and bz2."
+        )
     if len(content) > _MOST:
         raise DataError(f"A piece of the recording holds more than {_MOST / 1e6:g} MB.")
     return content

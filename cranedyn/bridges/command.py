@@ -1,4 +1,6 @@
-"""``export``: one word names the door, the next where to write; ``python -m cranedyn.bridges.command gazebo DIR``."""
+"""``export``: one word names the door, the next where to write; ``python -m
+cranedyn.bridges.command gazebo DIR``.
+"""
 
 from __future__ import annotations
 
@@ -18,25 +20,61 @@ DOORS = {
     "mjcf": "cranedyn.bridges.mjcf",
     "ros2": "cranedyn.bridges.ros2",
 }
-"""Doors by name: a module with `TARGET`, `add_arguments(parser)` and `run(options)`, whose first line of documentation says what it is.
+"""Doors by name: a module with `TARGET`, `add_arguments(parser)` and `run(options)`, whose first
+line of documentation says what it is.
 
-`run` writes to `options.target` and returns it; `cranedyn.bridges.joints.loaded(options)` is the crane that the command line describes.
+`run` writes to `options.target` and returns it; `cranedyn.bridges.joints.loaded(options)` is the
+crane that the command line describes.
 """
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of all doors."""
-    made = Parser(prog="python -m cranedyn export", description="Write a crane, or a run, for another program.")
-    doors = made.add_subparsers(dest="door", required=True, metavar="DOOR", help=f"one of {', '.join(DOORS)}")
+    made = Parser(
+        prog="python -m cranedyn export",
+        description="Write a crane, or a run, for another program.",
+    )
+    doors = made.add_subparsers(
+        dest="door", required=True, metavar="DOOR", help=f"one of {', '.join(DOORS)}"
+    )
     for name, module in DOORS.items():
         door = import_module(module)
         about = (door.__doc__ or "").partition("\n")[0]
-        one = doors.add_parser(name, help=about, description=about, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+        one = doors.add_parser(
+            name,
+            help=about,
+            description=about,
+            formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        )
         one.set_defaults(run=door.run)
-        one.add_argument("target", type=Path, metavar=door.TARGET, help="where to write; it must not be there yet")
-        one.add_argument("--urdf", metavar="FILE", help="another crane than that of this project: a plain URDF, or a .xacro that you trust")
-        one.add_argument("--gravity", type=float, default=STANDARD_GRAVITY, metavar="G", help="gravity of the world [m/s²]")
-        one.add_argument("--set", dest="values", nargs="+", action="extend", default=[], metavar="name:=value", help="numbers of the crane")
+        one.add_argument(
+            "target",
+            type=Path,
+            metavar=door.TARGET,
+            help="where to write; it must not be there yet",
+        )
+        one.add_argument(
+            "--urdf",
+            metavar="FILE",
+            help="another crane than that of this project: a plain URDF, or a .xacro that you "
+            "trust",
+        )
+        one.add_argument(
+            "--gravity",
+            type=float,
+            default=STANDARD_GRAVITY,
+            metavar="G",
+            help="gravity of the world [m/s²]",
+        )
+        one.add_argument(
+            "--set",
+            dest="values",
+            nargs="+",
+            action="extend",
+            default=[],
+            metavar="name:=value",
+            help="numbers of the crane",
+        )
         door.add_arguments(one)
     return made
 

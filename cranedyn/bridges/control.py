@@ -1,4 +1,6 @@
-"""The linear crane as a system of python-control, and a feedback designed there as a controller of ours."""
+"""The linear crane as a system of python-control, and a feedback designed there as a controller of
+ours.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ from cranedyn.references.motion import Motion
 try:
     import control as ct
 except ModuleNotFoundError as error:
-    raise CraneError("This bridge needs python-control, which is not installed: pip install 'cranedyn[control]'.") from error
+    raise CraneError(
+        "This bridge needs python-control, which is not installed: pip install 'cranedyn[control]'."
+    ) from error
 
 
 @checked
@@ -36,17 +40,19 @@ def to_control(
     dt: float = 5e-4,
     outputs: Sequence[str] | None = None,
 ) -> ct.StateSpace:
-    """The crane linearised about a state, as a state-space system with named states, inputs and outputs.
+    """The crane linearised about a state, as a state-space system with named states, inputs and
+    outputs.
 
-    Its variables are deviations from that state and from the command there, in SI units and radians.
+    Its variables are deviations from that state and from the command there, in SI units and
+    radians.
 
     Args:
         crane: The crane.
         state: Where it hangs at rest, or passes by in a motion; None for where it starts.
         effort: What the drives exert there [N m or N], shape (m,); None for what balances gravity.
         drive: What the inputs are: "effort", or with "motion" the accelerations of the drives.
-        control_period: None for a continuous system. A time [s] for the system that `simulate` steps: the command held over it, and
-            semi-implicit Euler between.
+        control_period: None for a continuous system. A time [s] for the system that `simulate`
+            steps: the command held over it, and semi-implicit Euler between.
         dt: Physics step of the sampled system [s].
         outputs: Names of the states that are outputs; None for all.
 
@@ -56,41 +62,75 @@ def to_control(
     """
     names = state_names(crane)
     model = linear(crane, crane.start if state is None else state, effort, drive=drive)
-    system: Any = model if control_period is None else model.sampled(dt=dt, control_period=control_period)
+    system: Any = (
+        model if control_period is None else model.sampled(dt=dt, control_period=control_period)
+    )
     shown = names if outputs is None else list(outputs)
     for name in shown:
         if name not in names:
             raise UnknownName("state", str(name), names)
     seen = np.eye(len(names))[[names.index(name) for name in shown]]
-    labels = {"states": names, "inputs": input_names(crane, drive), "outputs": shown, "name": "crane"}
-    return ct.ss(system.a, system.b, seen, np.zeros((len(shown), len(labels["inputs"]))), dt=control_period or 0, **labels)
+    labels = {
+        "states": names,
+        "inputs": input_names(crane, drive),
+        "outputs": shown,
+        "name": "crane",
+    }
+    return ct.ss(
+        system.a,
+        system.b,
+        seen,
+        np.zeros((len(shown), len(labels["inputs"]))),
+        dt=control_period or 0,
+        **labels,
+    )
 
 
 @checked
-def from_control(crane: Crane, feedback: object, about: State | Motion, *, drive: Drive = "effort", dt: float = 5e-4) -> Tracking:
-    """A state feedback designed with python-control as a controller that `simulate` and `simulate_batch` run compiled.
+def from_control(
+    crane: Crane,
+    feedback: object,
+    about: State | Motion,
+    *,
+    drive: Drive = "effort",
+    dt: float = 5e-4,
+) -> Tracking:
+    """A state feedback designed with python-control as a controller that `simulate` and
+    `simulate_batch` run compiled.
 
     Args:
         crane: The crane.
-        feedback: The gain K of u = -K z, shape (m, 2 n), as `control.lqr` and `control.dlqr` give it; or a system without states from
-            the states to the commands, u = D z; or the controller of `control.create_statefbk_iosystem`.
-        about: The rest, or the motion, from which z and u are deviations. What drives exert there is fed forward.
-        drive: What the feedback commands: "effort", or with "motion" the accelerations of the drives.
+        feedback: The gain K of u = -K z, shape (m, 2 n), as `control.lqr` and `control.dlqr` give
+            it; or a system without states from the states to the commands, u = D z; or the
+            controller of `control.create_statefbk_iosystem`.
+        about: The rest, or the motion, from which z and u are deviations. What drives exert there
+            is fed forward.
+        drive: What the feedback commands: "effort", or with "motion" the accelerations of the
+            drives.
         dt: Physics step of the run [s], of which a motion's period is a multiple.
 
     Raises:
-        OutOfRange: If the feedback is no gain of that shape, or a number in it is not finite; or for a rest at which something moves.
-        CraneError: If the system has states of its own, or does not say how it feeds each state back.
+        OutOfRange: If the feedback is no gain of that shape, or a number in it is not finite; or
+            for a rest at which something moves.
+        CraneError: If the system has states of its own, or does not say how it feeds each state
+            back.
     """
     names = state_names(crane)
     gain = finite("gain", _gain(feedback, names), (crane.layout.m, len(names)))
     if isinstance(about, Motion):
         table = linearised(crane, about, dt=dt, every=len(about.q))
         commands = table.efforts if drive == "effort" else about.a[:, about.drives]
-        return Tracking(about.period, commands, np.broadcast_to(gain, (len(commands), *gain.shape)), table.setpoint)
+        return Tracking(
+            about.period,
+            commands,
+            np.broadcast_to(gain, (len(commands), *gain.shape)),
+            table.setpoint,
+        )
     state = State.checked("rest", about)
     if state.v.any():
-        raise OutOfRange("rates of the rest", state.v.tolist(), "0; a motion is given as a Motion", "/s")
+        raise OutOfRange(
+            "rates of the rest", state.v.tolist(), "0; a motion is given as a Motion", "/s"
+        )
     command = holding_effort(crane, state.q) if drive == "effort" else np.zeros(crane.layout.m)
     return Tracking(1.0, command[None], gain[None], np.concatenate(state)[None])
 
@@ -101,22 +141,28 @@ def _gain(feedback: Any, names: Sequence[str]) -> np.ndarray:
         try:
             return np.asarray(feedback, dtype=float)
         except (TypeError, ValueError):
-            raise OutOfRange("feedback", described(feedback), "a gain or a system of python-control") from None
+            raise OutOfRange(
+                "feedback", described(feedback), "a gain or a system of python-control"
+            ) from None
     if not isinstance(feedback, ct.StateSpace) or feedback.nstates:
         raise CraneError(
-            f"The feedback is a {type(feedback).__name__} with {feedback.nstates} states of its own; "
+            f"The feedback is a {type(feedback).__name__} with {feedback.nstates} states of its "
+            "own; "
             "allowed is a gain or a StateSpace without states, u = D z."
         )
     given = list(feedback.input_labels)
     if given == list(names) or (len(given) == len(names) and not set(given) & set(names)):
         return -feedback.D
     if lacking := [name for name in names if name not in given]:
-        raise CraneError(f"The feedback has no input {lacking[0]}; its inputs are to be {', '.join(names)}.")
+        raise CraneError(
+            f"The feedback has no input {lacking[0]}; its inputs are to be {', '.join(names)}."
+        )
     gain = -feedback.D[:, [given.index(name) for name in names]]
     rest = [i for i, name in enumerate(given) if name not in names]
     if rest and not np.array_equal(feedback.D[:, rest], np.hstack([gain, np.eye(len(gain))])):
         raise CraneError(
-            f"The feedback has {len(rest)} inputs besides the states; allowed are the desired states and inputs "
+            f"The feedback has {len(rest)} inputs besides the states; allowed are the desired "
+            "states and inputs "
             "of control.create_statefbk_iosystem, or none."
         )
     return gain

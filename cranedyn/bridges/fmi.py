@@ -1,4 +1,5 @@
-"""The crane as a co-simulation unit of FMI 3.0 (an FMU): the compiled loop in a shared library that needs no Python.
+"""The crane as a co-simulation unit of FMI 3.0 (an FMU): the compiled loop in a shared library that
+needs no Python.
 
 ``python -m cranedyn export fmu FILE.fmu`` writes one.
 """
@@ -65,13 +66,19 @@ class Variable:
 
 @checked
 def export(
-    crane: Crane, path: str | Path, *, drive: Drive = "effort", dt: float = 5e-4, integrator: Integrator = semi_implicit_euler
+    crane: Crane,
+    path: str | Path,
+    *,
+    drive: Drive = "effort",
+    dt: float = 5e-4,
+    integrator: Integrator = semi_implicit_euler,
 ) -> Path:
     """Write a crane as an FMU for this kind of machine.
 
-    Its inputs are the commands of the drives and forces from outside, held over a communication step, which is a multiple of `dt`; its
-    outputs are the state, the efforts, the energy, and whether the model holds. It moves as in `simulate` with validity = mark and the
-    communication step as control period.
+    Its inputs are the commands of the drives and forces from outside, held over a communication
+    step, which is a multiple of `dt`; its outputs are the state, the efforts, the energy, and
+    whether the model holds. It moves as in `simulate` with validity = mark and the communication
+    step as control period.
 
     Args:
         crane: The crane.
@@ -81,10 +88,12 @@ def export(
         integrator: The stepping rule.
 
     Raises:
-        OutOfRange: If the file does not end so, a number is out of range, or there is no code for the stepping rule.
+        OutOfRange: If the file does not end so, a number is out of range, or there is no code for
+            the stepping rule.
         DataError: If something stands there, or the file cannot be written.
         CraneError: If there is no C compiler, or the machine is of a kind that is not known.
-        ModelError: If the code would not do what Pinocchio does, or two variables of the crane would have the same name.
+        ModelError: If the code would not do what Pinocchio does, or two variables of the crane
+            would have the same name.
     """
     final = Path(path)
     if final.suffix != ".fmu":
@@ -95,9 +104,15 @@ def export(
     from cranedyn.compiled.checked import elsewhere  # other doors need no llvmlite
     from cranedyn.compiled.kernel import Recipe
 
-    recipe = Recipe(1, drive, integrator, False, False, False, True, (True, True, True), log=True, summary=True)
+    recipe = Recipe(
+        1, drive, integrator, False, False, False, True, (True, True, True), log=True, summary=True
+    )
     variables, code = _variables(crane, drive), elsewhere(crane, recipe)
-    token = "{" + hashlib.sha256(code + repr((variables, dt)).encode() + _wrapper()).hexdigest()[:32] + "}"
+    token = (
+        "{"
+        + hashlib.sha256(code + repr((variables, dt)).encode() + _wrapper()).hexdigest()[:32]
+        + "}"
+    )
     library = _linked(code, _header(crane, variables, token, dt))
     with new_file(final) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as unit:
         for name, content in {
@@ -115,34 +130,67 @@ def _variables(crane: Crane, drive: str) -> list[Variable]:
     efforts = [joint.effort_unit.replace(" ", ".") for joint in layout.driven]
     commanded = efforts if drive == "effort" else [f"{joint.unit}/s2" for joint in layout.driven]
     holding = holding_effort(crane, crane.start.q) if drive == "effort" else np.zeros(layout.m)
-    low, high = np.concatenate([crane.lower, np.full(n, -np.inf)]), np.concatenate([crane.upper, np.full(n, np.inf)])
+    low, high = (
+        np.concatenate([crane.lower, np.full(n, -np.inf)]),
+        np.concatenate([crane.upper, np.full(n, np.inf)]),
+    )
     start = np.concatenate(crane.start)
     found = [
         Variable("time", "s", "independent"),
         *(
-            Variable(f"{name}_command", unit, "input", value, about="held over a communication step")
-            for name, unit, value in zip(input_names(crane, drive), commanded, holding.tolist(), strict=True)
+            Variable(
+                f"{name}_command", unit, "input", value, about="held over a communication step"
+            )
+            for name, unit, value in zip(
+                input_names(crane, drive), commanded, holding.tolist(), strict=True
+            )
         ),
-        *(Variable(name, "N", "input", 0.0, about="from outside, in the world") for name in force_names(crane)),
+        *(
+            Variable(name, "N", "input", 0.0, about="from outside, in the world")
+            for name in force_names(crane)
+        ),
         *(
             Variable(f"{name}_start", unit, "parameter", value, least, most, "where it begins")
-            for name, unit, value, least, most in zip(names, units, start.tolist(), low.tolist(), high.tolist(), strict=True)
+            for name, unit, value, least, most in zip(
+                names, units, start.tolist(), low.tolist(), high.tolist(), strict=True
+            )
         ),
         *(Variable(name, unit, "output") for name, unit in zip(names, units, strict=True)),
-        *(Variable(name, unit, "output", about="what acts") for name, unit in zip(input_names(crane, "effort"), efforts, strict=True)),
+        *(
+            Variable(name, unit, "output", about="what acts")
+            for name, unit in zip(input_names(crane, "effort"), efforts, strict=True)
+        ),
         Variable("energy", "J", "output", about="mechanical, zero of height at the ground"),
-        Variable("valid", "", "output", about="false once a joint has left its range, the rope is slack or the load touches the ground"),
+        Variable(
+            "valid",
+            "",
+            "output",
+            about="false once a joint has left its range, the rope is slack or the load touches "
+            "the ground",
+        ),
     ]
     known = [variable.name for variable in found]
     if twice := [name for name in known if known.count(name) > 1]:
-        raise ModelError(f"Two variables of the unit would have the name {quoted(twice[0])}; rename a joint or a point of the crane.")
+        raise ModelError(
+            f"Two variables of the unit would have the name {quoted(twice[0])}; rename a joint or "
+            "a point of the crane."
+        )
     return found
 
 
 def _description(variables: Sequence[Variable], token: str, dt: float, drive: str) -> bytes:
     """modelDescription.xml."""
-    root = ET.Element("fmiModelDescription", fmiVersion="3.0", modelName=NAME, instantiationToken=token, generationTool="cranedyn")
-    root.set("description", f"A crane whose drives take {'efforts' if drive == 'effort' else 'accelerations'}")
+    root = ET.Element(
+        "fmiModelDescription",
+        fmiVersion="3.0",
+        modelName=NAME,
+        instantiationToken=token,
+        generationTool="cranedyn",
+    )
+    root.set(
+        "description",
+        f"A crane whose drives take {'efforts' if drive == 'effort' else 'accelerations'}",
+    )
     ET.SubElement(
         root,
         "CoSimulation",
@@ -158,7 +206,13 @@ def _description(variables: Sequence[Variable], token: str, dt: float, drive: st
     listed, structure = ET.SubElement(root, "ModelVariables"), ET.Element("ModelStructure")
     for reference, variable in enumerate(variables):
         kind = "Float64" if variable.unit else "Boolean"
-        made = ET.SubElement(listed, kind, name=variable.name, valueReference=str(reference), causality=variable.causality)
+        made = ET.SubElement(
+            listed,
+            kind,
+            name=variable.name,
+            valueReference=str(reference),
+            causality=variable.causality,
+        )
         if variable.about:
             made.set("description", variable.about)
         fixed = variable.causality == "parameter"
@@ -167,10 +221,16 @@ def _description(variables: Sequence[Variable], token: str, dt: float, drive: st
             made.set("initial", "calculated")
         if variable.unit:
             made.set("unit", variable.unit)
-        for name, value in (("start", variable.start), ("min", variable.least), ("max", variable.most)):
+        for name, value in (
+            ("start", variable.start),
+            ("min", variable.least),
+            ("max", variable.most),
+        ):
             if value is not None and np.isfinite(value):
                 made.set(name, repr(value))
-    outputs = [str(place) for place, variable in enumerate(variables) if variable.causality == "output"]
+    outputs = [
+        str(place) for place, variable in enumerate(variables) if variable.causality == "output"
+    ]
     for kind in ("Output", "InitialUnknown"):
         for output in outputs:
             ET.SubElement(structure, kind, valueReference=output)
@@ -202,7 +262,8 @@ def _header(crane: Crane, variables: Sequence[Variable], token: str, dt: float) 
     law, row, kept = places(sizes.law), places(sizes.row), places(sizes.summary)
     names = [variable.name for variable in variables]
     first = {
-        kind: next(i for i, variable in enumerate(variables) if variable.causality == kind) for kind in ("input", "parameter", "output")
+        kind: next(i for i, variable in enumerate(variables) if variable.causality == kind)
+        for kind in ("input", "parameter", "output")
     }
     numbers = {
         "VARIABLES": len(variables),
@@ -226,7 +287,10 @@ def _header(crane: Crane, variables: Sequence[Variable], token: str, dt: float) 
         "AT_ENERGY": row["energy"].start,
         "AT_INVALID": kept["invalid"].start,
     }
-    rows = (f"  {{{_text(v.name)}, {_c(v.start or 0.0)}, {_c(v.least)}, {_c(v.most)}}}," for v in variables)
+    rows = (
+        f"  {{{_text(v.name)}, {_c(v.start or 0.0)}, {_c(v.least)}, {_c(v.most)}}},"
+        for v in variables
+    )
     return "\n".join(
         [
             f'#define TOKEN "{token}"',
@@ -259,9 +323,15 @@ def _platform() -> str:
     Raises:
         CraneError: If it is not one that units are made for here.
     """
-    system, kind = platform.system().lower(), {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine())
+    system, kind = (
+        platform.system().lower(),
+        {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine()),
+    )
     if system not in ("linux", "darwin") or kind not in ("x86_64", "aarch64"):
-        raise CraneError(f"Units are made on Linux and macOS, x86_64 or aarch64; this machine is {system} on {kind}.")
+        raise CraneError(
+            f"Units are made on Linux and macOS, x86_64 or aarch64; this machine is {system} on "
+            f"{kind}."
+        )
     return f"{kind}-{system}"
 
 
@@ -277,7 +347,10 @@ def _linked(code: bytes, header: str) -> bytes:
     """
     compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
     if compiler is None:
-        raise CraneError(f"A unit is linked by a C compiler, and none of {', '.join(_COMPILERS)} is installed; on Debian: apt install gcc.")
+        raise CraneError(
+            f"A unit is linked by a C compiler, and none of {', '.join(_COMPILERS)} is installed; "
+            "on Debian: apt install gcc."
+        )
     with tempfile.TemporaryDirectory() as folder:
         here = Path(folder)
         (here / "loop.o").write_bytes(code)
@@ -285,16 +358,34 @@ def _linked(code: bytes, header: str) -> bytes:
         (here / "fmi.c").write_bytes(_wrapper())
         (here / "exports").write_text("{ global: fmi3*; local: *; };")
         only = ["-Wl,--version-script=exports"] if platform.system() == "Linux" else []
-        command = [compiler, "-shared", "-fPIC", "-O2", "-w", *only, "-o", "library", "fmi.c", "loop.o", "-lm"]
-        made = subprocess.run(command, cwd=here, capture_output=True, text=True, timeout=120, check=False)
+        command = [
+            compiler,
+            "-shared",
+            "-fPIC",
+            "-O2",
+            "-w",
+            *only,
+            "-o",
+            "library",
+            "fmi.c",
+            "loop.o",
+            "-lm",
+        ]
+        made = subprocess.run(
+            command, cwd=here, capture_output=True, text=True, timeout=120, check=False
+        )
         if made.returncode:
-            raise CraneError(f"The C compiler {compiler} could not make the unit: {made.stderr.strip()[-500:]}")
+            raise CraneError(
+                f"The C compiler {compiler} could not make the unit: {made.stderr.strip()[-500:]}"
+            )
         return (here / "library").read_bytes()
 
 
 def add_arguments(made: argparse.ArgumentParser) -> None:
     """What its command line takes beside the file and the crane."""
-    made.add_argument("--drive", choices=("effort", "motion"), default="effort", help="what is commanded")
+    made.add_argument(
+        "--drive", choices=("effort", "motion"), default="effort", help="what is commanded"
+    )
     made.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
 
 

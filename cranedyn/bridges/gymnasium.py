@@ -1,4 +1,5 @@
-"""The task of moving a load without swing as environments of Gymnasium: many cranes by compiled code, or one.
+"""The task of moving a load without swing as environments of Gymnasium: many cranes by compiled
+code, or one.
 
 ``gymnasium.make_vec("cranedyn.bridges.gymnasium:cranedyn/TowerCrane-v0", num_envs=4096)``
 """
@@ -26,7 +27,9 @@ try:
     from gymnasium.vector import AutoresetMode
     from gymnasium.vector.utils import batch_space
 except ModuleNotFoundError as error:
-    raise CraneError("This bridge needs Gymnasium, which is not installed: pip install 'cranedyn[gymnasium]'.") from error
+    raise CraneError(
+        "This bridge needs Gymnasium, which is not installed: pip install 'cranedyn[gymnasium]'."
+    ) from error
 
 ID, STEPS = "cranedyn/TowerCrane-v0", 400
 """Name of the environment, and steps of an episode."""
@@ -39,7 +42,8 @@ Stepped = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 
 class TowerCraneVectorEnv(gym.vector.VectorEnv):
-    """Many cranes at once, stepped by compiled code on all processors; see `cranedyn.bridges.task` for what is asked of them.
+    """Many cranes at once, stepped by compiled code on all processors; see `cranedyn.bridges.task`
+    for what is asked of them.
 
     Attributes:
         task: The cranes and their goals.
@@ -62,7 +66,8 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
 
         Args:
             num_envs: How many.
-            crane: The crane, or several, one of which is drawn for each episode, see `cranes_between`; None for that of this project.
+            crane: The crane, or several, one of which is drawn for each episode, see
+                `cranes_between`; None for that of this project.
             control_period: Time of a step [s].
             dt: Physics step [s].
             max_episode_steps: After so many steps an episode is truncated.
@@ -76,24 +81,43 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
             UnknownName: If there is no such rule.
         """
         if render_mode is not None:
-            raise OutOfRange("render_mode", described(render_mode), "None for many cranes; one crane alone takes rrd")
+            raise OutOfRange(
+                "render_mode",
+                described(render_mode),
+                "None for many cranes; one crane alone takes rrd",
+            )
         try:
             mode = AutoresetMode(autoreset_mode)
         except ValueError:
             modes = ", ".join(one.value for one in AutoresetMode)
-            raise OutOfRange("autoreset_mode", described(autoreset_mode), f"one of {modes}") from None
+            raise OutOfRange(
+                "autoreset_mode", described(autoreset_mode), f"one of {modes}"
+            ) from None
         self.num_envs, self.render_mode, self._mode = whole("num_envs", num_envs, 1), None, mode
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
         self._last = whole("max_episode_steps", max_episode_steps, 1)
-        self.task = Task(load_crane() if crane is None else crane, self.num_envs, _rules(rules), control_period, dt, threads)
+        self.task = Task(
+            load_crane() if crane is None else crane,
+            self.num_envs,
+            _rules(rules),
+            control_period,
+            dt,
+            threads,
+        )
         self.single_observation_space, self.single_action_space = _spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self._steps, self._ended = np.zeros(self.num_envs, dtype=np.int64), np.ones(self.num_envs, dtype=bool)
+        self._steps, self._ended = (
+            np.zeros(self.num_envs, dtype=np.int64),
+            np.ones(self.num_envs, dtype=bool),
+        )
         self._begun = False
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, dict[str, Any]]:
-        """Begin episodes: random ones, or as `options` say: start (a State), goal (slew, trolley, hoist), reset_mask (which of them).
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Begin episodes: random ones, or as `options` say: start (a State), goal (slew, trolley,
+        hoist), reset_mask (which of them).
 
         Raises:
             UnknownName: If there is no such option.
@@ -109,14 +133,19 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         return self.task.observe(), {}
 
     def step(self, actions: np.ndarray) -> Stepped:
-        """Take a step with actions from -1 to 1, shape (num_envs, 3); returns observations, rewards, terminated, truncated, infos.
+        """Take a step with actions from -1 to 1, shape (num_envs, 3); returns observations,
+        rewards, terminated, truncated, infos.
 
         Raises:
             OutOfRange: If an action is no number from -1 to 1, or an episode has not begun.
         """
         if not self._begun or (self._ended.any() and self._mode is not AutoresetMode.NEXT_STEP):
-            raise OutOfRange("crane", int(np.argmax(self._ended)), "one whose episode has begun: call reset")
-        reward, over, seen = self.task.act(shaped("actions", actions, (self.num_envs, self.task.layout.m)).T)
+            raise OutOfRange(
+                "crane", int(np.argmax(self._ended)), "one whose episode has begun: call reset"
+            )
+        reward, over, seen = self.task.act(
+            shaped("actions", actions, (self.num_envs, self.task.layout.m)).T
+        )
         self._steps += 1
         late = ~over & (self._steps >= self._last)
         if self._mode is AutoresetMode.NEXT_STEP and self._ended.any():
@@ -124,11 +153,19 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
             self._begin(fresh)
             reward[fresh], over[fresh], late[fresh] = 0.0, False, False
             seen = self.task.observe()
-        infos: dict[str, Any] = {"distance": self.task.far, "_distance": np.ones(self.num_envs, dtype=bool)}
+        infos: dict[str, Any] = {
+            "distance": self.task.far,
+            "_distance": np.ones(self.num_envs, dtype=bool),
+        }
         self._ended = over | late
         if self._mode is AutoresetMode.SAME_STEP and self._ended.any():
             ended = self._ended.copy()
-            infos |= {"final_obs": seen, "_final_obs": ended, "final_info": dict(infos), "_final_info": ended}
+            infos |= {
+                "final_obs": seen,
+                "_final_obs": ended,
+                "final_info": dict(infos),
+                "_final_info": ended,
+            }
             self._begin(ended)
             seen = self.task.observe()
         return seen, reward, over, late, infos
@@ -174,16 +211,35 @@ class TowerCraneEnv(gym.Env):
         if render_mode not in (None, "rrd"):
             raise OutOfRange("render_mode", described(render_mode), "None or rrd")
         self.render_mode, self._folder, self._dt = render_mode, Path(folder), dt
-        self.task = Task(load_crane() if crane is None else crane, 1, _rules(rules), control_period, dt, threads=1)
+        self.task = Task(
+            load_crane() if crane is None else crane,
+            1,
+            _rules(rules),
+            control_period,
+            dt,
+            threads=1,
+        )
         self.observation_space, self.action_space = _spaces(self.task)
-        self._episode, self._start, self._accelerations = 0, self.task.fleet.cranes[0].start, list[np.ndarray]()
+        self._episode, self._start, self._accelerations = (
+            0,
+            self.task.fleet.cranes[0].start,
+            list[np.ndarray](),
+        )
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin an episode: a random one, or as `options` say: start (a State), goal (slew, trolley, hoist)."""
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode: a random one, or as `options` say: start (a State), goal (slew,
+        trolley, hoist).
+        """
         super().reset(seed=seed)
         self.task.begin(self.np_random, np.zeros(1), **_beginning(dict(options or {})))
         z = self.task.fleet.z[:, 0].copy()
-        self._episode, self._start, self._accelerations = self._episode + 1, State(z[: len(z) // 2], z[len(z) // 2 :]), []
+        self._episode, self._start, self._accelerations = (
+            self._episode + 1,
+            State(z[: len(z) // 2], z[len(z) // 2 :]),
+            [],
+        )
         return self.task.observe()[0], {"distance": float(self.task.far[0])}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -198,17 +254,26 @@ class TowerCraneEnv(gym.Env):
         accelerations = self.task.accelerations(asked[:, None], self.task.fleet.z)[:, 0]
         reward, over, seen = self.task.act(asked[:, None])
         self._accelerations.append(accelerations)
-        return seen[0], float(reward[0]), bool(over[0]), False, {"distance": float(self.task.far[0])}
+        return (
+            seen[0],
+            float(reward[0]),
+            bool(over[0]),
+            False,
+            {"distance": float(self.task.far[0])},
+        )
 
     def render(self) -> str | None:
-        """Write the episode up to now as a recording for the Rerun viewer and return its file; None before the first step.
+        """Write the episode up to now as a recording for the Rerun viewer and return its file; None
+        before the first step.
 
         Raises:
             DataError: If it cannot be written.
             CraneError: If the environment was made without ``render_mode="rrd"``.
         """
         if self.render_mode is None:
-            raise CraneError("Nothing is drawn by this environment: make it with render_mode = rrd.")
+            raise CraneError(
+                "Nothing is drawn by this environment: make it with render_mode = rrd."
+            )
         if not self._accelerations:
             return None
         from cranedyn.recording import Run, record
@@ -235,7 +300,9 @@ class TowerCraneEnv(gym.Env):
             start=self._start,
             duration=len(done) * period,
             dt=self._dt,
-            control_period=_FRAME if abs(period / _FRAME - round(period / _FRAME)) < 1e-9 else period,
+            control_period=_FRAME
+            if abs(period / _FRAME - round(period / _FRAME)) < 1e-9
+            else period,
             drive="motion",
             disturbance=constant_force(crane, payload=force) if any(force) else None,
             validity="mark",
@@ -246,7 +313,9 @@ class TowerCraneEnv(gym.Env):
 def _spaces(task: Task) -> tuple[gym.spaces.Box, gym.spaces.Box]:
     """What one crane shows, and what it takes."""
     low, high = task.bounds()
-    return gym.spaces.Box(low, high, dtype=np.float32), gym.spaces.Box(-1.0, 1.0, (task.layout.m,), np.float32)
+    return gym.spaces.Box(low, high, dtype=np.float32), gym.spaces.Box(
+        -1.0, 1.0, (task.layout.m,), np.float32
+    )
 
 
 def _rules(given: dict[str, Any]) -> Rules:
@@ -270,7 +339,12 @@ def register() -> None:
     """Have Gymnasium know the environment by its name; importing this module does so."""
     if ID not in gym.registry:
         here = "cranedyn.bridges.gymnasium"
-        gym.register(ID, f"{here}:TowerCraneEnv", max_episode_steps=STEPS, vector_entry_point=f"{here}:TowerCraneVectorEnv")
+        gym.register(
+            ID,
+            f"{here}:TowerCraneEnv",
+            max_episode_steps=STEPS,
+            vector_entry_point=f"{here}:TowerCraneVectorEnv",
+        )
 
 
 register()

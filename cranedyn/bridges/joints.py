@@ -1,4 +1,6 @@
-"""What other people's tools ask of a crane: its joints by name, with limits, damping and springs, and its text as XML."""
+"""What other people's tools ask of a crane: its joints by name, with limits, damping and springs,
+and its text as XML.
+"""
 
 from __future__ import annotations
 
@@ -51,13 +53,20 @@ def described(crane: Crane) -> ET.Element:
     """The crane's plain URDF as XML, without comments.
 
     Raises:
-        ModelError: If it has meshes, which are files of their own, or a rope whose stiffness changes with its length.
+        ModelError: If it has meshes, which are files of their own, or a rope whose stiffness
+            changes with its length.
     """
     robot = parse(crane.urdf, "the crane")
     for mesh in robot.iter("mesh"):
-        raise ModelError(f"The crane has the mesh {quoted(mesh.get('filename', ''))}; exports carry primitives only.")
+        raise ModelError(
+            f"The crane has the mesh {quoted(mesh.get('filename', ''))}; exports carry primitives "
+            "only."
+        )
     for _ in robot.iter("ropeStiffness"):
-        raise ModelError("The crane has a rope that stretches; no format that is exported knows a stiffness that changes with the length.")
+        raise ModelError(
+            "The crane has a rope that stretches; no format that is exported knows a stiffness "
+            "that changes with the length."
+        )
     return robot
 
 
@@ -87,7 +96,8 @@ def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
 
 
 def check_heavy(crane: Crane, robot: ET.Element, door: str) -> None:
-    """Return if every link that moves has mass and inertia of its own, without which some engines drop it and all that it carries.
+    """Return if every link that moves has mass and inertia of its own, without which some engines
+    drop it and all that it carries.
 
     Raises:
         ModelError: If one has not: which.
@@ -97,29 +107,50 @@ def check_heavy(crane: Crane, robot: ET.Element, door: str) -> None:
         name, inertial = link.get("name", ""), link.find("inertial")
         if name not in moving:
             continue
-        masses = [] if inertial is None else [*inertial.iterfind("mass"), *inertial.iterfind("inertia")]
-        numbers = [float(part.get(key, "0")) for part in masses for key in ("value", "ixx", "iyy", "izz") if part.get(key) is not None]
+        masses = (
+            [] if inertial is None else [*inertial.iterfind("mass"), *inertial.iterfind("inertia")]
+        )
+        numbers = [
+            float(part.get(key, "0"))
+            for part in masses
+            for key in ("value", "ixx", "iyy", "izz")
+            if part.get(key) is not None
+        ]
         if len(numbers) != 4 or min(numbers) <= 0.0:
-            raise ModelError(f"The link {quoted(name)} has no mass or no inertia, with which {door} drops it; allowed are numbers > 0.")
+            raise ModelError(
+                f"The link {quoted(name)} has no mass or no inertia, with which {door} drops it; "
+                "allowed are numbers > 0."
+            )
 
 
 def grounded(robot: ET.Element, door: str) -> ET.Element:
-    """A URDF, changed so that Gazebo takes all of it: its root is the link ``world``, and what is fixed to that has an inertial.
+    """A URDF, changed so that Gazebo takes all of it: its root is the link ``world``, and what is
+    fixed to that has an inertial.
 
-    Without an inertial Gazebo leaves out a link and all that it carries, silently; of a link that cannot move any will do.
+    Without an inertial Gazebo leaves out a link and all that it carries, silently; of a link that
+    cannot move any will do.
 
     Raises:
         ModelError: If another link than the root has that name.
     """
-    ends = [(joint.get("type"), _end(joint, "parent"), _end(joint, "child")) for joint in robot.iterfind("joint")]
+    ends = [
+        (joint.get("type"), _end(joint, "parent"), _end(joint, "child"))
+        for joint in robot.iterfind("joint")
+    ]
     links = {link.get("name", ""): link for link in robot.iterfind("link")}
     (root,) = links.keys() - {child for *_, child in ends}
     still = {root}
-    while more := {child for kind, parent, child in ends if parent in still and kind == "fixed"} - still:
+    while (
+        more := {child for kind, parent, child in ends if parent in still and kind == "fixed"}
+        - still
+    ):
         still |= more
     if root != "world":
         if "world" in links:
-            raise ModelError(f"The crane has a link world that is not its root, {quoted(root)}; {door} hangs a crane on that link.")
+            raise ModelError(
+                f"The crane has a link world that is not its root, {quoted(root)}; {door} hangs a "
+                "crane on that link."
+            )
         robot.insert(0, ET.Element("link", name="world"))
         joint = ET.SubElement(robot, "joint", name="fixed_to_the_world", type="fixed")
         ET.SubElement(joint, "parent", link="world")

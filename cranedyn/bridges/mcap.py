@@ -1,4 +1,6 @@
-"""MCAP: a run as ROS 2 messages, for Foxglove, PlotJuggler, RViz and rosbag2: joints, frames, setpoints, and the robot's description."""
+"""MCAP: a run as ROS 2 messages, for Foxglove, PlotJuggler, RViz and rosbag2: joints, frames,
+setpoints, and the robot's description.
+"""
 
 from __future__ import annotations
 
@@ -52,10 +54,11 @@ def check_installed() -> None:
 def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     """Write a run as MCAP.
 
-    ``/joint_states`` has all moving joints by their names in the URDF, with position, velocity and effort, of the drives the effort that
-    acted, 0 for passive joints. ``/joint_setpoints`` has the drives with position wanted and effort commanded. ``/tf`` has a frame for each
-    moving link, 20 ms apart or more; ``/tf_static`` and ``/robot_description`` stand at the first time. Times are those of the run, from 0
-    on, in the header, as log time and as publish time.
+    ``/joint_states`` has all moving joints by their names in the URDF, with position, velocity and
+    effort, of the drives the effort that acted, 0 for passive joints. ``/joint_setpoints`` has the
+    drives with position wanted and effort commanded. ``/tf`` has a frame for each moving link, 20
+    ms apart or more; ``/tf_static`` and ``/robot_description`` stand at the first time. Times are
+    those of the run, from 0 on, in the header, as log time and as publish time.
 
     Args:
         file: Where; it must not be there yet, and its ending must be .mcap.
@@ -63,7 +66,8 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
         trajectory: The run.
 
     Raises:
-        DataError: If the extra ``mcap`` is not installed, the ending is another, something stands there, or it cannot be written.
+        DataError: If the extra ``mcap`` is not installed, the ending is another, something stands
+            there, or it cannot be written.
         ModelError: If the crane has a mesh or a rope that stretches.
         OutOfRange: If the run has no row, or begins before time 0.
     """
@@ -76,14 +80,21 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
         raise DataError(f"Cannot write {file}: the ending must be .mcap.")
     if not len(trajectory) or trajectory.t[0] < 0.0:
         first = trajectory.t[0] if len(trajectory) else "that of no row"
-        raise OutOfRange("time at the start of a run in MCAP", first, "0 or later: times there have no sign", "s")
+        raise OutOfRange(
+            "time at the start of a run in MCAP", first, "0 or later: times there have no sign", "s"
+        )
     robot = described(crane)
     known = get_typestore(Stores.ROS2_HUMBLE)
     with new_file(file) as draft, draft.open("wb") as stream:
         writer = Writer(stream)
-        schemas = {name: writer.register_msgdef(name, known.generate_msgdef(name, ros_version=2)[0]) for name in set(TYPES.values())}
+        schemas = {
+            name: writer.register_msgdef(name, known.generate_msgdef(name, ros_version=2)[0])
+            for name in set(TYPES.values())
+        }
         for topic, time, message in _messages(crane, robot, trajectory):
-            writer.write_message(topic, schemas[TYPES[topic]], message, log_time=time, publish_time=time)
+            writer.write_message(
+                topic, schemas[TYPES[topic]], message, log_time=time, publish_time=time
+            )
         writer.finish()
     return file
 
@@ -100,13 +111,32 @@ def _messages(crane: Crane, robot: ET.Element, run: Trajectory) -> Iterator[Mess
     yield "/tf_static", times[0], {"transforms": [frame.at(times[0], 0.0) for frame in fixed]}
     shown = -np.inf
     for k, time in enumerate(times):
-        state = {"name": names, "position": run.q[k].tolist(), "velocity": run.v[k].tolist(), "effort": efforts[k].tolist()}
+        state = {
+            "name": names,
+            "position": run.q[k].tolist(),
+            "velocity": run.v[k].tolist(),
+            "effort": efforts[k].tolist(),
+        }
         yield "/joint_states", time, {"header": _header(time), **state}
-        setpoint = {"name": drives, "position": run.setpoint[k].tolist(), "velocity": [], "effort": run.command[k].tolist()}
+        setpoint = {
+            "name": drives,
+            "position": run.setpoint[k].tolist(),
+            "velocity": [],
+            "effort": run.command[k].tolist(),
+        }
         yield "/joint_setpoints", time, {"header": _header(time), **setpoint}
         if run.t[k] > shown + FRAME_PERIOD - 1e-9:
             shown = run.t[k]
-            yield "/tf", time, {"transforms": [frame.at(time, value) for frame, value in zip(frames, run.q[k].tolist(), strict=True)]}
+            yield (
+                "/tf",
+                time,
+                {
+                    "transforms": [
+                        frame.at(time, value)
+                        for frame, value in zip(frames, run.q[k].tolist(), strict=True)
+                    ]
+                },
+            )
 
 
 def _header(time: int, frame: str = "") -> dict[str, Any]:
@@ -120,11 +150,18 @@ class _Frame:
         """Take a joint of the URDF, and what is known of it if it moves."""
         self.parent, self.child = (element.find(tag).get("link", "") for tag in ("parent", "child"))  # type: ignore[union-attr]
         origin = element.find("origin")
-        xyz, rpy = ("0 0 0" if origin is None else origin.get(name, "0 0 0") for name in ("xyz", "rpy"))
+        xyz, rpy = (
+            "0 0 0" if origin is None else origin.get(name, "0 0 0") for name in ("xyz", "rpy")
+        )
         self.place = np.array([float(word) for word in xyz.split()])
         self.turn = pin.rpy.rpyToMatrix(np.array([float(word) for word in rpy.split()]))
-        axis = np.array([float(word) for word in ("1 0 0" if joint is None else joint.own_axis).split()])
-        self.axis, self.turns = axis / np.linalg.norm(axis), joint is not None and joint.unit == "rad"
+        axis = np.array(
+            [float(word) for word in ("1 0 0" if joint is None else joint.own_axis).split()]
+        )
+        self.axis, self.turns = (
+            axis / np.linalg.norm(axis),
+            joint is not None and joint.unit == "rad",
+        )
 
     def at(self, time: int, value: float) -> dict[str, Any]:
         """The transform at a time [ns] and a coordinate [rad or m]."""
@@ -134,10 +171,16 @@ class _Frame:
         i, j, k, w = pin.Quaternion(turned).coeffs().tolist()
         rotation = {"x": i, "y": j, "z": k, "w": w}
         transform = {"translation": {"x": x, "y": y, "z": z}, "rotation": rotation}
-        return {"header": _header(time, self.parent), "child_frame_id": self.child, "transform": transform}
+        return {
+            "header": _header(time, self.parent),
+            "child_frame_id": self.child,
+            "transform": transform,
+        }
 
 
-def _frames(robot: ET.Element, moving: Sequence[ExportedJoint]) -> tuple[list[_Frame], list[_Frame]]:
+def _frames(
+    robot: ET.Element, moving: Sequence[ExportedJoint]
+) -> tuple[list[_Frame], list[_Frame]]:
     """Frames of the moving joints, in their order, and of the fixed ones."""
     elements = {element.get("name", ""): element for element in robot.iterfind("joint")}
     frames = [_Frame(elements.pop(joint.name), joint) for joint in moving]
@@ -146,7 +189,12 @@ def _frames(robot: ET.Element, moving: Sequence[ExportedJoint]) -> tuple[list[_F
 
 def add_arguments(made: argparse.ArgumentParser) -> None:
     """What its command line takes beside the file and the crane."""
-    made.add_argument("--trajectory", required=True, metavar="FILE", help="the run, a .csv or .parquet file as experiments write")
+    made.add_argument(
+        "--trajectory",
+        required=True,
+        metavar="FILE",
+        help="the run, a .csv or .parquet file as experiments write",
+    )
 
 
 def run(options: argparse.Namespace) -> Path:

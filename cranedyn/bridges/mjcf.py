@@ -1,4 +1,6 @@
-"""MuJoCo: the crane as an MJCF file, with damping, springs, limits, actuators of the drives, looks, and its start as a keyframe."""
+"""MuJoCo: the crane as an MJCF file, with damping, springs, limits, actuators of the drives, looks,
+and its start as a keyframe.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +27,10 @@ _SHAPES = {"box": "box", "cylinder": "cylinder", "sphere": "sphere"}
 def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
     """Write a crane as MuJoCo loads it.
 
-    Its step is that of `simulate`: semi-implicit Euler with damping at the rates before the step. Each drive is a motor that takes its
-    effort [N m or N] as control, within the drive's limits; passive joints have none. Joint ranges act where a joint leaves them. The
-    keyframe ``start`` is where the crane starts; MuJoCo's own zero lies outside of the ranges.
+    Its step is that of `simulate`: semi-implicit Euler with damping at the rates before the step.
+    Each drive is a motor that takes its effort [N m or N] as control, within the drive's limits;
+    passive joints have none. Joint ranges act where a joint leaves them. The keyframe ``start`` is
+    where the crane starts; MuJoCo's own zero lies outside of the ranges.
 
     Args:
         file: Where; it must not be there yet, and its ending must be .xml.
@@ -36,7 +39,8 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
 
     Raises:
         DataError: If the ending is another, something stands there, or it cannot be written.
-        ModelError: If the crane has a moving link without mass or inertia, a mesh, or a rope that stretches.
+        ModelError: If the crane has a moving link without mass or inertia, a mesh, or a rope that
+            stretches.
         OutOfRange: If the step is not positive.
     """
     file = Path(file)
@@ -56,26 +60,44 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
     """The crane as MJCF, from its URDF as XML; physics step in s."""
     root = ET.Element("mujoco", model=robot.get("name", "crane"))
     # angles in radians, roll pitch yaw about fixed axes; what has no inertial has no mass
-    ET.SubElement(root, "compiler", angle="radian", eulerseq="XYZ", inertiafromgeom="false", autolimits="true")
-    option = ET.SubElement(root, "option", timestep=repr(dt), gravity=f"0 0 {-crane.gravity!r}", integrator="Euler")
+    ET.SubElement(
+        root, "compiler", angle="radian", eulerseq="XYZ", inertiafromgeom="false", autolimits="true"
+    )
+    option = ET.SubElement(
+        root, "option", timestep=repr(dt), gravity=f"0 0 {-crane.gravity!r}", integrator="Euler"
+    )
     ET.SubElement(option, "flag", eulerdamp="disable")
-    colours = {m.get("name", ""): c.get("rgba", "") for m in robot.iterfind("material") for c in m.iterfind("color")}
+    colours = {
+        m.get("name", ""): c.get("rgba", "")
+        for m in robot.iterfind("material")
+        for c in m.iterfind("color")
+    }
     moving = joints(crane, robot)
     _Tree(robot, moving, colours).grow(ET.SubElement(root, "worldbody"))
     actuators = ET.SubElement(root, "actuator")
     for joint in moving:
         if joint.driven:
             limits = f"{-joint.effort!r} {joint.effort!r}"
-            ET.SubElement(actuators, "motor", name=joint.name.removesuffix("_joint"), joint=joint.name, ctrlrange=limits)
+            ET.SubElement(
+                actuators,
+                "motor",
+                name=joint.name.removesuffix("_joint"),
+                joint=joint.name,
+                ctrlrange=limits,
+            )
     keyframe = ET.SubElement(root, "keyframe")
-    ET.SubElement(keyframe, "key", name="start", qpos=" ".join(repr(joint.start) for joint in moving))
+    ET.SubElement(
+        keyframe, "key", name="start", qpos=" ".join(repr(joint.start) for joint in moving)
+    )
     return root
 
 
 class _Tree:
     """Links and joints of a URDF as nested bodies."""
 
-    def __init__(self, robot: ET.Element, moving: tuple[ExportedJoint, ...], colours: Mapping[str, str]) -> None:
+    def __init__(
+        self, robot: ET.Element, moving: tuple[ExportedJoint, ...], colours: Mapping[str, str]
+    ) -> None:
         self.links = {link.get("name", ""): link for link in robot.iterfind("link")}
         self.moving = {joint.name: joint for joint in moving}
         self.colours = colours
@@ -112,12 +134,23 @@ class _Tree:
             if shape.tag == "box":
                 size = [float(word) / 2.0 for word in shape.get("size", "").split()]
             else:
-                size = [float(shape.get("radius", "0")), *([float(shape.get("length", "0")) / 2.0] if shape.tag == "cylinder" else [])]
-            looks = {"type": _SHAPES[shape.tag], "size": " ".join(map(repr, size)), "contype": "0", "conaffinity": "0", "group": "2"}
+                size = [
+                    float(shape.get("radius", "0")),
+                    *([float(shape.get("length", "0")) / 2.0] if shape.tag == "cylinder" else []),
+                ]
+            looks = {
+                "type": _SHAPES[shape.tag],
+                "size": " ".join(map(repr, size)),
+                "contype": "0",
+                "conaffinity": "0",
+                "group": "2",
+            }
             colour = next((m.find("color") for m in visual.iterfind("material")), None)
             named = next((m.get("name", "") for m in visual.iterfind("material")), "")
             rgba = colour.get("rgba", "") if colour is not None else self.colours.get(named, "")
-            ET.SubElement(body, "geom", {**looks, **_place(visual), **({"rgba": rgba} if rgba else {})})
+            ET.SubElement(
+                body, "geom", {**looks, **_place(visual), **({"rgba": rgba} if rgba else {})}
+            )
 
 
 def _place(element: ET.Element) -> dict[str, str]:
@@ -129,25 +162,43 @@ def _place(element: ET.Element) -> dict[str, str]:
 
 def _joint(joint: ExportedJoint) -> ET.Element:
     limits = {"range": f"{joint.lower!r} {joint.upper!r}", "damping": repr(joint.damping)}
-    spring = {"stiffness": repr(joint.stiffness), "springref": repr(joint.rest)} if joint.stiffness else {}
+    spring = (
+        {"stiffness": repr(joint.stiffness), "springref": repr(joint.rest)}
+        if joint.stiffness
+        else {}
+    )
     kind = "hinge" if joint.unit == "rad" else "slide"
-    return ET.Element("joint", {"name": joint.name, "type": kind, "axis": joint.own_axis, **limits, **spring})
+    return ET.Element(
+        "joint", {"name": joint.name, "type": kind, "axis": joint.own_axis, **limits, **spring}
+    )
 
 
 def _inertial(inertial: ET.Element) -> ET.Element:
-    """Mass and inertia; a turned inertia is turned back, since MJCF takes a full one in the body's axes only."""
+    """Mass and inertia; a turned inertia is turned back, since MJCF takes a full one in the body's
+    axes only.
+    """
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
     assert mass is not None and inertia is not None  # the URDF was checked
     place = _place(inertial)
     i = {name: float(inertia.get(name, "0")) for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")}
-    tensor = np.array([[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]], [i["ixz"], i["iyz"], i["izz"]]])
+    tensor = np.array(
+        [
+            [i["ixx"], i["ixy"], i["ixz"]],
+            [i["ixy"], i["iyy"], i["iyz"]],
+            [i["ixz"], i["iyz"], i["izz"]],
+        ]
+    )
     if rpy := place.pop("euler", ""):
         turn = pin.rpy.rpyToMatrix(np.array([float(word) for word in rpy.split()]))
         tensor = turn @ tensor @ turn.T
     diagonal = not np.any(tensor - np.diag(np.diag(tensor)))
     kept = np.diag(tensor) if diagonal else tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     name = "diaginertia" if diagonal else "fullinertia"
-    entries = {"pos": place.get("pos", "0 0 0"), "mass": mass.get("value", ""), name: " ".join(map(repr, kept.tolist()))}
+    entries = {
+        "pos": place.get("pos", "0 0 0"),
+        "mass": mass.get("value", ""),
+        name: " ".join(map(repr, kept.tolist())),
+    }
     return ET.Element("inertial", entries)
 
 

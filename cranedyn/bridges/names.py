@@ -11,10 +11,17 @@ def state_names(crane: Crane) -> list[str]:
 
 
 def input_names(crane: Crane, drive: str) -> list[str]:
-    """Names of the commands: torque T or force F of each drive, such as F_x, or with "motion" its acceleration, such as x_ddot."""
-    return [joint.effort_name if drive == "effort" else f"{joint.symbol}_ddot" for joint in crane.layout.driven]
+    """Names of the commands: torque T or force F of each drive, such as F_x, or with "motion" its
+    acceleration, such as x_ddot.
+    """
+    return [
+        joint.effort_name if drive == "effort" else f"{joint.symbol}_ddot"
+        for joint in crane.layout.driven
+    ]
 
 
 def force_names(crane: Crane) -> list[str]:
-    """Names of the forces from outside on each point along each axis of the world, such as payload_force_x."""
+    """Names of the forces from outside on each point along each axis of the world, such as
+    payload_force_x.
+    """
     return [f"{point}_force_{axis}" for point in crane.layout.points for axis in "xyz"]

@@ -1,4 +1,6 @@
-"""A run to be made by another program: a crane, where it starts, and its controller as a table that needs no Python."""
+"""A run to be made by another program: a crane, where it starts, and its controller as a table that
+needs no Python.
+"""
 
 from __future__ import annotations
 
@@ -45,27 +47,41 @@ class Program:
         return clocks(self.duration, self.dt, self.control_period)
 
     def tables(self, door: str) -> tuple[Affine, np.ndarray]:
-        """The controller in its common form, and the positions that the drives should have, shape (n, drives).
+        """The controller in its common form, and the positions that the drives should have, shape
+        (n, drives).
 
         Args:
             door: Where it goes, for the sentence.
 
         Raises:
             DataError: If the controller is not affine.
-            OutOfRange: If the drives follow prescribed motion, or the common form holds a number that is not finite.
+            OutOfRange: If the drives follow prescribed motion, or the common form holds a number
+                that is not finite.
         """
         if self.drive != "effort":
-            raise OutOfRange(f"drive of a run in {door}", self.drive, "effort: another engine's joints take forces")
+            raise OutOfRange(
+                f"drive of a run in {door}",
+                self.drive,
+                "effort: another engine's joints take forces",
+            )
         clock = self.clock
         times = clock.period * np.arange(clock.periods + 1)
         layout = self.crane.layout
-        positions = tabulated(hold(self.crane, self.start) if self.reference is None else self.reference, times, layout.m)[0]
+        positions = tabulated(
+            hold(self.crane, self.start) if self.reference is None else self.reference,
+            times,
+            layout.m,
+        )[0]
         if isinstance(self.controller, Timed):
             self.controller.run_begins(0.0, clock.period)
         law = form(self.controller, times, positions, 2 * layout.n)
         if law is None:
             name = type(self.controller).__name__
-            raise DataError(f"The controller {name} is not affine in the state; {door} runs tables, not Python.")
+            raise DataError(
+                f"The controller {name} is not affine in the state; {door} runs tables, not Python."
+            )
         if lacking := law.lacking():
-            raise OutOfRange(f"{lacking} of the controller", "not finite in some row", "finite numbers")
+            raise OutOfRange(
+                f"{lacking} of the controller", "not finite in some row", "finite numbers"
+            )
         return law, positions

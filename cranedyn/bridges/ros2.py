@@ -1,4 +1,6 @@
-"""ROS 2: the crane as a description package for ament, with launch files, RViz, ros2_control and a world for gz sim."""
+"""ROS 2: the crane as a description package for ament, with launch files, RViz, ros2_control and a
+world for gz sim.
+"""
 
 from __future__ import annotations
 
@@ -45,11 +47,14 @@ _SYSTEMS = {
 
 
 @checked
-def export(folder: str | Path, crane: Crane, *, name: str = "crane_description", dt: float = 5e-4) -> Path:
+def export(
+    folder: str | Path, crane: Crane, *, name: str = "crane_description", dt: float = 5e-4
+) -> Path:
     """Write a description package.
 
-    Only the drives have command interfaces; the passive joints have states, position and velocity, so that nothing overwrites their
-    swing. Initial values put every joint into its range. No comment and no mesh is in the URDF; gravity acts on all links.
+    Only the drives have command interfaces; the passive joints have states, position and velocity,
+    so that nothing overwrites their swing. Initial values put every joint into its range. No
+    comment and no mesh is in the URDF; gravity acts on all links.
 
     Args:
         folder: Where; it must not be there yet.
@@ -58,12 +63,17 @@ def export(folder: str | Path, crane: Crane, *, name: str = "crane_description",
         dt: Physics step of the worlds [s].
 
     Raises:
-        DataError: If something stands there, it cannot be written, or the name is none that ROS allows.
-        ModelError: If the crane has a link without mass or inertia, a mesh, or a rope that stretches.
+        DataError: If something stands there, it cannot be written, or the name is none that ROS
+            allows.
+        ModelError: If the crane has a link without mass or inertia, a mesh, or a rope that
+            stretches.
         OutOfRange: If the step is not positive.
     """
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
-        raise DataError(f"A package of ROS cannot be called {name!r}; allowed are small letters, digits and single underlines.")
+        raise DataError(
+            f"A package of ROS cannot be called {name!r}; allowed are small letters, digits and "
+            "single underlines."
+        )
     number("dt", dt, "s", "> 0")
     robot = grounded(described(crane), "ROS")
     check_heavy(crane, robot, "Gazebo")
@@ -73,13 +83,21 @@ def export(folder: str | Path, crane: Crane, *, name: str = "crane_description",
     robot.extend([_control(moving), _plugin()])
     folder = Path(folder)
     with new_folder(folder) as draft:
-        shutil.copytree(_TEMPLATES, draft, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            _TEMPLATES, draft, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__")
+        )
         cmake = draft / "CMakeLists.txt"
         cmake.write_text(cmake.read_text().replace("@NAME@", name))
         for part in ("config", "urdf", "worlds"):
             (draft / part).mkdir()
-        (draft / "config" / "controllers.yaml").write_text(_controllers([joint.name for joint in moving if joint.driven]))
-        trees = {"package.xml": _package(name), "urdf/crane.urdf": robot, "worlds/crane.sdf": _gz_world(crane, dt)}
+        (draft / "config" / "controllers.yaml").write_text(
+            _controllers([joint.name for joint in moving if joint.driven])
+        )
+        trees = {
+            "package.xml": _package(name),
+            "urdf/crane.urdf": robot,
+            "worlds/crane.sdf": _gz_world(crane, dt),
+        }
         trees["worlds/classic.sdf"] = world(crane.gravity, dt, "world", 0.8)
         for path, tree in trees.items():
             ET.indent(tree)
@@ -90,7 +108,9 @@ def export(folder: str | Path, crane: Crane, *, name: str = "crane_description",
 def _control(moving: Sequence[ExportedJoint]) -> ET.Element:
     """Interfaces of ros2_control: commands for the drives, states for all."""
     control = ET.Element("ros2_control", name="crane", type="system")
-    ET.SubElement(ET.SubElement(control, "hardware"), "plugin").text = "gz_ros2_control/GazeboSimSystem"
+    ET.SubElement(
+        ET.SubElement(control, "hardware"), "plugin"
+    ).text = "gz_ros2_control/GazeboSimSystem"
     for joint in moving:
         entry = ET.SubElement(control, "joint", name=joint.name)
         if joint.driven:
@@ -107,7 +127,8 @@ def _plugin() -> ET.Element:
     tag = ET.Element("gazebo")
     name = "gz_ros2_control::GazeboSimROS2ControlPlugin"
     plugin = ET.SubElement(tag, "plugin", filename="gz_ros2_control-system", name=name)
-    ET.SubElement(plugin, "parameters").text = "CONTROLLERS_YAML"  # the launch file knows where the package is
+    # The launch file knows where the package is.
+    ET.SubElement(plugin, "parameters").text = "CONTROLLERS_YAML"
     return tag
 
 
@@ -131,7 +152,9 @@ def _package(name: str) -> ET.Element:
     package = ET.Element("package", format="3")
     ET.SubElement(package, "name").text = name
     ET.SubElement(package, "version").text = "0.1.0"
-    ET.SubElement(package, "description").text = "A tower crane, three driven and two passive joints, written by cranedyn."
+    ET.SubElement(
+        package, "description"
+    ).text = "A tower crane, three driven and two passive joints, written by cranedyn."
     ET.SubElement(package, "maintainer", email="nobody@example.org").text = "nobody"
     ET.SubElement(package, "license").text = "MIT"
     ET.SubElement(package, "buildtool_depend").text = "ament_cmake"
@@ -146,7 +169,8 @@ def _gz_world(crane: Crane, dt: float) -> ET.Element:
     sdf = ET.Element("sdf", version="1.7")
     one = ET.SubElement(sdf, "world", name="crane")
     ET.SubElement(one, "gravity").text = f"0 0 {-crane.gravity!r}"
-    physics = ET.SubElement(one, "physics", name="steps", type="ignored")  # DART, whatever is named here
+    # DART, whatever is named here.
+    physics = ET.SubElement(one, "physics", name="steps", type="ignored")
     ET.SubElement(physics, "max_step_size").text = repr(dt)
     ET.SubElement(physics, "real_time_factor").text = "1"
     for file, name in _SYSTEMS.items():
@@ -159,7 +183,9 @@ def _gz_world(crane: Crane, dt: float) -> ET.Element:
 def add_arguments(made: argparse.ArgumentParser) -> None:
     """What its command line takes beside the folder and the crane."""
     made.add_argument("--name", default="crane_description", help="of the package")
-    made.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step of the worlds [s]")
+    made.add_argument(
+        "--dt", type=float, default=5e-4, metavar="DT", help="physics step of the worlds [s]"
+    )
 
 
 def run(options: argparse.Namespace) -> Path:

@@ -24,12 +24,15 @@ def check_free(target: Path) -> None:
     if os.path.lexists(target):
         raise DataError(f"Cannot write {target}: it is there already; name another, or remove it.")
     if not target.absolute().parent.is_dir():
-        raise DataError(f"Cannot write {target}: the folder {target.absolute().parent} does not exist.")
+        raise DataError(
+            f"Cannot write {target}: the folder {target.absolute().parent} does not exist."
+        )
 
 
 @contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
-    """A folder to fill, beside the final one; renamed to it at the end, removed if anything goes wrong.
+    """A folder to fill, beside the final one; renamed to it at the end, removed if anything goes
+    wrong.
 
     Raises:
         DataError: As `check_free`, or if the system refuses.

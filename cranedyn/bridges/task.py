@@ -1,4 +1,5 @@
-"""Moving a load to a goal and leaving no swing, as a task for learning: actions, observations, rewards and starts of many cranes at once.
+"""Moving a load to a goal and leaving no swing, as a task for learning: actions, observations,
+rewards and starts of many cranes at once.
 
 Arrays have one column a crane, n of them. Angles [rad], lengths [m], times [s].
 """
@@ -22,7 +23,8 @@ from cranedyn.model.load import load_crane
 from cranedyn.references.limits import Limits
 
 LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
-"""Slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of hoisting; accelerations ours."""
+"""Slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of hoisting; accelerations
+ours."""
 
 ACTIONS = ("velocity", "acceleration")
 
@@ -30,10 +32,12 @@ OBSERVED = (
     *("gamma_to_go", "x_to_go", "l_to_go", "gamma_dot", "x_dot", "l_dot"),
     *("phi", "theta", "phi_dot", "theta_dot", "x", "l"),
 )
-"""What is observed: the way of each drive to its goal and its rate, both swings and their rates, trolley radius, cable length; SI units."""
+"""What is observed: the way of each drive to its goal and its rate, both swings and their rates,
+trolley radius, cable length; SI units."""
 
 PENALTY = -50.0
-"""Reward for a swing beyond the limit, with which an episode ends; no more can be lost by going on, at a discount of 0.99."""
+"""Reward for a swing beyond the limit, with which an episode ends; no more can be lost by going on,
+at a discount of 0.99."""
 
 _CLOSE = 0.01
 """Distance at which a reward is that of one decade [m]."""
@@ -42,7 +46,8 @@ _FASTEST = 20.0
 """More than a load on a cable of 10 cm reaches in a fall from 90° [rad/s]."""
 
 _MARGIN = 0.05
-"""What drives keep from the ends of their ranges [rad, m]; else round-off could take them beyond."""
+"""What drives keep from the ends of their ranges [rad, m]; else round-off could take them
+beyond."""
 
 
 @checked
@@ -51,12 +56,14 @@ class Rules:
     """What the task is.
 
     Attributes:
-        action: "velocity": shares of the rate limits that the drives go for as fast as their acceleration limits let them. "acceleration":
-            shares of the acceleration limits. Either way drives keep their rate limits and brake before the ends of their ranges.
+        action: "velocity": shares of the rate limits that the drives go for as fast as their
+            acceleration limits let them. "acceleration": shares of the acceleration limits. Either
+            way drives keep their rate limits and brake before the ends of their ranges.
         limits: Of rates and accelerations.
         reach: Farthest goal from the start of slew [rad], trolley [m], hoist [m].
         swing: Largest amplitude of swing at the start [rad].
-        swing_limit: Swing that ends an episode [rad]; up to 45° the rope stays taut under accelerations of less than half of gravity.
+        swing_limit: Swing that ends an episode [rad]; up to 45° the rope stays taut under
+            accelerations of less than half of gravity.
         wind: Strongest wind [m/s]; each episode has a steady one of its own, from any side.
         payload_area: Drag coefficient times area of the payload [m²].
     """
@@ -80,7 +87,8 @@ class Rules:
 
 
 def cranes_between(count: int, seed: int = 0, **ranges: tuple[float, float]) -> list[Crane]:
-    """Cranes with some numbers drawn evenly between two ends each, such as ``payload_mass=(500, 3000)``; a tenth of a second for each.
+    """Cranes with some numbers drawn evenly between two ends each, such as ``payload_mass=(500,
+    3000)``; a tenth of a second for each.
 
     Raises:
         UnknownName: If there is no such number.
@@ -95,7 +103,9 @@ def cranes_between(count: int, seed: int = 0, **ranges: tuple[float, float]) -> 
         ends[name] = number(f"range of {name}", low), number(f"range of {name}", high)
     rng = np.random.default_rng(whole("seed", seed, 0))
     many = range(whole("number of cranes", count, 1))
-    drawn: list[dict[str, Any]] = [{name: float(rng.uniform(*pair)) for name, pair in ends.items()} for _ in many]
+    drawn: list[dict[str, Any]] = [
+        {name: float(rng.uniform(*pair)) for name, pair in ends.items()} for _ in many
+    ]
     return [load_crane(**values) for values in drawn]
 
 
@@ -109,7 +119,15 @@ class Task:
         layout: Of all of them.
     """
 
-    def __init__(self, cranes: Crane | Sequence[Crane], count: int, rules: Rules, period: float, dt: float, threads: int | None) -> None:
+    def __init__(
+        self,
+        cranes: Crane | Sequence[Crane],
+        count: int,
+        rules: Rules,
+        period: float,
+        dt: float,
+        threads: int | None,
+    ) -> None:
         """Have so many cranes, see `Fleet`.
 
         Raises:
@@ -117,25 +135,52 @@ class Task:
             OutOfRange: If a rule has not one number for each drive, or as `Fleet`.
         """
         self.rules, self._dt = rules, dt
-        self.fleet = Fleet(cranes, count, dt=dt, control_period=period, forces=rules.wind > 0.0, threads=threads)
+        self.fleet = Fleet(
+            cranes, count, dt=dt, control_period=period, forces=rules.wind > 0.0, threads=threads
+        )
         self.layout = layout = self.fleet.layout
-        self._slew, self._trolley, *_, self._hoist = layout.tower("The task of moving a load without swing")
+        self._slew, self._trolley, *_, self._hoist = layout.tower(
+            "The task of moving a load without swing"
+        )
         first = self.fleet.cranes[0]
         self.goal = np.tile(first.start.q[layout.drives][:, None], count)
         self._rates = layout.for_drives("rate limit", rules.limits.rates, "/s", "> 0")[:, None]
-        self._most = layout.for_drives("acceleration limit", rules.limits.accelerations, "/s²", "> 0")[:, None]
+        self._most = layout.for_drives(
+            "acceleration limit", rules.limits.accelerations, "/s²", "> 0"
+        )[:, None]
         self._reach = layout.for_drives("reach", rules.reach, "", ">= 0")[:, None]
-        low, high = (np.array([getattr(crane, end)[layout.drives] for crane in self.fleet.cranes]) for end in ("lower", "upper"))
+        low, high = (
+            np.array([getattr(crane, end)[layout.drives] for crane in self.fleet.cranes])
+            for end in ("lower", "upper")
+        )
         self._range = low.max(axis=0), high.min(axis=0)
-        self._lower, self._upper = (self._range[0] + _MARGIN)[:, None], (self._range[1] - _MARGIN)[:, None]
+        self._lower, self._upper = (
+            (self._range[0] + _MARGIN)[:, None],
+            (self._range[1] - _MARGIN)[:, None],
+        )
         if not (self._lower < self._upper).all():
-            raise OutOfRange("ranges of the drives that all cranes have", [end.tolist() for end in self._range], "wider than 0.1 rad or m")
-        self._gravity, self._kind, self._force = first.gravity, np.zeros(count, dtype=int), np.zeros((count, 3 * len(layout.points)))
+            raise OutOfRange(
+                "ranges of the drives that all cranes have",
+                [end.tolist() for end in self._range],
+                "wider than 0.1 rad or m",
+            )
+        self._gravity, self._kind, self._force = (
+            first.gravity,
+            np.zeros(count, dtype=int),
+            np.zeros((count, 3 * len(layout.points))),
+        )
         self.far = self.distance(self.fleet.z, self.goal)
 
     @checked
-    def begin(self, rng: np.random.Generator, which: np.ndarray, start: State | None = None, goal: Sequence[float] | None = None) -> None:
-        """Begin an episode of some cranes, given by their numbers, shape (k,): random, where nothing is said.
+    def begin(
+        self,
+        rng: np.random.Generator,
+        which: np.ndarray,
+        start: State | None = None,
+        goal: Sequence[float] | None = None,
+    ) -> None:
+        """Begin an episode of some cranes, given by their numbers, shape (k,): random, where
+        nothing is said.
 
         Raises:
             OutOfRange: If a goal is not in the ranges of the drives.
@@ -145,22 +190,34 @@ class Task:
         rows, n, passive = which.astype(int), len(which), self.layout.passive
         low, high = self._lower, self._upper
         drives = rng.uniform(low, high, (self.layout.m, n))
-        self.goal[:, rows] = rng.uniform(np.maximum(low, drives - self._reach), np.minimum(high, drives + self._reach))
+        self.goal[:, rows] = rng.uniform(
+            np.maximum(low, drives - self._reach), np.minimum(high, drives + self._reach)
+        )
         q, v = np.zeros((2, self.layout.n, n))
         q[self.layout.drives] = drives
-        swing, angle, phase = rng.uniform(0.0, self.rules.swing, n), *rng.uniform(0.0, 2.0 * np.pi, (2, n))
+        swing, angle, phase = (
+            rng.uniform(0.0, self.rules.swing, n),
+            *rng.uniform(0.0, 2.0 * np.pi, (2, n)),
+        )
         across = np.stack([np.cos(angle), np.sin(angle)]) * swing
-        q[passive], v[passive] = across * np.cos(phase), across * np.sin(phase) * np.sqrt(self._gravity / q[self._hoist])
+        q[passive], v[passive] = (
+            across * np.cos(phase),
+            across * np.sin(phase) * np.sqrt(self._gravity / q[self._hoist]),
+        )
         if start is not None:
             q, v = (np.repeat(part[:, None], n, axis=1) for part in start)
         if goal is not None:
             ends = zip(self.layout.for_drives("goal", goal), *self._range, strict=True)
-            self.goal[:, rows] = np.array([within("goal", value, low, high) for value, low, high in ends])[:, None]
+            self.goal[:, rows] = np.array(
+                [within("goal", value, low, high) for value, low, high in ends]
+            )[:, None]
         self._kind[rows] = rng.integers(len(self.fleet.cranes), size=n)
         self.fleet.place(rows, State(q.T, v.T), self._kind[rows])
         if self.rules.wind:
             blow, side = rng.uniform(0.0, self.rules.wind, n), rng.uniform(-np.pi, np.pi, n)
-            self._force[rows, :2] = (0.5 * AIR_DENSITY * self.rules.payload_area * blow**2 * [np.cos(side), np.sin(side)]).T
+            self._force[rows, :2] = (
+                0.5 * AIR_DENSITY * self.rules.payload_area * blow**2 * [np.cos(side), np.sin(side)]
+            ).T
             self.fleet.push(rows, self._force[rows])
         self.far = self.distance(self.fleet.z, self.goal)
 
@@ -169,14 +226,17 @@ class Task:
         return self.fleet.cranes[self._kind[which]]
 
     def force_on(self, which: int) -> list[float]:
-        """The wind's force on the payload of one of them in this episode, in the world [N], three numbers."""
+        """The wind's force on the payload of one of them in this episode, in the world [N], three
+        numbers.
+        """
         return self._force[which, :3].tolist()
 
     def act(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Take actions, shape (3, n), for a period.
 
         Returns:
-            Rewards, shape (n,), whether the swing went beyond the limit, shape (n,), and what is observed then, see `observe`.
+            Rewards, shape (n,), whether the swing went beyond the limit, shape (n,), and what is
+            observed then, see `observe`.
 
         Raises:
             OutOfRange: If an action is no number from -1 to 1.
@@ -184,15 +244,26 @@ class Task:
         given, n = finite("action", action, self.goal.shape), self.fleet.count
         if not (np.abs(given) <= 1.0).all():
             raise OutOfRange("action", float(given[np.abs(given) > 1.0][0]), "-1 to 1")
-        reward, over, seen, self.far = np.empty(n), np.empty(n, dtype=bool), np.empty((n, len(OBSERVED)), dtype=np.float32), np.empty(n)
+        reward, over, seen, self.far = (
+            np.empty(n),
+            np.empty(n, dtype=bool),
+            np.empty((n, len(OBSERVED)), dtype=np.float32),
+            np.empty(n),
+        )
 
         def work(part: int) -> None:
             here = self.fleet.parts[part]
             goal, now = self.goal[:, here], self.fleet.z[:, here]
             z = self.fleet.advance(part, self.accelerations(given[:, here], now))
-            over[here] = ~(np.square(z[self.layout.passive]).sum(axis=0) < self.rules.swing_limit**2)
+            over[here] = ~(
+                np.square(z[self.layout.passive]).sum(axis=0) < self.rules.swing_limit**2
+            )
             self.far[here] = self.distance(z, goal)
-            reward[here] = np.where(over[here], PENALTY, -self.fleet.control_period * np.log10(1.0 + self.far[here] / _CLOSE))
+            reward[here] = np.where(
+                over[here],
+                PENALTY,
+                -self.fleet.control_period * np.log10(1.0 + self.far[here] / _CLOSE),
+            )
             self._observe(z, goal, seen[here])
 
         self.fleet.spread(work)
@@ -203,22 +274,37 @@ class Task:
         drives, t = self.layout.drives, self.fleet.control_period
         position, rate = z[drives], z[self.layout.n + drives]
         if self.rules.action == "velocity":
-            faster = rate + np.minimum(np.maximum(action * self._rates - rate, -self._most * t), self._most * t)
+            faster = rate + np.minimum(
+                np.maximum(action * self._rates - rate, -self._most * t), self._most * t
+            )
         else:
             faster = rate + action * self._most * t
-        # w after the period must let a drive stop within its room: w²/(2a) + (w + rate) t/2 + (w - rate) dt/2 = room, where the last term
-        # is what semi-implicit Euler goes farther.
-        way, half = 2.0 * self._most * position + self._most * (t - self._dt) * rate, 0.5 * self._most * (t + self._dt)
-        top = np.minimum(np.sqrt(np.maximum(half * half + 2.0 * self._most * self._upper - way, 0.0)) - half, self._rates)
-        least = np.maximum(half - np.sqrt(np.maximum(half * half - 2.0 * self._most * self._lower + way, 0.0)), -self._rates)
+        # w after the period must let a drive stop within its room: w²/(2a) + (w + rate) t/2 + (w -
+        # rate) dt/2 = room, where the last term is what semi-implicit Euler goes farther.
+        way, half = (
+            2.0 * self._most * position + self._most * (t - self._dt) * rate,
+            0.5 * self._most * (t + self._dt),
+        )
+        top = np.minimum(
+            np.sqrt(np.maximum(half * half + 2.0 * self._most * self._upper - way, 0.0)) - half,
+            self._rates,
+        )
+        least = np.maximum(
+            half - np.sqrt(np.maximum(half * half - 2.0 * self._most * self._lower + way, 0.0)),
+            -self._rates,
+        )
         return (np.minimum(np.maximum(faster, least), top) - rate) / t
 
     def distance(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """How far from a goal each load would come if its drives stopped at once [m]: their own way to go and the amplitude of swing."""
+        """How far from a goal each load would come if its drives stopped at once [m]: their own way
+        to go and the amplitude of swing.
+        """
         passive, length = self.layout.passive, z[self._hoist]
         off = goal - z[self.layout.drives]
         off[self._slew] *= z[self._trolley]
-        swing = np.square(z[passive]) + np.square(z[self.layout.n + passive]) * (length / self._gravity)
+        swing = np.square(z[passive]) + np.square(z[self.layout.n + passive]) * (
+            length / self._gravity
+        )
         return np.sqrt(np.square(off).sum(axis=0)) + length * np.sqrt(swing.sum(axis=0))
 
     def observe(self) -> np.ndarray:
@@ -237,9 +323,13 @@ class Task:
         return seen
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest of what is observed, in single precision, shape (12,) each; a swing is seen once beyond its limit."""
+        """Least and largest of what is observed, in single precision, shape (12,) each; a swing is
+        seen once beyond its limit.
+        """
         first, ends = self.fleet.cranes[0], [self._trolley, self._hoist]
         width, rates = (first.upper - first.lower)[self.layout.drives], 1.01 * self._rates[:, 0]
-        high = np.concatenate([width, rates, np.full(2, np.pi), np.full(2, _FASTEST), first.upper[ends]])
+        high = np.concatenate(
+            [width, rates, np.full(2, np.pi), np.full(2, _FASTEST), first.upper[ends]]
+        )
         low = np.concatenate([-high[:-2], first.lower[ends]])
         return low.astype(np.float32), high.astype(np.float32)

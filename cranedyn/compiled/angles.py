@@ -1,4 +1,6 @@
-"""Sine and cosine in code, all lanes at once; libraries' functions would take one lane at a time."""
+"""Sine and cosine in code, all lanes at once; libraries' functions would take one lane at a
+time.
+"""
 
 from __future__ import annotations
 
@@ -14,17 +16,37 @@ _LARGEST_ANGLE = 1e6
 """Beyond this the reduction of an angle to a quarter turn loses digits [rad]."""
 
 _HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
-"""π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody & Waite 1980)."""
+"""π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody &
+Waite 1980)."""
 
-_SINE = (-1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362880.0, -1.0 / 39916800.0, 1.0 / 6227020800.0, -1.0 / 1307674368000.0)
-_COSINE = (-0.5, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3628800.0, 1.0 / 479001600.0, -1.0 / 87178291200.0, 1.0 / 20922789888000.0)
+_SINE = (
+    -1.0 / 6.0,
+    1.0 / 120.0,
+    -1.0 / 5040.0,
+    1.0 / 362880.0,
+    -1.0 / 39916800.0,
+    1.0 / 6227020800.0,
+    -1.0 / 1307674368000.0,
+)
+_COSINE = (
+    -0.5,
+    1.0 / 24.0,
+    -1.0 / 720.0,
+    1.0 / 40320.0,
+    -1.0 / 3628800.0,
+    1.0 / 479001600.0,
+    -1.0 / 87178291200.0,
+    1.0 / 20922789888000.0,
+)
 
 
 def sine_and_cosine(code: Code, angle: Value) -> tuple[Value, Value]:
-    """Sine and cosine of an angle [rad], to about one unit in the last place; not a number beyond a million rad.
+    """Sine and cosine of an angle [rad], to about one unit in the last place; not a number beyond a
+    million rad.
 
-    Two Taylor polynomials, which end below the precision of a double at 45°. Where a lane has a larger angle, all are reduced by whole
-    quarter turns before; a smaller angle comes out of that as it went in, so that no lane feels another.
+    Two Taylor polynomials, which end below the precision of a double at 45°. Where a lane has a
+    larger angle, all are reduced by whole quarter turns before; a smaller angle comes out of that
+    as it went in, so that no lane feels another.
     """
     small = code.everywhere(code.call("llvm.fabs", angle) < np.pi / 4.0)
     with code.builder.if_else(small, likely=True) as (then, otherwise):
@@ -34,7 +56,9 @@ def sine_and_cosine(code: Code, angle: Value) -> tuple[Value, Value]:
         with otherwise:
             turned = _of_any_angle(code, angle)
             there = code.builder.block
-    sine, cosine = (code.joined(one, here, other, there) for one, other in zip(plain, turned, strict=True))
+    sine, cosine = (
+        code.joined(one, here, other, there) for one, other in zip(plain, turned, strict=True)
+    )
     return sine, cosine
 
 

@@ -1,4 +1,6 @@
-"""Many cranes at once, each with numbers, start, controller and reference of its own, one in each lane of the processor's vectors."""
+"""Many cranes at once, each with numbers, start, controller and reference of its own, one in each
+lane of the processor's vectors.
+"""
 
 from __future__ import annotations
 
@@ -34,14 +36,15 @@ class Batch:
     Attributes:
         end: Coordinates and rates at the end, shape (cranes, n) each.
         peak_swing: Largest swing, all swing joints together [rad], shape (cranes,).
-        residual_swing: Largest amplitude of the swing from `residual_from` on [rad], see `cranedyn.analysis.swing.swing_amplitude`, shape
-            (cranes,).
+        residual_swing: Largest amplitude of the swing from `residual_from` on [rad], see
+            `cranedyn.analysis.swing.swing_amplitude`, shape (cranes,).
         largest_effort: Of the drives [N m or N], shape (cranes, m).
-        valid_until: Time at which the model ceased to hold, see `cranedyn.dynamics.validity` [s]; inf where it held throughout; shape
-            (cranes,).
+        valid_until: Time at which the model ceased to hold, see `cranedyn.dynamics.validity` [s];
+            inf where it held throughout; shape (cranes,).
         t: Times of the recorded rows [s], shape (rows,).
         q, v: Coordinates and rates at these, shape (cranes, rows, n) each.
-        command, effort: What the controllers asked for and what acted, shape (cranes, rows, m) each.
+        command, effort: What the controllers asked for and what acted, shape (cranes, rows, m)
+            each.
         energy: Mechanical energy [J], shape (cranes, rows).
     """
 
@@ -82,15 +85,16 @@ def simulate_batch(
     record: int = 0,
     threads: int | None = None,
 ) -> Batch:
-    """Run many cranes under controllers that are affine in the state, by compiled code; each as `simulate` with validity = mark.
+    """Run many cranes under controllers that are affine in the state, by compiled code; each as
+    `simulate` with validity = mark.
 
-    What is given once is for all cranes. A controller or reference that several cranes share should be the same object: its table is then
-    kept once.
+    What is given once is for all cranes. A controller or reference that several cranes share should
+    be the same object: its table is then kept once.
 
     Args:
         crane: One crane or n, or `Cranes` of `cranedyn.dynamics.cranes.load_cranes`.
-        controller: One or n, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`. Those with a memory begin with what they remember,
-            and are left as they are.
+        controller: One or n, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`. Those with a
+            memory begin with what they remember, and are left as they are.
         reference: One or n; None holds the drives where they start.
         start: One state, n states, or one with n rows; None for where each crane starts.
         since: Time at the start [s].
@@ -98,18 +102,21 @@ def simulate_batch(
         dt: Physics step [s].
         control_period: Time between control instants [s].
         drive: What the controllers command, see `simulate`.
-        force: From outside in the world [N] at each control instant, on the points of the crane, shape (rows, 3 points) for all or
-            (cranes, rows, 3 points); beyond its end the last row holds. Wind that depends on how the load moves needs `simulate`.
-        sensor_offset: What the sensors add to coordinates and rates, shape (2 n,) for all or (cranes, 2 n).
+        force: From outside in the world [N] at each control instant, on the points of the crane,
+            shape (rows, 3 points) for all or (cranes, rows, 3 points); beyond its end the last row
+            holds. Wind that depends on how the load moves needs `simulate`.
+        sensor_offset: What the sensors add to coordinates and rates, shape (2 n,) for all or
+            (cranes, 2 n).
         buffers: Whether buffers end the ranges of the drives.
         integrator: The stepping rule.
-        residual_from: When swing begins to count as residual [s], within the run; by default at its end.
+        residual_from: When swing begins to count as residual [s], within the run; by default at its
+            end.
         record: Record every that manieth control instant; 0 for none.
         threads: How many, 1024 at most; by default one for each processor.
 
     Raises:
-        OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not finite, a time is not in the run, or
-            cranes, records and tables would not fit into 4 GB.
+        OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not
+            finite, a time is not in the run, or cranes, records and tables would not fit into 4 GB.
         CraneError: If a controller is not affine in the state.
         ModelError: If the code would not do what Pinocchio does.
     """
@@ -121,7 +128,11 @@ def simulate_batch(
     number("time at the start", since, "s", "-1e9 to 1e9")
     after = _instant(residual_from, since, clock)
     every = min(whole("record", record, 0), clock.periods + 1)
-    workers = None if threads is None else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
+    workers = (
+        None
+        if threads is None
+        else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
+    )
     start = inputs.begin(crane) if start is None else start
     cranes = inputs.count(crane=crane, controller=controller, reference=reference, start=start)
     rows = clock.periods // every + 1 if every else 0
@@ -129,9 +140,16 @@ def simulate_batch(
     sizes = Sizes.of(inputs.one_layout(distinct))
     taken = inputs.fits(sizes, cranes, rows, clock.periods, 0 if sensor_offset is None else sizes.z)
     state = inputs.starts(start, cranes, sizes.n)
-    offsets = None if sensor_offset is None else inputs.rows("sensor_offset", sensor_offset, cranes, sizes.z)
+    offsets = (
+        None
+        if sensor_offset is None
+        else inputs.rows("sensor_offset", sensor_offset, cranes, sizes.z)
+    )
     times = since + control_period * np.arange(clock.periods + 1)
-    control, forces = inputs.control(distinct[0], controller, reference, state, fixed(times), taken), inputs.forces(force, cranes, sizes)
+    control, forces = (
+        inputs.control(distinct[0], controller, reference, state, fixed(times), taken),
+        inputs.forces(force, cranes, sizes),
+    )
     recipe = Recipe(
         _LANES,
         drive,
@@ -148,18 +166,43 @@ def simulate_batch(
     inputs.fit("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
     tables = (control.law, control.aim, forces)
     memory = {
-        "state": grouped([state.q, state.v, control.integrals, np.broadcast_to(0.0, (cranes, sizes.m + 1))], _LANES),
+        "state": grouped(
+            [state.q, state.v, control.integrals, np.broadcast_to(0.0, (cranes, sizes.m + 1))],
+            _LANES,
+        ),
         "numbers": grouped([varied[which]], _LANES),
-        "summary": grouped([np.broadcast_to([0.0, 0.0, math.inf, *[0.0] * sizes.m], (cranes, size(sizes.summary)))], _LANES),
+        "summary": grouped(
+            [
+                np.broadcast_to(
+                    [0.0, 0.0, math.inf, *[0.0] * sizes.m], (cranes, size(sizes.summary))
+                )
+            ],
+            _LANES,
+        ),
     }
     memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), _LANES))
     if offsets is not None:
         memory["offset"] = grouped([offsets], _LANES)
     if not all(recipe.shared):
         memory["starts"] = grouped([table.starts[:, None] for table in tables], _LANES, np.int64)
-    run(Loop(code, clock, tables, last=clock.periods + 1, end=clock.periods, every=max(every, 1), after=after, **memory), workers)
+    run(
+        Loop(
+            code,
+            clock,
+            tables,
+            last=clock.periods + 1,
+            end=clock.periods,
+            every=max(every, 1),
+            after=after,
+            **memory,
+        ),
+        workers,
+    )
     state_at, row_at, kept_at = places(sizes.state), places(sizes.row), places(sizes.summary)
-    end, kept = ungrouped(memory["state"][:, : sizes.z], cranes), ungrouped(memory["summary"], cranes)
+    end, kept = (
+        ungrouped(memory["state"][:, : sizes.z], cranes),
+        ungrouped(memory["summary"], cranes),
+    )
     log = ungrouped(memory["log"], cranes).reshape(cranes, rows, size(sizes.row))
     first_invalid = kept[:, kept_at["invalid"]][:, 0]
     return Batch(
@@ -179,4 +222,7 @@ def _instant(t: float | None, since: float, clock: Clocks) -> int:
     if t is None:
         return clock.periods
     end = since + clock.periods * clock.period
-    return min(clock.periods, math.ceil((within("residual_from", t, since, end, "s") - since) / clock.period - 1e-6))
+    return min(
+        clock.periods,
+        math.ceil((within("residual_from", t, since, end, "s") - since) / clock.period - 1e-6),
+    )

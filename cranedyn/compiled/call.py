@@ -15,7 +15,9 @@ Parts = dict[str, int]
 
 @dataclass(frozen=True)
 class Sizes:
-    """How many numbers each part has, for a crane with n joints, m drives and some points that forces act on."""
+    """How many numbers each part has, for a crane with n joints, m drives and some points that
+    forces act on.
+    """
 
     n: int
     m: int
@@ -33,13 +35,20 @@ class Sizes:
 
     @property
     def state(self) -> Parts:
-        """What a crane is at a control instant: coordinates, rates, integrals of the controller, the last command, work of the buffers."""
+        """What a crane is at a control instant: coordinates, rates, integrals of the controller,
+        the last command, work of the buffers.
+        """
         return {"q": self.n, "v": self.n, "integral": self.m, "last_command": self.m, "buffers": 1}
 
     @property
     def law(self) -> Parts:
         """One row of a controller that is affine in the state."""
-        return {"feed_forward": self.m, "gain": self.m * self.z, "integral_gain": self.m, "limit": self.m}
+        return {
+            "feed_forward": self.m,
+            "gain": self.m * self.z,
+            "integral_gain": self.m,
+            "limit": self.m,
+        }
 
     @property
     def aim(self) -> Parts:
@@ -54,14 +63,23 @@ class Sizes:
     @property
     def row(self) -> Parts:
         """One row of the log."""
-        return {"q": self.n, "v": self.n, "command": self.m, "effort": self.m, "before": self.m, "energy": 1, "buffers": 1, "stop_force": 1}
+        return {
+            "q": self.n,
+            "v": self.n,
+            "command": self.m,
+            "effort": self.m,
+            "before": self.m,
+            "energy": 1,
+            "buffers": 1,
+            "stop_force": 1,
+        }
 
     @property
     def summary(self) -> Parts:
         """What is kept of a whole run.
 
-        Squares of the largest swing and of the largest amplitude from a row on, the first row at which the model does not hold, and the
-        largest efforts.
+        Squares of the largest swing and of the largest amplitude from a row on, the first row at
+        which the model does not hold, and the largest efforts.
         """
         return {"peak": 1, "residual": 1, "invalid": 1, "effort": self.m}
 
@@ -79,17 +97,34 @@ def size(parts: Parts) -> int:
 def places(parts: Parts) -> dict[str, slice]:
     """Where each part stands."""
     ends = np.cumsum(list(parts.values())).tolist()
-    return {name: slice(end - count, end) for (name, count), end in zip(parts.items(), ends, strict=True)}
+    return {
+        name: slice(end - count, end)
+        for (name, count), end in zip(parts.items(), ends, strict=True)
+    }
 
 
 CALL = {
     POINTER: ("state", "numbers", "offset", "law", "aim", "force", "starts", "log", "summary"),
-    INTEGER: ("law_rows", "aim_rows", "force_rows", "first", "last", "end", "steps", "small", "every", "after", "going_on"),
+    INTEGER: (
+        "law_rows",
+        "aim_rows",
+        "force_rows",
+        "first",
+        "last",
+        "end",
+        "steps",
+        "small",
+        "every",
+        "after",
+        "going_on",
+    ),
     DOUBLE: ("dt", "period"),
 }
-"""What a call of the loop gives, eight bytes each. Addresses: memory of a group of lanes, tables, where each lane's tables start [rows].
-Whole numbers: rows of the tables; control instants from the first up to, but without, the last, of which that at the end is not followed by
-steps; steps in a period; small steps in a step where buffers act; instants for a row of the log; instant from which a swing is residual;
-1 where the first instant was begun before and goes on with steps, else 0. Times [s]."""
+"""What a call of the loop gives, eight bytes each. Addresses: memory of a group of lanes, tables,
+where each lane's tables start [rows]. Whole numbers: rows of the tables; control instants from the
+first up to, but without, the last, of which that at the end is not followed by steps; steps in a
+period; small steps in a step where buffers act; instants for a row of the log; instant from which a
+swing is residual; 1 where the first instant was begun before and goes on with steps, else 0. Times
+[s]."""
 
 SLOTS = {name: slot for slot, name in enumerate(name for names in CALL.values() for name in names)}

@@ -27,13 +27,18 @@ _MAKING = threading.Lock()
 def compiled(cranes: Sequence[Crane] | Cranes, recipe: Recipe) -> tuple[Kernel, np.ndarray]:
     """Code for cranes that differ in numbers only, and the numbers in which they do, shape (n, m).
 
-    It is compared with Pinocchio for each of the first 16 of them: the code is the same for all. Threads that ask at the same time wait for
-    each other, so that the code for a crane is made once.
+    It is compared with Pinocchio for each of the first 16 of them: the code is the same for all.
+    Threads that ask at the same time wait for each other, so that the code for a crane is made
+    once.
 
     Raises:
         ModelError: If the code does not do what Pinocchio does.
     """
-    rows = cranes.numbers if isinstance(cranes, Cranes) else np.array([numbers(crane) for crane in cranes])
+    rows = (
+        cranes.numbers
+        if isinstance(cranes, Cranes)
+        else np.array([numbers(crane) for crane in cranes])
+    )
     varied = (rows != rows[0]).any(axis=0)
     constants = np.where(varied, np.nan, rows[0])
     own = np.ascontiguousarray(rows[:, varied])
@@ -49,7 +54,8 @@ def compiled(cranes: Sequence[Crane] | Cranes, recipe: Recipe) -> tuple[Kernel, 
 
 
 def elsewhere(crane: Crane, recipe: Recipe) -> bytes:
-    """The code for one crane as an object file for other programs, held against Pinocchio here, see `compiled`.
+    """The code for one crane as an object file for other programs, held against Pinocchio here, see
+    `compiled`.
 
     Raises:
         OutOfRange: If there is no code for the stepping rule.
@@ -78,19 +84,47 @@ def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
     """
     rng = np.random.default_rng(0)
     lanes, recipe = code.recipe.lanes, code.recipe
-    model, data, layout, joint = crane.model, crane.model.createData(), crane.layout, JointForces.of(crane)
+    model, data, layout, joint = (
+        crane.model,
+        crane.model.createData(),
+        crane.layout,
+        JointForces.of(crane),
+    )
     own = np.repeat(varied[:, None], lanes, axis=1)
     for _ in range(8):
         q = rng.uniform(crane.lower, crane.upper)
         q[crane.swings] = rng.uniform(-1.4, 1.4, len(crane.swings))
-        v, force = rng.normal(size=layout.n), rng.normal(size=3 * len(crane.points)) * crane.payload_mass
+        v, force = (
+            rng.normal(size=layout.n),
+            rng.normal(size=3 * len(crane.points)) * crane.payload_mass,
+        )
         command, mass = rng.uniform(-1.0, 1.0, layout.m), pin.crba(model, data, q)
-        external = outside_effort(crane.points, model, data, q, force.reshape(-1, 3)) if recipe.forces else np.zeros(layout.n)
+        external = (
+            outside_effort(crane.points, model, data, q, force.reshape(-1, 3))
+            if recipe.forces
+            else np.zeros(layout.n)
+        )
         if recipe.drive == "effort":
-            command = np.clip(command * mass.diagonal()[layout.drives], -crane.effort_limit, crane.effort_limit)
-            expected = pin.aba(model, data, q, v, full(crane, command) + joint.effort(q, v) + external)
+            command = np.clip(
+                command * mass.diagonal()[layout.drives], -crane.effort_limit, crane.effort_limit
+            )
+            expected = pin.aba(
+                model, data, q, v, full(crane, command) + joint.effort(q, v) + external
+            )
         else:
-            expected = follow_drives(model, data, q, v, full(crane, command), joint.effort(q, v), layout.passive, external)
+            expected = follow_drives(
+                model,
+                data,
+                q,
+                v,
+                full(crane, command),
+                joint.effort(q, v),
+                layout.passive,
+                external,
+            )
         given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
         if off := rigid_body.disagreement(accelerations(code, given, own).T, expected, mass):
-            raise ModelError(f"The compiled crane moves otherwise than Pinocchio's: accelerations differ by {off:.1e} of the largest.")
+            raise ModelError(
+                "The compiled crane moves otherwise than Pinocchio's: accelerations differ by "
+                f"{off:.1e} of the largest."
+            )

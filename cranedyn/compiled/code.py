@@ -1,6 +1,8 @@
-"""Code under construction: doubles, one for each lane of a vector, and the arithmetic that adds instructions for LLVM.
+"""Code under construction: doubles, one for each lane of a vector, and the arithmetic that adds
+instructions for LLVM.
 
-What is known while the code is made stays a Python float and is folded: nothing is multiplied by 1, added to 0, or computed twice for it.
+What is known while the code is made stays a Python float and is folded: nothing is multiplied by 1,
+added to 0, or computed twice for it.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from cranedyn.compiled.angles import sine_and_cosine
 INTEGER, POINTER, DOUBLE = ir.IntType(64), ir.PointerType(), ir.DoubleType()
 
 _FAST = ("contract", "reassoc", "nsz", "arcp")
-"""Sums and products may be fused and put in another order, the sign of zero is free; infinities and what is not a number stay."""
+"""Sums and products may be fused and put in another order, the sign of zero is free; infinities and
+what is not a number stay."""
 
 
 class Value:
@@ -84,7 +87,12 @@ class Value:
         return self.code.builder.fcmp_ordered(how, self.register, self.code.value(other).register)
 
     def _with(self, operation: str, other: Any) -> Value:
-        return Value(self.code, getattr(self.code.builder, operation)(self.register, self.code.value(other).register, flags=_FAST))
+        return Value(
+            self.code,
+            getattr(self.code.builder, operation)(
+                self.register, self.code.value(other).register, flags=_FAST
+            ),
+        )
 
 
 class Code:
@@ -99,7 +107,9 @@ class Code:
     def __init__(self, module: ir.Module, name: str, arguments: Sequence[str], lanes: int) -> None:
         self.lanes = lanes
         self.type = ir.VectorType(DOUBLE, lanes) if lanes > 1 else DOUBLE
-        self.function = ir.Function(module, ir.FunctionType(ir.VoidType(), [POINTER] * len(arguments)), name)
+        self.function = ir.Function(
+            module, ir.FunctionType(ir.VoidType(), [POINTER] * len(arguments)), name
+        )
         self.argument = dict(zip(arguments, self.function.args, strict=True))
         self.builder = ir.IRBuilder(self.function.append_basic_block())
         self._angles: dict[ir.Value, tuple[Value, Value]] = {}
@@ -108,7 +118,12 @@ class Code:
         """A number known now as one that the code has."""
         if isinstance(number, Value):
             return number
-        return Value(self, ir.Constant(self.type, [float(number)] * self.lanes if self.lanes > 1 else float(number)))
+        return Value(
+            self,
+            ir.Constant(
+                self.type, [float(number)] * self.lanes if self.lanes > 1 else float(number)
+            ),
+        )
 
     def fused(self, a: Value, b: Value, c: Any) -> Value:
         """A b + c, rounded once where the machine can."""
@@ -117,14 +132,20 @@ class Code:
     def call(self, intrinsic: str, *values: Any) -> Value:
         """One of LLVM's functions of numbers, such as llvm.maxnum, llvm.sqrt, llvm.fabs."""
         name = f"{intrinsic}.{f'v{self.lanes}' if self.lanes > 1 else ''}f64"
-        return Value(self, self._intrinsic(name, self.type, [self.value(value).register for value in values]))
+        return Value(
+            self, self._intrinsic(name, self.type, [self.value(value).register for value in values])
+        )
 
     def chosen(self, condition: ir.Value, yes: Any, no: Any) -> Value:
         """One value where a condition holds, another where not."""
-        return Value(self, self.builder.select(condition, self.value(yes).register, self.value(no).register))
+        return Value(
+            self, self.builder.select(condition, self.value(yes).register, self.value(no).register)
+        )
 
     def sine_and_cosine(self, angle: Value) -> tuple[Value, Value]:
-        """Sine and cosine together [rad], see `cranedyn.compiled.angles`; asked for the same value again they are those there are."""
+        """Sine and cosine together [rad], see `cranedyn.compiled.angles`; asked for the same value
+        again they are those there are.
+        """
         if angle.register not in self._angles:
             self._angles[angle.register] = sine_and_cosine(self, angle)
         return self._angles[angle.register]
@@ -160,12 +181,16 @@ class Code:
     def _over_lanes(self, how: str, condition: ir.Value) -> ir.Value:
         if self.lanes == 1:
             return condition
-        return self._intrinsic(f"llvm.vector.reduce.{how}.v{self.lanes}i1", ir.IntType(1), [condition])
+        return self._intrinsic(
+            f"llvm.vector.reduce.{how}.v{self.lanes}i1", ir.IntType(1), [condition]
+        )
 
     def _intrinsic(self, name: str, answer: ir.Type, values: Sequence[ir.Value]) -> ir.Value:
         module = self.function.module
         kind = ir.FunctionType(answer, [value.type for value in values])
-        return self.builder.call(module.globals.get(name) or ir.Function(module, kind, name), values)
+        return self.builder.call(
+            module.globals.get(name) or ir.Function(module, kind, name), values
+        )
 
     def integer(self, number: int) -> ir.Value:
         """A whole number known now."""
@@ -215,7 +240,9 @@ class Code:
         register = ir.Constant(self.type, ir.Undefined)
         for lane, place in enumerate(places):
             part = self.builder.load(self._at(pointer, place), align=8, typ=DOUBLE)
-            register = self.builder.insert_element(register, part, ir.Constant(ir.IntType(32), lane))
+            register = self.builder.insert_element(
+                register, part, ir.Constant(ir.IntType(32), lane)
+            )
         return Value(self, register)
 
     def load_one(self, pointer: ir.Value, place: int, kind: ir.Type) -> ir.Value:
@@ -235,7 +262,9 @@ class Code:
         """Statements for each whole number from the first up to, but without, the last."""
         begin, end = (x if isinstance(x, ir.Value) else self.integer(x) for x in (first, last))
         before = self.builder.block
-        head, body, after = (self.function.append_basic_block(name) for name in ("head", "body", "after"))
+        head, body, after = (
+            self.function.append_basic_block(name) for name in ("head", "body", "after")
+        )
         self.builder.branch(head)
         self.builder.position_at_end(head)
         counter = self.builder.phi(INTEGER)

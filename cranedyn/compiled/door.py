@@ -1,7 +1,9 @@
-"""The one door to compiled code, which trusts every address and every count that it is given: they are taken from arrays here alone.
+"""The one door to compiled code, which trusts every address and every count that it is given: they
+are taken from arrays here alone.
 
-Shapes, types and counts are looked at once, when a function is bound to its arrays, and not again while it runs. What is not finite is
-refused, too, but for the state, which may diverge. Long runs are called in pieces, between which Python answers Ctrl-C.
+Shapes, types and counts are looked at once, when a function is bound to its arrays, and not again
+while it runs. What is not finite is refused, too, but for the state, which may diverge. Long runs
+are called in pieces, between which Python answers Ctrl-C.
 """
 
 from __future__ import annotations
@@ -23,24 +25,42 @@ if TYPE_CHECKING:
     from cranedyn.compiled.tables import Table
 
 _PIECE = 100_000
-"""Physics steps, or rows, that code goes through before Python is asked whether to end; of eight cranes at once some tenths of a second."""
+"""Physics steps, or rows, that code goes through before Python is asked whether to end; of eight
+cranes at once some tenths of a second."""
 
 _INSTANT = 4
 """What control and log of an instant cost, in steps."""
 
 
-def _address(name: str, array: object, shape: tuple[int, ...], kind: type = np.float64, *, written: bool = False) -> int:
+def _address(
+    name: str,
+    array: object,
+    shape: tuple[int, ...],
+    kind: type = np.float64,
+    *,
+    written: bool = False,
+) -> int:
     """Where an array begins, if it is what the code takes it for.
 
     Raises:
         Misshapen: If it is another.
     """
-    allowed = f"an array of {kind.__name__} of shape {shape}, contiguous{', that can be written to' if written else ''}"
+    allowed = (
+        f"an array of {kind.__name__} of shape {shape}, "
+        f"contiguous{', that can be written to' if written else ''}"
+    )
     if not isinstance(array, np.ndarray):
         raise Misshapen(name, type(array).__name__, allowed)
     flags = array.flags
-    if array.dtype != kind or array.shape != shape or not (flags.c_contiguous and flags.aligned and (flags.writeable or not written)):
-        given = f"an array of {array.dtype.name} of shape {array.shape}{'' if flags.c_contiguous else ', not contiguous'}"
+    if (
+        array.dtype != kind
+        or array.shape != shape
+        or not (flags.c_contiguous and flags.aligned and (flags.writeable or not written))
+    ):
+        given = (
+            f"an array of {array.dtype.name} of shape "
+            f"{array.shape}{'' if flags.c_contiguous else ', not contiguous'}"
+        )
         raise Misshapen(name, given, allowed)
     return array.ctypes.data
 
@@ -61,8 +81,15 @@ class Rows:
     """Code that answers rows of numbers, each by itself."""
 
     def __init__(self, machine: Machine, name: str, given: int, answered: int) -> None:
-        """Take a function of a module by its name, and how many numbers it reads and writes for each row."""
-        self._machine, self._run, self._given, self._answered = machine, machine.function(name, 3), given, answered
+        """Take a function of a module by its name, and how many numbers it reads and writes for
+        each row.
+        """
+        self._machine, self._run, self._given, self._answered = (
+            machine,
+            machine.function(name, 3),
+            given,
+            answered,
+        )
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
         """The answers to rows, shape (n, given), in rows, shape (n, answered).
@@ -75,7 +102,9 @@ class Rows:
             part, out = (array[first : first + _PIECE] for array in (rows, answers))
             count[0] = len(part)
             self._run(
-                _address("rows", part, (len(part), self._given)), count.ctypes.data, _address("answers", out, (len(part), self._answered))
+                _address("rows", part, (len(part), self._given)),
+                count.ctypes.data,
+                _address("answers", out, (len(part), self._answered)),
             )
         return answers
 
@@ -91,7 +120,11 @@ def accelerations(code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.nd
     lanes = code.recipe.lanes
     found = np.empty((code.sizes.n, lanes))
     run = code.machine.function("answer", 3)
-    run(_address("given", given, (size(code.sizes.given), lanes)), _address("numbers", numbers, (code.varied, lanes)), found.ctypes.data)
+    run(
+        _address("given", given, (size(code.sizes.given), lanes)),
+        _address("numbers", numbers, (code.varied, lanes)),
+        found.ctypes.data,
+    )
     return found
 
 
@@ -120,8 +153,8 @@ class Loop:
             end: The instant that is not followed by steps.
             every: Control instants for a row of the log.
             after: Instant from which a swing is residual.
-            memory: What belongs to each group, the group first: state, numbers, offset, starts of the tables, summary, log, as far as the
-                code has them.
+            memory: What belongs to each group, the group first: state, numbers, offset, starts of
+                the tables, summary, log, as far as the code has them.
 
         Raises:
             OutOfRange: If an array is not what the code takes it for, or a number is not finite.
@@ -131,9 +164,17 @@ class Loop:
         self._steps, small = whole("steps", clock.steps, 1), whole("small steps", clock.small, 1)
         self._weight = small if recipe.buffers and recipe.integrator.smooth else 1
         self._run, self._groups = code.machine.function("run", 1), len(memory["state"])
-        self._call, self._moving = np.zeros(len(SLOTS), dtype=np.int64), list[tuple[int, int, int]]()
+        self._call, self._moving = (
+            np.zeros(len(SLOTS), dtype=np.int64),
+            list[tuple[int, int, int]](),
+        )
         self._kept = (code, tables, memory)
-        counts = {"end": end, "small": small, "every": whole("every", every, 1), "after": whole("after", after, 0)}
+        counts = {
+            "end": end,
+            "small": small,
+            "every": whole("every", every, 1),
+            "after": whole("after", after, 0),
+        }
         for name, count in counts.items():
             self._call[SLOTS[name]] = count
         for name, time in (("dt", clock.dt), ("period", clock.period)):
@@ -148,33 +189,59 @@ class Loop:
         }
         for name, width in widths.items():
             if width:
-                self._bind(name, memory[name], (self._groups, width, lanes), written=name in ("state", "summary", "log"))
+                self._bind(
+                    name,
+                    memory[name],
+                    (self._groups, width, lanes),
+                    written=name in ("state", "summary", "log"),
+                )
         for name in ("numbers", "offset"):
             if widths[name]:
                 _known(name, memory[name], infinite=name == "numbers")
         if not all(recipe.shared):
             self._bind("starts", memory["starts"], (self._groups, 3, lanes), np.int64)
-        for i, (name, parts) in enumerate({"law": sizes.law, "aim": sizes.aim, "force": sizes.force}.items()):
-            self._bind_table(name, tables[i], size(parts), None if recipe.shared[i] else memory["starts"][:, i])
+        for i, (name, parts) in enumerate(
+            {"law": sizes.law, "aim": sizes.aim, "force": sizes.force}.items()
+        ):
+            self._bind_table(
+                name, tables[i], size(parts), None if recipe.shared[i] else memory["starts"][:, i]
+            )
 
-    def _bind(self, name: str, array: np.ndarray, shape: tuple[int, ...], kind: type = np.float64, *, written: bool = False) -> None:
-        self._moving.append((SLOTS[name], _address(name, array, shape, kind, written=written), array.strides[0]))
+    def _bind(
+        self,
+        name: str,
+        array: np.ndarray,
+        shape: tuple[int, ...],
+        kind: type = np.float64,
+        *,
+        written: bool = False,
+    ) -> None:
+        self._moving.append(
+            (SLOTS[name], _address(name, array, shape, kind, written=written), array.strides[0])
+        )
 
     def _bind_table(self, name: str, table: Table, columns: int, starts: np.ndarray | None) -> None:
         total, length = len(table.rows), whole(f"rows of {name}", table.length, 1)
         first, final = (0, 0) if starts is None else (int(starts.min()), int(starts.max()))
         if first < 0 or final + length > total:
-            raise Misshapen(f"table of {name}", f"one of {total} rows, read from {first} to {final + length}", "to read what is in it")
+            raise Misshapen(
+                f"table of {name}",
+                f"one of {total} rows, read from {first} to {final + length}",
+                "to read what is in it",
+            )
         self._call[SLOTS[name]] = _address(f"table of {name}", table.rows, (total, columns))
         self._call[SLOTS[f"{name}_rows"]] = length
-        _known(f"table of {name}", table.rows, infinite=name == "law")  # limits of a law may be infinite
+        # Limits of a law may be infinite.
+        _known(f"table of {name}", table.rows, infinite=name == "law")
 
     def __len__(self) -> int:
         """Number of groups."""
         return self._groups
 
     def _pieces(self) -> Iterator[tuple[int, int, int, bool]]:
-        """The run in pieces: instants from the first up to, but without, the last, steps of each, whether the first goes on from steps."""
+        """The run in pieces: instants from the first up to, but without, the last, steps of each,
+        whether the first goes on from steps.
+        """
         together = _PIECE // (self._steps * self._weight + _INSTANT)
         if together:
             for first in range(0, self._last, together):
@@ -189,7 +256,9 @@ class Loop:
         """Run some groups, one after another, unless it is stopped between two pieces."""
         call = self._call.copy()
         address = call.ctypes.data
-        first, last, steps, going_on = (SLOTS[name] for name in ("first", "last", "steps", "going_on"))
+        first, last, steps, going_on = (
+            SLOTS[name] for name in ("first", "last", "steps", "going_on")
+        )
         for group in groups:
             if not 0 <= group < self._groups:
                 raise OutOfRange("group", group, f"0 to {self._groups - 1}")
@@ -214,7 +283,8 @@ class Loop:
         return run
 
     def steps(self) -> Callable[[int, int], None]:
-        """Steps of one control period for the groups from one up to, but without, another, under the commands that their states hold.
+        """Steps of one control period for the groups from one up to, but without, another, under
+        the commands that their states hold.
 
         Many groups are gone through in one call, which takes some tenths of a second at most.
 
@@ -222,8 +292,13 @@ class Loop:
             OutOfRange: If a period has too many steps for that.
         """
         if self._steps * self._weight > _PIECE:
-            raise OutOfRange("steps in a control period", self._steps, f"{_PIECE // self._weight} or less")
-        run, most = self._kept[0].machine.function("several", 2), _PIECE // (self._steps * self._weight)
+            raise OutOfRange(
+                "steps in a control period", self._steps, f"{_PIECE // self._weight} or less"
+            )
+        run, most = (
+            self._kept[0].machine.function("several", 2),
+            _PIECE // (self._steps * self._weight),
+        )
         calls = np.repeat(self._call[None], self._groups, axis=0)
         for slot, begin, stride in self._moving:
             calls[:, slot] = begin + stride * np.arange(self._groups)

@@ -1,4 +1,6 @@
-"""The compiled crane from one control instant to the next, or through a whole run where nothing in the loop is Python."""
+"""The compiled crane from one control instant to the next, or through a whole run where nothing in
+the loop is Python.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +25,14 @@ from cranedyn.simulation.engine import DIVERGED, Engine, Setting
 from cranedyn.simulation.log import Log
 
 _BLOCK, _STEPS = 2000, 1_000_000
-"""Control instants, and physics steps, that a closed loop runs ahead at most before it is looked at."""
+"""Control instants, and physics steps, that a closed loop runs ahead at most before it is looked
+at."""
 
 
 class _Block(NamedTuple):
-    """Tables to fill, shape (laws, columns) and (instants, columns), the log that comes of them, and the run."""
+    """Tables to fill, shape (laws, columns) and (instants, columns), the log that comes of them,
+    and the run.
+    """
 
     laws: np.ndarray
     aims: np.ndarray
@@ -36,7 +41,8 @@ class _Block(NamedTuple):
 
 
 class CompiledEngine(Engine):
-    """An engine that steps by code; what commands cost and where buffers hold at a control instant are Pinocchio's to say.
+    """An engine that steps by code; what commands cost and where buffers hold at a control instant
+    are Pinocchio's to say.
 
     Attributes:
         state: Where the crane is.
@@ -55,7 +61,11 @@ class CompiledEngine(Engine):
         self._setting = setting
         self._limits = Limits(setting.crane) if setting.drive == "effort" else None
         self._sizes = sizes = Sizes.of(setting.crane.layout)
-        self._memory, self._force, self._at = np.zeros(size(sizes.state)), np.zeros((1, size(sizes.force))), places(sizes.state)
+        self._memory, self._force, self._at = (
+            np.zeros(size(sizes.state)),
+            np.zeros((1, size(sizes.force))),
+            places(sizes.state),
+        )
         self._here = self._memory[: sizes.z]
         self._law, self._aim = one_command(sizes)
         self._last_command = self._law[0, places(sizes.law)["feed_forward"]]
@@ -67,7 +77,9 @@ class CompiledEngine(Engine):
     def begin(self, start: State) -> None:
         """As `Engine.begin`; code that was made stays."""
         self.state = start
-        self._outside = self._setting.outside(self._setting.clocks.dt, buffers=self._setting.buffers)
+        self._outside = self._setting.outside(
+            self._setting.clocks.dt, buffers=self._setting.buffers
+        )
         self._drives = self._setting.drives(self._setting.clocks.dt, self._outside)
         self._memory[:] = self._force[:] = self._last_command[:] = 0.0
         self._here[:] = np.concatenate(start)
@@ -94,10 +106,20 @@ class CompiledEngine(Engine):
         )
         return compiled([self._setting.crane], recipe)[0]
 
-    def _loop(self, code: Kernel, law: Table, aim: Table, last: int, end: int, log: np.ndarray) -> Loop:
+    def _loop(
+        self, code: Kernel, law: Table, aim: Table, last: int, end: int, log: np.ndarray
+    ) -> Loop:
         """Code bound to the memory of this crane."""
         state, tables = self._memory.reshape(1, -1, 1), (law, aim, alone(self._force))
-        return Loop(code, self._setting.clocks, tables, last=last, end=end, state=state, log=log.reshape(1, -1, 1))
+        return Loop(
+            code,
+            self._setting.clocks,
+            tables,
+            last=last,
+            end=end,
+            state=state,
+            log=log.reshape(1, -1, 1),
+        )
 
     def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `Engine.take`."""
@@ -111,7 +133,9 @@ class CompiledEngine(Engine):
         """As `Engine.energies`; by code if it was made for stepping."""
         if self._step is None:
             return super().energies(q, v)
-        return Rows(self._code(integral=False, log=False).machine, "energies", self._sizes.z, 1)(np.hstack([q, v]))[:, 0]
+        return Rows(self._code(integral=False, log=False).machine, "energies", self._sizes.z, 1)(
+            np.hstack([q, v])
+        )[:, 0]
 
     def effort(self) -> np.ndarray:
         """As `Engine.effort`."""
@@ -133,7 +157,9 @@ class CompiledEngine(Engine):
         """As `Engine.advance`."""
         if self._step is None:
             code = self._code(integral=False, log=False)
-            self._step = self._loop(code, alone(self._law), alone(self._aim), 1, 1, np.empty(0)).alone()
+            self._step = self._loop(
+                code, alone(self._law), alone(self._aim), 1, 1, np.empty(0)
+            ).alone()
         self._step()
         return self._arrived()
 
@@ -142,13 +168,18 @@ class CompiledEngine(Engine):
         self.state = State(here[: self._sizes.n], here[self._sizes.n :])
         return self.state
 
-    def run_ahead(self, controller: object, reference: Reference, since: float, periods: int, log: Log) -> Iterator[int]:
-        """Log rows under a controller that is affine in the state, block by block, and say how many there are.
+    def run_ahead(
+        self, controller: object, reference: Reference, since: float, periods: int, log: Log
+    ) -> Iterator[int]:
+        """Log rows under a controller that is affine in the state, block by block, and say how many
+        there are.
 
-        A block in which anything is out of the ordinary is left undone, for whoever goes through it instant by instant.
+        A block in which anything is out of the ordinary is left undone, for whoever goes through it
+        instant by instant.
 
         Raises:
-            Misshapen: If the controller's common form, or what the reference wants at many times, is not made of arrays as they should be.
+            Misshapen: If the controller's common form, or what the reference wants at many times,
+                is not made of arrays as they should be.
         """
         if self._setting.forces:
             return
@@ -175,15 +206,23 @@ class CompiledEngine(Engine):
         self.take(self._memory[self._at["last_command"]].copy())
 
     def _run(self, common: Affine, setpoint: np.ndarray, end: int) -> dict[str, np.ndarray] | None:
-        """A block of rows by name; None, and all as before, if a number for it or in it is not finite or a joint moves too fast."""
+        """A block of rows by name; None, and all as before, if a number for it or in it is not
+        finite or a joint moves too fast.
+        """
         before, n = self._memory.copy(), len(setpoint)
-        block = self._block(bool(common.integral_gain.any()), len(common.feed_forward), n, min(end, n))
+        block = self._block(
+            bool(common.integral_gain.any()), len(common.feed_forward), n, min(end, n)
+        )
         law(self._sizes, common, block.laws)
         aim(self._sizes, common, setpoint, block.aims)
         self._memory[self._at["integral"]] = common.integral
         block.run()
         found = {name: block.rows[:, where] for name, where in places(self._sizes.row).items()}
-        known = np.isfinite(block.rows).all() and np.isfinite(common.integral).all() and not np.isnan(common.limit).any()
+        known = (
+            np.isfinite(block.rows).all()
+            and np.isfinite(common.integral).all()
+            and not np.isnan(common.limit).any()
+        )
         if known and (np.square(found["v"]).sum(axis=1) < DIVERGED**2).all():
             return found
         self._memory[:] = before
@@ -193,8 +232,14 @@ class CompiledEngine(Engine):
         """What a block of a size is run with, made once."""
         size_of_it = integral, laws, instants, end
         if size_of_it not in self._blocks:
-            tables = np.zeros((laws, size(self._sizes.law))), np.zeros((instants, size(self._sizes.aim)))
-            rows, code = np.empty((instants, size(self._sizes.row))), self._code(integral=integral, log=True)
+            tables = (
+                np.zeros((laws, size(self._sizes.law))),
+                np.zeros((instants, size(self._sizes.aim))),
+            )
+            rows, code = (
+                np.empty((instants, size(self._sizes.row))),
+                self._code(integral=integral, log=True),
+            )
             run = self._loop(code, alone(tables[0]), alone(tables[1]), instants, end, rows).alone()
             self._blocks[size_of_it] = _Block(*tables, rows, run)
         return self._blocks[size_of_it]

@@ -1,4 +1,6 @@
-"""Many cranes that go on from one command to the next, for loops that are not ours, such as those of reinforcement learning."""
+"""Many cranes that go on from one command to the next, for loops that are not ours, such as those
+of reinforcement learning.
+"""
 
 from __future__ import annotations
 
@@ -25,17 +27,21 @@ from cranedyn.interfaces import Drive, State
 from cranedyn.model.crane import Crane
 
 _LANES, _THREADS, _SHARE, _MOST = 8, 1024, 32, 512
-"""Cranes in a group; most threads; groups that are worth a thread of their own, and groups whose numbers stay in a processor's cache."""
+"""Cranes in a group; most threads; groups that are worth a thread of their own, and groups whose
+numbers stay in a processor's cache."""
 
 
 class Fleet:
-    """Cranes that each have a state, and take a command that holds for a control period; each moves as in `simulate` with validity = mark.
+    """Cranes that each have a state, and take a command that holds for a control period; each moves
+    as in `simulate` with validity = mark.
 
-    Nothing that is given can make the code read or write beside an array: all of it is looked at here, and copied.
+    Nothing that is given can make the code read or write beside an array: all of it is looked at
+    here, and copied.
 
     Attributes:
         layout: Of all of them.
-        z: Coordinates and rates, one column a crane, shape (2 joints, n). To look at; the next step writes into it.
+        z: Coordinates and rates, one column a crane, shape (2 joints, n). To look at; the next step
+            writes into it.
         parts: Columns that a thread goes through at once.
     """
 
@@ -65,7 +71,8 @@ class Fleet:
             threads: How many, 1024 at most; by default one for each processor.
 
         Raises:
-            OutOfRange: If a number is out of range, there is no crane, one has another layout, or they would not fit into 4 GB.
+            OutOfRange: If a number is out of range, there is no crane, one has another layout, or
+                they would not fit into 4 GB.
             ModelError: If the code would not do what Pinocchio does.
         """
         check_word("drive", drive, Drive)
@@ -74,14 +81,40 @@ class Fleet:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")
         self.layout = one_layout(self.cranes)
         self._sizes = sizes = Sizes.of(self.layout)
-        self.count, self.control_period, self.drive = whole("number of cranes", count, 1), control_period, drive
-        workers = len(os.sched_getaffinity(0)) if threads is None else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
+        self.count, self.control_period, self.drive = (
+            whole("number of cranes", count, 1),
+            control_period,
+            drive,
+        )
+        workers = (
+            len(os.sched_getaffinity(0))
+            if threads is None
+            else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
+        )
         clock, shared = clocks(control_period, dt, control_period), (True, True, not forces)
-        recipe = Recipe(_LANES, drive, semi_implicit_euler, False, False, False, forces, shared, log=False, summary=False)
+        recipe = Recipe(
+            _LANES,
+            drive,
+            semi_implicit_euler,
+            False,
+            False,
+            False,
+            forces,
+            shared,
+            log=False,
+            summary=False,
+        )
         code, self._own = compiled(self.cranes, recipe)
         groups = -(-self.count // _LANES)
-        fit("number of cranes", str(count), groups * _LANES * (3 * size(sizes.state) + code.varied + size(sizes.force) + 10))
-        self._state, self._numbers = np.zeros((groups, size(sizes.state), _LANES)), np.zeros((groups, code.varied, _LANES))
+        fit(
+            "number of cranes",
+            str(count),
+            groups * _LANES * (3 * size(sizes.state) + code.varied + size(sizes.force) + 10),
+        )
+        self._state, self._numbers = (
+            np.zeros((groups, size(sizes.state), _LANES)),
+            np.zeros((groups, code.varied, _LANES)),
+        )
         memory: dict[str, Any] = {"state": self._state, "numbers": self._numbers}
         self._force = np.zeros((groups * _LANES if forces else 1, size(sizes.force)))
         self._pushed, self._last_command = forces, places(sizes.state)["last_command"]
@@ -91,33 +124,52 @@ class Fleet:
             memory["starts"] = np.zeros((groups, 3, _LANES), dtype=np.int64)
             memory["starts"][:, 2] = table.starts.reshape(groups, _LANES)
         law, aim = one_command(sizes)
-        self._steps = Loop(code, clock, (alone(law), alone(aim), table), last=1, end=1, **memory).steps()
+        self._steps = Loop(
+            code, clock, (alone(law), alone(aim), table), last=1, end=1, **memory
+        ).steps()
         count_of_parts = max(min(workers, groups // _SHARE), -(-groups // _MOST), 1)
-        ends = np.minimum(_LANES * np.linspace(0, groups, count_of_parts + 1).astype(int), self.count).tolist()
+        ends = np.minimum(
+            _LANES * np.linspace(0, groups, count_of_parts + 1).astype(int), self.count
+        ).tolist()
         self.parts = [slice(first, last) for first, last in pairwise(ends)]
-        self._pool = ThreadPoolExecutor(min(workers, count_of_parts) - 1) if min(workers, count_of_parts) > 1 else None
+        self._pool = (
+            ThreadPoolExecutor(min(workers, count_of_parts) - 1)
+            if min(workers, count_of_parts) > 1
+            else None
+        )
         self._z = np.empty((sizes.z, groups, _LANES))
         self.z = fixed(self._z.reshape(len(self._z), -1)[:, : self.count])
         self._limit = np.full((sizes.m, self.count), np.inf)
         here = self.cranes[0].start
-        self._put(np.arange(groups * _LANES), State(here.q[None], here.v[None]), np.zeros(1, dtype=int))
+        self._put(
+            np.arange(groups * _LANES), State(here.q[None], here.v[None]), np.zeros(1, dtype=int)
+        )
 
     @checked
-    def place(self, which: np.ndarray, start: State | Sequence[State], crane: np.ndarray | None = None) -> None:
+    def place(
+        self, which: np.ndarray, start: State | Sequence[State], crane: np.ndarray | None = None
+    ) -> None:
         """Put some cranes elsewhere.
 
         Args:
             which: Which of the n, whole numbers, shape (k,).
             start: Where they are from now on: one state for all, k states, or one with k rows.
-            crane: Which of the cranes to choose from each of them is, whole numbers, shape (k,); None for the first.
+            crane: Which of the cranes to choose from each of them is, whole numbers, shape (k,);
+                None for the first.
 
         Raises:
             OutOfRange: If a number is not finite, or an index not one of those there are.
         """
         rows = _indices("which crane", which, self.count)
-        kinds = np.zeros(len(rows), dtype=int) if crane is None else _indices("crane to choose", crane, len(self.cranes))
+        kinds = (
+            np.zeros(len(rows), dtype=int)
+            if crane is None
+            else _indices("crane to choose", crane, len(self.cranes))
+        )
         if len(kinds) != len(rows):
-            raise OutOfRange("cranes chosen", len(kinds), f"{len(rows)}, one for each that is placed")
+            raise OutOfRange(
+                "cranes chosen", len(kinds), f"{len(rows)}, one for each that is placed"
+            )
         self._put(rows, starts(start, len(rows), self._sizes.n), kinds)
 
     @checked
@@ -126,13 +178,19 @@ class Fleet:
 
         Args:
             which: Which of the n, whole numbers, shape (k,).
-            force: In the world [N], on the points of each crane, the payload first, shape (k, 3 points).
+            force: In the world [N], on the points of each crane, the payload first, shape (k, 3
+                points).
 
         Raises:
-            OutOfRange: If a number is not finite, an index not one of those there are, or forces were not asked for.
+            OutOfRange: If a number is not finite, an index not one of those there are, or forces
+                were not asked for.
         """
         if not self._pushed:
-            raise OutOfRange("forces from outside", described(force), "none, unless the fleet is made with forces = True")
+            raise OutOfRange(
+                "forces from outside",
+                described(force),
+                "none, unless the fleet is made with forces = True",
+            )
         rows = _indices("which crane", which, self.count)
         self._force[rows] = finite("force", force, (len(rows), size(self._sizes.force)), unit="N")
 
@@ -141,7 +199,8 @@ class Fleet:
         """Go on for a control period.
 
         Args:
-            command: Efforts, which are cut to the limits of the drives, or accelerations, one column a crane, shape (drives, n).
+            command: Efforts, which are cut to the limits of the drives, or accelerations, one
+                column a crane, shape (drives, n).
 
         Returns:
             Coordinates and rates afterwards, which are `z`; not finite for a crane that diverged.
@@ -182,7 +241,9 @@ class Fleet:
         first, last = columns.start // _LANES, -(-columns.stop // _LANES)
         commands = np.zeros((len(given), _LANES * (last - first)))
         commands[:, : given.shape[1]] = given
-        self._state[first:last, self._last_command] = commands.reshape(len(given), -1, _LANES).transpose(1, 0, 2)
+        self._state[first:last, self._last_command] = commands.reshape(
+            len(given), -1, _LANES
+        ).transpose(1, 0, 2)
         self._steps(first, last)
         self._z[:, first:last] = self._state[first:last, : len(self._z)].transpose(1, 0, 2)
         return self.z[:, columns]

@@ -24,7 +24,8 @@ _LARGEST = 4e9
 """Memory that a batch may take, tables and records among it [byte]."""
 
 _CRANE, _PAIR = 48, 250
-"""Numbers kept of each crane, and of each controller with each reference besides their tables: measured, see `tests/test_batch.py`."""
+"""Numbers kept of each crane, and of each controller with each reference besides their tables:
+measured, see `tests/test_batch.py`."""
 
 
 class Control(NamedTuple):
@@ -48,11 +49,17 @@ def count(**given: Any) -> int:
     Raises:
         OutOfRange: If there are neither one nor as many as of the others of something.
     """
-    lengths = {name: length for name, value in given.items() if (length := _length(value)) is not None}
+    lengths = {
+        name: length for name, value in given.items() if (length := _length(value)) is not None
+    }
     most = max(lengths.values(), default=1)
     for name, length in lengths.items():
         if length != most or length == 0:
-            raise OutOfRange(f"number of {name}s", length, f"{max(most, 1)}, as many as there are of others, or one alone for all")
+            raise OutOfRange(
+                f"number of {name}s",
+                length,
+                f"{max(most, 1)}, as many as there are of others, or one alone for all",
+            )
     return most
 
 
@@ -62,7 +69,11 @@ def _length(value: Any) -> int | None:
             return len(value.q) if np.ndim(value.q) == 2 else None
         except ValueError:  # rows of different lengths
             return None
-    return len(value) if isinstance(value, Sequence | Cranes) and not isinstance(value, str | bytes) else None
+    return (
+        len(value)
+        if isinstance(value, Sequence | Cranes) and not isinstance(value, str | bytes)
+        else None
+    )
 
 
 def begin(crane: Crane | Cranes | Sequence[Crane]) -> State | list[State]:
@@ -79,8 +90,13 @@ def starts(start: State | Sequence[State], cranes: int, joints: int) -> State:
     try:
         q, v = start if isinstance(start, State) else zip(*start, strict=True)
     except (TypeError, ValueError):
-        raise OutOfRange("start", type(start).__name__, "a State, one with rows, or a sequence of States") from None
-    return State(rows("coordinates at the start", q, cranes, joints), rows("rates at the start", v, cranes, joints))
+        raise OutOfRange(
+            "start", type(start).__name__, "a State, one with rows, or a sequence of States"
+        ) from None
+    return State(
+        rows("coordinates at the start", q, cranes, joints),
+        rows("rates at the start", v, cranes, joints),
+    )
 
 
 def rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
@@ -92,8 +108,11 @@ def rows(name: str, value: Any, cranes: int, columns: int) -> np.ndarray:
     return np.broadcast_to(finite(name, value, (columns,), (cranes, columns)), (cranes, columns))
 
 
-def control(crane: Crane, controller: Any, reference: Any, start: State, times: np.ndarray, taken: int) -> Control:
-    """Tables of controllers and references, one for each that is another object; None as reference holds the drives at the start.
+def control(
+    crane: Crane, controller: Any, reference: Any, start: State, times: np.ndarray, taken: int
+) -> Control:
+    """Tables of controllers and references, one for each that is another object; None as reference
+    holds the drives at the start.
 
     Args:
         crane: One of them.
@@ -105,7 +124,8 @@ def control(crane: Crane, controller: Any, reference: Any, start: State, times: 
 
     Raises:
         CraneError: If a controller is not affine in the state.
-        OutOfRange: If what it answers is not what it should be, or the tables would not fit into 4 GB.
+        OutOfRange: If what it answers is not what it should be, or the tables would not fit into 4
+            GB.
     """
     cranes, sizes = len(start.q), Sizes.of(crane.layout)
     aims_of, references = _references(crane, reference, start, taken)
@@ -127,14 +147,28 @@ def control(crane: Crane, controller: Any, reference: Any, start: State, times: 
             last[which] = len(laws)
             laws.append(rows_of_law)
         law_of_pair.append(last[which])
-        longest_law, longest_aim = max(longest_law, len(rows_of_law)), max(longest_aim, len(aims[-1]))
-        needed = taken + 2 * (len(laws) * longest_law * size(sizes.law) + len(aims) * longest_aim * size(sizes.aim))
+        longest_law, longest_aim = (
+            max(longest_law, len(rows_of_law)),
+            max(longest_aim, len(aims[-1])),
+        )
+        needed = taken + 2 * (
+            len(laws) * longest_law * size(sizes.law) + len(aims) * longest_aim * size(sizes.aim)
+        )
         fit("number of controllers and references", f"{len(laws)} and {len(aims)} or more", needed)
-    return Control(table(laws, np.array(law_of_pair)[pair_of]), table(aims, pair_of), np.array(integrals)[pair_of], integrates)
+    return Control(
+        table(laws, np.array(law_of_pair)[pair_of]),
+        table(aims, pair_of),
+        np.array(integrals)[pair_of],
+        integrates,
+    )
 
 
-def _references(crane: Crane, reference: Any, starts: State, taken: int) -> tuple[np.ndarray, Sequence[Reference]]:
-    """Which of the references each crane has, and these; where there is none, one hold for each place at which drives start."""
+def _references(
+    crane: Crane, reference: Any, starts: State, taken: int
+) -> tuple[np.ndarray, Sequence[Reference]]:
+    """Which of the references each crane has, and these; where there is none, one hold for each
+    place at which drives start.
+    """
     if reference is not None:
         return distinct(reference, len(starts.q))
     drives = starts.q[:, crane.layout.drives]
@@ -144,7 +178,11 @@ def _references(crane: Crane, reference: Any, starts: State, taken: int) -> tupl
     for i, place in enumerate(map(np.ndarray.tobytes, drives)):
         if place not in firsts:
             firsts[place] = i
-            fit("number of places at which drives start", f"{len(firsts)} or more", taken + _PAIR * len(firsts))
+            fit(
+                "number of places at which drives start",
+                f"{len(firsts)} or more",
+                taken + _PAIR * len(firsts),
+            )
     number = {place: row for row, place in enumerate(firsts)}
     which = np.fromiter((number[place.tobytes()] for place in drives), int, len(drives))
     return which, [hold(crane, State(starts.q[i], starts.v[i])) for i in firsts.values()]
@@ -165,7 +203,8 @@ def one_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
     """The layout of all cranes.
 
     Raises:
-        OutOfRange: If one has another than the first: other joints, drives or points, or springs elsewhere.
+        OutOfRange: If one has another than the first: other joints, drives or points, or springs
+            elsewhere.
     """
     first = Topology.of(cranes[0])
     for crane in () if isinstance(cranes, Cranes) else cranes:
@@ -174,8 +213,16 @@ def one_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
             raise OutOfRange("joints of a crane", joints, "those of the first crane of the batch")
         if Topology.of(crane) != first:
             stretch = None if crane.springs.rope is None else crane.springs.rope.stretch
-            sprung = [joint.name for i, joint in enumerate(crane.layout.joints) if crane.springs.stiffness[i] or i == stretch]
-            raise OutOfRange("joints of a crane with springs", ", ".join(sprung) or "none", "those of the first crane of the batch")
+            sprung = [
+                joint.name
+                for i, joint in enumerate(crane.layout.joints)
+                if crane.springs.stiffness[i] or i == stretch
+            ]
+            raise OutOfRange(
+                "joints of a crane with springs",
+                ", ".join(sprung) or "none",
+                "those of the first crane of the batch",
+            )
     return first.layout
 
 
@@ -183,7 +230,10 @@ def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) 
     with owned("controller"):
         common = form(controller, times, setpoint, width)
     if common is None:
-        raise CraneError(f"{type(controller).__name__} is not affine in the state, or has run before; a batch needs one that is.")
+        raise CraneError(
+            f"{type(controller).__name__} is not affine in the state, or has run before; a batch "
+            "needs one that is."
+        )
     if lacking := common.lacking():
         values = getattr(common, lacking)
         name = f"{lacking} in the common form of {type(controller).__name__}"
@@ -192,7 +242,8 @@ def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) 
 
 
 def forces(force: Any, cranes: int, sizes: Sizes) -> Table:
-    """A table of outside forces for all cranes, shape (rows, 3 points), or one for each, shape (cranes, rows, 3 points); None for none.
+    """A table of outside forces for all cranes, shape (rows, 3 points), or one for each, shape
+    (cranes, rows, 3 points); None for none.
 
     Raises:
         OutOfRange: If they have another shape, or one is not finite.
@@ -209,7 +260,8 @@ def forces(force: Any, cranes: int, sizes: Sizes) -> Table:
 
 
 def fits(sizes: Sizes, cranes: int, instants: int, periods: int, more: int) -> int:
-    """How many numbers the cranes and what is to be recorded of them take, arranged by lanes and by cranes.
+    """How many numbers the cranes and what is to be recorded of them take, arranged by lanes and by
+    cranes.
 
     Args:
         sizes: Of each crane.
@@ -236,4 +288,8 @@ def fit(name: str, given: str, numbers: int) -> None:
     """
     needed = 8 * numbers
     if needed > _LARGEST:
-        raise OutOfRange(name, given, f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g} GB")
+        raise OutOfRange(
+            name,
+            given,
+            f"what takes {_LARGEST / 1e9:g} GB at most; these would take {needed / 1e9:.3g} GB",
+        )

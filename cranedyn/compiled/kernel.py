@@ -1,4 +1,6 @@
-"""The closed loop in code: control, drives, log and steps, for one crane or for one in each lane."""
+"""The closed loop in code: control, drives, log and steps, for one crane or for one in each
+lane.
+"""
 
 from __future__ import annotations
 
@@ -53,8 +55,9 @@ class Kernel(NamedTuple):
     Attributes:
         recipe: What it can do.
         sizes: Of its memory.
-        machine: What holds its functions: run, the loop; answer, accelerations at one state for each lane; and, of code that keeps no log,
-            for one crane energies, of many states, for more several, the loop for each of many groups.
+        machine: What holds its functions: run, the loop; answer, accelerations at one state for
+            each lane; and, of code that keeps no log, for one crane energies, of many states, for
+            more several, the loop for each of many groups.
         varied: How many numbers each lane has of its own.
         agreed: Varied numbers of the cranes with which it was compared with Pinocchio.
     """
@@ -67,7 +70,9 @@ class Kernel(NamedTuple):
 
 
 def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> Kernel:
-    """Make the code for a crane whose numbers are constants, or None where each lane has its own."""
+    """Make the code for a crane whose numbers are constants, or None where each lane has its
+    own.
+    """
     made = translated(text(topology, constants, recipe))
     return Kernel(recipe, Sizes.of(topology.layout), made, list(constants).count(None), set())
 
@@ -76,21 +81,35 @@ def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) 
     """The code as a text for LLVM, see `kernel`."""
     module = ir.Module()
     _Loop(Code(module, "run", ["call"], recipe.lanes), topology, constants, recipe).emit()
-    _emit_answer(Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes), topology, constants, recipe)
+    _emit_answer(
+        Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes),
+        topology,
+        constants,
+        recipe,
+    )
     if recipe.lanes == 1 and not recipe.log:
-        _emit_energies(Code(module, "energies", ["given", "count", "energies"], 1), topology, constants, recipe)
+        _emit_energies(
+            Code(module, "energies", ["given", "count", "energies"], 1), topology, constants, recipe
+        )
     if recipe.lanes > 1 and not recipe.log:
         _emit_several(Code(module, "several", ["calls", "count"], 1), module.globals["run"])
     return module
 
 
-def _plant(code: Code, own: ir.Value, topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> Plant:
+def _plant(
+    code: Code, own: ir.Value, topology: Topology, constants: Sequence[float | None], recipe: Recipe
+) -> Plant:
     varied = count()
-    values = [code.load(own, next(varied) * code.lanes) if constant is None else constant for constant in constants]
+    values = [
+        code.load(own, next(varied) * code.lanes) if constant is None else constant
+        for constant in constants
+    ]
     return plant(topology, values, recipe.drive, recipe.buffers)
 
 
-def _emit_answer(code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> None:
+def _emit_answer(
+    code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
+) -> None:
     crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
     parts = Sizes.of(topology.layout).given
     given = [code.load(code.argument["given"], i * code.lanes) for i in range(size(parts))]
@@ -100,19 +119,28 @@ def _emit_answer(code: Code, topology: Topology, constants: Sequence[float | Non
     code.end()
 
 
-def _emit_energies(code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> None:
-    given, crane = code.argument["given"], _plant(code, code.argument["given"], topology, constants, recipe)
+def _emit_energies(
+    code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
+) -> None:
+    given, crane = (
+        code.argument["given"],
+        _plant(code, code.argument["given"], topology, constants, recipe),
+    )
     n = topology.layout.n
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
         first = code.product(row, 2 * n)
-        state = array([code.spread(given, code.builder.add(first, code.integer(i))) for i in range(2 * n)])
+        state = array(
+            [code.spread(given, code.builder.add(first, code.integer(i))) for i in range(2 * n)]
+        )
         code.store(crane.energy(state[:n], state[n:]), code.argument["energies"], row)
     code.end()
 
 
 def _emit_several(code: Code, run: ir.Function) -> None:
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as group:
-        call = code.builder.gep(code.argument["calls"], [code.product(group, len(SLOTS))], source_etype=INTEGER)
+        call = code.builder.gep(
+            code.argument["calls"], [code.product(group, len(SLOTS))], source_etype=INTEGER
+        )
         code.builder.call(run, [call])
     code.end()
 
@@ -120,10 +148,14 @@ def _emit_several(code: Code, run: ir.Function) -> None:
 class _Loop:
     """The loop over control instants under construction."""
 
-    def __init__(self, code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> None:
+    def __init__(
+        self, code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
+    ) -> None:
         self.code, self.recipe, self.given, self.sizes = code, recipe, {}, Sizes.of(topology.layout)
         for kind, names in CALL.items():
-            self.given.update({name: code.load_one(code.argument["call"], SLOTS[name], kind) for name in names})
+            self.given.update(
+                {name: code.load_one(code.argument["call"], SLOTS[name], kind) for name in names}
+            )
         self.plant = _plant(code, self.given["numbers"], topology, constants, recipe)
         self.state = self._variables("state", self.sizes.state)
         self.summary = self._variables("summary", self.sizes.summary) if recipe.summary else {}
@@ -131,7 +163,9 @@ class _Loop:
 
     def _variables(self, name: str, parts: Parts) -> dict[str, list[Variable]]:
         code = self.code
-        found = [Variable(code, code.load(self.given[name], i * code.lanes)) for i in range(size(parts))]
+        found = [
+            Variable(code, code.load(self.given[name], i * code.lanes)) for i in range(size(parts))
+        ]
         return {part: found[where] for part, where in places(parts).items()}
 
     def _keep(self, name: str, variables: dict[str, list[Variable]]) -> None:
@@ -145,13 +179,18 @@ class _Loop:
         if self.recipe.shared[table]:
             firsts = [code.product(row, size(parts))]
         else:
-            starts = [code.load_one(self.given["starts"], table * code.lanes + lane, INTEGER) for lane in range(code.lanes)]
+            starts = [
+                code.load_one(self.given["starts"], table * code.lanes + lane, INTEGER)
+                for lane in range(code.lanes)
+            ]
             firsts = [code.product(code.builder.add(start, row), size(parts)) for start in starts]
         pointer = self.given[name]
         found = [
             code.spread(pointer, code.builder.add(firsts[0], code.integer(i)))
             if self.recipe.shared[table]
-            else code.gathered(pointer, [code.builder.add(first, code.integer(i)) for first in firsts])
+            else code.gathered(
+                pointer, [code.builder.add(first, code.integer(i)) for first in firsts]
+            )
             for i in range(size(parts))
         ]
         return {part: array(found[where]) for part, where in places(parts).items()}
@@ -177,7 +216,17 @@ class _Loop:
                 with code.loop(0, self.given["steps"]):
                     work = self.state["buffers"][0].get()
                     q, v, last_command = (self._get(part) for part in ("q", "v", "last_command"))
-                    q, v, work = stepped(self.recipe.integrator, self.plant, q, v, last_command, forces, self.dt, work, self.given["small"])
+                    q, v, work = stepped(
+                        self.recipe.integrator,
+                        self.plant,
+                        q,
+                        v,
+                        last_command,
+                        forces,
+                        self.dt,
+                        work,
+                        self.given["small"],
+                    )
                     self._set("q", q)
                     self._set("v", v)
                     self._set("buffers", [work])
@@ -188,7 +237,11 @@ class _Loop:
 
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
         return (
-            self._row(2, "force", self.sizes.force, self.code.most(instant, self.code.integer(0)))["force"] if self.recipe.forces else None
+            self._row(2, "force", self.sizes.force, self.code.most(instant, self.code.integer(0)))[
+                "force"
+            ]
+            if self.recipe.forces
+            else None
         )
 
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
@@ -199,11 +252,22 @@ class _Loop:
         self._set("last_command", last_command)
         effort = last_command
         if self.recipe.drive == "motion" and (self.recipe.log or self.recipe.summary):
-            before = self.plant.answer(q, v, before, self._forces(code.builder.sub(instant, code.integer(1))))[1]
+            before = self.plant.answer(
+                q, v, before, self._forces(code.builder.sub(instant, code.integer(1)))
+            )[1]
             command = effort = self.plant.answer(q, v, command, forces)[1]
         buffer = self.plant.stop_force(q, v)
         if self.recipe.log:
-            row = [*q, *v, *command, *effort, *before, self.plant.energy(q, v), self.state["buffers"][0].get(), buffer]
+            row = [
+                *q,
+                *v,
+                *command,
+                *effort,
+                *before,
+                self.plant.energy(q, v),
+                self.state["buffers"][0].get(),
+                buffer,
+            ]
             self._log(instant, row)
         if self.recipe.summary:
             self._summarise(instant, q, v, effort, buffer)
@@ -211,11 +275,18 @@ class _Loop:
     def _commanded(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """What the controller commands, shape (m,)."""
         code = self.code
-        law, aim = self._row(0, "law", self.sizes.law, instant), self._row(1, "aim", self.sizes.aim, instant)
+        law, aim = (
+            self._row(0, "law", self.sizes.law, instant),
+            self._row(1, "aim", self.sizes.aim, instant),
+        )
         z = np.concatenate([q, v])
         if self.recipe.offset:
-            z = z + array([code.load(self.given["offset"], i * code.lanes) for i in range(self.sizes.z)])
-        command = law["feed_forward"] - law["gain"].reshape(self.sizes.m, self.sizes.z) @ (z - aim["setpoint"])
+            z = z + array(
+                [code.load(self.given["offset"], i * code.lanes) for i in range(self.sizes.z)]
+            )
+        command = law["feed_forward"] - law["gain"].reshape(self.sizes.m, self.sizes.z) @ (
+            z - aim["setpoint"]
+        )
         if not self.recipe.integral:
             return command
         integrals = self._get("integral")
@@ -223,7 +294,9 @@ class _Loop:
             error = aim["position"][i] - z[drive]
             on = integrals[i] + error * self.period
             total = command[i] + law["integral_gain"][i] * on
-            free = code.either(code.call("llvm.fabs", total) <= law["limit"][i], error * total < 0.0)
+            free = code.either(
+                code.call("llvm.fabs", total) <= law["limit"][i], error * total < 0.0
+            )
             integrals[i] = code.chosen(free, on, integrals[i])
             command[i] = command[i] + law["integral_gain"][i] * integrals[i]
         self._set("integral", integrals)
@@ -231,12 +304,18 @@ class _Loop:
 
     def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
         code, every = self.code, self.given["every"]
-        with code.when(code.builder.icmp_signed("==", code.builder.srem(instant, every), code.integer(0))):
+        with code.when(
+            code.builder.icmp_signed("==", code.builder.srem(instant, every), code.integer(0))
+        ):
             first = code.product(code.builder.sdiv(instant, every), len(row) * code.lanes)
             for i, value in enumerate(row):
-                code.store(value, self.given["log"], code.builder.add(first, code.integer(i * code.lanes)))
+                code.store(
+                    value, self.given["log"], code.builder.add(first, code.integer(i * code.lanes))
+                )
 
-    def _summarise(self, instant: ir.Value, q: np.ndarray, v: np.ndarray, effort: np.ndarray, buffer: Any) -> None:
+    def _summarise(
+        self, instant: ir.Value, q: np.ndarray, v: np.ndarray, effort: np.ndarray, buffer: Any
+    ) -> None:
         code, crane, kept = self.code, self.plant, self.summary
         swing, amplitude = (code.value(part) for part in crane.swing(q, v))
         _largest(code, kept["peak"][0], swing)
@@ -246,7 +325,9 @@ class _Loop:
         for variable, value in zip(kept["effort"], effort, strict=True):
             _largest(code, variable, code.call("llvm.fabs", value))
         hoist = crane.topology.layout.drive_of("hoist")
-        holds = code.both(*crane.conditions(q, v, buffer if hoist is None else effort[hoist] + buffer))
+        holds = code.both(
+            *crane.conditions(q, v, buffer if hoist is None else effort[hoist] + buffer)
+        )
         now = code.from_integer(instant)
         first = kept["invalid"][0]
         first.set(code.chosen(holds, first.get(), code.call("llvm.minnum", first.get(), now)))

@@ -1,4 +1,6 @@
-"""From code to functions of this machine: LLVM optimises and translates, in this process, without a C compiler."""
+"""From code to functions of this machine: LLVM optimises and translates, in this process, without a
+C compiler.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from llvmlite.binding.newpassmanagers import NewPassManager
 
 @dataclass(frozen=True, eq=False)
 class Machine:
-    """Functions in memory, for as long as this object lives. They let other Python threads run meanwhile.
+    """Functions in memory, for as long as this object lives. They let other Python threads run
+    meanwhile.
 
     Attributes:
         engine: What holds them.
@@ -26,22 +29,31 @@ class Machine:
     _known: dict[str, Any] = field(default_factory=dict, init=False)
 
     def __del__(self) -> None:
-        """Free the context after the engine, which needs it to the last; llvmlite by itself frees it first."""
+        """Free the context after the engine, which needs it to the last; llvmlite by itself frees
+        it first.
+        """
         if not sys.is_finalizing():
             self.engine.close()
             self.context._owned = False
             self.context.close()
 
     def function(self, name: str, arguments: int) -> Any:
-        """A function of so many addresses without a result, which believes them: for `cranedyn.compiled.door` alone."""
+        """A function of so many addresses without a result, which believes them: for
+        `cranedyn.compiled.door` alone.
+        """
         if name not in self._known:
-            self._known[name] = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.engine.get_function_address(name))
+            self._known[name] = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(
+                self.engine.get_function_address(name)
+            )
         return self._known[name]
 
 
 def translated(module: ir.Module) -> Machine:
-    """Optimise a module for the processor that this runs on, and translate it; all that this takes is freed with the functions."""
-    context, target = binding.create_context(), _target()  # the global context would keep every constant for ever
+    """Optimise a module for the processor that this runs on, and translate it; all that this takes
+    is freed with the functions.
+    """
+    # The global context would keep every constant for ever.
+    context, target = binding.create_context(), _target()
     context._owned = True
     code = binding.parse_assembly(str(module), context)
     _optimise(code, target)
@@ -51,7 +63,9 @@ def translated(module: ir.Module) -> Machine:
 
 
 def object_code(module: ir.Module) -> bytes:
-    """Translate a module into an object file that any processor of this machine's kind runs, to be linked into a shared library."""
+    """Translate a module into an object file that any processor of this machine's kind runs, to be
+    linked into a shared library.
+    """
     code = binding.parse_assembly(str(module), binding.create_context())
     target = _initialised().create_target_machine(opt=3, reloc="pic", codemodel="default")
     _optimise(code, target)
@@ -59,11 +73,15 @@ def object_code(module: ir.Module) -> bytes:
 
 
 def _optimise(code: Any, target: Any) -> None:
-    passes = binding.create_pass_builder(target, binding.create_pipeline_tuning_options(speed_level=2))
+    passes = binding.create_pass_builder(
+        target, binding.create_pipeline_tuning_options(speed_level=2)
+    )
     manager = passes.getModulePassManager()
     try:
         manager.run(code, passes)
-    finally:  # an empty method of llvmlite's ObjectRef hides this one, and half a megabyte would stay behind for each module
+    finally:
+        # An empty method of llvmlite's ObjectRef hides this one, and half a megabyte would stay
+        # behind for each module.
         NewPassManager._dispose(manager)
         manager.detach()
 
@@ -78,5 +96,8 @@ def _initialised() -> Any:
 def _target() -> Any:
     """What code is made for; each engine takes one over."""
     return _initialised().create_target_machine(
-        cpu=binding.get_host_cpu_name(), features=binding.get_host_cpu_features().flatten(), opt=3, jit=True
+        cpu=binding.get_host_cpu_name(),
+        features=binding.get_host_cpu_features().flatten(),
+        opt=3,
+        jit=True,
     )

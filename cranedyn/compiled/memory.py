@@ -16,11 +16,14 @@ _PARTS = 8
 
 
 def grouped(parts: Sequence[np.ndarray], lanes: int, kind: type = np.float64) -> np.ndarray:
-    """From parts with a row for each crane, shape (n, m) each, to groups of lanes, shape (groups, all m, lanes).
+    """From parts with a row for each crane, shape (n, m) each, to groups of lanes, shape (groups,
+    all m, lanes).
 
     The last crane fills the last group. Nothing is copied but into these.
     """
-    groups = np.empty((-(-len(parts[0]) // lanes), sum(part.shape[1] for part in parts), lanes), dtype=kind)
+    groups = np.empty(
+        (-(-len(parts[0]) // lanes), sum(part.shape[1] for part in parts), lanes), dtype=kind
+    )
     first = 0
     for part in parts:
         for lane in range(lanes):
@@ -32,7 +35,9 @@ def grouped(parts: Sequence[np.ndarray], lanes: int, kind: type = np.float64) ->
 
 def ungrouped(groups: np.ndarray, count: int) -> np.ndarray:
     """From groups of lanes back to one row for each crane, shape (count, m)."""
-    return groups.transpose(0, 2, 1).reshape(groups.shape[0] * groups.shape[2], groups.shape[1])[:count]
+    return groups.transpose(0, 2, 1).reshape(groups.shape[0] * groups.shape[2], groups.shape[1])[
+        :count
+    ]
 
 
 def run(loop: Loop, threads: int | None) -> None:
@@ -43,7 +48,8 @@ def run(loop: Loop, threads: int | None) -> None:
         threads: How many; None for one for each processor.
 
     Raises:
-        KeyboardInterrupt: After Ctrl-C, as soon as every thread is through with the piece that it was at.
+        KeyboardInterrupt: After Ctrl-C, as soon as every thread is through with the piece that it
+            was at.
     """
     groups = len(loop)
     workers = min(threads or len(os.sched_getaffinity(0)), groups)

@@ -1,4 +1,6 @@
-"""Forward dynamics of any tree of joints with one degree of freedom, compiled: the same as `pin.aba`, for many states at once."""
+"""Forward dynamics of any tree of joints with one degree of freedom, compiled: the same as
+`pin.aba`, for many states at once.
+"""
 
 from __future__ import annotations
 
@@ -66,10 +68,12 @@ class _Turned:
 
 
 def forward_dynamics(model: pin.Model) -> ForwardDynamics:
-    """Compile the forward dynamics of a model and compare it with Pinocchio's at random states; damping and friction are not in it.
+    """Compile the forward dynamics of a model and compare it with Pinocchio's at random states;
+    damping and friction are not in it.
 
     Raises:
-        ModelError: If a joint cannot be compiled, or the accelerations differ by more than 1e-11 of the largest.
+        ModelError: If a joint cannot be compiled, or the accelerations differ by more than 1e-11 of
+            the largest.
     """
     module = ir.Module()
     _emit(Code(module, "rows", ["given", "count", "accelerations"], 1), model)
@@ -85,19 +89,31 @@ def _emit(code: Code, model: pin.Model) -> None:
     given, width = code.argument["given"], model.nq + 2 * model.nv
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
         first = code.product(row, width)
-        numbers = [code.spread(given, code.builder.add(first, code.integer(i))) for i in range(width)]
+        numbers = [
+            code.spread(given, code.builder.add(first, code.integer(i))) for i in range(width)
+        ]
         q = rigid_body.array([_coordinate(model, i, numbers) for i in range(1, model.njoints)])
         v, tau = (rigid_body.array(numbers[model.nq + k * model.nv :][: model.nv]) for k in (0, 1))
         where = rigid_body.frames(tree, q)
-        a = rigid_body.solve(rigid_body.mass_matrix(tree, where), tau - rigid_body.inverse_dynamics(tree, where, v))
+        a = rigid_body.solve(
+            rigid_body.mass_matrix(tree, where), tau - rigid_body.inverse_dynamics(tree, where, v)
+        )
         for i, part in enumerate(a):
-            code.store(part, code.argument["accelerations"], code.builder.add(code.product(row, model.nv), code.integer(i)))
+            code.store(
+                part,
+                code.argument["accelerations"],
+                code.builder.add(code.product(row, model.nv), code.integer(i)),
+            )
     code.end()
 
 
 def _coordinate(model: pin.Model, joint: int, numbers: list[Value]) -> Value | _Turned:
     first = model.joints[joint].idx_q
-    return numbers[first] if model.joints[joint].nq == 1 else _Turned(numbers[first], numbers[first + 1])
+    return (
+        numbers[first]
+        if model.joints[joint].nq == 1
+        else _Turned(numbers[first], numbers[first + 1])
+    )
 
 
 def _check(made: ForwardDynamics) -> None:
@@ -107,7 +123,10 @@ def _check(made: ForwardDynamics) -> None:
         q = pin.integrate(model, pin.neutral(model), rng.uniform(-3.0, 3.0, model.nv))
         v, tau = rng.normal(size=(2, model.nv))
         expected = pin.aba(model, data, q, v, tau)
-        if off := rigid_body.disagreement(made(q[None], v[None], tau[None])[0], expected, pin.crba(model, data, q)):
+        if off := rigid_body.disagreement(
+            made(q[None], v[None], tau[None])[0], expected, pin.crba(model, data, q)
+        ):
             raise ModelError(
-                f"{model.name!r} compiled moves otherwise than in Pinocchio: accelerations differ by {off:.1e} of the largest."
+                f"{model.name!r} compiled moves otherwise than in Pinocchio: accelerations differ "
+                f"by {off:.1e} of the largest."
             )

@@ -15,7 +15,9 @@ from cranedyn.errors import OutOfRange
 
 
 class _Number:
-    """Stands for a number: sums and products with it are such numbers, and how large it is nobody knows yet."""
+    """Stands for a number: sums and products with it are such numbers, and how large it is nobody
+    knows yet.
+    """
 
     def _one(self, other: Any = None) -> _Number:
         return self
@@ -23,7 +25,9 @@ class _Number:
     def _unknown(self, other: Any = None) -> bool:
         raise TypeError("how large a number is is not known while code is made")
 
-    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __neg__ = _one
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = (
+        __neg__
+    ) = _one
     __lt__ = __le__ = __gt__ = __ge__ = __bool__ = _unknown
 
 
@@ -31,7 +35,8 @@ def check_rule(integrator: Integrator) -> None:
     """Return if a stepping rule can be made code of.
 
     Raises:
-        OutOfRange: If it does anything with numbers but add and multiply them, or answers something else than coordinates and rates.
+        OutOfRange: If it does anything with numbers but add and multiply them, or answers something
+            else than coordinates and rates.
     """
     numbers = array([_Number(), _Number()])
     try:
@@ -40,7 +45,10 @@ def check_rule(integrator: Integrator) -> None:
     except Exception:  # whatever the rule of a stranger raises
         fits = False
     if not fits:
-        allowed = "one whose rule adds and multiplies numbers of any kind, as those of semi-implicit Euler and RK4 do"
+        allowed = (
+            "one whose rule adds and multiplies numbers of any kind, as those of "
+            "semi-implicit Euler and RK4 do"
+        )
         raise OutOfRange("integrator of compiled code", integrator.name, allowed)
 
 
@@ -49,7 +57,15 @@ Stepped = tuple[np.ndarray, np.ndarray, Any]
 
 
 def stepped(
-    integrator: Integrator, plant: Plant, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: Any, dt: Value, work: Any, small: Any
+    integrator: Integrator,
+    plant: Plant,
+    q: np.ndarray,
+    v: np.ndarray,
+    command: np.ndarray,
+    forces: Any,
+    dt: Value,
+    work: Any,
+    small: Any,
 ) -> Stepped:
     """One step.
 
@@ -62,16 +78,28 @@ def stepped(
         forces: From outside.
         dt: The step [s].
         work: Of the buffers so far [J].
-        small: Number of small semi-implicit steps to take instead where buffers act and the rule needs a motion without kinks.
+        small: Number of small semi-implicit steps to take instead where buffers act and the rule
+            needs a motion without kinks.
     """
     if not (plant.buffers and integrator.smooth):
         return _by_rule(integrator, plant, q, v, command, forces, dt, work)
-    there, faster, _ = _by_rule(integrator, replace(plant, buffers=False), q, v, command, forces, dt, work)
-    return _where_buffers_act(plant, (q, v, work), (there, faster, work), command, forces, dt, small)
+    there, faster, _ = _by_rule(
+        integrator, replace(plant, buffers=False), q, v, command, forces, dt, work
+    )
+    return _where_buffers_act(
+        plant, (q, v, work), (there, faster, work), command, forces, dt, small
+    )
 
 
 def _by_rule(
-    integrator: Integrator, plant: Plant, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: Any, dt: Any, work: Any
+    integrator: Integrator,
+    plant: Plant,
+    q: np.ndarray,
+    v: np.ndarray,
+    command: np.ndarray,
+    forces: Any,
+    dt: Any,
+    work: Any,
 ) -> Stepped:
     def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return plant.answer(q, v, command, forces)[0]
@@ -85,8 +113,18 @@ def _by_rule(
     return there, faster, work
 
 
-def _where_buffers_act(plant: Plant, before: Stepped, smooth: Stepped, command: np.ndarray, forces: Any, dt: Value, small: Any) -> Stepped:
-    """The outcome of a smooth step, replaced by that of small semi-implicit ones where a drive is beyond its range before or after it."""
+def _where_buffers_act(
+    plant: Plant,
+    before: Stepped,
+    smooth: Stepped,
+    command: np.ndarray,
+    forces: Any,
+    dt: Value,
+    small: Any,
+) -> Stepped:
+    """The outcome of a smooth step, replaced by that of small semi-implicit ones where a drive is
+    beyond its range before or after it.
+    """
     code: Code = dt.code
     n = len(before[0])
     outcome = code.variables([*smooth[0], *smooth[1], smooth[2]])
@@ -96,7 +134,16 @@ def _where_buffers_act(plant: Plant, before: Stepped, smooth: Stepped, command: 
         here = code.variables([*before[0], *before[1], before[2]])
         with code.loop(0, small):
             now = array([place.get() for place in here])
-            q, v, done = _by_rule(semi_implicit_euler, plant, now[:n], now[n : 2 * n], command, forces, fine, now[2 * n])
+            q, v, done = _by_rule(
+                semi_implicit_euler,
+                plant,
+                now[:n],
+                now[n : 2 * n],
+                command,
+                forces,
+                fine,
+                now[2 * n],
+            )
             for place, value in zip(here, [*q, *v, done], strict=True):
                 place.set(value)
         for place, value in zip(outcome, here, strict=True):

@@ -1,4 +1,6 @@
-"""Controllers, references and forces as tables that compiled code reads, each kept once however many cranes go by it."""
+"""Controllers, references and forces as tables that compiled code reads, each kept once however
+many cranes go by it.
+"""
 
 from __future__ import annotations
 
@@ -37,10 +39,19 @@ def alone(rows: np.ndarray) -> Table:
 
 
 def table(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> Table:
-    """Tables of different lengths, shape (n, columns) each, and which of them each crane goes by."""
+    """Tables of different lengths, shape (n, columns) each, and which of them each crane goes
+    by.
+    """
     length = max(len(rows) for rows in arrays)
-    whole = [rows if len(rows) == length else np.concatenate([rows, rows[-1:].repeat(length - len(rows), axis=0)]) for rows in arrays]
-    stacked = np.ascontiguousarray(whole[0] if len(whole) == 1 else np.concatenate(whole), dtype=float)
+    whole = [
+        rows
+        if len(rows) == length
+        else np.concatenate([rows, rows[-1:].repeat(length - len(rows), axis=0)])
+        for rows in arrays
+    ]
+    stacked = np.ascontiguousarray(
+        whole[0] if len(whole) == 1 else np.concatenate(whole), dtype=float
+    )
     return Table(stacked, length, chosen.astype(np.int64) * length)
 
 
@@ -53,11 +64,18 @@ def law(sizes: Sizes, form: Affine, rows: np.ndarray | None = None) -> np.ndarra
     return rows
 
 
-def aim(sizes: Sizes, form: Affine, positions: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
-    """Rows of what a controller is about and of the setpoint of the drives, shape (n, columns); in an array as for `law`."""
+def aim(
+    sizes: Sizes, form: Affine, positions: np.ndarray, rows: np.ndarray | None = None
+) -> np.ndarray:
+    """Rows of what a controller is about and of the setpoint of the drives, shape (n, columns); in
+    an array as for `law`.
+    """
     n, at = len(positions), places(sizes.aim)
     rows = np.empty((n, size(sizes.aim))) if rows is None else rows
-    rows[: len(form.setpoint), at["setpoint"]], rows[len(form.setpoint) :, at["setpoint"]] = form.setpoint[:n], form.setpoint[-1]
+    rows[: len(form.setpoint), at["setpoint"]], rows[len(form.setpoint) :, at["setpoint"]] = (
+        form.setpoint[:n],
+        form.setpoint[-1],
+    )
     rows[:, at["position"]] = positions
     return rows
 

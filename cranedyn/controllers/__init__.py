@@ -1,4 +1,6 @@
-"""How the drives get where they should be. A controller is a plain callable from time, state and setpoint to three commands."""
+"""How the drives get where they should be. A controller is a plain callable from time, state and
+setpoint to three commands.
+"""
 
 from cranedyn.controllers.follow import follow
 from cranedyn.controllers.hold import Hold, hold_controller
@@ -9,4 +11,14 @@ from cranedyn.controllers.paper import paper_controller
 from cranedyn.controllers.sensed import sensed
 from cranedyn.controllers.tracking import Tracking
 
-__all__ = ["Hold", "Tracking", "follow", "hold_controller", "lqr", "mpc", "observed", "paper_controller", "sensed"]
+__all__ = [
+    "Hold",
+    "Tracking",
+    "follow",
+    "hold_controller",
+    "lqr",
+    "mpc",
+    "observed",
+    "paper_controller",
+    "sensed",
+]

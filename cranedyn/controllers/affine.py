@@ -1,4 +1,6 @@
-"""The common form of controllers that are affine in the state, so that a closed loop can be compiled."""
+"""The common form of controllers that are affine in the state, so that a closed loop can be
+compiled.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,12 @@ from cranedyn.model.crane import Crane
 
 @dataclass(frozen=True, eq=False)
 class Affine:
-    """command = feed_forward[k] - gain[k] (z - setpoint[k]) + integral_gain ∫ (target - position), with z = (coordinates, rates).
+    """command = feed_forward[k] - gain[k] (z - setpoint[k]) + integral_gain ∫ (target - position),
+    with z = (coordinates, rates).
 
-    Row k is for control instant k; beyond the end of an array its last row holds. The error at a control instant counts for one control
-    period of the run. At the limit a drive integrates back only.
+    Row k is for control instant k; beyond the end of an array its last row holds. The error at a
+    control instant counts for one control period of the run. At the limit a drive integrates back
+    only.
 
     Attributes:
         feed_forward: Shape (rows, m), of as many rows as the controller was asked for at most.
@@ -36,12 +40,15 @@ class Affine:
     integral: np.ndarray
 
     def lacking(self) -> str:
-        """The first part with a number that is not finite, empty if there is none; a limit may be infinite."""
+        """The first part with a number that is not finite, empty if there is none; a limit may be
+        infinite.
+        """
         names = ("feed_forward", "gain", "setpoint", "integral_gain", "integral")
         return next((name for name in names if not np.isfinite(getattr(self, name)).all()), "")
 
     def fitting(self, whose: str, instants: int, drives: int, width: int) -> Affine:
-        """The same, if it is made of arrays as it should be, for so many control instants, drives, and coordinates and rates together.
+        """The same, if it is made of arrays as it should be, for so many control instants, drives,
+        and coordinates and rates together.
 
         Raises:
             Misshapen: If it is not: which of them, of whose form; or if a limit is no number.
@@ -50,15 +57,33 @@ class Affine:
         def part(name: str, *shape: int | str) -> np.ndarray:
             found = shaped(f"{name} in the common form of {whose}", getattr(self, name), shape)
             if isinstance(shape[0], str) and not 0 < len(found) <= instants:
-                raise Misshapen(f"{name} in the common form of {whose}", f"an array of {len(found)} rows", f"one of 1 to {instants}")
+                raise Misshapen(
+                    f"{name} in the common form of {whose}",
+                    f"an array of {len(found)} rows",
+                    f"one of 1 to {instants}",
+                )
             return found
 
-        feed_forward, setpoint = part("feed_forward", "rows", drives), part("setpoint", "rows", width)
+        feed_forward, setpoint = (
+            part("feed_forward", "rows", drives),
+            part("setpoint", "rows", width),
+        )
         gain = part("gain", len(feed_forward), drives, width)
         limit = part("limit", drives)
         if np.isnan(limit).any():
-            raise Misshapen(f"limit in the common form of {whose}", "an array that holds nan", "numbers, inf for none")
-        return Affine(feed_forward, gain, setpoint, part("integral_gain", drives), limit, part("integral", drives))
+            raise Misshapen(
+                f"limit in the common form of {whose}",
+                "an array that holds nan",
+                "numbers, inf for none",
+            )
+        return Affine(
+            feed_forward,
+            gain,
+            setpoint,
+            part("integral_gain", drives),
+            limit,
+            part("integral", drives),
+        )
 
 
 @runtime_checkable
@@ -66,7 +91,8 @@ class AffineController(Protocol):
     """A controller that can say itself in the common form."""
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-        """What it does at control instants [s], shape (n,), the setpoint of the drives at positions, shape (rows, m).
+        """What it does at control instants [s], shape (n,), the setpoint of the drives at
+        positions, shape (rows, m).
 
         None where it is not affine there.
         """
@@ -81,7 +107,8 @@ class Remembering(Protocol):
 
 
 def form(controller: object, times: np.ndarray, positions: np.ndarray, width: int) -> Affine | None:
-    """The common form of a controller, see `AffineController.affine`; None if it has none, or is a variant that answers calls otherwise.
+    """The common form of a controller, see `AffineController.affine`; None if it has none, or is a
+    variant that answers calls otherwise.
 
     Args:
         controller: The controller.
@@ -92,12 +119,26 @@ def form(controller: object, times: np.ndarray, positions: np.ndarray, width: in
     Raises:
         Misshapen: If it is not made of arrays as it should be.
     """
-    answers = next((kind for kind in type(controller).__mro__ if "__call__" in vars(kind) or "affine" in vars(kind)), object)
+    answers = next(
+        (
+            kind
+            for kind in type(controller).__mro__
+            if "__call__" in vars(kind) or "affine" in vars(kind)
+        ),
+        object,
+    )
     if not callable(vars(answers).get("affine")):
         return None
-    answer, whose = cast(AffineController, controller).affine(fixed(times), fixed(positions)), type(controller).__name__
+    answer, whose = (
+        cast(AffineController, controller).affine(fixed(times), fixed(positions)),
+        type(controller).__name__,
+    )
     if answer is not None and not isinstance(answer, Affine):
-        raise Misshapen(f"the common form of {whose}", type(answer).__name__, "an Affine, or None where it is not affine")
+        raise Misshapen(
+            f"the common form of {whose}",
+            type(answer).__name__,
+            "an Affine, or None where it is not affine",
+        )
     return None if answer is None else answer.fitting(whose, len(times), positions.shape[1], width)
 
 
@@ -108,7 +149,9 @@ def without_integral(feed_forward: np.ndarray, gain: np.ndarray, setpoint: np.nd
 
 
 def at_drives(crane: Crane, positions: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Coordinates and rates, shape (rows, 2 n), from those of the drives, shape (rows, m) each; zero for the passive joints."""
+    """Coordinates and rates, shape (rows, 2 n), from those of the drives, shape (rows, m) each;
+    zero for the passive joints.
+    """
     layout = crane.layout
     setpoint = np.zeros((len(positions), 2 * layout.n))
     setpoint[:, layout.drives], setpoint[:, layout.n + layout.drives] = positions, rates

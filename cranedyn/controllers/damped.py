@@ -22,7 +22,8 @@ class Damped:
         crane: The crane.
         reference: Its velocity is the command, looked up one control period ahead.
         ratio: ζ, the share of critical damping that the swing gets.
-        recovery: Share of the distance from the reference's position that is taken back per second [1/s].
+        recovery: Share of the distance from the reference's position that is taken back per second
+            [1/s].
         rates: Largest of the drives [rad/s or m/s], shape (m,).
         accelerations: Largest of the drives [rad/s² or m/s²], shape (m,).
         control_period: Time between control instants [s].
@@ -45,10 +46,23 @@ class Damped:
         layout = self.crane.layout
         _, x, phi, theta, length = state.q[list(layout.tower("Drives that yield to the swing"))]
         turned = theta / x if x != 0.0 else 0.0  # on the slew axis no slewing moves the pivot
-        yielding = 2.0 * self.ratio * np.sqrt(self.crane.gravity * length) * (turned * layout.along("gamma") + phi * layout.along("x"))
+        yielding = (
+            2.0
+            * self.ratio
+            * np.sqrt(self.crane.gravity * length)
+            * (turned * layout.along("gamma") + phi * layout.along("x"))
+        )
         back = self.recovery * (setpoint.position - state.q[layout.drives])
-        velocity = np.clip(self.reference(t + self.control_period).velocity + back - yielding, -self.rates, self.rates)
-        return np.clip((velocity - state.v[layout.drives]) / self.control_period, -self.accelerations, self.accelerations)
+        velocity = np.clip(
+            self.reference(t + self.control_period).velocity + back - yielding,
+            -self.rates,
+            self.rates,
+        )
+        return np.clip(
+            (velocity - state.v[layout.drives]) / self.control_period,
+            -self.accelerations,
+            self.accelerations,
+        )
 
 
 @checked
@@ -61,19 +75,23 @@ def damped(
     limits: Limits,
     control_period: float = 5e-3,
 ) -> Damped:
-    """Reach the reference's velocity less what damps the swing, for `simulate(..., drive="motion")`.
+    """Reach the reference's velocity less what damps the swing, for `simulate(...,
+    drive="motion")`.
 
-    With a pivot that moves at its commanded velocity less 2 ζ ω l φ the small swing obeys φ̈ + 2 ζ ω φ̇ + ω² φ = ẍ/l, ω² = g/l. The
-    position drifts by the integral of the correction, unless it is taken back. On the slew axis, at radius 0, slewing does not move the
-    pivot, so the slew does not yield there.
+    With a pivot that moves at its commanded velocity less 2 ζ ω l φ the small swing obeys φ̈ + 2 ζ
+    ω φ̇ + ω² φ = ẍ/l, ω² = g/l. The position drifts by the integral of the correction, unless it is
+    taken back. On the slew axis, at radius 0, slewing does not move the pivot, so the slew does not
+    yield there.
 
     Args:
         crane: The crane.
         reference: Its velocity is the command, looked up one control period ahead.
         ratio: ζ, the share of critical damping that the swing gets.
-        recovery: Share of the distance from the reference's position that is taken back per second [1/s].
+        recovery: Share of the distance from the reference's position that is taken back per second
+            [1/s].
         limits: What the drives can do; the command is kept within.
-        control_period: Time between control instants [s], the same as in `simulate`; a run in which they are further apart is refused.
+        control_period: Time between control instants [s], the same as in `simulate`; a run in which
+            they are further apart is refused.
 
     Raises:
         MissingRole: If it is not a tower crane.
@@ -84,5 +102,7 @@ def damped(
     number("control_period", control_period, "s", "> 0")
     crane.layout.tower("Drives that yield to the swing")
     rates = crane.layout.for_drives("rate limit", limits.rates, "/s", "> 0")
-    accelerations = crane.layout.for_drives("acceleration limit", limits.accelerations, "/s²", "> 0")
+    accelerations = crane.layout.for_drives(
+        "acceleration limit", limits.accelerations, "/s²", "> 0"
+    )
     return Damped(crane, reference, zeta, pull, rates, accelerations, control_period)

@@ -19,12 +19,14 @@ from cranedyn.references.tabulated import tabulated
 @checked
 @dataclass(frozen=True, eq=False)
 class Follow:
-    """Reach the reference's velocity at the next control instant; for `simulate(..., drive="motion")`.
+    """Reach the reference's velocity at the next control instant; for `simulate(...,
+    drive="motion")`.
 
     Attributes:
         crane: The crane.
         reference: The reference to follow, looked up one control period ahead.
-        control_period: Time between control instants [s], the same as in `simulate`; a run in which they are further apart is refused.
+        control_period: Time between control instants [s], the same as in `simulate`; a run in which
+            they are further apart is refused.
     """
 
     crane: Crane
@@ -41,19 +43,29 @@ class Follow:
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Accelerations of the drives [rad/s² or m/s²], shape (m,)."""
-        return (self.reference(t + self.control_period).velocity - state.v[self.crane.layout.drives]) / self.control_period
+        return (
+            self.reference(t + self.control_period).velocity - state.v[self.crane.layout.drives]
+        ) / self.control_period
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
-        """The common form, see `cranedyn.controllers.affine`; OutOfRange if the control instants are further apart than the period."""
+        """The common form, see `cranedyn.controllers.affine`; OutOfRange if the control instants
+        are further apart than the period.
+        """
         if len(times) > 1:
             soon_enough(self.control_period, float(times[1] - times[0]))
         drives = self.crane.layout.m
         ahead = tabulated(self.reference, times + self.control_period, drives).velocity
-        gain = feedback_gain(self.crane, np.zeros(drives), np.full(drives, 1.0 / self.control_period))
-        return without_integral(np.zeros((1, drives)), gain[None], at_drives(self.crane, np.zeros_like(ahead), ahead))
+        gain = feedback_gain(
+            self.crane, np.zeros(drives), np.full(drives, 1.0 / self.control_period)
+        )
+        return without_integral(
+            np.zeros((1, drives)), gain[None], at_drives(self.crane, np.zeros_like(ahead), ahead)
+        )
 
 
 @checked
 def follow(crane: Crane, reference: Reference, control_period: float = 5e-3) -> Follow:
-    """Take motion-controlled drives along a reference, control instants being a period [s] apart."""
+    """Take motion-controlled drives along a reference, control instants being a period [s]
+    apart.
+    """
     return Follow(crane, reference, control_period)

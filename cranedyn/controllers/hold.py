@@ -1,4 +1,6 @@
-"""The brake: proportional-derivative control of each drive about its reference, with the load's weight fed forward."""
+"""The brake: proportional-derivative control of each drive about its reference, with the load's
+weight fed forward.
+"""
 
 from __future__ import annotations
 
@@ -22,12 +24,14 @@ STIFFNESS = {"slew": 5.0e5, "trolley": 3.0e5, "hoist": 3.0e4}
 DAMPING = {"slew": 1.0e6, "trolley": 5.0e4, "hoist": 2.0e4}
 """k_d of slew [N m s/rad], trolley [N s/m], hoist [N s/m]; none is published.
 
-Those of trolley and hoist are identified from the published columns of experiment A1 (``python -m experiments.a1 --identify``), those of
-the slew are one of several pairs that meet the published amplitude of experiment A3.
+Those of trolley and hoist are identified from the published columns of experiment A1 (``python -m
+experiments.a1 --identify``), those of the slew are one of several pairs that meet the published
+amplitude of experiment A3.
 """
 
 FREQUENCY = 5.0
-"""Of a drive in none of these roles with what it moves, held with critical damping, ours [rad/s]."""
+"""Of a drive in none of these roles with what it moves, held with critical damping, ours
+[rad/s]."""
 
 
 Gains = Sequence[float] | Mapping[str, float] | None
@@ -39,7 +43,8 @@ Gains = Sequence[float] | Mapping[str, float] | None
 class Hold:
     """Effort = feed-forward + k_p (setpoint - position) - k_d velocity, for each drive by itself.
 
-    The velocity of the reference does not enter: on a ramp the drive lags by k_d / k_p times the rate.
+    The velocity of the reference does not enter: on a ramp the drive lags by k_d / k_p times the
+    rate.
 
     Attributes:
         crane: The crane that it is for.
@@ -54,23 +59,33 @@ class Hold:
     feed_forward: np.ndarray
 
     def __post_init__(self) -> None:
-        """Check the gains and have them as plain numbers, which are quicker than NumPy's for a few drives by themselves."""
+        """Check the gains and have them as plain numbers, which are quicker than NumPy's for a few
+        drives by themselves.
+        """
         for name in ("stiffness", "damping", "feed_forward"):
             shaped(name, getattr(self, name), (self.crane.layout.m,))
-        gains = (part.tolist() for part in (self.crane.layout.drives, self.feed_forward, self.stiffness, self.damping))
+        gains = (
+            part.tolist()
+            for part in (self.crane.layout.drives, self.feed_forward, self.stiffness, self.damping)
+        )
         object.__setattr__(self, "_plain", tuple(zip(*gains, strict=True)))
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Efforts [N m or N], shape (m,)."""
         q, v, efforts = state.q.tolist(), state.v.tolist(), []
         for (i, always, k_p, k_d), aim in zip(self._plain, setpoint.position.tolist(), strict=True):  # type: ignore[attr-defined]
-            efforts.append(always + k_p * (aim - q[i]) - k_d * v[i])  # a loop is quicker than a comprehension of so few
+            # A loop is quicker than a comprehension of so few.
+            efforts.append(always + k_p * (aim - q[i]) - k_d * v[i])
         return np.array(efforts)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """The common form, see `cranedyn.controllers.affine`."""
         gain = feedback_gain(self.crane, self.stiffness, self.damping)
-        return without_integral(self.feed_forward[None], gain[None], at_drives(self.crane, positions, np.zeros_like(positions)))
+        return without_integral(
+            self.feed_forward[None],
+            gain[None],
+            at_drives(self.crane, positions, np.zeros_like(positions)),
+        )
 
 
 @checked
@@ -81,13 +96,16 @@ def hold_controller(
     damping: Gains = None,
     gravity: float = STANDARD_GRAVITY,
 ) -> Hold:
-    """The hold controller for a crane, which knows its masses and believes in a gravity [m/s²] of its own.
+    """The hold controller for a crane, which knows its masses and believes in a gravity [m/s²] of
+    its own.
 
     Args:
         crane: The crane.
-        stiffness: k_p of the drives, shape (m,), or of some by their symbols, for example ``{"x": 3e5}``; where nothing is said
-            `STIFFNESS` by their roles, and for others what makes them as fast as `FREQUENCY`.
-        damping: k_d of the drives likewise; where nothing is said `DAMPING`, and for others critical damping.
+        stiffness: k_p of the drives, shape (m,), or of some by their symbols, for example ``{"x":
+            3e5}``; where nothing is said `STIFFNESS` by their roles, and for others what makes them
+            as fast as `FREQUENCY`.
+        damping: k_d of the drives likewise; where nothing is said `DAMPING`, and for others
+            critical damping.
         gravity: What it believes in [m/s²].
 
     Raises:
@@ -97,10 +115,24 @@ def hold_controller(
     number("gravity", gravity, "m/s²")
     moved = np.diag(pin.crba(crane.model, crane.data, crane.start.q))[crane.layout.drives].tolist()
     roles = [joint.role for joint in crane.layout.driven]
-    stiff = [STIFFNESS.get(role, FREQUENCY**2 * inertia) for role, inertia in zip(roles, moved, strict=True)]
-    damped = [DAMPING.get(role, 2.0 * FREQUENCY * inertia) for role, inertia in zip(roles, moved, strict=True)]
-    k_p, k_d = (_gains(crane, *given) for given in (("stiffness", stiffness, stiff), ("damping", damping, damped)))
-    return Hold(crane, k_p, k_d, np.array([_weight(crane, joint, gravity) for joint in crane.layout.drives.tolist()]))
+    stiff = [
+        STIFFNESS.get(role, FREQUENCY**2 * inertia)
+        for role, inertia in zip(roles, moved, strict=True)
+    ]
+    damped = [
+        DAMPING.get(role, 2.0 * FREQUENCY * inertia)
+        for role, inertia in zip(roles, moved, strict=True)
+    ]
+    k_p, k_d = (
+        _gains(crane, *given)
+        for given in (("stiffness", stiffness, stiff), ("damping", damping, damped))
+    )
+    return Hold(
+        crane,
+        k_p,
+        k_d,
+        np.array([_weight(crane, joint, gravity) for joint in crane.layout.drives.tolist()]),
+    )
 
 
 def _gains(crane: Crane, name: str, given: Gains, usual: list[float]) -> np.ndarray:
@@ -116,7 +148,15 @@ def _weight(crane: Crane, joint: int, gravity: float) -> float:
     """What a drive needs to hold what hangs on it [N m or N]."""
     kind, (_, _, up) = crane.layout.joints[joint].kind, crane.layout.joints[joint].axis
     if kind == "prismatic":
-        return up * gravity * sum(crane.model.inertias[i].mass for i in crane.model.subtrees[joint + 1])
+        return (
+            up
+            * gravity
+            * sum(crane.model.inertias[i].mass for i in crane.model.subtrees[joint + 1])
+        )
     if abs(up) == 1.0:
         return 0.0
-    return float(pin.computeGeneralizedGravity(crane.model, crane.data, crane.start.q)[joint]) * gravity / crane.gravity
+    return (
+        float(pin.computeGeneralizedGravity(crane.model, crane.data, crane.start.q)[joint])
+        * gravity
+        / crane.gravity
+    )

@@ -1,4 +1,6 @@
-"""An integrator on the hoist: a load of another mass than believed ends where it shall all the same."""
+"""An integrator on the hoist: a load of another mass than believed ends where it shall all the
+same.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +21,12 @@ from cranedyn.model.crane import Crane
 @checked
 @dataclass(eq=False)
 class HoistIntegral:
-    """A tracking controller whose hoist has an integrator besides; at the limit of the drive it integrates back only (anti-windup).
+    """A tracking controller whose hoist has an integrator besides; at the limit of the drive it
+    integrates back only (anti-windup).
 
-    It remembers: make a new one for each run. Asked again for the same time it answers without integrating again. An error counts for the
-    time since the controller was last asked; at the first control instant, or where time begins anew, for one control period.
+    It remembers: make a new one for each run. Asked again for the same time it answers without
+    integrating again. An error counts for the time since the controller was last asked; at the
+    first control instant, or where time begins anew, for one control period.
 
     Attributes:
         crane: The crane, which must have a hoist.
@@ -62,7 +66,9 @@ class HoistIntegral:
         error = float(setpoint.position[self._drive] - state.q[self._joint])
         if t != self._t:
             since = t - self._t
-            if 0.0 < since < math.inf and not math.isclose(since, self._elapsed, rel_tol=SAME_PERIOD):
+            if 0.0 < since < math.inf and not math.isclose(
+                since, self._elapsed, rel_tol=SAME_PERIOD
+            ):
                 self._elapsed = since
             integral = self.integral + error * self._elapsed
             total = float(effort[self._drive]) + self.integral_gain * integral
@@ -73,7 +79,9 @@ class HoistIntegral:
         return effort
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-        """The common form, see `cranedyn.controllers.affine`; None if it was asked for the first of these times before."""
+        """The common form, see `cranedyn.controllers.affine`; None if it was asked for the first of
+        these times before.
+        """
         if times[0] <= self._t:
             return None
         hoist = self.crane.layout.along("l")

@@ -22,7 +22,8 @@ class Linearised(NamedTuple):
         period: Time between rows of the motion [s].
         efforts: Of the drives by inverse dynamics [N m or N], shape (rows, m).
         setpoint: Coordinates and rates, shape (rows, 2 n).
-        stretch: Which model is meant for each row, shape (rows,); the last row has one of its own, which stands for all that follows.
+        stretch: Which model is meant for each row, shape (rows,); the last row has one of its own,
+            which stands for all that follows.
         a: Deviations after one control period by those before, shape (stretches, 2 n, 2 n).
         b: The same by the efforts held beyond the feed-forward, shape (stretches, 2 n, m).
     """
@@ -40,7 +41,9 @@ class Linearised(NamedTuple):
 
 
 @checked
-def linearised(crane: Crane, motion: Motion, *, dt: float, every: int, control_period: float | None = None) -> Linearised:
+def linearised(
+    crane: Crane, motion: Motion, *, dt: float, every: int, control_period: float | None = None
+) -> Linearised:
     """Linearise a crane along a motion.
 
     Args:
@@ -59,8 +62,18 @@ def linearised(crane: Crane, motion: Motion, *, dt: float, every: int, control_p
     efforts = motion_efforts(crane, motion)
     last = len(motion.q) - 1
     rows = [*range(0, last, every), last]
-    models = [sampled(crane, State(motion.q[k], motion.v[k]), efforts[k], dt=dt, control_period=held) for k in rows]
+    models = [
+        sampled(crane, State(motion.q[k], motion.v[k]), efforts[k], dt=dt, control_period=held)
+        for k in rows
+    ]
     stretch = np.arange(last + 1) // every
     stretch[-1] = len(rows) - 1
     setpoint = np.hstack([motion.q, motion.v])
-    return Linearised(motion.period, efforts, setpoint, stretch, np.array([m.a for m in models]), np.array([m.b for m in models]))
+    return Linearised(
+        motion.period,
+        efforts,
+        setpoint,
+        stretch,
+        np.array([m.a for m in models]),
+        np.array([m.b for m in models]),
+    )

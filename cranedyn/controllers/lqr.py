@@ -1,4 +1,6 @@
-"""Time-varying LQR on the full model: all joints, linearised by Pinocchio along the motion to follow."""
+"""Time-varying LQR on the full model: all joints, linearised by Pinocchio along the motion to
+follow.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ ERROR = {
     ("revolute", False): (0.01, 0.01),
     ("prismatic", False): (0.1, 0.1),
 }
-"""Errors that weigh alike, ours, by kind of joint and whether it is driven: of the coordinate [rad or m] and of its rate [per second]."""
+"""Errors that weigh alike, ours, by kind of joint and whether it is driven: of the coordinate [rad
+or m] and of its rate [per second]."""
 
 EFFORT = {"revolute": 2.0e4, "prismatic": 1.0e3}
 """Efforts beyond the feed-forward that weigh alike, ours [N m or N]."""
@@ -46,7 +49,8 @@ def lqr(
     effort_weight: np.ndarray | None = None,
     every: int = 10,
 ) -> Tracking:
-    """LQR about a motion, with the efforts of inverse dynamics fed forward; after it, the stationary LQR about its end.
+    """LQR about a motion, with the efforts of inverse dynamics fed forward; after it, the
+    stationary LQR about its end.
 
     Args:
         crane: The crane.
@@ -57,7 +61,8 @@ def lqr(
         every: Control instants between linearisations.
 
     Raises:
-        OutOfRange: If R is not positive definite or Q not positive semidefinite, or the motion's period is not a multiple of `dt`.
+        OutOfRange: If R is not positive definite or Q not positive semidefinite, or the motion's
+            period is not a multiple of `dt`.
     """
     model = linearised(crane, motion, dt=dt, every=every)
     state_weight = state_weight_of(crane) if state_weight is None else state_weight

@@ -1,8 +1,10 @@
-"""Receding-horizon control: the LQR with the limits of the drives, and a bound on the swing, as constraints.
+"""Receding-horizon control: the LQR with the limits of the drives, and a bound on the swing, as
+constraints.
 
-The decision is c, by how much the efforts differ from those of the LQR: u = -K z + c. With Riccati's cost-to-go P at the end of the
-horizon, completing the square makes the quadratic cost of all that follows zᵀPz + Σ cᵀ(R + BᵀPB)c (Kouvaritakis & Cannon, Model
-Predictive Control, §2). So where no limit is met, c = 0; where one is, the efforts depart from the LQR's as little as they can.
+The decision is c, by how much the efforts differ from those of the LQR: u = -K z + c. With
+Riccati's cost-to-go P at the end of the horizon, completing the square makes the quadratic cost of
+all that follows zᵀPz + Σ cᵀ(R + BᵀPB)c (Kouvaritakis & Cannon, Model Predictive Control, §2). So
+where no limit is met, c = 0; where one is, the efforts depart from the LQR's as little as they can.
 """
 
 from __future__ import annotations
@@ -28,10 +30,14 @@ from cranedyn.references.motion import Motion
 from cranedyn.references.rows import SAME, at_place, place
 
 PENALTY = 1e6
-"""Cost of exceeding a bound by as much as the bound itself: linear, and far more than what the LQR would pay, so that a bound is
-exceeded only where the efforts cannot keep it."""
+"""Cost of exceeding a bound by as much as the bound itself: linear, and far more than what the LQR
+would pay, so that a bound is exceeded only where the efforts cannot keep it."""
 
-_FAILURES = {-1: "its limits contradict each other", -2: "it goes in circles", -4: "it takes too many iterations"}
+_FAILURES = {
+    -1: "its limits contradict each other",
+    -2: "it goes in circles",
+    -4: "it takes too many iterations",
+}
 
 
 class Solution(NamedTuple):
@@ -41,8 +47,8 @@ class Solution(NamedTuple):
         t: When [s].
         flag: Of the solver; 1 is solved.
         iterations: How many it took.
-        excess: By what share the bounds of the rates of the drives and of the swings are exceeded over the horizon, shape (bounds,);
-            zero where they are kept.
+        excess: By what share the bounds of the rates of the drives and of the swings are exceeded
+            over the horizon, shape (bounds,); zero where they are kept.
     """
 
     t: float
@@ -53,16 +59,20 @@ class Solution(NamedTuple):
 
 @dataclass(eq=False)
 class Predictive:
-    """Model predictive control about a motion; between its instants the correction of the efforts is held, the feed-forward goes on.
+    """Model predictive control about a motion; between its instants the correction of the efforts
+    is held, the feed-forward goes on.
 
     Attributes:
         model: The crane along the motion, one stretch for each period of the controller.
         ratio: Control instants in one period.
         horizon: How many periods it looks ahead.
         sweep: LQR's gain for each stretch, and its cost-to-go.
-        root: Square root of the inverse of R + BᵀPB for each stretch, shape (stretches, m, m): efforts of equal cost.
-        room: Least and largest correction that keeps the effort limits in each stretch, shape (2, stretches, m).
-        bounded: What of coordinates and rates has a bound, by its place: rates of the drives, then swings, shape (bounds,).
+        root: Square root of the inverse of R + BᵀPB for each stretch, shape (stretches, m, m):
+            efforts of equal cost.
+        room: Least and largest correction that keeps the effort limits in each stretch, shape (2,
+            stretches, m).
+        bounded: What of coordinates and rates has a bound, by its place: rates of the drives, then
+            swings, shape (bounds,).
         bound: The largest of these, shape (bounds,).
         solve: The quadratic programme's solver.
         last: The last optimisation, None before the first.
@@ -92,7 +102,9 @@ class Predictive:
         instant = math.floor(t / self.model.period + SAME) // self.ratio
         if instant != self._instant or self.last is None or t <= self.last.t:
             check_finite(state)
-            self._correction = self._optimised(t, instant, np.concatenate(state) - at_place(self.model.setpoint, row, share))
+            self._correction = self._optimised(
+                t, instant, np.concatenate(state) - at_place(self.model.setpoint, row, share)
+            )
             self._instant = instant
         return at_place(self.model.efforts, row, share) + self._correction
 
@@ -101,11 +113,22 @@ class Predictive:
         stretches = np.minimum(np.arange(instant, instant + self.horizon), len(self.root) - 1)
         efforts, ahead = self._predicted(stretches, deviation)
         least, most = (side[stretches].ravel() - efforts[:, -1] for side in self.room)
-        after = np.minimum(self.ratio * np.arange(instant + 1, instant + self.horizon + 1), len(self.model.setpoint) - 1)
-        away = (self.model.setpoint[np.ix_(after, self.bounded)] / self.bound).ravel() + ahead[:, -1]
+        after = np.minimum(
+            self.ratio * np.arange(instant + 1, instant + self.horizon + 1),
+            len(self.model.setpoint) - 1,
+        )
+        away = (self.model.setpoint[np.ix_(after, self.bounded)] / self.bound).ravel() + ahead[
+            :, -1
+        ]
         count, m = len(self.bound), self.root.shape[1]
         slack, none = np.tile(np.eye(count), (self.horizon, 1)), np.full(len(away), np.inf)
-        rows = np.block([[np.zeros((len(efforts), count)), efforts[:, :-1]], [-slack, ahead[:, :-1]], [slack, ahead[:, :-1]]])
+        rows = np.block(
+            [
+                [np.zeros((len(efforts), count)), efforts[:, :-1]],
+                [-slack, ahead[:, :-1]],
+                [slack, ahead[:, :-1]],
+            ]
+        )
         size = rows.shape[1]
         found, _, flag, about = self.solve(
             np.eye(size),
@@ -118,14 +141,25 @@ class Predictive:
         self.last = Solution(t, int(flag), int(about["iterations"]), found[:count])
         if flag != 1:
             why = _FAILURES.get(self.last.flag, "the solver gave up")
-            raise RunError(f"At t = {t:.4g} s the optimisation of the MPC failed: {why} (flag {flag} of DAQP).", t=t)
+            raise RunError(
+                f"At t = {t:.4g} s the optimisation of the MPC failed: {why} (flag {flag} of "
+                "DAQP).",
+                t=t,
+            )
         k = stretches[0]
         return self.root[k] @ found[count : count + m] - self.sweep.gain[k] @ deviation
 
-    def _predicted(self, stretches: np.ndarray, deviation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Corrections, and bounded quantities over their bounds, over the horizon: affine in the decision, the constant last."""
+    def _predicted(
+        self, stretches: np.ndarray, deviation: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Corrections, and bounded quantities over their bounds, over the horizon: affine in the
+        decision, the constant last.
+        """
         m, width = self.root.shape[1], self.root.shape[1] * self.horizon + 1
-        efforts, ahead = np.empty((self.horizon, m, width)), np.empty((self.horizon, len(self.bound), width))
+        efforts, ahead = (
+            np.empty((self.horizon, m, width)),
+            np.empty((self.horizon, len(self.bound), width)),
+        )
         z = np.zeros((len(deviation), width))
         z[:, -1] = deviation
         for j, k in enumerate(stretches):
@@ -152,8 +186,9 @@ def mpc(
 ) -> Predictive:
     """Model predictive control about a motion, with the efforts of inverse dynamics fed forward.
 
-    Efforts are kept within their limits always. Rates and swing are kept within theirs at the controller's instants, as far as the model
-    goes and the efforts allow it: an initial swing beyond the bound is no contradiction.
+    Efforts are kept within their limits always. Rates and swing are kept within theirs at the
+    controller's instants, as far as the model goes and the efforts allow it: an initial swing
+    beyond the bound is no contradiction.
 
     Args:
         crane: The crane.
@@ -161,41 +196,68 @@ def mpc(
         dt: Physics step of the simulation [s].
         period: Time between optimisations [s], a multiple of the control period.
         horizon: How many of them it looks ahead.
-        effort_limit: Largest efforts of the drives [N m or N], shape (m,); by default those of the crane.
-        rate_limit: Largest rates of the drives [rad/s or m/s], shape (m,); by default those of the crane's URDF.
+        effort_limit: Largest efforts of the drives [N m or N], shape (m,); by default those of the
+            crane.
+        rate_limit: Largest rates of the drives [rad/s or m/s], shape (m,); by default those of the
+            crane's URDF.
         swing_limit: Largest swing of each swing joint [rad], up to π/2.
         state_weight: Q for coordinates and rates, shape (2 n, 2 n); None for that of `lqr`.
         effort_weight: R for the drives, shape (m, m); None for that of `lqr`.
 
     Raises:
         CraneError: If the solver DAQP is not installed.
-        OutOfRange: If times do not divide, a limit is not positive, a weight not allowed, the horizon not a whole number from 1 on, or the
-            feed-forward changes within a period by more than twice a limit.
+        OutOfRange: If times do not divide, a limit is not positive, a weight not allowed, the
+            horizon not a whole number from 1 on, or the feed-forward changes within a period by
+            more than twice a limit.
     """
     solve = _solver()
     whole("horizon", horizon, 1, "periods")
     layout, own_rates = crane.layout, crane.model.velocityLimit[crane.layout.drives]
-    efforts = layout.for_drives("effort limit", crane.effort_limit if effort_limit is None else effort_limit, None, "> 0")
-    rates = layout.for_drives("rate limit", own_rates if rate_limit is None else rate_limit, "/s", "> 0")
-    swing = within("swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, math.pi / 2.0, "rad")
+    efforts = layout.for_drives(
+        "effort limit", crane.effort_limit if effort_limit is None else effort_limit, None, "> 0"
+    )
+    rates = layout.for_drives(
+        "rate limit", own_rates if rate_limit is None else rate_limit, "/s", "> 0"
+    )
+    swing = within(
+        "swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, math.pi / 2.0, "rad"
+    )
     ratio = multiple("period", period, "the motion's period", motion.period)
     model = linearised(crane, motion, dt=dt, every=ratio, control_period=period)
     state_weight = state_weight_of(crane) if state_weight is None else state_weight
     effort_weight = effort_weight_of(crane) if effort_weight is None else effort_weight
     sweep = riccati(model.a, model.b, state_weight, effort_weight)
     square = effort_weight + np.swapaxes(model.b, 1, 2) @ sweep.cost[1:] @ model.b
-    root = np.array([scipy.linalg.solve_triangular(scipy.linalg.cholesky(part), np.eye(layout.m)) for part in square])
+    root = np.array(
+        [
+            scipy.linalg.solve_triangular(scipy.linalg.cholesky(part), np.eye(layout.m))
+            for part in square
+        ]
+    )
     bounded = np.concatenate([layout.n + layout.drives, crane.swings])
     bound = np.concatenate([rates, np.full(len(crane.swings), swing)])
-    return Predictive(model, ratio, int(horizon), sweep, root, _room(model, efforts), bounded, bound, solve)
+    return Predictive(
+        model, ratio, int(horizon), sweep, root, _room(model, efforts), bounded, bound, solve
+    )
 
 
 def _room(model: Linearised, limit: np.ndarray) -> np.ndarray:
-    """Between which corrections feed-forward and correction together keep the limits in each stretch, shape (2, stretches, m)."""
+    """Between which corrections feed-forward and correction together keep the limits in each
+    stretch, shape (2, stretches, m).
+    """
     parts = [model.efforts[model.stretch == k] for k in range(len(model.a))]
-    room = np.array([[-limit - part.min(axis=0) for part in parts], [limit - part.max(axis=0) for part in parts]])
+    room = np.array(
+        [
+            [-limit - part.min(axis=0) for part in parts],
+            [limit - part.max(axis=0) for part in parts],
+        ]
+    )
     if (room[0] > room[1]).any():
-        raise OutOfRange("effort limit", limit.tolist(), "at least half of what the feed-forward changes by within a period")
+        raise OutOfRange(
+            "effort limit",
+            limit.tolist(),
+            "at least half of what the feed-forward changes by within a period",
+        )
     return room
 
 
@@ -203,5 +265,7 @@ def _solver() -> Callable[..., tuple[np.ndarray, float, int, dict]]:
     try:
         from daqp import solve
     except ImportError:
-        raise CraneError("The MPC needs the solver DAQP; install it with: pip install 'cranedyn[mpc]'") from None
+        raise CraneError(
+            "The MPC needs the solver DAQP; install it with: pip install 'cranedyn[mpc]'"
+        ) from None
     return solve

@@ -1,6 +1,7 @@
 """No swing sensor: a Kalman filter sees the swing in how the drives, whose efforts are known, move.
 
-The load pulls at trolley, jib and hoist. What that pull does is in the model; so the swing is observable from the drives alone.
+The load pulls at trolley, jib and hoist. What that pull does is in the model; so the swing is
+observable from the drives alone.
 """
 
 from __future__ import annotations
@@ -20,12 +21,24 @@ from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 
-DISTURBANCE = {("revolute", True): 2e-3, ("prismatic", True): 0.2, ("revolute", False): 0.1, ("prismatic", False): 0.1}
-"""Standard deviations of accelerations that the model does not know [rad/s² or m/s²], white from one control instant to the next, by kind
-of joint and whether it is driven; ours. For the drives of the tower crane they are about 2 kN m, 100 N and 200 N."""
+DISTURBANCE = {
+    ("revolute", True): 2e-3,
+    ("prismatic", True): 0.2,
+    ("revolute", False): 0.1,
+    ("prismatic", False): 0.1,
+}
+"""Standard deviations of accelerations that the model does not know [rad/s² or m/s²], white from
+one control instant to the next, by kind of joint and whether it is driven; ours. For the drives of
+the tower crane they are about 2 kN m, 100 N and 200 N."""
 
-INITIAL_STD = {("revolute", True): 1e-3, ("prismatic", True): 0.01, ("revolute", False): 0.1, ("prismatic", False): 0.1}
-"""Standard deviations of coordinates and of rates at the start, likewise, ours: the load may swing by 0.1 rad."""
+INITIAL_STD = {
+    ("revolute", True): 1e-3,
+    ("prismatic", True): 0.01,
+    ("revolute", False): 0.1,
+    ("prismatic", False): 0.1,
+}
+"""Standard deviations of coordinates and of rates at the start, likewise, ours: the load may swing
+by 0.1 rad."""
 
 
 @checked
@@ -41,21 +54,31 @@ def initial_std_of(crane: Crane) -> np.ndarray:
 
 
 def _each(crane: Crane, table: Mapping[tuple[str, bool], float]) -> np.ndarray:
-    """A number for each joint, shape (n,); a joint that a spring holds is as quiet as one that a drive holds."""
+    """A number for each joint, shape (n,); a joint that a spring holds is as quiet as one that a
+    drive holds.
+    """
     elastic = crane.springs.stiffness > 0.0
-    return np.array([table[joint.kind, joint.driven or bool(held)] for joint, held in zip(crane.layout.joints, elastic, strict=True)])
+    return np.array(
+        [
+            table[joint.kind, joint.driven or bool(held)]
+            for joint, held in zip(crane.layout.joints, elastic, strict=True)
+        ]
+    )
 
 
 @dataclass(eq=False)
 class Observed:
-    """A controller that is told an estimate of the state. It remembers: make a new one for each run.
+    """A controller that is told an estimate of the state. It remembers: make a new one for each
+    run.
 
-    Predictor and corrector of Kalman (1960) for the deviation from the motion; the covariance is kept in Joseph's form.
+    Predictor and corrector of Kalman (1960) for the deviation from the motion; the covariance is
+    kept in Joseph's form.
 
     Attributes:
         controller: What acts on the estimate.
         model: The crane along the motion.
-        measured: Where positions and rates of the drives stand among coordinates and rates, shape (2 m,).
+        measured: Where positions and rates of the drives stand among coordinates and rates, shape
+            (2 m,).
         effort_limit: What the drives give at most [N m or N], shape (m,).
         disturbance: Covariance added in each control period, shape (2 n, 2 n).
         noise: Covariance of the measurements, shape (2 m, 2 m).
@@ -65,7 +88,8 @@ class Observed:
         estimate: The state as last estimated, None before the first call.
         gain: That of the last correction, shape (2 n, 2 m).
 
-    What it has commanded since the last measurement was true waits in a queue, by row of the motion and effort beyond the feed-forward.
+    What it has commanded since the last measurement was true waits in a queue, by row of the motion
+    and effort beyond the feed-forward.
     """
 
     controller: Controller
@@ -85,7 +109,10 @@ class Observed:
 
     def __post_init__(self) -> None:
         """Begin without deviation and correction."""
-        self.gain, self._deviation = np.zeros((len(self.covariance), len(self.measured))), np.zeros(len(self.covariance))
+        self.gain, self._deviation = (
+            np.zeros((len(self.covariance), len(self.measured))),
+            np.zeros(len(self.covariance)),
+        )
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """What the controller commands, shape (m,); of the state it looks at the drives only.
@@ -96,7 +123,11 @@ class Observed:
         row = self.model.row(t)
         if self.estimate is None:
             self._at_row(t)
-            self._deviation = np.zeros(len(self.covariance)) if self.start is None else self.start - self.model.setpoint[row]
+            self._deviation = (
+                np.zeros(len(self.covariance))
+                if self.start is None
+                else self.start - self.model.setpoint[row]
+            )
             self._correct(row, state)
         else:
             self._expect(t)
@@ -108,19 +139,25 @@ class Observed:
             deviation = self._stepped(deviation, then, correction)
         self.estimate = State(*(self.model.setpoint[row] + deviation).reshape(2, -1))
         command = np.asarray(self.controller(t, self.estimate, setpoint), dtype=float)
-        self._since.append((row, command.clip(-self.effort_limit, self.effort_limit) - self.model.efforts[row]))
+        self._since.append(
+            (row, command.clip(-self.effort_limit, self.effort_limit) - self.model.efforts[row])
+        )
         self._t = t
         return command
 
     def _at_row(self, t: float) -> None:
         rows = t / self.model.period
         if rows < len(self.model.setpoint) - 1 and abs(rows - round(rows)) > SAME_PERIOD:
-            raise CraneError(f"This observer is first asked for t = {t:g} s; its motion has rows every {self.model.period:g} s only.")
+            raise CraneError(
+                f"This observer is first asked for t = {t:g} s; its motion has rows every "
+                f"{self.model.period:g} s only."
+            )
 
     def _expect(self, t: float) -> None:
         if abs(t - self._t - self.model.period) > 1e-6 * self.model.period:
             raise CraneError(
-                f"This observer has seen t = {self._t:g} s and is asked for t = {t:g} s; it needs a call every {self.model.period:g} s, "
+                f"This observer has seen t = {self._t:g} s and is asked for t = {t:g} s; it needs "
+                f"a call every {self.model.period:g} s, "
                 "and a new one for each run."
             )
 
@@ -159,24 +196,28 @@ def observed(
     initial_std: Sequence[float] | np.ndarray | None = None,
     every: int = 10,
 ) -> Observed:
-    """Let a controller that wants the whole state work with sensors on the drives alone; one for each run.
+    """Let a controller that wants the whole state work with sensors on the drives alone; one for
+    each run.
 
     Args:
         controller: The controller.
         crane: The crane that the filter believes in.
         motion: What the model is linearised about; its period is the control period.
         dt: Physics step of the simulation [s].
-        disturbance: Standard deviations of the accelerations that the model does not know, shape (n,); more makes the filter trust its
-            measurements more. None for `disturbance_of`.
-        noise: Standard deviations of the measured drives [rad or m] and their rates [per second], shape (2 m,); None for `noise_of`.
-        delay: How many control periods the measurements are late, as in `sensed`; the estimate is predicted on over this time.
+        disturbance: Standard deviations of the accelerations that the model does not know, shape
+            (n,); more makes the filter trust its measurements more. None for `disturbance_of`.
+        noise: Standard deviations of the measured drives [rad or m] and their rates [per second],
+            shape (2 m,); None for `noise_of`.
+        delay: How many control periods the measurements are late, as in `sensed`; the estimate is
+            predicted on over this time.
         start: Where it is believed to start; by default where the motion is, the load plumb.
-        initial_std: Standard deviations of that belief in coordinates and rates, shape (2 n,); None for `initial_std_of`.
+        initial_std: Standard deviations of that belief in coordinates and rates, shape (2 n,); None
+            for `initial_std_of`.
         every: Control instants between linearisations.
 
     Raises:
-        OutOfRange: If a standard deviation is negative or not finite, that of a measurement not positive, their number not as asked, or the
-            delay not a whole number from 0 on.
+        OutOfRange: If a standard deviation is negative or not finite, that of a measurement not
+            positive, their number not as asked, or the delay not a whole number from 0 on.
     """
     late = whole("delay of the observer", delay, 0, "control periods")
     period, layout = motion.period, crane.layout
@@ -198,8 +239,12 @@ def observed(
     )
 
 
-def _covariance(name: str, deviations: Sequence[float] | np.ndarray, count: int, allowed: str = ">= 0") -> np.ndarray:
-    given = [number(name, part, allowed=allowed) for part in np.asarray(deviations, dtype=object).ravel()]
+def _covariance(
+    name: str, deviations: Sequence[float] | np.ndarray, count: int, allowed: str = ">= 0"
+) -> np.ndarray:
+    given = [
+        number(name, part, allowed=allowed) for part in np.asarray(deviations, dtype=object).ravel()
+    ]
     if len(given) != count:
         raise OutOfRange(name, deviations, f"{count} standard deviations")
     return np.diag(given) ** 2

@@ -1,7 +1,7 @@
 """The control of Muddassir et al. (ISARC 2024), as far as it is described.
 
-One LQR for trolley and radial swing, one for slew and tangential swing, both time-varying through cable length and radius, and a PID with
-gravity feed-forward for the hoist.
+One LQR for trolley and radial swing, one for slew and tangential swing, both time-varying through
+cable length and radius, and a PID with gravity feed-forward for the hoist.
 
 The planes are the paper's Eqs. (7)-(10). Its weights and gains are not public: those here are ours.
 """
@@ -30,25 +30,39 @@ HOIST = (4.0e4, 1.0e4, 1.2e4)
 """k_p [N/m], k_i [N/(m s)] and k_d [N s/m] of the hoist, ours."""
 
 
-def trolley_plane(mass: float, trolley: float, length: float, gravity: float) -> tuple[np.ndarray, np.ndarray]:
+def trolley_plane(
+    mass: float, trolley: float, length: float, gravity: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Eqs. (7), (8): M ẍ = F_x - m g φ and l φ̈ = ẍ - g φ, for [x, ẋ, φ, φ̇]."""
     drive = np.array([0.0, 0.0, -mass * gravity / trolley, 0.0])
     a = np.array([[0, 1, 0, 0], drive, [0, 0, 0, 1], (drive - [0, 0, gravity, 0]) / length])
     return a, np.array([[0.0], [1.0 / trolley], [0.0], [1.0 / (trolley * length)]])
 
 
-def slew_plane(mass: float, inertia: float, radius: float, length: float, gravity: float) -> tuple[np.ndarray, np.ndarray]:
-    """Eqs. (9), (10): J γ̈ = T_γ - m g x θ and l θ̈ = x γ̈ - g θ, for [γ, γ̇, θ, θ̇]; J is that of structure and trolley."""
+def slew_plane(
+    mass: float, inertia: float, radius: float, length: float, gravity: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Eqs. (9), (10): J γ̈ = T_γ - m g x θ and l θ̈ = x γ̈ - g θ, for [γ, γ̇, θ, θ̇]; J is that of
+    structure and trolley.
+    """
     drive = np.array([0.0, 0.0, -mass * gravity * radius / inertia, 0.0])
-    a = np.array([[0, 1, 0, 0], drive, [0, 0, 0, 1], (radius * drive - [0, 0, gravity, 0]) / length])
+    a = np.array(
+        [[0, 1, 0, 0], drive, [0, 0, 0, 1], (radius * drive - [0, 0, gravity, 0]) / length]
+    )
     return a, np.array([[0.0], [1.0 / inertia], [0.0], [radius / (inertia * length)]])
 
 
 @checked
 def paper_controller(
-    crane: Crane, motion: Motion, *, gravity: float = STANDARD_GRAVITY, hoist: tuple[float, float, float] = HOIST, every: int = 10
+    crane: Crane,
+    motion: Motion,
+    *,
+    gravity: float = STANDARD_GRAVITY,
+    hoist: tuple[float, float, float] = HOIST,
+    every: int = 10,
 ) -> HoistIntegral:
-    """The paper's controller about a motion with the load hanging plumb; make a new one for each run, its integrator remembers.
+    """The paper's controller about a motion with the load hanging plumb; make a new one for each
+    run, its integrator remembers.
 
     Args:
         crane: The crane.
@@ -59,7 +73,8 @@ def paper_controller(
 
     Raises:
         MissingRole: If it is not a tower crane.
-        OutOfRange: If a gain of the hoist is negative or there are not three, gravity is not positive, or `every` is not at least 1.
+        OutOfRange: If a gain of the hoist is negative or there are not three, gravity is not
+            positive, or `every` is not at least 1.
     """
     slew, trolley_joint, radial, tangential, cable = crane.layout.tower("The paper's control")
     every = min(whole("rows between linearisations", every, 1), len(motion.q))
@@ -72,11 +87,21 @@ def paper_controller(
     joints = crane.layout.n
     gain = np.zeros((n, crane.layout.m, 2 * joints))
     drive = {role: crane.layout.drive_of(role) for role in ("slew", "trolley", "hoist")}
-    gain[:, drive["trolley"], [trolley_joint, joints + trolley_joint, radial, joints + radial]] = _plane_gains(
-        [trolley_plane(mass, trolley, length[k], gravity) for k in range(0, n, every)], TROLLEY_WEIGHTS, motion.period, n, every
+    gain[:, drive["trolley"], [trolley_joint, joints + trolley_joint, radial, joints + radial]] = (
+        _plane_gains(
+            [trolley_plane(mass, trolley, length[k], gravity) for k in range(0, n, every)],
+            TROLLEY_WEIGHTS,
+            motion.period,
+            n,
+            every,
+        )
     )
     gain[:, drive["slew"], [slew, joints + slew, tangential, joints + tangential]] = _plane_gains(
-        [slew_plane(mass, inertia[k], radius[k], length[k], gravity) for k in range(0, n, every)], SLEW_WEIGHTS, motion.period, n, every
+        [slew_plane(mass, inertia[k], radius[k], length[k], gravity) for k in range(0, n, every)],
+        SLEW_WEIGHTS,
+        motion.period,
+        n,
+        every,
     )
     gain[:, drive["hoist"], [cable, joints + cable]] = hoist[0], hoist[2]
     feed_forward = np.stack(
@@ -96,7 +121,11 @@ def paper_controller(
 
 
 def _plane_gains(
-    planes: list[tuple[np.ndarray, np.ndarray]], weights: tuple[np.ndarray, np.ndarray], period: float, n: int, every: int
+    planes: list[tuple[np.ndarray, np.ndarray]],
+    weights: tuple[np.ndarray, np.ndarray],
+    period: float,
+    n: int,
+    every: int,
 ) -> np.ndarray:
     """Gains of the finite-horizon sweep for one plane, zero-order hold, shape (n, 4)."""
     block = np.zeros((len(planes), 5, 5))

@@ -19,7 +19,8 @@ class Sweep(NamedTuple):
 
     Attributes:
         gain: Shape (n, nu, nz).
-        cost: The cost from instant k on is zᵀ cost[k] z, shape (n + 1, nz, nz); the last is the final weight.
+        cost: The cost from instant k on is zᵀ cost[k] z, shape (n + 1, nz, nz); the last is the
+            final weight.
     """
 
     gain: np.ndarray
@@ -28,9 +29,14 @@ class Sweep(NamedTuple):
 
 @checked
 def riccati(
-    a: np.ndarray, b: np.ndarray, state_weight: np.ndarray, effort_weight: np.ndarray, final_weight: np.ndarray | None = None
+    a: np.ndarray,
+    b: np.ndarray,
+    state_weight: np.ndarray,
+    effort_weight: np.ndarray,
+    final_weight: np.ndarray | None = None,
 ) -> Sweep:
-    """Gains and costs-to-go that minimise Σ zᵀQz + uᵀRu + z_nᵀQ_n z_n along z[k+1] = a[k] z[k] + b[k] u[k], with u = -gain z.
+    """Gains and costs-to-go that minimise Σ zᵀQz + uᵀRu + z_nᵀQ_n z_n along z[k+1] = a[k] z[k] +
+    b[k] u[k], with u = -gain z.
 
     The backward sweep of Kwakernaak & Sivan, Linear Optimal Control Systems, §6.4.
 
@@ -39,12 +45,14 @@ def riccati(
         b: Shape (n, nz, nu).
         state_weight: Q, positive semidefinite, shape (nz, nz).
         effort_weight: R, positive definite, shape (nu, nu).
-        final_weight: Q_n, positive semidefinite, shape (nz, nz); None for the cost of going on for ever with the last a and b.
+        final_weight: Q_n, positive semidefinite, shape (nz, nz); None for the cost of going on for
+            ever with the last a and b.
 
     Raises:
-        OutOfRange: If shapes differ, or a weight is not symmetric or has an eigenvalue that is not allowed.
-        CraneError: If no final weight is given and there is no stationary feedback, or gains or costs cannot be computed in double
-            precision.
+        OutOfRange: If shapes differ, or a weight is not symmetric or has an eigenvalue that is not
+            allowed.
+        CraneError: If no final weight is given and there is no stationary feedback, or gains or
+            costs cannot be computed in double precision.
     """
     n, nz, nu = shaped("b", b, ("n", "nz", "nu")).shape
     finite("a", a, (n, nz, nz))
@@ -73,8 +81,11 @@ def riccati(
     return Sweep(gain, cost)
 
 
-def stationary(a: np.ndarray, b: np.ndarray, state_weight: np.ndarray, effort_weight: np.ndarray) -> np.ndarray:
-    """The cost, shape (nz, nz), of going on for ever with the same a, shape (nz, nz), and b, shape (nz, nu).
+def stationary(
+    a: np.ndarray, b: np.ndarray, state_weight: np.ndarray, effort_weight: np.ndarray
+) -> np.ndarray:
+    """The cost, shape (nz, nz), of going on for ever with the same a, shape (nz, nz), and b, shape
+    (nz, nu).
 
     Raises:
         CraneError: If it cannot be computed in double precision.
@@ -91,12 +102,22 @@ def _solvable() -> Iterator[None]:
             yield
     except (np.linalg.LinAlgError, ValueError) as error:
         raise CraneError(
-            "There is no linear-quadratic regulator for this crane: its masses, dampings, gravity or control period make numbers that "
-            f"differ too much for double precision ({str(error).strip().partition(chr(10))[0].rstrip('.')})."
+            "There is no linear-quadratic regulator for this crane: its masses, dampings, gravity "
+            "or control period make numbers that "
+            "differ too much for double precision "
+            f"({str(error).strip().partition(chr(10))[0].rstrip('.')})."
         ) from error
 
 
 def _check(name: str, weight: np.ndarray, *, definite: bool) -> None:
     least = np.nextafter(0, 1) if definite else -1e-9 * np.abs(weight).max()
-    if not np.isfinite(weight).all() or not np.allclose(weight, weight.T) or scipy.linalg.eigvalsh(weight).min() < least:
-        raise OutOfRange(name, weight.tolist(), "symmetric and positive " + ("definite" if definite else "semidefinite"))
+    if (
+        not np.isfinite(weight).all()
+        or not np.allclose(weight, weight.T)
+        or scipy.linalg.eigvalsh(weight).min() < least
+    ):
+        raise OutOfRange(
+            name,
+            weight.tolist(),
+            "symmetric and positive " + ("definite" if definite else "semidefinite"),
+        )

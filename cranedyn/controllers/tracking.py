@@ -1,4 +1,6 @@
-"""The common form of controllers that are affine in the state: a table of feed-forward, setpoint and gain."""
+"""The common form of controllers that are affine in the state: a table of feed-forward, setpoint
+and gain.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ from cranedyn.references.rows import at_place, at_places, place, places
 @checked
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """effort = feed_forward[k] - gain[k] (z - setpoint[k]) with z = (coordinates, rates); before time 0 k is 0, beyond the end the last.
+    """effort = feed_forward[k] - gain[k] (z - setpoint[k]) with z = (coordinates, rates); before
+    time 0 k is 0, beyond the end the last.
 
     Between rows, where a loop is finer than they are, all three lie on straight lines.
 
@@ -51,7 +54,9 @@ class Tracking:
         """
         k, share = place(t, self.period, len(self.feed_forward))
         gain = at_place(self.gain, k, share)
-        efforts = at_place(self.feed_forward, k, share) - gain @ (np.concatenate(state) - at_place(self.setpoint, k, share))
+        efforts = at_place(self.feed_forward, k, share) - gain @ (
+            np.concatenate(state) - at_place(self.setpoint, k, share)
+        )
         if not math.isfinite(sum(efforts.tolist())):
             check_finite(state)
         return efforts
@@ -62,7 +67,10 @@ class Tracking:
         rows, shares = places(times, self.period, last + 1)
         count = int(np.argmax(rows == last)) + 1 if last in rows else len(rows)
         return without_integral(
-            *(at_places(table, rows[:count], shares[:count]) for table in (self.feed_forward, self.gain, self.setpoint))
+            *(
+                at_places(table, rows[:count], shares[:count])
+                for table in (self.feed_forward, self.gain, self.setpoint)
+            )
         )
 
 

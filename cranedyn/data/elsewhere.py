@@ -1,4 +1,6 @@
-"""Files recorded elsewhere: their columns under our names and in our units, which are said and never guessed."""
+"""Files recorded elsewhere: their columns under our names and in our units, which are said and
+never guessed.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,8 @@ _UNITS = {
     "Nm": {"Nm": 1.0, "kNm": 1e3},
     "J": {"J": 1.0, "kJ": 1e3},
 }
-"""By our unit, as it ends the name of a column: each unit that a file may have, and how many of ours it is."""
+"""By our unit, as it ends the name of a column: each unit that a file may have, and how many of
+ours it is."""
 
 _SWINGS, _UPRIGHT = ("phi_rad", "theta_rad"), math.pi / 2
 
@@ -53,7 +56,9 @@ def parse_sources(words: Iterable[str]) -> dict[str, Source]:
     for word in words:
         match = re.fullmatch(r"(?P<ours>\w+)=(?P<name>[^=\[\]]+)(\[(?P<unit>[^\[\]]+)\])?", word)
         if match is None:
-            raise DataError(f"{quoted(word)} is not a column; it is given as phi_rad=NAME or phi_rad=NAME[deg].")
+            raise DataError(
+                f"{quoted(word)} is not a column; it is given as phi_rad=NAME or phi_rad=NAME[deg]."
+            )
         if match["ours"] in found:
             raise DataError(f"The column {match['ours']} is given twice; leave one out.")
         found[match["ours"]] = source = Source(match["name"].strip(), match["unit"] or "")
@@ -62,20 +67,25 @@ def parse_sources(words: Iterable[str]) -> dict[str, Source]:
 
 
 @checked
-def read_elsewhere(path: str | Path, columns: Sequence[str], sources: Mapping[str, Source] | None = None) -> dict[str, np.ndarray]:
+def read_elsewhere(
+    path: str | Path, columns: Sequence[str], sources: Mapping[str, Source] | None = None
+) -> dict[str, np.ndarray]:
     """Read columns of a file recorded elsewhere, in our units.
 
     Args:
         path: A ``.csv`` or ``.parquet`` file.
         columns: Our names of those needed.
-        sources: What some of them are called there and in which unit, by our name; the others have our name and our unit.
+        sources: What some of them are called there and in which unit, by our name; the others have
+            our name and our unit.
 
     Returns:
         The columns by our name, shape (n,) each.
 
     Raises:
-        DataError: As `cranedyn.data.trajectory.read_columns`; if time does not increase, or a swing is beyond 90°.
-        UnknownName: If a source is given for none of these columns, or has a unit that is none for it.
+        DataError: As `cranedyn.data.trajectory.read_columns`; if time does not increase, or a swing
+            is beyond 90°.
+        UnknownName: If a source is given for none of these columns, or has a unit that is none for
+            it.
     """
     sources = sources or {}
     for ours in sources:
@@ -86,12 +96,16 @@ def read_elsewhere(path: str | Path, columns: Sequence[str], sources: Mapping[st
     data = {ours: found[source.name] * _factor(ours, source) for ours, source in each.items()}
     t = data.get("t_s")
     if t is not None and not (len(t) > 1 and (t[1:] > t[:-1]).all()):
-        raise DataError(f"{path}: {printable(each['t_s'].name)} must increase from row to row, over two rows at least.")
+        raise DataError(
+            f"{path}: {printable(each['t_s'].name)} must increase from row to row, over two rows "
+            "at least."
+        )
     for ours in _SWINGS:
         if ours in data and (most := float(np.abs(data[ours]).max())) > _UPRIGHT:
             name = printable(each[ours].name)
             raise DataError(
-                f"{path}: {name} is {most:.4g} rad in some row; a swing is {_UPRIGHT:.4f} rad (90 degrees) at most. "
+                f"{path}: {name} is {most:.4g} rad in some row; a swing is {_UPRIGHT:.4f} rad (90 "
+                "degrees) at most. "
                 f"If the file has degrees, say so: --columns {ours}={name}[deg]."
             )
     return data
@@ -99,7 +113,9 @@ def read_elsewhere(path: str | Path, columns: Sequence[str], sources: Mapping[st
 
 def _factor(ours: str, source: Source) -> float:
     """How many of our units one of the file's is."""
-    ending = next((unit for unit in sorted(_UNITS, key=len, reverse=True) if ours.endswith(f"_{unit}")), "")
+    ending = next(
+        (unit for unit in sorted(_UNITS, key=len, reverse=True) if ours.endswith(f"_{unit}")), ""
+    )
     known = _UNITS.get(ending, {})
     if source.unit and source.unit not in known:
         raise UnknownName(f"unit of {ours}", source.unit, known or ["none"])

@@ -22,7 +22,8 @@ MOST_TEXT = 5_000_000
 
 
 def opened(path: str | Path) -> BinaryIO:
-    """A file to read. Its size is known: pipes and devices, which may never end nor even begin, are refused at once.
+    """A file to read. Its size is known: pipes and devices, which may never end nor even begin, are
+    refused at once.
 
     Raises:
         DataError: If it cannot be opened, or is no regular file.
@@ -32,8 +33,12 @@ def opened(path: str | Path) -> BinaryIO:
         if stat.S_ISREG(mode):
             return open(path, "rb")
     except (OSError, ValueError) as error:
-        raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
-    raise DataError(f"Cannot read {path}: it is {'a folder' if stat.S_ISDIR(mode) else 'no file but a device'}.")
+        raise DataError(
+            f"Cannot read {path}: {getattr(error, 'strerror', None) or error}."
+        ) from error
+    raise DataError(
+        f"Cannot read {path}: it is {'a folder' if stat.S_ISDIR(mode) else 'no file but a device'}."
+    )
 
 
 def read_bytes(path: str | Path, most: int = MOST_TEXT) -> bytes:
@@ -60,7 +65,8 @@ def read_text(path: str | Path) -> str:
     """The text of a UTF-8 file.
 
     Raises:
-        DataError: If it cannot be read, is no regular file, is not text, or is larger than `MOST_TEXT`.
+        DataError: If it cannot be read, is no regular file, is not text, or is larger than
+            `MOST_TEXT`.
     """
     try:
         return read_bytes(path).decode("utf-8-sig")
@@ -72,9 +78,15 @@ def parse_json(text: str | bytes) -> Any:
     """What a JSON text says, if all numbers in it are finite.
 
     Raises:
-        ValueError: If it is no JSON, or a number in it is not finite or too large for a double, such as 1e400.
+        ValueError: If it is no JSON, or a number in it is not finite or too large for a double,
+            such as 1e400.
     """
-    return json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=lambda digits: int(digits) if _finite(digits) else 0)
+    return json.loads(
+        text,
+        parse_float=_finite,
+        parse_constant=_finite,
+        parse_int=lambda digits: int(digits) if _finite(digits) else 0,
+    )
 
 
 def _finite(digits: str) -> float:
@@ -84,7 +96,10 @@ def _finite(digits: str) -> float:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    r"""Write a UTF-8 file. Bytes of names that are not UTF-8 become ``\udc80`` to ``\udcff``, which JSON reads back as they were.
+    r"""Write a UTF-8 file.
+
+    Bytes of names that are not UTF-8 become ``\udc80`` to ``\udcff``, which JSON reads back as they
+    were.
 
     Raises:
         DataError: As `written`.
@@ -112,13 +127,16 @@ def make_folder(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        raise DataError(f"Cannot make the folder {folder}: {getattr(error, 'strerror', None) or error}.") from error
+        raise DataError(
+            f"Cannot make the folder {folder}: {getattr(error, 'strerror', None) or error}."
+        ) from error
     return folder
 
 
 @contextmanager
 def reserved(folder: Path) -> Iterator[None]:
-    """Have a folder for one writer at a time. It is made if it is not there, and removed at the end if it was made here and is empty.
+    """Have a folder for one writer at a time. It is made if it is not there, and removed at the end
+    if it was made here and is empty.
 
     Raises:
         DataError: If another writer has it, or it cannot be made or opened.
@@ -149,7 +167,10 @@ def _locked(folder: Path) -> int:
             return lock
         os.close(lock)
         if outcome == "taken":
-            raise DataError(f"Cannot write to {folder}: another run is writing there; wait for it, or give another folder.")
+            raise DataError(
+                f"Cannot write to {folder}: another run is writing there; wait for it, or give "
+                "another folder."
+            )
 
 
 def flocked(file: int, path: Path) -> Literal["ours", "taken", "gone", "unknown"]:
@@ -160,8 +181,9 @@ def flocked(file: int, path: Path) -> Literal["ours", "taken", "gone", "unknown"
         path: Its name.
 
     Returns:
-        "ours" if it is locked now; "taken" if another process has it; "gone" if its name has come to stand for something else since it was
-        opened; "unknown" where the file system knows no locks.
+        "ours" if it is locked now; "taken" if another process has it; "gone" if its name has come
+        to stand for something else since it was opened; "unknown" where the file system knows no
+        locks.
     """
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -183,7 +205,8 @@ def remove_empty(folders: Sequence[Path]) -> None:
 
 
 def check_writable(path: str | Path) -> None:
-    """Return if a file can be written there, its folder made if need be, and a block of it has room; nothing is left behind.
+    """Return if a file can be written there, its folder made if need be, and a block of it has
+    room; nothing is left behind.
 
     Raises:
         DataError: If it cannot.
@@ -203,7 +226,8 @@ def check_writable(path: str | Path) -> None:
 
 
 class Draft:
-    """A file under a hidden name that cannot be guessed, of the same ending and folder, until it is whole and gets its own name.
+    """A file under a hidden name that cannot be guessed, of the same ending and folder, until it is
+    whole and gets its own name.
 
     Attributes:
         path: Where to write, by opening that name or by the system's own means.
@@ -214,15 +238,21 @@ class Draft:
         """Make the file, empty, readable for nobody who may not read the one it is to replace.
 
         Raises:
-            DataError: If something other than a file stands at the final name, or the system refuses.
+            DataError: If something other than a file stands at the final name, or the system
+                refuses.
         """
         with _sentence(final):
             self._mode = _mode(final)
             self.final = final
-            self.path = final.with_name(f".{final.stem[:40]}.{secrets.token_hex(8)}{final.suffix[-20:]}")
+            self.path = final.with_name(
+                f".{final.stem[:40]}.{secrets.token_hex(8)}{final.suffix[-20:]}"
+            )
             flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
             try:
-                self._file = os.fdopen(os.open(self.path, flags, 0o666 if self._mode is None else 0o600 | self._mode), "rb")
+                self._file = os.fdopen(
+                    os.open(self.path, flags, 0o666 if self._mode is None else 0o600 | self._mode),
+                    "rb",
+                )
             except KeyboardInterrupt:
                 with suppress(OSError):
                     self.path.unlink()
@@ -236,7 +266,9 @@ class Draft:
         """
         with _sentence(self.final):
             if not os.path.samestat(os.fstat(self._file.fileno()), self.path.lstat()):
-                raise DataError(f"Cannot write {self.final}: its draft {self.path} was moved or replaced.")
+                raise DataError(
+                    f"Cannot write {self.final}: its draft {self.path} was moved or replaced."
+                )
             if self._mode is not None:
                 os.fchmod(self._file.fileno(), self._mode)
             os.fsync(self._file.fileno())
@@ -274,12 +306,14 @@ _SET: ContextVar[list[Draft] | None] = ContextVar("_SET", default=None)
 
 @contextmanager
 def written(path: str | Path) -> Iterator[Path]:
-    """A path to write to, beside the final one; renamed to it at the end, removed if anything goes wrong.
+    """A path to write to, beside the final one; renamed to it at the end, removed if anything goes
+    wrong.
 
     At the end the content is on the disk. Within `together`, the name waits for the others.
 
     Raises:
-        DataError: If the folder does not exist, something other than a file stands there, or the system refuses to write.
+        DataError: If the folder does not exist, something other than a file stands there, or the
+            system refuses to write.
     """
     final, others = Path(path), _SET.get()
     if not final.parent.is_dir():
@@ -301,7 +335,8 @@ def written(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def together() -> Iterator[list[Draft]]:
-    """Files that are `written` in this context get their names when it ends, one right after the other, or none does if it breaks off.
+    """Files that are `written` in this context get their names when it ends, one right after the
+    other, or none does if it breaks off.
 
     Yields:
         The drafts so far, each of them whole, in the order in which they were written.
@@ -332,7 +367,10 @@ def _mode(final: Path) -> int | None:
     except FileNotFoundError:
         return None
     if not stat.S_ISREG(mode):
-        raise DataError(f"Cannot write {final}: it is {'a folder' if stat.S_ISDIR(mode) else 'no file but a device'}.")
+        raise DataError(
+            f"Cannot write {final}: it is "
+            f"{'a folder' if stat.S_ISDIR(mode) else 'no file but a device'}."
+        )
     return mode & 0o777
 
 

@@ -1,4 +1,6 @@
-"""How a record shows itself in Python and in a notebook, and how it goes to tables of other libraries."""
+"""How a record shows itself in Python and in a notebook, and how it goes to tables of other
+libraries.
+"""
 
 from __future__ import annotations
 
@@ -57,14 +59,19 @@ class Shown:
             CraneError: If pandas is not installed.
         """
         try:
-            frame = importlib.import_module("pandas").DataFrame({name: self[name] for name in self.keys()})
+            frame = importlib.import_module("pandas").DataFrame(
+                {name: self[name] for name in self.keys()}
+            )
         except ImportError:
-            raise CraneError("pandas is not installed; install it with: pip install 'cranedyn[pandas]'") from None
+            raise CraneError(
+                "pandas is not installed; install it with: pip install 'cranedyn[pandas]'"
+            ) from None
         frame.attrs.update(self.parameters)
         return frame
 
     def plot(self, *columns: str) -> Figure:
-        """Columns over time, or without names the drives beside their setpoints and the swing; a notebook shows the figure.
+        """Columns over time, or without names the drives beside their setpoints and the swing; a
+        notebook shows the figure.
 
         Raises:
             UnknownColumn: If there is no column of a name.
@@ -85,10 +92,13 @@ class Shown:
             The recording.
 
         Raises:
-            DataError: If the recording cannot be written, or the record names no crane, as one from a CSV file.
+            DataError: If the recording cannot be written, or the record names no crane, as one from
+                a CSV file.
             CraneError: If there is no display; the recording is written all the same.
         """
-        path: Path = importlib.import_module("cranedyn.recording.show").view(self, crane, name, file)
+        path: Path = importlib.import_module("cranedyn.recording.show").view(
+            self, crane, name, file
+        )
         return path
 
     def __repr__(self) -> str:
@@ -96,10 +106,14 @@ class Shown:
         if not len(self):
             return f"{type(self).__name__} without rows"
         lines = [
-            f"{name:14} {values[0]:12.6g} {values[-1]:12.6g} {values.min():12.6g} {values.max():12.6g}" for name, values in self._main()
+            f"{name:14} {values[0]:12.6g} {values[-1]:12.6g} {values.min():12.6g} "
+            f"{values.max():12.6g}"
+            for name, values in self._main()
         ]
         head = f"{type(self).__name__} of {len(self)} rows, t = {self.t[0]:g} to {self.t[-1]:g} s"
-        return "\n".join([head, f"{'':14} {'first':>12} {'last':>12} {'least':>12} {'most':>12}", *lines])
+        return "\n".join(
+            [head, f"{'':14} {'first':>12} {'last':>12} {'least':>12} {'most':>12}", *lines]
+        )
 
     def _repr_html_(self) -> str:
         """The same for a notebook, with all columns."""
@@ -107,13 +121,18 @@ class Shown:
             return f"<p>{type(self).__name__} without rows</p>"
         rows = "".join(
             f"<tr><td style='text-align:left'>{escape(name)}</td>"
-            + "".join(f"<td>{value:.6g}</td>" for value in (values[0], values[-1], values.min(), values.max()))
+            + "".join(
+                f"<td>{value:.6g}</td>"
+                for value in (values[0], values[-1], values.min(), values.max())
+            )
             + "</tr>"
             for name, values in ((name, self[name]) for name in self.keys())
         )
         return (
-            f"<p>{type(self).__name__} of {len(self)} rows, t = {self.t[0]:g} to {self.t[-1]:g} s</p><table><thead><tr>"
-            "<th style='text-align:left'>column</th><th>first</th><th>last</th><th>least</th><th>most</th></tr></thead>"
+            f"<p>{type(self).__name__} of {len(self)} rows, t = {self.t[0]:g} to {self.t[-1]:g} "
+            "s</p><table><thead><tr>"
+            "<th style='text-align:left'>column</th><th>first</th><th>last</th>"
+            "<th>least</th><th>most</th></tr></thead>"
             f"<tbody>{rows}</tbody></table>"
         )
 

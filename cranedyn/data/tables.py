@@ -17,16 +17,20 @@ from cranedyn.data.files import opened
 from cranedyn.errors import DataError
 
 LARGEST = 1_000_000_000
-"""Most bytes that are read: of a CSV file itself, of a Parquet file, which may hold far more than its size, the numbers asked for."""
+"""Most bytes that are read: of a CSV file itself, of a Parquet file, which may hold far more than
+its size, the numbers asked for."""
 
 _LARGEST_FOOTER = 20_000_000
-"""Most bytes in which a Parquet file says what is in it; they take some ten times as much memory."""
+"""Most bytes in which a Parquet file says what is in it; they take some ten times as much
+memory."""
 
 _BLOCK = 1_000_000
 """Bytes of a CSV file that are read at a time; most bytes of a line."""
 
 
-def read_table(path: str | Path, columns: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[bytes, bytes]]:
+def read_table(
+    path: str | Path, columns: Sequence[str]
+) -> tuple[dict[str, np.ndarray], dict[bytes, bytes]]:
     """Read some columns of numbers.
 
     Args:
@@ -37,8 +41,8 @@ def read_table(path: str | Path, columns: Sequence[str]) -> tuple[dict[str, np.n
         The columns by name, shape (n,) each, and what a Parquet file says of itself.
 
     Raises:
-        DataError: If the file cannot be read, is no regular file or larger than `LARGEST`, a column is missing, there twice or not of
-            numbers, or a value is missing or not finite.
+        DataError: If the file cannot be read, is no regular file or larger than `LARGEST`, a column
+            is missing, there twice or not of numbers, or a value is missing or not finite.
     """
     path = Path(path)
     try:
@@ -50,7 +54,10 @@ def read_table(path: str | Path, columns: Sequence[str]) -> tuple[dict[str, np.n
     for name, values in found.items():
         finite = np.isfinite(values)
         if not finite.all():
-            raise DataError(f"{path}: column {name} holds a value that is not finite, in data row {int(np.argmin(finite)) + 1}.")
+            raise DataError(
+                f"{path}: column {name} holds a value that is not finite, in data row "
+                f"{int(np.argmin(finite)) + 1}."
+            )
     return found, dict(table.schema.metadata or {})
 
 
@@ -61,7 +68,11 @@ def column_names(path: str | Path) -> list[str]:
         with opened(path) as file:
             if path.suffix != ".parquet":
                 head = pyarrow.csv.ReadOptions(use_threads=False)
-                return list(pyarrow.csv.open_csv(pa.BufferReader(next(_lines(file, path))), read_options=head).schema.names)
+                return list(
+                    pyarrow.csv.open_csv(
+                        pa.BufferReader(next(_lines(file, path))), read_options=head
+                    ).schema.names
+                )
             with _source(file, path) as source:
                 return list(source.schema_arrow.names)
     except (OSError, ValueError, pa.ArrowException) as error:
@@ -96,8 +107,12 @@ def _source(file: BinaryIO, path: Path) -> Iterator[pyarrow.parquet.ParquetFile]
     file.seek(max(0, os.fstat(file.fileno()).st_size - 8))
     end = file.read(8)
     if end[4:] == b"PAR1" and (footer := int.from_bytes(end[:4], "little")) > _LARGEST_FOOTER:
-        raise DataError(f"{path} says in {footer / 1e6:.0f} MB what is in it; allowed are {_LARGEST_FOOTER / 1e6:.0f}.")
-    # the same file by a name of the system's: threads of Arrow that hold an object of Python's abort a program that ends
+        raise DataError(
+            f"{path} says in {footer / 1e6:.0f} MB what is in it; allowed are "
+            f"{_LARGEST_FOOTER / 1e6:.0f}."
+        )
+    # the same file by a name of the system's: threads of Arrow that hold an object of Python's
+    # abort a program that ends
     with pa.OSFile(f"/dev/fd/{file.fileno()}") as same, pyarrow.parquet.ParquetFile(same) as source:
         yield source
 
@@ -113,7 +128,9 @@ def _asked(source: pyarrow.parquet.ParquetFile, columns: Sequence[str], path: Pa
 def _csv(file: BinaryIO, columns: Sequence[str], path: Path) -> pa.Table:
     """Only what is asked for is kept, block by block."""
     _check_size(os.fstat(file.fileno()).st_size, path)
-    convert = pyarrow.csv.ConvertOptions(include_columns=list(columns), column_types=dict.fromkeys(columns, pa.float64()))
+    convert = pyarrow.csv.ConvertOptions(
+        include_columns=list(columns), column_types=dict.fromkeys(columns, pa.float64())
+    )
     blocks: list[pa.Table] = []
     names: list[str] | None = None
     kept = 0
@@ -125,7 +142,11 @@ def _csv(file: BinaryIO, columns: Sequence[str], path: Path) -> pa.Table:
             options = head
         else:
             options = pyarrow.csv.ReadOptions(use_threads=False, column_names=names)
-        blocks.append(pyarrow.csv.read_csv(pa.BufferReader(lines), read_options=options, convert_options=convert))
+        blocks.append(
+            pyarrow.csv.read_csv(
+                pa.BufferReader(lines), read_options=options, convert_options=convert
+            )
+        )
         kept += blocks[-1].nbytes
         _check_size(max(kept, file.tell()), path)  # the file may grow meanwhile
     return pa.concat_tables(blocks)
@@ -147,13 +168,17 @@ def _lines(file: BinaryIO, path: Path) -> Iterator[bytes]:
 
 def _check_size(size: float, path: Path) -> None:
     if size > LARGEST:
-        raise DataError(f"{path} holds {size / 1e6:.0f} MB to read; allowed are {LARGEST / 1e6:.0f}.")
+        raise DataError(
+            f"{path} holds {size / 1e6:.0f} MB to read; allowed are {LARGEST / 1e6:.0f}."
+        )
 
 
 def _check_names(names: Sequence[str], columns: Sequence[str], path: Path) -> None:
     missing = [name for name in columns if name not in names]
     if missing:
-        raise DataError(f"{path} has no column {', '.join(missing)}; needed are {', '.join(columns)}.")
+        raise DataError(
+            f"{path} has no column {', '.join(missing)}; needed are {', '.join(columns)}."
+        )
     for name in columns:
         if (count := names.count(name)) > 1:
             raise DataError(f"{path} has {count} columns {name}; needed is one.")
@@ -162,5 +187,7 @@ def _check_names(names: Sequence[str], columns: Sequence[str], path: Path) -> No
 def _check_kinds(schema: pa.Schema, columns: Sequence[str], path: Path) -> None:
     for name in columns:
         kind = schema.field(name).type
-        if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
+        if not (
+            pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)
+        ):
             raise DataError(f"{path}: column {name} holds something that is not a number ({kind}).")

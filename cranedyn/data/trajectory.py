@@ -22,7 +22,20 @@ from cranedyn.interfaces import State
 if TYPE_CHECKING:
     import pyarrow
 
-QUANTITIES = ("t", "q", "v", "setpoint", "command", "effort", "energy", "work", "dissipated", "force", "outside", "valid")
+QUANTITIES = (
+    "t",
+    "q",
+    "v",
+    "setpoint",
+    "command",
+    "effort",
+    "energy",
+    "work",
+    "dissipated",
+    "force",
+    "outside",
+    "valid",
+)
 """The arrays of a trajectory, in the order of their columns."""
 
 _OF_RUN = {
@@ -44,7 +57,8 @@ _FORMS = {
     "work": re.compile(r"W_(?P<of>.+)_J"),
     "q": re.compile(r"(?P<of>.+)_(?P<unit>rad|m)"),
 }
-"""What the names of all other columns look like, as `cranedyn.model.layout.Layout.columns` gives them; the first that fits tells."""
+"""What the names of all other columns look like, as `cranedyn.model.layout.Layout.columns` gives
+them; the first that fits tells."""
 
 
 def columns_of(names: Sequence[str], path: str | Path) -> dict[str, tuple[str, ...]]:
@@ -62,7 +76,11 @@ def columns_of(names: Sequence[str], path: str | Path) -> dict[str, tuple[str, .
     units: dict[str, str] = {}
     parts: dict[str, list[str]] = {quantity: [] for quantity in _FORMS}
     for name in names:
-        fits = [(quantity, match) for quantity, form in _FORMS.items() if (match := form.fullmatch(name))]
+        fits = [
+            (quantity, match)
+            for quantity, form in _FORMS.items()
+            if (match := form.fullmatch(name))
+        ]
         if name in known:
             found[known[name]].append(name)
         elif fits:
@@ -72,20 +90,40 @@ def columns_of(names: Sequence[str], path: str | Path) -> dict[str, tuple[str, .
             units |= {match["of"]: match["unit"]} if quantity in ("q", "v") else {}
     lacking = [name for name in _belonging(units, parts) if name not in names]
     if lacking:
-        raise DataError(f"{path} has no column {', '.join(dict.fromkeys(lacking))}; a whole record of these joints has it.")
+        raise DataError(
+            f"{path} has no column {', '.join(dict.fromkeys(lacking))}; a whole record of these "
+            "joints has it."
+        )
     if not (units and parts["effort"]):
-        raise DataError(f"{path} has columns of no joint, or of no drive; a record has them of one each at least.")
+        raise DataError(
+            f"{path} has columns of no joint, or of no drive; a record has them of one each at "
+            "least."
+        )
     return {quantity: tuple(columns) for quantity, columns in found.items()}
 
 
 def _belonging(units: Mapping[str, str], parts: Mapping[str, Sequence[str]]) -> list[str]:
     """Columns that a record of such coordinates, drives and points has."""
     needed = [name for own in _OF_RUN.values() for name in own]
-    needed += [name for of, unit in units.items() for name in (f"{of}_{unit}", f"{of}_dot_{unit}_s")]
-    for of in dict.fromkeys(of for quantity in ("setpoint", "command", "effort", "work") for of in parts[quantity]):
-        unit, effort = ("rad", f"T_{of}{{}}_Nm") if units.get(of) == "rad" else ("m", f"F_{of}{{}}_N")
-        needed += [f"{of}_{unit}", f"{of}_setpoint_{unit}", effort.format("_command"), effort.format(""), f"W_{of}_J"]
-    return needed + [f"{of}_force_{axis}_N" for of in dict.fromkeys(parts["force"]) for axis in "xyz"]
+    needed += [
+        name for of, unit in units.items() for name in (f"{of}_{unit}", f"{of}_dot_{unit}_s")
+    ]
+    for of in dict.fromkeys(
+        of for quantity in ("setpoint", "command", "effort", "work") for of in parts[quantity]
+    ):
+        unit, effort = (
+            ("rad", f"T_{of}{{}}_Nm") if units.get(of) == "rad" else ("m", f"F_{of}{{}}_N")
+        )
+        needed += [
+            f"{of}_{unit}",
+            f"{of}_setpoint_{unit}",
+            effort.format("_command"),
+            effort.format(""),
+            f"W_{of}_J",
+        ]
+    return needed + [
+        f"{of}_force_{axis}_N" for of in dict.fromkeys(parts["force"]) for axis in "xyz"
+    ]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,19 +135,25 @@ class Trajectory(Shown):
         q: Coordinates [rad or m], shape (rows, n).
         v: Their rates, shape (rows, n).
         setpoint: Where the drives should be [rad or m], shape (rows, m).
-        command: Efforts that the controller asked for, from this instant to the next [N m or N], shape (rows, m).
-            Where the drives follow prescribed motion they are the efforts that this motion costs.
+        command: Efforts that the controller asked for, from this instant to the next [N m or N],
+            shape (rows, m). Where the drives follow prescribed motion they are the efforts that
+            this motion costs.
         effort: Efforts that acted: the command within the limits of the drives, shape (rows, m).
-        energy: Mechanical energy of the whole crane [J], zero of height at the ground, shape (rows,).
+        energy: Mechanical energy of the whole crane [J], zero of height at the ground, shape
+            (rows,).
         work: Work done by each drive since the start [J], shape (rows, m).
         dissipated: Energy taken by joint damping since the start [J], shape (rows,).
-        force: Outside forces in the world from this instant to the next, on the points of the crane [N], shape (rows, 3 points).
-        outside: Work done on the crane since the start by these forces, and by buffers at the ends of the ranges [J], shape (rows, 2).
-        valid: 1 where the model holds, 0 where not, see `cranedyn.dynamics.validity`; shape (rows,).
+        force: Outside forces in the world from this instant to the next, on the points of the crane
+            [N], shape (rows, 3 points).
+        outside: Work done on the crane since the start by these forces, and by buffers at the ends
+            of the ranges [J], shape (rows, 2).
+        valid: 1 where the model holds, 0 where not, see `cranedyn.dynamics.validity`; shape
+            (rows,).
         columns: Names of the columns of each of these.
         parameters: What the run was made with, by name.
-        record: What moved and what moved it, for whoever makes the run again: the crane, controller, reference and disturbance by name
-            with their numbers, and versions of programs.
+        record: What moved and what moved it, for whoever makes the run again: the crane,
+            controller, reference and disturbance by name with their numbers, and versions of
+            programs.
     """
 
     t: np.ndarray
@@ -145,7 +189,8 @@ class Trajectory(Shown):
         raise UnknownColumn("column", column, self.keys())
 
     def coordinates(self, *symbols: str) -> np.ndarray:
-        """Some coordinates by their symbols, for example "phi", "theta" [rad or m], shape (rows, number of symbols).
+        """Some coordinates by their symbols, for example "phi", "theta" [rad or m], shape (rows,
+        number of symbols).
 
         Raises:
             UnknownName: If there is no coordinate of a symbol.
@@ -153,7 +198,8 @@ class Trajectory(Shown):
         return self.q[:, self._places(symbols)]
 
     def rates(self, *symbols: str) -> np.ndarray:
-        """The rates of some coordinates by their symbols [rad/s or m/s], shape (rows, number of symbols).
+        """The rates of some coordinates by their symbols [rad/s or m/s], shape (rows, number of
+        symbols).
 
         Raises:
             UnknownName: If there is no coordinate of a symbol.
@@ -168,7 +214,9 @@ class Trajectory(Shown):
     @property
     def drives(self) -> list[int]:
         """Where the drives stand among the coordinates."""
-        return self._places([column.rpartition("_setpoint_")[0] for column in self.columns["setpoint"]])
+        return self._places(
+            [column.rpartition("_setpoint_")[0] for column in self.columns["setpoint"]]
+        )
 
     def _places(self, symbols: Sequence[str]) -> list[int]:
         for symbol in symbols:
@@ -185,7 +233,9 @@ class Trajectory(Shown):
         try:
             q, v = self.q[operator.index(row)], self.v[operator.index(row)]
         except (IndexError, OverflowError, TypeError):
-            raise OutOfRange("row", described(row), f"a whole number from {-len(self)} to {len(self) - 1}") from None
+            raise OutOfRange(
+                "row", described(row), f"a whole number from {-len(self)} to {len(self) - 1}"
+            ) from None
         return State(q, v)
 
     @checked
@@ -208,7 +258,9 @@ class Trajectory(Shown):
 
     @property
     def ledger(self) -> np.ndarray:
-        """Energy less the work done on the crane plus what damping took [J], shape (n,); constant but for the error of the step."""
+        """Energy less the work done on the crane plus what damping took [J], shape (n,); constant
+        but for the error of the step.
+        """
         return self.energy - self.work.sum(axis=1) - self.outside.sum(axis=1) + self.dissipated
 
     @property
@@ -223,12 +275,16 @@ class Trajectory(Shown):
         names = [column for columns in self.columns.values() for column in columns]
         return pyarrow.table(
             {name: np.ascontiguousarray(self[name]) for name in names},
-            metadata={"cranedyn": json.dumps(dict(self.parameters)), "cranedyn.record": json.dumps(dict(self.record))},
+            metadata={
+                "cranedyn": json.dumps(dict(self.parameters)),
+                "cranedyn.record": json.dumps(dict(self.record)),
+            },
         )
 
     @checked
     def write(self, path: str | Path) -> Path:
-        """Write to a ``.csv`` or ``.parquet`` file; both hold every number to the bit, Parquet the parameters too.
+        """Write to a ``.csv`` or ``.parquet`` file; both hold every number to the bit, Parquet the
+        parameters too.
 
         Raises:
             DataError: If the ending is another or the file cannot be written.
@@ -237,10 +293,13 @@ class Trajectory(Shown):
         import pyarrow.parquet
 
         path = Path(path)
-        writer = {".csv": pyarrow.csv.write_csv, ".parquet": pyarrow.parquet.write_table}.get(path.suffix)
+        writer = {".csv": pyarrow.csv.write_csv, ".parquet": pyarrow.parquet.write_table}.get(
+            path.suffix
+        )
         if writer is None:
             raise DataError(f"Cannot write {path}: the ending must be .csv or .parquet.")
-        with written(path) as draft, draft.open("wb") as file:  # Arrow takes no name that is not UTF-8
+        # Arrow takes no name that is not UTF-8.
+        with written(path) as draft, draft.open("wb") as file:
             writer(self.table(), file)
         return path
 
@@ -250,8 +309,8 @@ def read(path: str | Path) -> Trajectory:
     """Read a whole trajectory back from what `Trajectory.write` wrote.
 
     Raises:
-        DataError: As `cranedyn.data.tables.read_table`; if there is no row, time does not increase, or the parameters are not a JSON
-            object of numbers and words.
+        DataError: As `cranedyn.data.tables.read_table`; if there is no row, time does not increase,
+            or the parameters are not a JSON object of numbers and words.
     """
     from cranedyn.data.tables import column_names, read_table
 
@@ -262,7 +321,12 @@ def read(path: str | Path) -> Trajectory:
         raise DataError(f"{path}: t_s must increase from row to row, over one row at least.")
     flat = ("t", "energy", "dissipated", "valid")
     return Trajectory(
-        **{name: found[own[0]] if name in flat else np.stack([found[column] for column in own], axis=1) for name, own in columns.items()},
+        **{
+            name: found[own[0]]
+            if name in flat
+            else np.stack([found[column] for column in own], axis=1)
+            for name, own in columns.items()
+        },
         columns=columns,
         parameters=_parameters(metadata, path),
         record=_record(metadata, path),
@@ -290,7 +354,9 @@ def _parameters(metadata: Mapping[bytes, bytes], path: str | Path) -> dict[str, 
         found = parse_json(metadata.get(b"cranedyn", b"{}"))
     except (ValueError, RecursionError):
         found = None
-    if not isinstance(found, dict) or not all(isinstance(value, float | int | str) for value in found.values()):
+    if not isinstance(found, dict) or not all(
+        isinstance(value, float | int | str) for value in found.values()
+    ):
         raise DataError(f"{path}: its parameters are not a JSON object of numbers and words.")
     return found
 
@@ -307,7 +373,8 @@ def _record(metadata: Mapping[bytes, bytes], path: str | Path) -> dict[str, Any]
 
 @checked
 def read_record(path: str | Path) -> dict[str, Any]:
-    """What a Parquet file says of what moved and what moved it, see `Trajectory.record`; empty if it says nothing.
+    """What a Parquet file says of what moved and what moved it, see `Trajectory.record`; empty if
+    it says nothing.
 
     Raises:
         DataError: If it cannot be read, or says it in another form.
@@ -319,12 +386,14 @@ def read_record(path: str | Path) -> dict[str, Any]:
 
 @checked
 def join(pieces: Sequence[Trajectory]) -> Trajectory:
-    """One trajectory from pieces of a run, each beginning at the time and state at which the one before ended.
+    """One trajectory from pieces of a run, each beginning at the time and state at which the one
+    before ended.
 
     Work and dissipation go on from piece to piece; parameters are those of the first.
 
     Raises:
-        DataError: If there is no piece, one is empty, or one does not begin where the one before ended.
+        DataError: If there is no piece, one is empty, or one does not begin where the one before
+            ended.
     """
     if not len(pieces):
         raise DataError("There are no pieces to join.")
@@ -332,11 +401,23 @@ def join(pieces: Sequence[Trajectory]) -> Trajectory:
         raise DataError("A piece to join has no rows.")
     for one, next_one in itertools.pairwise(pieces):
         if one.t[-1] != next_one.t[0] or not np.array_equal(one.q[-1], next_one.q[0]):
-            raise DataError(f"A piece that begins at t = {next_one.t[0]:g} s does not go on from one that ends at t = {one.t[-1]:g} s.")
+            raise DataError(
+                f"A piece that begins at t = {next_one.t[0]:g} s does not go on from one that ends "
+                f"at t = {one.t[-1]:g} s."
+            )
     ends = [-1] * (len(pieces) - 1) + [None]
-    whole = {name: np.concatenate([getattr(piece, name)[:end] for piece, end in zip(pieces, ends, strict=True)]) for name in QUANTITIES}
+    whole = {
+        name: np.concatenate(
+            [getattr(piece, name)[:end] for piece, end in zip(pieces, ends, strict=True)]
+        )
+        for name in QUANTITIES
+    }
     for name in ("work", "dissipated", "outside"):
         before = np.cumsum([getattr(piece, name)[-1] for piece in pieces[:-1]], axis=0)
-        on = [getattr(piece, name) + (before[k - 1] if k else 0.0) for k, piece in enumerate(pieces)]
+        on = [
+            getattr(piece, name) + (before[k - 1] if k else 0.0) for k, piece in enumerate(pieces)
+        ]
         whole[name] = np.concatenate([values[:end] for values, end in zip(on, ends, strict=True)])
-    return Trajectory(**whole, columns=pieces[0].columns, parameters=pieces[0].parameters, record=pieces[0].record)
+    return Trajectory(
+        **whole, columns=pieces[0].columns, parameters=pieces[0].parameters, record=pieces[0].record
+    )

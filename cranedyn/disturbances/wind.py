@@ -1,6 +1,8 @@
-"""Wind and other forces from outside, on the points of a crane: for a tower crane the payload and the trolley.
+"""Wind and other forces from outside, on the points of a crane: for a tower crane the payload and
+the trolley.
 
-A wind speed is a plain callable from time [s] to [m/s]; `wind` makes forces of it for `cranedyn.simulation.simulate.simulate`.
+A wind speed is a plain callable from time [s] to [m/s]; `wind` makes forces of it for
+`cranedyn.simulation.simulate.simulate`.
 """
 
 from __future__ import annotations
@@ -30,13 +32,14 @@ Speed = Callable[[float], float]
 def constant_force(crane: Crane, *, at: float = 0.0, **forces: Sequence[float]) -> Disturbance:
     """Constant forces on points of a crane in the world [N] from a time on [s].
 
-    A horizontal force F on a payload of weight m g moves its rest to atan(F/(m g)); coming at once it swings the payload to nearly twice
-    that.
+    A horizontal force F on a payload of weight m g moves its rest to atan(F/(m g)); coming at once
+    it swings the payload to nearly twice that.
 
     Args:
         crane: The crane.
         at: When they begin [s].
-        forces: By the name of the point, for example ``payload=(100.0, 0.0, 0.0)``; see `cranedyn.model.layout.Layout.points`.
+        forces: By the name of the point, for example ``payload=(100.0, 0.0, 0.0)``; see
+            `cranedyn.model.layout.Layout.points`.
 
     Raises:
         UnknownName: If there is no such point.
@@ -46,7 +49,9 @@ def constant_force(crane: Crane, *, at: float = 0.0, **forces: Sequence[float]) 
     for name, force in forces.items():
         if name not in crane.layout.points:
             raise UnknownName("point", name, crane.layout.points)
-        given[crane.layout.points.index(name)] = finite(f"force on the {name}", force, (3,), unit="N")
+        given[crane.layout.points.index(name)] = finite(
+            f"force on the {name}", force, (3,), unit="N"
+        )
     first, none = number("start of the force", at, "s"), np.zeros_like(given)
     return lambda t, state: given if t >= first else none
 
@@ -67,19 +72,36 @@ def step_gust(base: Speed, rise: float, *, at: float) -> Speed:
 
 @checked
 def cosine_gust(base: Speed, rise: float, *, at: float, lasts: float) -> Speed:
-    """Add a gust of shape (1 - cos)/2, a discrete gust: its largest rise [m/s], when it begins and how long it lasts [s]."""
+    """Add a gust of shape (1 - cos)/2, a discrete gust: its largest rise [m/s], when it begins and
+    how long it lasts [s].
+    """
     by, first = number("rise of the wind", rise, "m/s"), number("start of the gust", at, "s")
     span = number("duration of the gust", lasts, "s", "> 0")
-    return lambda t: base(t) + (by * (1.0 - math.cos(2.0 * math.pi * (t - first) / span)) / 2.0 if first <= t <= first + span else 0.0)
+    return lambda t: (
+        base(t)
+        + (
+            by * (1.0 - math.cos(2.0 * math.pi * (t - first) / span)) / 2.0
+            if first <= t <= first + span
+            else 0.0
+        )
+    )
 
 
 @checked
 def turbulence(
-    base: Speed, intensity: float, rng: np.random.Generator, *, duration: float, time_scale: float = 5.0, step: float = 0.05
+    base: Speed,
+    intensity: float,
+    rng: np.random.Generator,
+    *,
+    duration: float,
+    time_scale: float = 5.0,
+    step: float = 0.05,
 ) -> Speed:
-    """Add a first-order Gauss-Markov process, the longitudinal Dryden spectrum: σ² autocorrelated as exp(-|τ|/time scale).
+    """Add a first-order Gauss-Markov process, the longitudinal Dryden spectrum: σ² autocorrelated
+    as exp(-|τ|/time scale).
 
-    At the steps this is exact. Between them, where a straight line would have less than σ, it is the line over its share of σ.
+    At the steps this is exact. Between them, where a straight line would have less than σ, it is
+    the line over its share of σ.
 
     Args:
         base: Mean wind.
@@ -92,7 +114,9 @@ def turbulence(
     Raises:
         OutOfRange: If a number is not positive.
     """
-    sigma = number("turbulence intensity", intensity, "", ">= 0") * abs(number("wind speed", base(0.0), "m/s"))
+    sigma = number("turbulence intensity", intensity, "", ">= 0") * abs(
+        number("wind speed", base(0.0), "m/s")
+    )
     intervals("duration of the turbulence", duration, step)
     count = math.ceil(duration / step) + 1
     keep = math.exp(-step / number("time scale of the turbulence", time_scale, "s", "> 0"))
@@ -104,7 +128,8 @@ def turbulence(
 
     def gust(t: float) -> float:
         row, share = place(t, step, count)
-        lost = 2.0 * share * (1.0 - share) * (1.0 - keep)  # a line from a to b with E[ab] = keep σ² has the variance (1 - lost) σ²
+        # A line from a to b with E[ab] = keep σ² has the variance (1 - lost) σ².
+        lost = 2.0 * share * (1.0 - share) * (1.0 - keep)
         return float(at_place(gusts, row, share)) / math.sqrt(1.0 - lost)
 
     return lambda t: base(t) + gust(t)
@@ -112,13 +137,16 @@ def turbulence(
 
 @checked
 def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Disturbance:
-    """Drag of a horizontal wind on points of a crane: ½ ρ A |w - v| (w - v), relative to their own velocity v.
+    """Drag of a horizontal wind on points of a crane: ½ ρ A |w - v| (w - v), relative to their own
+    velocity v.
 
     Args:
         crane: The crane.
         speed: Wind speed over time.
-        direction: Where it blows to, angle from the world's +X towards +Y [rad]; -π/2 is along the jib at zero slew.
-        areas: Drag coefficient times area [m²] by the name of the point with the ending "_area", for example ``payload_area=4.0``.
+        direction: Where it blows to, angle from the world's +X towards +Y [rad]; -π/2 is along the
+            jib at zero slew.
+        areas: Drag coefficient times area [m²] by the name of the point with the ending "_area",
+            for example ``payload_area=4.0``.
 
     Raises:
         UnknownName: If there is no such point.
@@ -130,7 +158,9 @@ def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Dis
     for name, area in areas.items():
         if name not in (known := [f"{point}_area" for point in points]):
             raise UnknownName("drag area", name, known)
-        each[known.index(name)] = number(f"drag area of the {name.removesuffix('_area')}", area, "m²", ">= 0")
+        each[known.index(name)] = number(
+            f"drag area of the {name.removesuffix('_area')}", area, "m²", ">= 0"
+        )
 
     def disturbance(t: float, state: State) -> np.ndarray:
         relative = speed(t) * along - point_velocities(crane, state)

@@ -1,1 +1,3 @@
-"""How a crane moves: bodies, joint forces, drives, integrators, and where the model ceases to hold."""
+"""How a crane moves: bodies, joint forces, drives, integrators, and where the model ceases to
+hold.
+"""

@@ -1,8 +1,9 @@
 """Thousands of cranes that differ in arguments of one description, without loading each.
 
-What the dynamics asks of a crane is a row of numbers (`cranedyn.dynamics.plant.numbers`): masses, first moments, inertias, places.
-In the arguments of a description these are polynomials: at most of second degree in each argument, and no term of more than two of them.
-So a few cranes that are loaded tell all others, and some of the others are loaded to see whether that is so.
+What the dynamics asks of a crane is a row of numbers (`cranedyn.dynamics.plant.numbers`): masses,
+first moments, inertias, places. In the arguments of a description these are polynomials: at most of
+second degree in each argument, and no term of more than two of them. So a few cranes that are
+loaded tell all others, and some of the others are loaded to see whether that is so.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from cranedyn.model.layout import Layout
 from cranedyn.model.load import load_crane
 
 _LOOKED_AT, _AGREES = 6, 1e-11
-"""How many of the cranes are loaded to compare, and by which share of the largest number in a column they may differ: round-off."""
+"""How many of the cranes are loaded to compare, and by which share of the largest number in a
+column they may differ: round-off."""
 
 
 class Cranes:
@@ -36,7 +38,14 @@ class Cranes:
         start: Where each starts, shape (cranes, n) each.
     """
 
-    def __init__(self, base: Crane, made: Mapping[str, Any], varied: Mapping[str, np.ndarray], rows: np.ndarray, start: State) -> None:
+    def __init__(
+        self,
+        base: Crane,
+        made: Mapping[str, Any],
+        varied: Mapping[str, np.ndarray],
+        rows: np.ndarray,
+        start: State,
+    ) -> None:
         """Keep what makes them.
 
         Args:
@@ -79,19 +88,24 @@ def load_cranes(urdf: str | Path | None = None, **values: Any) -> Cranes:
 
     Args:
         urdf: As for `load_crane`.
-        values: Arguments of the xacro file as for `load_crane`, one for all or an array with one for each crane; also coordinates and rates
-            at the start by their symbols, for example ``payload_mass=masses, l=lengths, phi=0.1``. What `load_crane` takes besides, such as
+        values: Arguments of the xacro file as for `load_crane`, one for all or an array with one
+            for each crane; also coordinates and rates at the start by their symbols, for example
+            ``payload_mass=masses, l=lengths, phi=0.1``. What `load_crane` takes besides, such as
             ``gravity`` or ``joints``, is for all.
 
     Raises:
-        OutOfRange: If arrays have different lengths or not one axis, a value is not finite, or is none that a crane can have.
+        OutOfRange: If arrays have different lengths or not one axis, a value is not finite, or is
+            none that a crane can have.
         UnknownName: If there is neither an argument nor a coordinate of a name.
-        ModelError: If the numbers of the cranes are not such polynomials of the arguments, so that they must be loaded one by one; or if
-            they are elastic and it is not said where they start.
+        ModelError: If the numbers of the cranes are not such polynomials of the arguments, so that
+            they must be loaded one by one; or if they are elastic and it is not said where they
+            start.
     """
     known = {*inspect.signature(load_crane).parameters, *_arguments(urdf)} - {"values"}
     arrays = {
-        name: np.asarray(value, dtype=float) for name, value in values.items() if isinstance(value, np.ndarray | list) and name != "driven"
+        name: np.asarray(value, dtype=float)
+        for name, value in values.items()
+        if isinstance(value, np.ndarray | list) and name != "driven"
     }
     shapes = {name: array.shape for name, array in arrays.items()}
     if any(len(shape) != 1 for shape in shapes.values()) or len(set(shapes.values())) != 1:
@@ -99,10 +113,17 @@ def load_cranes(urdf: str | Path | None = None, **values: Any) -> Cranes:
         raise OutOfRange("arrays of values", shown, "one or more of one length")
     for name, array in arrays.items():
         finite(name, array, shapes[name])
-    made = {"urdf": urdf, **{name: value for name, value in values.items() if name in known and name not in arrays}}
+    made = {
+        "urdf": urdf,
+        **{name: value for name, value in values.items() if name in known and name not in arrays},
+    }
     varied = {name: array for name, array in arrays.items() if name in known}
     rows, base = _numbers(made, varied, next(iter(shapes.values()))[0])
-    start = _start(base, rows[:, -base.layout.n :], {name: value for name, value in values.items() if name not in known})
+    start = _start(
+        base,
+        rows[:, -base.layout.n :],
+        {name: value for name, value in values.items() if name not in known},
+    )
     return Cranes(base, made, varied, rows[:, : -base.layout.n], start)
 
 
@@ -117,9 +138,16 @@ def _row(crane: Crane) -> np.ndarray:
     return np.concatenate([numbers(crane), crane.start.q])
 
 
-def _numbers(made: Mapping[str, Any], varied: Mapping[str, np.ndarray], count: int) -> tuple[np.ndarray, Crane]:
-    """Numbers of all cranes and where they start, shape (count, k + n), and the one in the middle."""
-    nodes = {name: np.array([array.min(), (array.min() + array.max()) / 2.0, array.max()]) for name, array in varied.items()}
+def _numbers(
+    made: Mapping[str, Any], varied: Mapping[str, np.ndarray], count: int
+) -> tuple[np.ndarray, Crane]:
+    """Numbers of all cranes and where they start, shape (count, k + n), and the one in the
+    middle.
+    """
+    nodes = {
+        name: np.array([array.min(), (array.min() + array.max()) / 2.0, array.max()])
+        for name, array in varied.items()
+    }
     names = [name for name, (low, _, high) in nodes.items() if high > low]
 
     def at(**places: int) -> Crane:
@@ -145,7 +173,10 @@ def _numbers(made: Mapping[str, Any], varied: Mapping[str, np.ndarray], count: i
         own = _row(load_crane(**made, **values))
         if not (np.abs(own - rows[i]) <= _AGREES * size)[certain].all():
             shown = ", ".join(names)
-            raise ModelError(f"The numbers of this crane depend on {shown} in another way than load_cranes knows; load them one by one.")
+            raise ModelError(
+                f"The numbers of this crane depend on {shown} in another way than load_cranes "
+                "knows; load them one by one."
+            )
     return rows, base
 
 
@@ -161,12 +192,22 @@ def _lagrange(nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
 def _start(base: Crane, places: np.ndarray, given: Mapping[str, Any]) -> State:
     """Where the cranes start: at coordinates that are given, else where the description says."""
     layout = base.layout
-    if base.springs.any and (missing := [symbol for symbol in (layout.symbols[i] for i in layout.passive) if symbol not in given]):
-        raise ModelError(f"These cranes are elastic, each hangs otherwise; give {', '.join(missing)} at the start to load_cranes.")
+    if base.springs.any and (
+        missing := [
+            symbol for symbol in (layout.symbols[i] for i in layout.passive) if symbol not in given
+        ]
+    ):
+        raise ModelError(
+            f"These cranes are elastic, each hangs otherwise; give {', '.join(missing)} at the "
+            "start to load_cranes."
+        )
     q, v = places.copy(), np.zeros_like(places)
     for name, value in given.items():
         symbol = name.removesuffix("_dot")
         (q if name == symbol else v)[:, layout.index(symbol)] = value
-    for row in {int(extreme(q[:, i])) for i in range(layout.n) for extreme in (np.argmin, np.argmax)}:  # out of a range is one of these
+    # Out of a range is one of these.
+    for row in {
+        int(extreme(q[:, i])) for i in range(layout.n) for extreme in (np.argmin, np.argmax)
+    }:
         base.state(**dict(zip(layout.symbols, q[row].tolist(), strict=True)))
     return State(q, v)

@@ -1,4 +1,6 @@
-"""How a command acts on the crane: drives that exert an effort, and drives that follow a motion. Inside, time is counted in steps."""
+"""How a command acts on the crane: drives that exert an effort, and drives that follow a motion.
+Inside, time is counted in steps.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,11 @@ from cranedyn.model.crane import Crane
 
 
 def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """What the buffers at the ends of the cable push, with the sign of the hoist's force [N], in rows, shape (rows,).
+    """What the buffers at the ends of the cable push, with the sign of the hoist's force [N], in
+    rows, shape (rows,).
 
-    At the longest cable that is negative, what the buffer takes of the load. At the shortest the hook block meets the trolley, which pushes
-    it down.
+    At the longest cable that is negative, what the buffer takes of the load. At the shortest the
+    hook block meets the trolley, which pushes it down.
 
     Args:
         crane: The crane; without a hoist there are none.
@@ -34,7 +37,8 @@ def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 class Outside:
-    """What acts on the joints from outside: forces on the points of the crane, and buffers at the ends of the ranges of the drives.
+    """What acts on the joints from outside: forces on the points of the crane, and buffers at the
+    ends of the ranges of the drives.
 
     Attributes:
         force: On the points of the crane in the world [N], shape (points, 3).
@@ -72,7 +76,9 @@ class Outside:
         return self._work / self._dt**2
 
     def _book(self, u: np.ndarray) -> None:
-        """Add the last step's work: its force times the mean of the velocities before and after it."""
+        """Add the last step's work: its force times the mean of the velocities before and after
+        it.
+        """
         if self._stop_effort.any():
             self._work += float(self._stop_effort @ (self._u + u[self._drives])) / 2.0
             self._stop_effort = np.zeros(len(self._drives))
@@ -109,14 +115,20 @@ class EffortDrives:
         aba, world, add, multiply = pin.aba, pin.Convention.WORLD, pin.integrate, np.multiply
         model, data, tau = self.model, self.model.createData(), self._tau
         if outside is not None:
-            return lambda q, u: aba(model, data, q, u, tau + joint.effort(q, u) + outside(q, u), world)
+            return lambda q, u: aba(
+                model, data, q, u, tau + joint.effort(q, u) + outside(q, u), world
+            )
         if joint.springs is not None:
             return lambda q, u: aba(model, data, q, u, tau + joint.effort(q, u), world)
         resistance, scratch = -joint.damping, np.empty(model.nv)
-        return lambda q, u: aba(model, data, q, u, add(model, tau, multiply(resistance, u, scratch)), world)
+        return lambda q, u: aba(
+            model, data, q, u, add(model, tau, multiply(resistance, u, scratch)), world
+        )
 
     def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Take a command until the next one; returns the effort asked for and the effort that acts, shape (m,) each."""
+        """Take a command until the next one; returns the effort asked for and the effort that acts,
+        shape (m,) each.
+        """
         self._effort = self._limits.cut(command)
         self._tau[self._drives] = self._dt2 * self._effort
         return command, self._effort
@@ -139,7 +151,8 @@ class MotionDrives:
         self._outside = outside
 
     def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Take a command until the next one; returns the effort that it costs at this state, twice, shape (m,) each.
+        """Take a command until the next one; returns the effort that it costs at this state, twice,
+        shape (m,) each.
 
         Raises:
             OutOfRange: If that is not finite.
@@ -148,21 +161,27 @@ class MotionDrives:
         effort = self.effort(state)
         if not np.isfinite(effort).all():
             units = ", ".join(joint.effort_unit for joint in self._layout.driven)
-            raise OutOfRange("effort that the motion costs", effort.tolist(), "finite numbers", units)
+            raise OutOfRange(
+                "effort that the motion costs", effort.tolist(), "finite numbers", units
+            )
         return effort, effort
 
     def effort(self, state: State) -> np.ndarray:
         """What acts at a state under the last command, shape (m,)."""
         u = self._dt * state.v
         joint, outside = self._forces(state.q, u)
-        a = follow_drives(self.model, self._data, state.q, u, self._command, joint, self._layout.passive, outside)
+        a = follow_drives(
+            self.model, self._data, state.q, u, self._command, joint, self._layout.passive, outside
+        )
         needed = inverse_dynamics(self.model, self._data, state.q, u, a, joint, outside)
         return needed[self._layout.drives] / self._dt**2
 
     def acceleration(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Of all joints, shape (n,)."""
         joint, outside = self._forces(q, u)
-        return follow_drives(self.model, self._data, q, u, self._command, joint, self._layout.passive, outside)
+        return follow_drives(
+            self.model, self._data, q, u, self._command, joint, self._layout.passive, outside
+        )
 
     def _forces(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Generalized forces of damping and springs, and from outside."""

@@ -1,6 +1,8 @@
-"""What acts in the joints besides drives, gravity and inertia: damping, springs, and stops at the ends of the ranges.
+"""What acts in the joints besides drives, gravity and inertia: damping, springs, and stops at the
+ends of the ranges.
 
-Written once for any kind of number: floats in the plain loop, symbols in the optimiser, values of a program in compiled code.
+Written once for any kind of number: floats in the plain loop, symbols in the optimiser, values of a
+program in compiled code.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ class JointForces:
         return cls(crane.damping, crane.springs if crane.springs.any else None)
 
     def in_steps(self, dt: float) -> JointForces:
-        """The same with time counted in steps of `dt` [s]: forces scale like dt², damping like dt."""
+        """The same with time counted in steps of `dt` [s]: forces scale like dt², damping like
+        dt.
+        """
         if self.springs is None:
             return JointForces(dt * self.damping, None)
         stiffness, rest, rope = self.springs.stiffness, self.springs.rest, self.springs.rope
@@ -51,11 +55,19 @@ class JointForces:
         return resisting if self.springs is None else resisting + self.springs.effort(q)
 
 
-def rope_tension(layout: Layout, damping: np.ndarray, springs: Springs | None, q: np.ndarray, v: np.ndarray, hoist: Any) -> Any:
-    """Tension of the rope [N]: what stretches it, or where it does not stretch what the hoist pulls; None without a hoist.
+def rope_tension(
+    layout: Layout,
+    damping: np.ndarray,
+    springs: Springs | None,
+    q: np.ndarray,
+    v: np.ndarray,
+    hoist: Any,
+) -> Any:
+    """Tension of the rope [N]: what stretches it, or where it does not stretch what the hoist
+    pulls; None without a hoist.
 
-    The hoist joint lies along the rope, so its generalized force is the force along the rope: the drive's, less damping. Of a rope that
-    stretches it is the force on drum and rope together.
+    The hoist joint lies along the rope, so its generalized force is the force along the rope: the
+    drive's, less damping. Of a rope that stretches it is the force on drum and rope together.
 
     Args:
         layout: Joints of the crane.
@@ -76,7 +88,8 @@ def rope_tension(layout: Layout, damping: np.ndarray, springs: Springs | None, q
 
 @dataclass(frozen=True, eq=False)
 class Stops:
-    """Buffers at both ends of the range of each of m drives: springs with dampers that can push but not pull.
+    """Buffers at both ends of the range of each of m drives: springs with dampers that can push but
+    not pull.
 
     Attributes:
         drives: Where the drives stand among the coordinates.
@@ -93,23 +106,33 @@ class Stops:
 
     @classmethod
     def of(cls, crane: Crane) -> Stops:
-        """Those of a crane: they make each drive, with what hangs on it, swing at 20 rad/s with half of critical damping."""
+        """Those of a crane: they make each drive, with what hangs on it, swing at 20 rad/s with
+        half of critical damping.
+        """
         drives, q = crane.layout.drives, crane.start.q.copy()
         q[crane.layout.passive] = 0.0
         inertia = np.diag(pin.crba(crane.model, crane.data, q))[drives]
         return cls(
-            drives, crane.lower[drives], crane.upper[drives], _STOP_FREQUENCY**2 * inertia, 2.0 * _STOP_DAMPING * _STOP_FREQUENCY * inertia
+            drives,
+            crane.lower[drives],
+            crane.upper[drives],
+            _STOP_FREQUENCY**2 * inertia,
+            2.0 * _STOP_DAMPING * _STOP_FREQUENCY * inertia,
         )
 
     def in_steps(self, dt: float) -> Stops:
         """The same with time counted in steps of `dt` [s]."""
-        return Stops(self.drives, self.lower, self.upper, dt * dt * self.stiffness, dt * self.damping)
+        return Stops(
+            self.drives, self.lower, self.upper, dt * dt * self.stiffness, dt * self.damping
+        )
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """What the buffers exert on the drives at coordinates q and rates v, shape (m,)."""
         plain = q.dtype != object
         at, moving = (q.tolist(), v.tolist()) if plain else (q, v)
-        found = [self.one(drive, at[joint], moving[joint]) for drive, joint in enumerate(self.drives)]
+        found = [
+            self.one(drive, at[joint], moving[joint]) for drive, joint in enumerate(self.drives)
+        ]
         return np.array(found) if plain else array(found)
 
     def one(self, drive: int, position: Any, rate: Any) -> Any:

@@ -1,4 +1,5 @@
-"""The linear crane about a rest or a motion: what a small motion does, step by step, under a held command and in a closed loop.
+"""The linear crane about a rest or a motion: what a small motion does, step by step, under a held
+command and in a closed loop.
 
 Deviations are stacked as z = (coordinates, rates), shape (2 n,).
 """
@@ -58,7 +59,8 @@ class Linear:
 
     @checked
     def sampled(self, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
-        """Step it exactly as `simulate` does: semi-implicit Euler in steps of `dt` [s] under a command held for a control period [s].
+        """Step it exactly as `simulate` does: semi-implicit Euler in steps of `dt` [s] under a
+        command held for a control period [s].
 
         Raises:
             OutOfRange: If a time is out of range, or the period is not a multiple of `dt`.
@@ -69,12 +71,16 @@ class Linear:
         step_v = np.hstack([np.zeros((n, n)), np.eye(n)]) + dt * self.a[n:]
         step = np.vstack([np.eye(n, nz) + dt * step_v, step_v])
         input_matrix = np.vstack([dt * dt * self.b[n:], dt * self.b[n:]])
-        over_period = np.linalg.matrix_power(np.block([[step, input_matrix], [np.zeros((m, nz)), np.eye(m)]]), steps)
+        over_period = np.linalg.matrix_power(
+            np.block([[step, input_matrix], [np.zeros((m, nz)), np.eye(m)]]), steps
+        )
         return Sampled(over_period[:nz, :nz], over_period[:nz, nz:], control_period)
 
 
 @checked
-def linear(crane: Crane, state: State, effort: np.ndarray | None = None, *, drive: Drive = "effort") -> Linear:
+def linear(
+    crane: Crane, state: State, effort: np.ndarray | None = None, *, drive: Drive = "effort"
+) -> Linear:
     """Linearise a crane about a state.
 
     Args:
@@ -84,7 +90,8 @@ def linear(crane: Crane, state: State, effort: np.ndarray | None = None, *, driv
         drive: What u is: "effort", or with "motion" the accelerations of the drives.
 
     Raises:
-        OutOfRange: If the effort is not one finite number for each drive, or `drive` is none of these.
+        OutOfRange: If the effort is not one finite number for each drive, or `drive` is none of
+            these.
     """
     check_word("drive", drive, Drive)
     n, m, drives = crane.layout.n, crane.layout.m, crane.layout.drives
@@ -94,12 +101,23 @@ def linear(crane: Crane, state: State, effort: np.ndarray | None = None, *, driv
         moved = by_command @ np.linalg.inv(by_command[drives])
         by_state, by_command = by_state - moved @ by_state[drives], moved
         by_state[drives], by_command[drives] = 0.0, np.eye(m)
-    return Linear(np.vstack([np.eye(n, 2 * n, n), by_state]), np.vstack([np.zeros_like(by_command), by_command]))
+    return Linear(
+        np.vstack([np.eye(n, 2 * n, n), by_state]),
+        np.vstack([np.zeros_like(by_command), by_command]),
+    )
 
 
 @checked
-def sampled(crane: Crane, state: State, effort: np.ndarray | None = None, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
-    """Linearise a crane that takes efforts about a state, and step it as `simulate` does, see `linear` and `Linear.sampled`.
+def sampled(
+    crane: Crane,
+    state: State,
+    effort: np.ndarray | None = None,
+    *,
+    dt: float = 5e-4,
+    control_period: float = 5e-3,
+) -> Sampled:
+    """Linearise a crane that takes efforts about a state, and step it as `simulate` does, see
+    `linear` and `Linear.sampled`.
 
     Raises:
         OutOfRange: As these.
@@ -109,7 +127,9 @@ def sampled(crane: Crane, state: State, effort: np.ndarray | None = None, *, dt:
 
 @checked
 def feedback_gain(crane: Crane, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    """Gain of proportional-derivative control of each drive by itself, shape (m, 2 n), from its k_p and k_d, shape (m,) each."""
+    """Gain of proportional-derivative control of each drive by itself, shape (m, 2 n), from its k_p
+    and k_d, shape (m,) each.
+    """
     layout = crane.layout
     gain = np.zeros((layout.m, 2 * layout.n))
     gain[range(layout.m), layout.drives] = finite("stiffness", stiffness, (layout.m,))
@@ -119,12 +139,15 @@ def feedback_gain(crane: Crane, stiffness: np.ndarray, damping: np.ndarray) -> n
 
 @dataclass(frozen=True, eq=False)
 class FreeModes:
-    """How the p passive joints swing about a rest while the drives are locked, undamped, the slowest first.
+    """How the p passive joints swing about a rest while the drives are locked, undamped, the
+    slowest first.
 
     Attributes:
         frequencies: [rad/s], shape (p,).
-        shapes: Column k holds the passive joints in mode k [rad or m], scaled to a modal mass of 1, shape (p, p).
-        weights: Row k tells how much of mode k a deviation of the passive joints holds, shape (p, p).
+        shapes: Column k holds the passive joints in mode k [rad or m], scaled to a modal mass of 1,
+            shape (p, p).
+        weights: Row k tells how much of mode k a deviation of the passive joints holds, shape (p,
+            p).
         rest: Coordinates about which they swing, shape (n,).
         passive: Where the passive joints stand among the coordinates, shape (p,).
     """
@@ -137,7 +160,8 @@ class FreeModes:
 
     @checked
     def amplitudes(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Amplitude of each mode in small motions, shape (rows, p), of coordinates and rates, shape (rows, n) each.
+        """Amplitude of each mode in small motions, shape (rows, p), of coordinates and rates, shape
+        (rows, n) each.
 
         Times the column of `shapes` it is the amplitude in each passive joint.
         """
@@ -150,7 +174,8 @@ class FreeModes:
 def free_modes(crane: Crane, state: State) -> FreeModes:
     """Frequencies and shapes of the passive joints with the drives locked, from K x = ω² M x.
 
-    K are the second derivatives of the energy of gravity and springs, M is the mass matrix, both of the passive joints alone.
+    K are the second derivatives of the energy of gravity and springs, M is the mass matrix, both of
+    the passive joints alone.
 
     Args:
         crane: The crane.
@@ -162,17 +187,27 @@ def free_modes(crane: Crane, state: State) -> FreeModes:
     """
     free, q, data = crane.layout.passive, state.q, crane.data
     block = np.ix_(free, free)
-    stiffness = (pin.computeGeneralizedGravityDerivatives(crane.model, data, q) + crane.springs.tangent(q))[block]
+    stiffness = (
+        pin.computeGeneralizedGravityDerivatives(crane.model, data, q) + crane.springs.tangent(q)
+    )[block]
     mass = np.triu(pin.crba(crane.model, data, q))
     mass = (mass + np.triu(mass, 1).T)[block]
     if not (np.isfinite(stiffness).all() and np.isfinite(mass).all()):
-        raise OutOfRange("state", q.tolist(), "one at which gravity, springs and masses have finite effects")
+        raise OutOfRange(
+            "state", q.tolist(), "one at which gravity, springs and masses have finite effects"
+        )
     try:
         squares, shapes = scipy.linalg.eigh((stiffness + stiffness.T) / 2.0, mass)
     except np.linalg.LinAlgError:
-        raise ModelError(f"At {q.tolist()} a passive joint of this crane has no inertia of its own, so it has no frequency.") from None
+        raise ModelError(
+            f"At {q.tolist()} a passive joint of this crane has no inertia of its own, so it has "
+            "no frequency."
+        ) from None
     if not (squares > 0.0).all():
-        raise ModelError(f"At {q.tolist()} the passive joints of this crane would fall, not swing: ω² = {float(squares.min()):g} /s².")
+        raise ModelError(
+            f"At {q.tolist()} the passive joints of this crane would fall, not swing: ω² = "
+            f"{float(squares.min()):g} /s²."
+        )
     return FreeModes(np.sqrt(squares), shapes, shapes.T @ mass, q.copy(), free)
 
 
@@ -203,10 +238,12 @@ class Mode:
 
 @checked
 def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
-    """The oscillation of a sampled closed loop, shape (2 n, 2 n), in which a coordinate, by its place, has the largest share.
+    """The oscillation of a sampled closed loop, shape (2 n, 2 n), in which a coordinate, by its
+    place, has the largest share.
 
     Raises:
-        OutOfRange: If the loop has another shape, the period is out of range, or the coordinate does not oscillate.
+        OutOfRange: If the loop has another shape, the period is out of range, or the coordinate
+            does not oscillate.
     """
     loop = finite("loop", loop, ("2 n", "2 n"))
     n = len(loop) // 2
@@ -220,6 +257,8 @@ def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
     shares = np.where(rates.imag > 1e-3, share, 0.0)
     i = int(np.argmax(shares))
     if not shares[i] > 0.0:
-        raise OutOfRange("loop", "one in which this coordinate does not oscillate", "one in which it does")
+        raise OutOfRange(
+            "loop", "one in which this coordinate does not oscillate", "one in which it does"
+        )
     scale = vectors[coordinate, i]
     return Mode(complex(rates[i]), vectors[:, i] / scale, np.linalg.inv(vectors)[i] * scale)

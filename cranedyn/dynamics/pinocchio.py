@@ -1,7 +1,8 @@
 """How the crane moves: functions of a crane and a state, by Pinocchio's algorithms.
 
-Efforts are those of the m drives [N m or N]; for the tower crane slew torque, trolley force and hoist force (negative holds the load).
-Positions are in the world frame [m]: Z up, for the tower crane the origin on the ground at the slew axis, the jib along -Y at zero slew.
+Efforts are those of the m drives [N m or N]; for the tower crane slew torque, trolley force and
+hoist force (negative holds the load). Positions are in the world frame [m]: Z up, for the tower
+crane the origin on the ground at the slew axis, the jib along -Y at zero slew.
 """
 
 from __future__ import annotations
@@ -19,19 +20,28 @@ from cranedyn.model.crane import Crane, Point
 
 
 def full(crane: Crane, drives: np.ndarray) -> np.ndarray:
-    """Numbers of the drives, shape (m,), among those of all joints, shape (n,): zero for the passive ones."""
+    """Numbers of the drives, shape (m,), among those of all joints, shape (n,): zero for the
+    passive ones.
+    """
     among = np.zeros(crane.layout.n)
     among[crane.layout.drives] = drives
     return among
 
 
 def acceleration(crane: Crane, state: State, effort: np.ndarray) -> np.ndarray:
-    """Accelerations of all joints [rad/s² or m/s²], shape (n,), under drive efforts, with damping and springs: ABA."""
-    return pin.aba(crane.model, crane.data, *state, full(crane, effort) + JointForces.of(crane).effort(*state))
+    """Accelerations of all joints [rad/s² or m/s²], shape (n,), under drive efforts, with damping
+    and springs: ABA.
+    """
+    return pin.aba(
+        crane.model, crane.data, *state, full(crane, effort) + JointForces.of(crane).effort(*state)
+    )
 
 
-def prescribed_acceleration(crane: Crane, state: State, drive_acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Accelerations of all joints when those of the drives are given, and the drive efforts that this costs.
+def prescribed_acceleration(
+    crane: Crane, state: State, drive_acceleration: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations of all joints when those of the drives are given, and the drive efforts that
+    this costs.
 
     Solves the passive rows of M a + b = τ for the passive joints, then reads the drive rows.
 
@@ -44,7 +54,14 @@ def prescribed_acceleration(crane: Crane, state: State, drive_acceleration: np.n
         Accelerations, shape (n,), and efforts [N m or N], shape (m,).
     """
     joint = JointForces.of(crane).effort(*state)
-    a = follow_drives(crane.model, crane.data, *state, full(crane, drive_acceleration), joint, crane.layout.passive)
+    a = follow_drives(
+        crane.model,
+        crane.data,
+        *state,
+        full(crane, drive_acceleration),
+        joint,
+        crane.layout.passive,
+    )
     return a, inverse_dynamics(crane.model, crane.data, *state, a, joint)[crane.layout.drives]
 
 
@@ -58,7 +75,8 @@ def follow_drives(
     passive: np.ndarray,
     outside: np.ndarray | None = None,
 ) -> np.ndarray:
-    """All accelerations, shape (n,), when `a` holds those of the drives and zeros for the passive joints; for any unit of time.
+    """All accelerations, shape (n,), when `a` holds those of the drives and zeros for the passive
+    joints; for any unit of time.
 
     The passive rows of M a + b = joint + outside are as many equations as there are passive joints.
 
@@ -73,7 +91,8 @@ def follow_drives(
         outside: Generalized forces from outside, shape (n,); None for none.
 
     Raises:
-        OutOfRange: If a passive joint has no inertia, as the swing of a point load on a cable of no length, or it is no number.
+        OutOfRange: If a passive joint has no inertia, as the swing of a point load on a cable of no
+            length, or it is no number.
     """
     if not len(passive):
         return a.copy()
@@ -81,11 +100,20 @@ def follow_drives(
     mass, solved = pin.crba(model, data, q), a.copy()
     if len(passive) == 2:  # the tower crane's, by determinants: quicker than NumPy's
         i, j = passive.tolist()
-        m11, m12, m22, open_i, open_j = mass.item(i, i), mass.item(i, j), mass.item(j, j), still_open.item(i), still_open.item(j)
+        m11, m12, m22, open_i, open_j = (
+            mass.item(i, i),
+            mass.item(i, j),
+            mass.item(j, j),
+            still_open.item(i),
+            still_open.item(j),
+        )
         determinant = m11 * m22 - m12 * m12
         if not determinant > 0.0:
             raise _no_inertia(m11, m22)
-        solved[i], solved[j] = (m12 * open_j - m22 * open_i) / determinant, (m12 * open_i - m11 * open_j) / determinant
+        solved[i], solved[j] = (
+            (m12 * open_j - m22 * open_i) / determinant,
+            (m12 * open_i - m11 * open_j) / determinant,
+        )
         return solved
     upper = np.triu(mass[np.ix_(passive, passive)])
     whole = upper + np.triu(upper, 1).T
@@ -97,18 +125,33 @@ def follow_drives(
 
 def _no_inertia(*inertias: float) -> OutOfRange:
     shown = " and ".join(f"{inertia:g}" for inertia in inertias)
-    return OutOfRange("inertia against swing", shown, "> 0; a load without rotational inertia needs a cable", "kg m²")
+    return OutOfRange(
+        "inertia against swing",
+        shown,
+        "> 0; a load without rotational inertia needs a cable",
+        "kg m²",
+    )
 
 
 def inverse_dynamics(
-    model: pin.Model, data: pin.Data, q: np.ndarray, v: np.ndarray, a: np.ndarray, joint: np.ndarray, outside: np.ndarray | None = None
+    model: pin.Model,
+    data: pin.Data,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    joint: np.ndarray,
+    outside: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Generalized forces that cause these accelerations beside those of joints and outside, shape (n,); arguments as `follow_drives`."""
+    """Generalized forces that cause these accelerations beside those of joints and outside, shape
+    (n,); arguments as `follow_drives`.
+    """
     needed = pin.rnea(model, data, q, v, a) - joint
     return needed if outside is None else needed - outside
 
 
-def outside_effort(points: Sequence[Point], model: pin.Model, data: pin.Data, q: np.ndarray, force: np.ndarray) -> np.ndarray:
+def outside_effort(
+    points: Sequence[Point], model: pin.Model, data: pin.Data, q: np.ndarray, force: np.ndarray
+) -> np.ndarray:
     """Generalized forces of a force on each of some points, shape (n,).
 
     Args:
@@ -118,10 +161,15 @@ def outside_effort(points: Sequence[Point], model: pin.Model, data: pin.Data, q:
         q: Coordinates, shape (n,).
         force: In the world [N], shape (points, 3).
     """
-    return sum(part @ jacobian for part, jacobian in zip(force, _jacobians(points, model, data, q), strict=True))
+    return sum(
+        part @ jacobian
+        for part, jacobian in zip(force, _jacobians(points, model, data, q), strict=True)
+    )
 
 
-def _jacobians(points: Sequence[Point], model: pin.Model, data: pin.Data, q: np.ndarray) -> list[np.ndarray]:
+def _jacobians(
+    points: Sequence[Point], model: pin.Model, data: pin.Data, q: np.ndarray
+) -> list[np.ndarray]:
     """Velocity of each point in the world per rate of the coordinates, shape (3, n) each."""
     pin.computeJointJacobians(model, data, q)
     found = []
@@ -145,7 +193,12 @@ def point_positions(crane: Crane, q: np.ndarray) -> np.ndarray:
 
 def point_velocities(crane: Crane, state: State) -> np.ndarray:
     """How the points of a crane move in the world [m/s], shape (points, 3)."""
-    return np.array([jacobian @ state.v for jacobian in _jacobians(crane.points, crane.model, crane.data, state.q)])
+    return np.array(
+        [
+            jacobian @ state.v
+            for jacobian in _jacobians(crane.points, crane.model, crane.data, state.q)
+        ]
+    )
 
 
 def payload_position(crane: Crane, q: np.ndarray) -> np.ndarray:
@@ -154,7 +207,9 @@ def payload_position(crane: Crane, q: np.ndarray) -> np.ndarray:
 
 
 def pivot_position(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """The point above the payload in the world [m], shape (3,): the swing pivot at the trolley, if there is one."""
+    """The point above the payload in the world [m], shape (3,): the swing pivot at the trolley, if
+    there is one.
+    """
     return point_positions(crane, q)[min(1, len(crane.points) - 1)]
 
 
@@ -176,11 +231,17 @@ def rope_tension(crane: Crane, state: State, effort: np.ndarray) -> float:
         MissingRole: If no joint is a hoist.
     """
     hoist = crane.layout.role("hoist", "The tension of the rope")
-    return float(joint_forces.rope_tension(crane.layout, crane.damping, crane.springs, *state, full(crane, effort)[hoist]))
+    return float(
+        joint_forces.rope_tension(
+            crane.layout, crane.damping, crane.springs, *state, full(crane, effort)[hoist]
+        )
+    )
 
 
 def holding_effort(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """Drive efforts that balance gravity and springs at rest, shape (m,); with swing, what they balance of it."""
+    """Drive efforts that balance gravity and springs at rest, shape (m,); with swing, what they
+    balance of it.
+    """
     weight = pin.computeGeneralizedGravity(crane.model, crane.data, q)
     return (weight - crane.springs.effort(q) if crane.springs.any else weight)[crane.layout.drives]
 
@@ -196,4 +257,6 @@ def linearise(crane: Crane, state: State, effort: np.ndarray) -> tuple[np.ndarra
     inverse_mass = np.triu(inverse_mass) + np.triu(inverse_mass, 1).T
     if crane.springs.any:
         by_q = by_q - inverse_mass @ crane.springs.tangent(state.q)
-    return np.hstack([by_q, by_v - inverse_mass * crane.damping]), inverse_mass[:, crane.layout.drives]
+    return np.hstack([by_q, by_v - inverse_mass * crane.damping]), inverse_mass[
+        :, crane.layout.drives
+    ]

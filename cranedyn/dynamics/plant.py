@@ -1,4 +1,6 @@
-"""A crane in any kind of number: what drives, gravity, joint forces, forces from outside and buffers make of a state."""
+"""A crane in any kind of number: what drives, gravity, joint forces, forces from outside and
+buffers make of a state.
+"""
 
 from __future__ import annotations
 
@@ -44,10 +46,19 @@ class Topology:
         """That of a crane."""
         parents = tuple(int(parent) - 1 for parent in list(crane.model.parents)[1:])
         hoist = crane.layout.role("hoist", "") if crane.layout.has("hoist") else None
-        swings = tuple((int(i), hoist is not None and int(i) in _above(parents, hoist)) for i in crane.swings)
+        swings = tuple(
+            (int(i), hoist is not None and int(i) in _above(parents, hoist)) for i in crane.swings
+        )
         rope = crane.springs.rope
         bodies = tuple(point.body for point in crane.points)
-        return cls(parents, crane.layout, bodies, swings, crane.springs.any, None if rope is None else (rope.stretch, rope.length))
+        return cls(
+            parents,
+            crane.layout,
+            bodies,
+            swings,
+            crane.springs.any,
+            None if rope is None else (rope.stretch, rope.length),
+        )
 
 
 def _above(parents: Sequence[int], joint: int) -> list[int]:
@@ -60,7 +71,8 @@ def _above(parents: Sequence[int], joint: int) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A crane with n joints and m drives whose numbers are known, or stand for what is not known yet.
+    """A crane with n joints and m drives whose numbers are known, or stand for what is not known
+    yet.
 
     Attributes:
         topology: What it has in common with others.
@@ -87,7 +99,9 @@ class Plant:
     drive: str
     buffers: bool
 
-    def answer(self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def answer(
+        self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """What a command causes at a state.
 
         Args:
@@ -101,9 +115,16 @@ class Plant:
         """
         drives, passive = self.topology.layout.drives, self.topology.layout.passive
         where = rigid_body.frames(self.tree, q)
-        acting = zip(self.topology.bodies, self.levers, [] if forces is None else forces.reshape(-1, 3), strict=forces is not None)
+        acting = zip(
+            self.topology.bodies,
+            self.levers,
+            [] if forces is None else forces.reshape(-1, 3),
+            strict=forces is not None,
+        )
         external = [ExternalForce(body, lever, force) for body, lever, force in acting]
-        resisting = rigid_body.inverse_dynamics(self.tree, where, v, external_forces=external) - self.joint.effort(q, v)
+        resisting = rigid_body.inverse_dynamics(
+            self.tree, where, v, external_forces=external
+        ) - self.joint.effort(q, v)
         if self.buffers:
             resisting[drives] = resisting[drives] - self.stops.effort(q, v)
         mass = rigid_body.mass_matrix(self.tree, where)
@@ -111,11 +132,15 @@ class Plant:
         a[drives] = command
         if self.drive == "effort":
             return rigid_body.solve(mass, a - resisting), command
-        a[passive] = rigid_body.solve(mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive])
+        a[passive] = rigid_body.solve(
+            mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive]
+        )
         return a, (mass @ a + resisting)[drives]
 
     def stop_force(self, q: np.ndarray, v: np.ndarray) -> Any:
-        """What the buffers at the ends of the cable push [N], see `cranedyn.dynamics.drives.cable_buffers`."""
+        """What the buffers at the ends of the cable push [N], see
+        `cranedyn.dynamics.drives.cable_buffers`.
+        """
         hoist = self.topology.layout.drive_of("hoist")
         if hoist is None or not self.buffers:
             return 0.0
@@ -123,10 +148,14 @@ class Plant:
         return self.stops.one(hoist, q[joint], v[joint])
 
     def conditions(self, q: np.ndarray, v: np.ndarray, hoist_force: Any) -> list[Any]:
-        """What must be true for the model to hold under a force of the hoist and of the buffers of the cable, as comparisons."""
+        """What must be true for the model to hold under a force of the hoist and of the buffers of
+        the cable, as comparisons.
+        """
         layout = self.topology.layout
         tension = rope_tension(layout, self.joint.damping, self.joint.springs, q, v, hoist_force)
-        height = rigid_body.height(self.tree, rigid_body.frames(self.tree, q), self.topology.bodies[0], self.levers[0])
+        height = rigid_body.height(
+            self.tree, rigid_body.frames(self.tree, q), self.topology.bodies[0], self.levers[0]
+        )
         found = bounds(layout, self.lower, self.upper, q, tension, height, buffers=self.buffers)
         return [condition for bound in found for condition in bound.conditions]
 
@@ -134,16 +163,22 @@ class Plant:
         """Efforts cut to the limits of the drives, accelerations as they are, shape (m,)."""
         if self.drive != "effort":
             return command
-        return array([clipped(c, -limit, limit) for c, limit in zip(command, self.effort_limit, strict=True)])
+        return array(
+            [clipped(c, -limit, limit) for c, limit in zip(command, self.effort_limit, strict=True)]
+        )
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> Any:
         """Mechanical energy, that of springs included [J], zero of height at the ground."""
         where = rigid_body.frames(self.tree, q)
-        rigid = 0.5 * (v @ (rigid_body.mass_matrix(self.tree, where) @ v)) + rigid_body.potential_energy(self.tree, where)
+        rigid = 0.5 * (
+            v @ (rigid_body.mass_matrix(self.tree, where) @ v)
+        ) + rigid_body.potential_energy(self.tree, where)
         return rigid if self.joint.springs is None else rigid + self.joint.springs.energy(q)
 
     def swing(self, q: np.ndarray, v: np.ndarray) -> tuple[Any, Any]:
-        """Squares of the swing, and of its amplitude as the pendulums below each joint would have it alone [rad²]."""
+        """Squares of the swing, and of its amplitude as the pendulums below each joint would have
+        it alone [rad²].
+        """
         swings = self.topology.swings
         angle: Any = sum((q[i] * q[i] for i, _ in swings), 0.0)
         gravity = -self.tree.gravity[2]
@@ -156,7 +191,12 @@ class Plant:
 
 def numbers(crane: Crane) -> np.ndarray:
     """All numbers of a crane in a row, as `plant` takes them."""
-    tree, springs, stops, rope = rigid_body.bodies(crane.model), crane.springs, Stops.of(crane), crane.springs.rope
+    tree, springs, stops, rope = (
+        rigid_body.bodies(crane.model),
+        crane.springs,
+        Stops.of(crane),
+        crane.springs.rope,
+    )
     levers = np.concatenate([point.lever for point in crane.points])
     return np.concatenate(
         [
@@ -177,11 +217,18 @@ def numbers(crane: Crane) -> np.ndarray:
 
 
 def _arms(crane: Crane) -> np.ndarray:
-    """From each swing joint to the payload with all that moves below it at zero [m], shape (swings,)."""
+    """From each swing joint to the payload with all that moves below it at zero [m], shape
+    (swings,).
+    """
     data = crane.model.createData()
     pin.forwardKinematics(crane.model, data, np.zeros(crane.layout.n))
     payload = data.oMi[crane.payload.body + 1].act(crane.payload.lever)
-    return np.array([float(np.linalg.norm(payload - data.oMi[swing + 1].translation)) for swing in crane.swings.tolist()])
+    return np.array(
+        [
+            float(np.linalg.norm(payload - data.oMi[swing + 1].translation))
+            for swing in crane.swings.tolist()
+        ]
+    )
 
 
 def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) -> Plant:
@@ -192,10 +239,24 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
     count = len(tree.numbers())
     counts = [n, n, n, 1, n, n, m, 3 * len(topology.bodies), len(topology.swings), m, m]
     parts = np.split(array(values[count:]), np.cumsum(counts)[:-1])
-    damping, stiffness, rest, ea, lower, upper, effort_limit, levers, arms, stop_stiffness, stop_damping = parts
+    (
+        damping,
+        stiffness,
+        rest,
+        ea,
+        lower,
+        upper,
+        effort_limit,
+        levers,
+        arms,
+        stop_stiffness,
+        stop_damping,
+    ) = parts
     rope = None if topology.rope is None else Rope(*topology.rope, ea[0])
     springs = Springs(stiffness, rest, rope) if topology.springs else None
-    stops = Stops(layout.drives, lower[layout.drives], upper[layout.drives], stop_stiffness, stop_damping)
+    stops = Stops(
+        layout.drives, lower[layout.drives], upper[layout.drives], stop_stiffness, stop_damping
+    )
     return Plant(
         topology,
         tree.with_numbers(values[:count]),

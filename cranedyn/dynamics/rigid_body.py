@@ -1,10 +1,13 @@
-"""Dynamics of a tree of bodies in any kind of numbers: the recursions behind Pinocchio's algorithms, for tracing.
+"""Dynamics of a tree of bodies in any kind of numbers: the recursions behind Pinocchio's
+algorithms, for tracing.
 
-Arrays hold Python floats and, where something is not known yet, elements that add, subtract, multiply, divide and know `sin` and `cos`:
-symbols of CasADi, or values of a program under construction. They fold what is 0 or 1, so what is left is the arithmetic of that one
-crane. A motion or a force of a body is a pair, linear and angular, in the frame of its joint.
+Arrays hold Python floats and, where something is not known yet, elements that add, subtract,
+multiply, divide and know `sin` and `cos`: symbols of CasADi, or values of a program under
+construction. They fold what is 0 or 1, so what is left is the arithmetic of that one crane. A
+motion or a force of a body is a pair, linear and angular, in the frame of its joint.
 
-Source: Featherstone, Rigid Body Dynamics Algorithms (2008), §5.3 (Newton-Euler), §6.2 (composite bodies), §6.5 (factorisation).
+Source: Featherstone, Rigid Body Dynamics Algorithms (2008), §5.3 (Newton-Euler), §6.2 (composite
+bodies), §6.5 (factorisation).
 """
 
 from __future__ import annotations
@@ -20,7 +23,8 @@ from cranedyn.dynamics.scalars import rows
 from cranedyn.errors import ModelError
 
 _AGREEMENT = 1e-11
-"""Relative difference of accelerations that is taken for round-off however well the mass matrix is conditioned."""
+"""Relative difference of accelerations that is taken for round-off however well the mass matrix is
+conditioned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +35,8 @@ class Bodies:
         parents: Row of the joint before, -1 for the world; shape (n,).
         rotation: Of the joint's placement in the frame of its parent, shape (n, 3, 3).
         translation: The same [m], shape (n, 3).
-        axis: Velocity per rate of the coordinate, linear and angular, in the joint's own frame, shape (n, 2, 3).
+        axis: Velocity per rate of the coordinate, linear and angular, in the joint's own frame,
+            shape (n, 2, 3).
         mass: [kg], shape (n,).
         lever: Centre of mass [m], shape (n, 3).
         inertia: Rotational inertia about it [kg m²], shape (n, 3, 3).
@@ -92,7 +97,8 @@ def blank(parents: Sequence[int]) -> Bodies:
     """A tree whose numbers are all zero."""
     n = len(parents)
     rotation, translation, axis, mass, lever, inertia, armature, gravity = (
-        np.zeros(shape) for shape in ((n, 3, 3), (n, 3), (n, 2, 3), (n,), (n, 3), (n, 3, 3), (n,), (3,))
+        np.zeros(shape)
+        for shape in ((n, 3, 3), (n, 3), (n, 2, 3), (n,), (n, 3), (n, 3, 3), (n,), (3,))
     )
     return Bodies(parents, rotation, translation, axis, mass, lever, inertia, armature, gravity)
 
@@ -120,15 +126,37 @@ def bodies(model: pin.Model) -> Bodies:
         kind = joint.shortname()
         if (joint.nv, joint.idx_v) != (1, i - 1) or kind == "JointModelComposite":
             raise ModelError(
-                f"{model.names[i]} is a {kind}; to be compiled or made symbols, joints must be revolute, prismatic or helical, "
+                f"{model.names[i]} is a {kind}; to be compiled or made symbols, joints must be "
+                "revolute, prismatic or helical, "
                 "with one degree of freedom each."
             )
         at = joint.createData()
         joint.calc(at, neutral)
-        rows.append((place.rotation, place.translation, at.S.reshape(2, 3), body.mass, body.lever, body.inertia))
-    rotation, translation, axis, mass, lever, inertia = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+        rows.append(
+            (
+                place.rotation,
+                place.translation,
+                at.S.reshape(2, 3),
+                body.mass,
+                body.lever,
+                body.inertia,
+            )
+        )
+    rotation, translation, axis, mass, lever, inertia = (
+        np.array(column, dtype=float) for column in zip(*rows, strict=True)
+    )
     parents = [model.parents[i] - 1 for i in range(1, model.njoints)]
-    return Bodies(parents, rotation, translation, axis, mass, lever, inertia, model.armature.copy(), model.gravity.linear.copy())
+    return Bodies(
+        parents,
+        rotation,
+        translation,
+        axis,
+        mass,
+        lever,
+        inertia,
+        model.armature.copy(),
+        model.gravity.linear.copy(),
+    )
 
 
 def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
@@ -138,16 +166,25 @@ def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
         (along, about), rotation, coordinate = tree.axis[i], tree.rotation[i], q[i : i + 1]
         if any(not _is_zero(part) for part in about):
             out = np.multiply.outer(about, about)
-            turn = np.cos(coordinate) * (np.eye(3).astype(object) - out) + out + np.sin(coordinate) * _skew(about)
+            turn = (
+                np.cos(coordinate) * (np.eye(3).astype(object) - out)
+                + out
+                + np.sin(coordinate) * _skew(about)
+            )
             rotation = rotation @ turn
         found.append(Frame(rotation, tree.translation[i] + tree.rotation[i] @ (along * coordinate)))
     return found
 
 
 def inverse_dynamics(
-    tree: Bodies, where: Sequence[Frame], v: np.ndarray, a: np.ndarray | None = None, external_forces: Sequence[ExternalForce] = ()
+    tree: Bodies,
+    where: Sequence[Frame],
+    v: np.ndarray,
+    a: np.ndarray | None = None,
+    external_forces: Sequence[ExternalForce] = (),
 ) -> np.ndarray:
-    """Generalized forces that cause accelerations against gravity and pushes, as `pin.rnea`; damping is not counted.
+    """Generalized forces that cause accelerations against gravity and pushes, as `pin.rnea`;
+    damping is not counted.
 
     Args:
         tree: The bodies.
@@ -161,7 +198,9 @@ def inverse_dynamics(
     forces, torques = [], []
     for i in range(n):
         (along, about), rate, (rotation, origin) = tree.axis[i], v[i : i + 1], where[i]
-        spin, turn, gain = motions[tree.parents[i]] if tree.parents[i] >= 0 else (zero, zero, -tree.gravity)
+        spin, turn, gain = (
+            motions[tree.parents[i]] if tree.parents[i] >= 0 else (zero, zero, -tree.gravity)
+        )
         gain = rotation.T @ (gain + _of_point(spin, turn, origin))
         spin, turn = rotation.T @ spin, rotation.T @ turn
         gain = gain + cross(2.0 * spin, along * rate)
@@ -177,7 +216,10 @@ def inverse_dynamics(
         torques.append(inertia @ turn + cross(spin, unequal @ spin) + cross(lever, force))
     for body_row, point, external in external_forces:
         local = into(tree, where, body_row, external)
-        forces[body_row], torques[body_row] = forces[body_row] - local, torques[body_row] - cross(point, local)
+        forces[body_row], torques[body_row] = (
+            forces[body_row] - local,
+            torques[body_row] - cross(point, local),
+        )
     effort = array([0.0] * n) if a is None else tree.armature * a
     for i in range(n - 1, -1, -1):
         effort[i] = effort[i] + tree.axis[i, 0] @ forces[i] + tree.axis[i, 1] @ torques[i]
@@ -190,7 +232,10 @@ def inverse_dynamics(
 def mass_matrix(tree: Bodies, where: Sequence[Frame]) -> np.ndarray:
     """Inertia of the coordinates, as `pin.crba`, whole, shape (n, n)."""
     n = len(tree)
-    composites = [_Body(tree.mass[i : i + 1], tree.mass[i : i + 1] * tree.lever[i], _about_origin(tree, i)) for i in range(n)]
+    composites = [
+        _Body(tree.mass[i : i + 1], tree.mass[i : i + 1] * tree.lever[i], _about_origin(tree, i))
+        for i in range(n)
+    ]
     mass = np.empty((n, n), dtype=object)
     mass[:] = 0.0
     for i in range(n - 1, -1, -1):
@@ -207,7 +252,9 @@ def mass_matrix(tree: Bodies, where: Sequence[Frame]) -> np.ndarray:
 
 
 def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solution of mass @ x = right for a symmetric positive definite matrix; what is zero through branches of the tree is left out."""
+    """Solution of mass @ x = right for a symmetric positive definite matrix; what is zero through
+    branches of the tree is left out.
+    """
     n, lower, x = len(mass), mass.copy(), right.copy()
     reciprocals = array([0.0] * n)
     for k in range(n - 1, min(n, 2) - 1, -1):
@@ -220,7 +267,8 @@ def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
             lower[k, i] = share
     if n == 1:
         return x / lower[0, 0]
-    # two equations are left; by determinants they take one division where elimination takes one after the other
+    # two equations are left; by determinants they take one division where elimination takes one
+    # after the other
     (a, c), (b, d) = (lower[0, 0], lower[1, 0]), (lower[1, 1], 1.0)
     inverse = d / (a * b - c * c)
     x[0], x[1] = (b * x[0] - c * x[1]) * inverse, (a * x[1] - c * x[0]) * inverse
@@ -230,7 +278,8 @@ def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def lost_digits(mass: np.ndarray) -> float:
-    """By how much two ways to solve with a mass matrix may differ, relative: 1000 roundings for each unit of its condition number.
+    """By how much two ways to solve with a mass matrix may differ, relative: 1000 roundings for
+    each unit of its condition number.
 
     Args:
         mass: The matrix, or its upper triangle, in numbers; it is scaled to a unit diagonal first.
@@ -241,7 +290,8 @@ def lost_digits(mass: np.ndarray) -> float:
 
 
 def disagreement(found: np.ndarray, expected: np.ndarray, mass: np.ndarray) -> float:
-    """How far accelerations are from those expected, relative to the largest; 0 where that is round-off.
+    """How far accelerations are from those expected, relative to the largest; 0 where that is
+    round-off.
 
     Args:
         found: One state or the same in each row, shape (n,) or (m, n).
@@ -264,7 +314,9 @@ def potential_energy(tree: Bodies, where: Sequence[Frame]) -> Any:
 
 
 def height(tree: Bodies, where: Sequence[Frame], body: int, point: np.ndarray) -> Any:
-    """Height of a point of a body above the origin of the world [m]; the point is given in the joint's frame [m], shape (3,)."""
+    """Height of a point of a body above the origin of the world [m]; the point is given in the
+    joint's frame [m], shape (3,).
+    """
     chain = [body]
     while (parent := tree.parents[chain[-1]]) >= 0:
         chain.append(parent)
@@ -287,7 +339,9 @@ def heights(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> np.nda
     Returns:
         Heights [m], shape (rows,).
     """
-    return np.broadcast_to(np.asarray(height(tree, frames(tree, rows(q)), body, point), dtype=float), len(q))
+    return np.broadcast_to(
+        np.asarray(height(tree, frames(tree, rows(q)), body, point), dtype=float), len(q)
+    )
 
 
 def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:
@@ -301,7 +355,9 @@ def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) ->
 
 
 def _of_point(spin: np.ndarray, turn: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Acceleration of a point beyond that of the origin, in a frame that spins at a rate and turns up at an acceleration."""
+    """Acceleration of a point beyond that of the origin, in a frame that spins at a rate and turns
+    up at an acceleration.
+    """
     return cross(turn, point) + cross(spin, cross(spin, point))
 
 
@@ -319,7 +375,9 @@ class _Body(NamedTuple):
 
     def times(self, linear: np.ndarray, angular: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Momentum of a velocity, or force of an acceleration."""
-        return self.mass * linear + cross(angular, self.first), cross(self.first, linear) + self.second @ angular
+        return self.mass * linear + cross(angular, self.first), cross(
+            self.first, linear
+        ) + self.second @ angular
 
     def plus(self, other: _Body) -> _Body:
         return _Body(self.mass + other.mass, self.first + other.first, self.second + other.second)
@@ -328,7 +386,12 @@ class _Body(NamedTuple):
         first = frame.rotation @ self.first
         arm = _skew(frame.origin)
         mixed = arm @ _skew(first)
-        second = frame.rotation @ self.second @ frame.rotation.T - mixed - mixed.T - arm @ arm * self.mass
+        second = (
+            frame.rotation @ self.second @ frame.rotation.T
+            - mixed
+            - mixed.T
+            - arm @ arm * self.mass
+        )
         second[[1, 2, 2], [0, 0, 1]] = second[[0, 0, 1], [1, 2, 2]]
         return _Body(self.mass, first + self.mass * frame.origin, second)
 
@@ -338,7 +401,9 @@ def _about_origin(tree: Bodies, i: int) -> np.ndarray:
     return tree.inertia[i] - arm @ arm * tree.mass[i : i + 1]
 
 
-def _to_parent(frame: Frame, force: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _to_parent(
+    frame: Frame, force: np.ndarray, torque: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     turned = frame.rotation @ force
     return turned, frame.rotation @ torque + cross(frame.origin, turned)
 

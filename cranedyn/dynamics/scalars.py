@@ -1,7 +1,7 @@
 """Choices and comparisons on any kind of number, so that physics is written once.
 
-A number is a float, an array of floats (many rows at once), or a value of a program under construction, which brings its own way to
-choose as `choices`.
+A number is a float, an array of floats (many rows at once), or a value of a program under
+construction, which brings its own way to choose as `choices`.
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ import numpy as np
 
 
 class Rows(np.ndarray):
-    """One quantity in many rows, as an element of an array of objects: it knows sine and cosine as symbols do.
+    """One quantity in many rows, as an element of an array of objects: it knows sine and cosine as
+    symbols do.
 
-    As in code, nothing is multiplied by the numbers 0 or 1, or added to 0, which would be most of the work.
+    As in code, nothing is multiplied by the numbers 0 or 1, or added to 0, which would be most of
+    the work.
     """
 
     def __mul__(self, other: Any) -> Any:
@@ -56,7 +58,8 @@ def chosen(condition: Any, yes: Any, no: Any) -> Any:
     """One number where a condition holds, another where not.
 
     Args:
-        condition: What a comparison of two such numbers gives. Never that of two arrays of objects: NumPy takes all of theirs for true.
+        condition: What a comparison of two such numbers gives. Never that of two arrays of objects:
+            NumPy takes all of theirs for true.
         yes: A number.
         no: Another.
     """
@@ -64,7 +67,9 @@ def chosen(condition: Any, yes: Any, no: Any) -> Any:
         return yes if condition else no
     if isinstance(condition, np.ndarray):
         return np.where(condition, yes, no)
-    return next(number for number in (yes, no) if hasattr(number, "choices")).choices.chosen(condition, yes, no)
+    return next(number for number in (yes, no) if hasattr(number, "choices")).choices.chosen(
+        condition, yes, no
+    )
 
 
 def clipped(value: Any, low: Any, high: Any) -> Any:

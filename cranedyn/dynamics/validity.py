@@ -1,8 +1,9 @@
-"""Is the model still a crane here: ranges of the joints, a rope in tension, a load above the ground and below the jib.
+"""Is the model still a crane here: ranges of the joints, a rope in tension, a load above the ground
+and below the jib.
 
-The tension is what the load feels: the forces of the hoist and of the buffers at the ends of the cable together. At the shortest cable
-the trolley can push the hook block down, but no rope passes that on to the load: where hoist and buffer together push, the model ceases to
-hold.
+The tension is what the load feels: the forces of the hoist and of the buffers at the ends of the
+cable together. At the shortest cable the trolley can push the hook block down, but no rope passes
+that on to the load: where hoist and buffer together push, the model ceases to hold.
 """
 
 from __future__ import annotations
@@ -45,7 +46,11 @@ class Bound(NamedTuple):
     @property
     def conditions(self) -> list[Any]:
         """What must be true, as comparisons of such numbers."""
-        above = [] if self.low is None else [self.value > self.low if self.strict else self.value >= self.low]
+        above = (
+            []
+            if self.low is None
+            else [self.value > self.low if self.strict else self.value >= self.low]
+        )
         return above if self.high is None else [*above, self.value <= self.high]
 
     @property
@@ -55,7 +60,14 @@ class Bound(NamedTuple):
 
 
 def bounds(
-    layout: Layout, lower: np.ndarray, upper: np.ndarray, q: np.ndarray, tension: Any, height: Any, *, buffers: bool
+    layout: Layout,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    q: np.ndarray,
+    tension: Any,
+    height: Any,
+    *,
+    buffers: bool,
 ) -> Iterator[Bound]:
     """All that must hold of a state, in any kind of number.
 
@@ -66,10 +78,14 @@ def bounds(
         q: Coordinates, n numbers.
         tension: Of the rope [N]; None if there is no hoist.
         height: Of the payload above the ground [m].
-        buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little is no event.
+        buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little
+            is no event.
     """
     for i, joint in enumerate(layout.joints):
-        words = f"{joint.name} is at {{value:.6g}} {joint.unit}, its range is {{low:.6g}} to {{high:.6g}} {joint.unit}"
+        words = (
+            f"{joint.name} is at {{value:.6g}} {joint.unit}, its range is {{low:.6g}} to "
+            f"{{high:.6g}} {joint.unit}"
+        )
         if not joint.driven and joint.kind == "revolute":
             yield Bound(i, q[i], -math.pi / 2, math.pi / 2, False, words)
         if not (joint.driven and buffers):
@@ -77,7 +93,14 @@ def bounds(
     if tension is not None:
         slack = "the rope would have to push, its tension is {value:.6g} N; a rope goes slack"
         yield Bound(layout.role("hoist", "The rope"), tension, 0.0, None, True, slack)
-    yield Bound(layout.n - 1, height, 0.0, None, False, "the payload is at a height of {value:.6g} m, below the ground")
+    yield Bound(
+        layout.n - 1,
+        height,
+        0.0,
+        None,
+        False,
+        "the payload is at a height of {value:.6g} m, below the ground",
+    )
 
 
 class Event(NamedTuple):
@@ -97,20 +120,28 @@ class Event(NamedTuple):
 
 
 @checked
-def first_event(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buffers: bool = False) -> Event | None:
+def first_event(
+    crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buffers: bool = False
+) -> Event | None:
     """The first row at which the model does not hold, None if there is none.
 
     Args:
         crane: The crane.
         q: Coordinates, shape (rows, n).
         v: Their rates, shape (rows, n).
-        hoist: Force of the hoist, and of the buffers at the ends of the cable [N], shape (rows,); of no account without a hoist.
-        buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little is no event.
+        hoist: Force of the hoist, and of the buffers at the ends of the cable [N], shape (rows,);
+            of no account without a hoist.
+        buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little
+            is no event.
 
     Raises:
         OutOfRange: If an array has another shape.
     """
-    found = [event for bound in _of_rows(crane, q, v, hoist, buffers) for event in _beginnings(crane, bound, bound.holds)[:1]]
+    found = [
+        event
+        for bound in _of_rows(crane, q, v, hoist, buffers)
+        for event in _beginnings(crane, bound, bound.holds)[:1]
+    ]
     return min(found, key=lambda event: event.row, default=None)
 
 
@@ -119,12 +150,17 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
     """Every beginning of a stretch in which the model does not hold, in the order of time."""
     buffers = run.parameters.get("validity") == "buffers"
     hoist = hoisting(crane, run.effort) + (cable_buffers(crane, run.q, run.v) if buffers else 0.0)
-    known = [(bound, bound.holds | (run.valid == 1.0)) for bound in _of_rows(crane, run.q, run.v, hoist, buffers)]
+    known = [
+        (bound, bound.holds | (run.valid == 1.0))
+        for bound in _of_rows(crane, run.q, run.v, hoist, buffers)
+    ]
     return sorted(event for bound, holds in known for event in _beginnings(crane, bound, holds))
 
 
 @checked
-def valid(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buffers: bool = False) -> np.ndarray:
+def valid(
+    crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buffers: bool = False
+) -> np.ndarray:
     """Whether the model holds at each row, shape (rows,); arguments as of `first_event`.
 
     Raises:
@@ -135,12 +171,19 @@ def valid(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buff
 
 @checked
 def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
-    """Force of the hoist among the efforts of the drives in rows [N], shape (rows,); zero without a hoist."""
-    hoist, effort = crane.layout.drive_of("hoist"), shaped("effort", effort, ("rows", crane.layout.m))
+    """Force of the hoist among the efforts of the drives in rows [N], shape (rows,); zero without a
+    hoist.
+    """
+    hoist, effort = (
+        crane.layout.drive_of("hoist"),
+        shaped("effort", effort, ("rows", crane.layout.m)),
+    )
     return np.zeros(len(effort)) if hoist is None else effort[:, hoist]
 
 
-def _of_rows(crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, buffers: bool) -> Iterator[Bound]:
+def _of_rows(
+    crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, buffers: bool
+) -> Iterator[Bound]:
     q = shaped("q", q, ("rows", crane.layout.n))
     v, hoist = shaped("v", v, q.shape), shaped("hoist", hoist, q.shape[:1])
     height = rigid_body.heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
@@ -166,5 +209,11 @@ def _beginnings(crane: Crane, bound: Bound, holds: np.ndarray) -> list[Event]:
     name = crane.layout.joints[bound.joint].name
     values = np.broadcast_to(bound.value, holds.shape)
     return [
-        Event(int(row), name, float(values[row]), bound.words.format(value=values[row], low=bound.low, high=bound.high)) for row in found
+        Event(
+            int(row),
+            name,
+            float(values[row]),
+            bound.words.format(value=values[row], low=bound.low, high=bound.high),
+        )
+        for row in found
     ]

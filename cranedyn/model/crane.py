@@ -1,4 +1,6 @@
-"""The crane: a Pinocchio model, the layout of its joints, and the numbers that Pinocchio does not act on."""
+"""The crane: a Pinocchio model, the layout of its joints, and the numbers that Pinocchio does not
+act on.
+"""
 
 from __future__ import annotations
 
@@ -55,19 +57,22 @@ class _Scratch(threading.local):
 @checked
 @dataclass(frozen=True, eq=False, repr=False)
 class Crane(ShownCrane):
-    """A crane as loaded, with n joints and m drives: parameters that do not change during a run, and that several threads may use at once.
+    """A crane as loaded, with n joints and m drives: parameters that do not change during a run,
+    and that several threads may use at once.
 
     Attributes:
         layout: Its joints by name.
         written: What gives its plain URDF; ask for `urdf`.
         model: The Pinocchio model; joint i + 1 carries coordinate i.
-        damping: Viscous damping of each joint [N m s/rad or N s/m], shape (n,). Pinocchio parses it but never applies it.
+        damping: Viscous damping of each joint [N m s/rad or N s/m], shape (n,). Pinocchio parses it
+            but never applies it.
         springs: What is elastic in it.
         lower, upper: Joint ranges [rad or m], shape (n,).
         effort_limit: Largest effort of the drives [N m or N], shape (m,).
         start: Where the URDF lets the drives start, all else hanging at rest.
         points: Those on which forces from outside act, the payload first.
-        record: All that `cranedyn.model.load.load_crane` needs to make it again, as it is written beside a run.
+        record: All that `cranedyn.model.load.load_crane` needs to make it again, as it is written
+            beside a run.
     """
 
     layout: Layout
@@ -105,7 +110,9 @@ class Crane(ShownCrane):
 
     @cached_property
     def urdf(self) -> str:
-        """The plain URDF of all that moves, weighs and can be seen; written when it is first asked for, since the looks take their time."""
+        """The plain URDF of all that moves, weighs and can be seen; written when it is first asked
+        for, since the looks take their time.
+        """
         return self.written()
 
     @property
@@ -125,7 +132,9 @@ class Crane(ShownCrane):
 
     @property
     def payload_inertia(self) -> np.ndarray:
-        """Rotational inertia of the payload about its centre of mass, in the frame of its joint [kg m²], shape (3, 3)."""
+        """Rotational inertia of the payload about its centre of mass, in the frame of its joint [kg
+        m²], shape (3, 3).
+        """
         return self._inertia(self.payload.body).inertia.copy()
 
     @property
@@ -135,14 +144,19 @@ class Crane(ShownCrane):
 
     @property
     def slewing_inertia(self) -> float:
-        """Rotational inertia of the upper structure about the slew axis [kg m²], trolley and payload not counted."""
+        """Rotational inertia of the upper structure about the slew axis [kg m²], trolley and
+        payload not counted.
+        """
         return float(self._inertia(self.layout.role("slew", "The slewing inertia")).matrix()[5, 5])
 
     @property
     def dummy_inertia(self) -> tuple[float, float]:
-        """Inertia of the links between the swing joints about the pivot: against radial and against tangential swing [kg m²]."""
+        """Inertia of the links between the swing joints about the pivot: against radial and against
+        tangential swing [kg m²].
+        """
         joints = (
-            self.layout.role(role, "The inertia of the links between the swing joints") for role in ("radial_swing", "tangential_swing")
+            self.layout.role(role, "The inertia of the links between the swing joints")
+            for role in ("radial_swing", "tangential_swing")
         )
         outer, inner = (self._inertia(joint).matrix()[3:, 3:] for joint in joints)
         return float(outer[0, 0] + inner[0, 0]), float(inner[1, 1])
@@ -152,27 +166,40 @@ class Crane(ShownCrane):
 
     @cached_property
     def swings(self) -> np.ndarray:
-        """Which joints are swings, by their places among the coordinates: passive, turning, and without a spring."""
+        """Which joints are swings, by their places among the coordinates: passive, turning, and
+        without a spring.
+        """
         joints = enumerate(self.layout.joints)
-        return np.array([i for i, j in joints if not j.driven and j.kind == "revolute" and self.springs.stiffness[i] == 0.0], dtype=int)
+        return np.array(
+            [
+                i
+                for i, j in joints
+                if not j.driven and j.kind == "revolute" and self.springs.stiffness[i] == 0.0
+            ],
+            dtype=int,
+        )
 
     def state(self, **values: float) -> State:
         """A state from named coordinates, at rest where nothing else is said.
 
         Args:
-            values: Any of the symbols of `layout` [rad or m], for a tower crane gamma, x, phi, theta, l, and the same with the ending
-                "_dot" [per second]. Coordinates left out are those of `start`, rates left out are zero.
+            values: Any of the symbols of `layout` [rad or m], for a tower crane gamma, x, phi,
+                theta, l, and the same with the ending "_dot" [per second]. Coordinates left out are
+                those of `start`, rates left out are zero.
 
         Raises:
             UnknownName: For a name that is none of these.
-            OutOfRange: For a value outside the joint's range, a swing of 90° or more among them, or one that is not finite.
+            OutOfRange: For a value outside the joint's range, a swing of 90° or more among them, or
+                one that is not finite.
         """
         layout = self.layout
         q, v = self.start.q.copy(), np.zeros(layout.n)
         for name, value in values.items():
             symbol = name.removesuffix("_dot")
             if symbol not in layout.symbols:
-                raise UnknownName("coordinate", name, [*layout.symbols, *(f"{c}_dot" for c in layout.symbols)])
+                raise UnknownName(
+                    "coordinate", name, [*layout.symbols, *(f"{c}_dot" for c in layout.symbols)]
+                )
             i = layout.index(symbol)
             unit = layout.units[i]
             if name == symbol:
@@ -186,7 +213,8 @@ class Crane(ShownCrane):
         return State(self.hanging(q) if hangs else q, v)
 
     def hanging(self, q: np.ndarray) -> np.ndarray:
-        """Coordinates at rest, shape (n,): the drives where q has them, the passive joints where gravity and springs balance, by Newton.
+        """Coordinates at rest, shape (n,): the drives where q has them, the passive joints where
+        gravity and springs balance, by Newton.
 
         Raises:
             OutOfRange: If q is not one finite number for each joint.
@@ -195,12 +223,23 @@ class Crane(ShownCrane):
         free, q = self.layout.passive, finite("coordinates", q, (self.layout.n,)).copy()
         data = self.model.createData()
         for _ in range(_NEWTON):
-            open_ = (pin.computeGeneralizedGravity(self.model, data, q) - self.springs.effort(q))[free]
-            slope = pin.computeGeneralizedGravityDerivatives(self.model, data, q) + self.springs.tangent(q)
+            open_ = (pin.computeGeneralizedGravity(self.model, data, q) - self.springs.effort(q))[
+                free
+            ]
+            slope = pin.computeGeneralizedGravityDerivatives(
+                self.model, data, q
+            ) + self.springs.tangent(q)
             step = np.linalg.lstsq(slope[np.ix_(free, free)], open_, rcond=None)[0]
             q[free] -= step
             if np.abs(step).max(initial=0.0) < _BALANCED:
                 break
-        if not (np.abs(step).max(initial=0.0) < 1e-9 and (q >= self.lower).all() and (q <= self.upper).all()):
-            raise ModelError(f"This crane does not hang at rest within the ranges of its joints near {q.tolist()}.")
+        if not (
+            np.abs(step).max(initial=0.0) < 1e-9
+            and (q >= self.lower).all()
+            and (q <= self.upper).all()
+        ):
+            raise ModelError(
+                "This crane does not hang at rest within the ranges of its joints near "
+                f"{q.tolist()}."
+            )
         return q

@@ -1,6 +1,7 @@
 """The crane as text: arguments checked, xacro expanded, comments stripped, a plain URDF.
 
-Run ``python -m cranedyn.model.description [name:=value ...] [-o FILE]`` to write one, ``--list`` to see every argument.
+Run ``python -m cranedyn.model.description [name:=value ...] [-o FILE]`` to write one, ``--list`` to
+see every argument.
 """
 
 from __future__ import annotations
@@ -25,7 +26,11 @@ from cranedyn.errors import DataError, ModelError, UnknownName, number, quoted
 from cranedyn.model.urdf import parse
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-XACRO = next(folder / "urdf" / "tower_crane.urdf.xacro" for folder in (_PACKAGE, _PACKAGE.parent) if (folder / "urdf").is_dir())
+XACRO = next(
+    folder / "urdf" / "tower_crane.urdf.xacro"
+    for folder in (_PACKAGE, _PACKAGE.parent)
+    if (folder / "urdf").is_dir()
+)
 """The crane of this project: inside the package once installed, beside it in a checkout."""
 
 
@@ -53,7 +58,8 @@ class Argument:
 
 @checked
 def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
-    """The arguments that a xacro file declares, by name, with the unit and range that the comment behind each one gives.
+    """The arguments that a xacro file declares, by name, with the unit and range that the comment
+    behind each one gives.
 
     Raises:
         DataError: If the file cannot be read.
@@ -62,28 +68,40 @@ def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
     found = {}
     for element in _parse(path).getElementsByTagName("xacro:arg"):
         comment = element.nextSibling
-        while comment is not None and comment.nodeType == Node.TEXT_NODE and "\n" not in comment.data:
+        while (
+            comment is not None and comment.nodeType == Node.TEXT_NODE and "\n" not in comment.data
+        ):
             comment = comment.nextSibling
-        text = comment.data.strip() if comment is not None and comment.nodeType == Node.COMMENT_NODE else ""
+        text = (
+            comment.data.strip()
+            if comment is not None and comment.nodeType == Node.COMMENT_NODE
+            else ""
+        )
         documented = _DOCUMENTED.fullmatch(text)
-        found[element.getAttribute("name")] = Argument(element.getAttribute("default"), **(documented.groupdict() if documented else {}))
+        found[element.getAttribute("name")] = Argument(
+            element.getAttribute("default"), **(documented.groupdict() if documented else {})
+        )
     return found
 
 
 @checked
-def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = None, *, visuals: bool = True) -> str:
+def describe(
+    path: str | Path = XACRO, values: Mapping[str, object] | None = None, *, visuals: bool = True
+) -> str:
     """Expand a xacro file into a plain URDF without comments.
 
-    A xacro file is a program: its ``${}`` are Python expressions, and it can read other files. Expand only files that you would also
-    run; from anyone else take a plain URDF.
+    A xacro file is a program: its ``${}`` are Python expressions, and it can read other files.
+    Expand only files that you would also run; from anyone else take a plain URDF.
 
     Args:
         path: The xacro file.
         values: Values of its arguments by name, numbers or text.
-        visuals: False leaves the links of this project's crane bare, which takes a small part of the time; other files stay as they are.
+        visuals: False leaves the links of this project's crane bare, which takes a small part of
+            the time; other files stay as they are.
 
     Raises:
-        UnknownName: If an argument is not declared in the file (xacro itself would ignore it silently).
+        UnknownName: If an argument is not declared in the file (xacro itself would ignore it
+            silently).
         OutOfRange: If a value is not a number in the range that the file documents.
         DataError: If the file cannot be read.
         ModelError: If the file cannot be expanded.
@@ -99,11 +117,18 @@ def describe(path: str | Path = XACRO, values: Mapping[str, object] | None = Non
         with _EXPANDING, contextlib.redirect_stderr(io.StringIO()):
             document = xacro.process_file(str(path), mappings=mappings)
         _strip_comments(document)
-        return "\n".join(line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()) + "\n"
+        return (
+            "\n".join(
+                line for line in document.toprettyxml(indent="  ").splitlines() if line.strip()
+            )
+            + "\n"
+        )
     except Exception as error:
         if interrupted(error):
             raise KeyboardInterrupt from None
-        raise ModelError(f"{path} cannot be expanded: {str(error) or type(error).__name__}.") from error
+        raise ModelError(
+            f"{path} cannot be expanded: {str(error) or type(error).__name__}."
+        ) from error
 
 
 @checked
@@ -140,10 +165,20 @@ def _strip_comments(node: minidom.Node) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     """Write the URDF to standard output or a file; 0, or 2 with one sentence for bad arguments."""
-    parser = Parser(prog="python -m cranedyn.model.description", description="Write the crane as a plain URDF.")
-    parser.add_argument("values", nargs="*", metavar="name:=value", help="arguments of the xacro file")
-    parser.add_argument("-o", "--output", metavar="FILE", help="write to this file instead of standard output")
-    parser.add_argument("--list", action="store_true", help="list the arguments with default, unit, range and meaning")
+    parser = Parser(
+        prog="python -m cranedyn.model.description", description="Write the crane as a plain URDF."
+    )
+    parser.add_argument(
+        "values", nargs="*", metavar="name:=value", help="arguments of the xacro file"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="write to this file instead of standard output"
+    )
+    parser.add_argument(
+        "--list",
+        action="store_true",
+        help="list the arguments with default, unit, range and meaning",
+    )
     return command(lambda: _main(parser.parse_args(argv)))
 
 

@@ -1,4 +1,6 @@
-"""The joints of a crane by name: which of them a drive moves, which hang free, and which part each plays."""
+"""The joints of a crane by name: which of them a drive moves, which hang free, and which part each
+plays.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,8 @@ ROLES = {
     "tangential_swing": Role("theta", "revolute", (0, 1, 0), "swing_tangential_joint"),
     "hoist": Role("l", "prismatic", (0, 0, -1), "hoist_joint"),
 }
-"""The parts of a tower crane in chain order. A joint of any other name has its own name as its symbol."""
+"""The parts of a tower crane in chain order. A joint of any other name has its own name as its
+symbol."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,9 @@ class Layout:
 
     @cached_property
     def measured(self) -> np.ndarray:
-        """Where positions and rates of the drives stand in z = (coordinates, rates), shape (2 m,)."""
+        """Where positions and rates of the drives stand in z = (coordinates, rates), shape (2
+        m,).
+        """
         return np.concatenate([self.drives, self.n + self.drives])
 
     @cached_property
@@ -183,13 +188,16 @@ class Layout:
         """
         return np.eye(self.m)[self.drive(drive)]
 
-    def for_drives(self, what: str, values: Any, per: str | None = "", allowed: str = "any") -> np.ndarray:
+    def for_drives(
+        self, what: str, values: Any, per: str | None = "", allowed: str = "any"
+    ) -> np.ndarray:
         """One finite number for each drive, shape (m,).
 
         Args:
             what: What the numbers are, to begin a sentence with.
             values: The numbers.
-            per: What follows the unit of the coordinate, for example "/s"; None where the numbers are efforts.
+            per: What follows the unit of the coordinate, for example "/s"; None where the numbers
+                are efforts.
             allowed: As `cranedyn.errors.number`.
 
         Raises:
@@ -199,7 +207,12 @@ class Layout:
             raise OutOfRange(what, values, self.drives_in_words)
         units = [joint.effort_unit if per is None else joint.unit + per for joint in self.driven]
         each = zip(self.driven, values, units, strict=True)
-        return np.array([number(f"{what} of {joint.symbol}", value, unit, allowed) for joint, value, unit in each])
+        return np.array(
+            [
+                number(f"{what} of {joint.symbol}", value, unit, allowed)
+                for joint, value, unit in each
+            ]
+        )
 
     def has(self, *roles: str) -> bool:
         """Whether there are joints that play all of these parts."""
@@ -221,23 +234,33 @@ class Layout:
         raise MissingRole(user, role, [joint.name for joint in self.joints])
 
     def tower(self, user: str) -> tuple[int, ...]:
-        """Where slew, trolley, radial swing, tangential swing and hoist of a tower crane stand among the coordinates.
+        """Where slew, trolley, radial swing, tangential swing and hoist of a tower crane stand
+        among the coordinates.
 
         Args:
             user: What is made for a tower crane, to begin a sentence with.
 
         Raises:
             MissingRole: If no joint plays one of these parts.
-            ModelError: If there are joints that play none of them, these follow each other in another order, or drives move others.
+            ModelError: If there are joints that play none of them, these follow each other in
+                another order, or drives move others.
         """
         found = tuple(self.role(role, user) for role in ROLES)
         if further := [joint.name for joint in self.joints if not joint.role]:
-            raise ModelError(f"{user} is made for a tower crane of five joints; this one also moves in {', '.join(further)}.")
+            raise ModelError(
+                f"{user} is made for a tower crane of five joints; this one also moves in "
+                f"{', '.join(further)}."
+            )
         if found != tuple(range(len(ROLES))):
             shown = ", ".join(joint.role for joint in self.joints)
-            raise ModelError(f"{user} is made for {', '.join(ROLES)} in this order; this crane has {shown}.")
+            raise ModelError(
+                f"{user} is made for {', '.join(ROLES)} in this order; this crane has {shown}."
+            )
         if (driven := [joint.role for joint in self.driven]) != ["slew", "trolley", "hoist"]:
-            raise ModelError(f"{user} is made for drives of slew, trolley and hoist; in this one they move {', '.join(driven)}.")
+            raise ModelError(
+                f"{user} is made for drives of slew, trolley and hoist; in this one they move "
+                f"{', '.join(driven)}."
+            )
         return found
 
     def columns(self) -> dict[str, tuple[str, ...]]:
@@ -248,7 +271,10 @@ class Layout:
             "q": q,
             "v": v,
             "setpoint": tuple(f"{joint.symbol}_setpoint_{joint.unit}" for joint in self.driven),
-            "command": tuple(f"{joint.effort_name}_command_{joint.effort_unit.replace(' ', '')}" for joint in self.driven),
+            "command": tuple(
+                f"{joint.effort_name}_command_{joint.effort_unit.replace(' ', '')}"
+                for joint in self.driven
+            ),
             "effort": tuple(joint.effort_column for joint in self.driven),
             "energy": ("energy_J",),
             "work": tuple(f"W_{joint.symbol}_J" for joint in self.driven),
@@ -265,7 +291,9 @@ class Layout:
 
 
 def symbol_of(name: str, role: str) -> str:
-    """The symbol of a joint's coordinate: that of its role, else its name without the ending "_joint"."""
+    """The symbol of a joint's coordinate: that of its role, else its name without the ending
+    "_joint".
+    """
     return ROLES[role].symbol if role else name.removesuffix("_joint")
 
 
@@ -290,6 +318,8 @@ def roles_of(names: Iterable[str], given: Mapping[str, str] | None) -> dict[str,
         if joint not in there:
             raise UnknownName("moving joint", joint, there)
         if joint in found:
-            raise ModelError(f"The joint {joint} is given two roles, {found[joint]} and {part}; allowed is one.")
+            raise ModelError(
+                f"The joint {joint} is given two roles, {found[joint]} and {part}; allowed is one."
+            )
         found[joint] = part
     return found

@@ -17,7 +17,17 @@ import pinocchio as pin
 from cranedyn.arguments import taken
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import read_record
-from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, UnknownName, number, printable, quoted, within
+from cranedyn.errors import (
+    CraneError,
+    DataError,
+    ModelError,
+    OutOfRange,
+    UnknownName,
+    number,
+    printable,
+    quoted,
+    within,
+)
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane, Point
 from cranedyn.model.description import XACRO, describe
@@ -28,7 +38,8 @@ from cranedyn.model.urdf import bare, check, parse, skeleton
 _SINGULAR, _ASTRAY = 1e-10, 1e-3
 
 _LIGHTEST = 1e-15
-"""Least payload [kg]: Pinocchio adds up bodies that weigh less than 2.2e-16 kg together as if they weighed that."""
+"""Least payload [kg]: Pinocchio adds up bodies that weigh less than 2.2e-16 kg together as if they
+weighed that."""
 
 
 def load_crane(
@@ -45,33 +56,53 @@ def load_crane(
     """Load a crane: a chain or tree of revolute and prismatic joints.
 
     Args:
-        urdf: A ``.xacro`` file to expand, which runs Python expressions in it: only from those whose programs you would run, too. Any
-            other file is plain URDF: nothing in it is run, fetched or read from elsewhere. None is the tower crane of this project.
-        from_record: A Parquet file of a run instead, or the `record` of a run, in which its crane is written down whole; the looks of this
-            project's own crane are made again, those of any other are not kept.
+        urdf: A ``.xacro`` file to expand, which runs Python expressions in it: only from those
+            whose programs you would run, too. Any other file is plain URDF: nothing in it is run,
+            fetched or read from elsewhere. None is the tower crane of this project.
+        from_record: A Parquet file of a run instead, or the `record` of a run, in which its crane
+            is written down whole; the looks of this project's own crane are made again, those of
+            any other are not kept.
         gravity: Gravity [m/s²] along -Z; None for standard gravity.
-        joints: Names of the joints that play the parts of a tower crane, by role, for example ``{"slew": "base_yaw"}``; None for those
-            that are called as in the tower crane of this project. See `cranedyn.model.layout.ROLES`.
-        driven: Names of the joints that drives move, for a URDF that does not say so itself: those to which ``<ros2_control>`` gives a
-            command interface. All others are passive.
-        payload: Name of the joint that carries the payload; needed where more than one joint carries no other.
-        check_axes: Whether joints in a role must be of its type and axis. False is for showing what a wrong axis does.
+        joints: Names of the joints that play the parts of a tower crane, by role, for example
+            ``{"slew": "base_yaw"}``; None for those that are called as in the tower crane of this
+            project. See `cranedyn.model.layout.ROLES`.
+        driven: Names of the joints that drives move, for a URDF that does not say so itself: those
+            to which ``<ros2_control>`` gives a command interface. All others are passive.
+        payload: Name of the joint that carries the payload; needed where more than one joint
+            carries no other.
+        check_axes: Whether joints in a role must be of its type and axis. False is for showing what
+            a wrong axis does.
         values: Arguments of the xacro file, for example ``payload_mass=2000``.
 
     Raises:
-        ModelError: If it is no valid URDF or not a crane: no joint is driven, it is not clear what the payload is, a joint has several
-            degrees of freedom, or one in a role is of another type or turned.
+        ModelError: If it is no valid URDF or not a crane: no joint is driven, it is not clear what
+            the payload is, a joint has several degrees of freedom, or one in a role is of another
+            type or turned.
         OutOfRange: If a number in it is not one a crane can have.
-        UnknownName: If an argument is not declared in the xacro file, or there is no such joint or role.
+        UnknownName: If an argument is not declared in the xacro file, or there is no such joint or
+            role.
         DataError: If the file cannot be read.
     """
     taken("check_axes", check_axes, bool)
     if from_record is not None:
-        others = {"urdf": urdf, "joints": joints, "driven": driven, "payload": payload, "gravity": gravity, **values}
+        others = {
+            "urdf": urdf,
+            "joints": joints,
+            "driven": driven,
+            "payload": payload,
+            "gravity": gravity,
+            **values,
+        }
         if given := [name for name, value in others.items() if value is not None]:
-            raise OutOfRange(given[0], "given beside from_record", "left out: the record says all of the crane")
+            raise OutOfRange(
+                given[0], "given beside from_record", "left out: the record says all of the crane"
+            )
         source = taken("from_record", from_record, str | Path | Mapping[str, Any])
-        return _recorded(source, Path("the record")) if isinstance(source, Mapping) else _recorded(read_record(source), Path(source))
+        return (
+            _recorded(source, Path("the record"))
+            if isinstance(source, Mapping)
+            else _recorded(read_record(source), Path(source))
+        )
     g = STANDARD_GRAVITY if gravity is None else number("gravity", gravity, "m/s²", "> 0")
     path = XACRO if urdf is None else Path(taken("urdf", urdf, str | Path))
     if path.suffix == ".xacro":
@@ -113,7 +144,13 @@ def _crane(
     _check_kinds(model, path)
     model.armature = _armature(robot, _names(model))
     load = _payload(model, payload, path)
-    layout = _layout(model, path, roles_of(_names(model), joints), _driven(robot, _names(model), driven, path), load)
+    layout = _layout(
+        model,
+        path,
+        roles_of(_names(model), joints),
+        _driven(robot, _names(model), driven, path),
+        load,
+    )
     if check_axes:
         _check_axes(layout, path)
     points = _points(model, layout, load)
@@ -142,26 +179,47 @@ def _crane(
             "check_axes": check_axes,
         },
     )
-    return replace(crane, start=State(crane.hanging(q), np.zeros(layout.n))) if springs.any else crane
+    return (
+        replace(crane, start=State(crane.hanging(q), np.zeros(layout.n))) if springs.any else crane
+    )
 
 
 def _recorded(whole: Mapping[str, Any], path: Path) -> Crane:
     """A crane from the record of a run."""
     record = whole.get("crane")
-    kinds = {"urdf": str, "gravity": float, "joints": dict, "driven": list, "payload": str, "check_axes": bool}
-    if not isinstance(record, dict) or not all(isinstance(record.get(name), kind) for name, kind in kinds.items()):
-        raise DataError(f"{path} does not name its crane; a Parquet file that `Trajectory.write` wrote does.")
+    kinds = {
+        "urdf": str,
+        "gravity": float,
+        "joints": dict,
+        "driven": list,
+        "payload": str,
+        "check_axes": bool,
+    }
+    if not isinstance(record, dict) or not all(
+        isinstance(record.get(name), kind) for name, kind in kinds.items()
+    ):
+        raise DataError(
+            f"{path} does not name its crane; a Parquet file that `Trajectory.write` wrote does."
+        )
     robot = parse(record["urdf"], path)
     gravity = number("gravity", record["gravity"], "m/s²", "> 0")
-    words = ({role: str(name) for role, name in record["joints"].items()}, [str(name) for name in record["driven"]], record["payload"])
+    words = (
+        {role: str(name) for role, name in record["joints"].items()},
+        [str(name) for name in record["driven"]],
+        record["payload"],
+    )
     crane = _crane(robot, path, partial(_dressed, record), gravity, *words, record["check_axes"])
     return replace(crane, record=record)
 
 
 def _dressed(record: Mapping[str, Any]) -> str:
-    """A recorded crane with its looks, if it is this project's own; bare as it was written down otherwise."""
+    """A recorded crane with its looks, if it is this project's own; bare as it was written down
+    otherwise.
+    """
     text, values = str(record["urdf"]), record.get("arguments")
-    if isinstance(values, dict) and all(isinstance(value, float | int) for value in values.values()):
+    if isinstance(values, dict) and all(
+        isinstance(value, float | int) for value in values.values()
+    ):
         with contextlib.suppress(CraneError):  # arguments of another version, or of a stranger
             whole = _whole(XACRO, values)
             if bare(parse(whole, XACRO)) == text:
@@ -179,7 +237,9 @@ def _model(skeleton: str, path: Path) -> pin.Model:
     try:
         return pin.buildModelFromXML(skeleton)
     except (ValueError, RuntimeError) as error:
-        raise ModelError(f"{path} is not a URDF that can be loaded: {printable(str(error).strip().rstrip('.'))}.") from error
+        raise ModelError(
+            f"{path} is not a URDF that can be loaded: {printable(str(error).strip().rstrip('.'))}."
+        ) from error
 
 
 def _names(model: pin.Model) -> list[str]:
@@ -192,18 +252,23 @@ def _check_kinds(model: pin.Model, path: Path) -> None:
     for i, name in enumerate(_names(model), start=1):
         if (model.joints[i].nq, model.joints[i].nv) != (1, 1):
             raise ModelError(
-                f"{path} has a {quoted(name)} without limits or with several axes; it must be revolute or prismatic, with limits."
+                f"{path} has a {quoted(name)} without limits or with several axes; it must be "
+                "revolute or prismatic, with limits."
             )
 
 
 def _armature(robot: ET.Element, names: Sequence[str]) -> np.ndarray:
-    """Inertia of each drive's motor and gear as its joint feels it [kg m² or kg], shape (n,); no parser of URDF reads it."""
+    """Inertia of each drive's motor and gear as its joint feels it [kg m² or kg], shape (n,); no
+    parser of URDF reads it.
+    """
     found = np.zeros(len(names))
     for joint in robot.iterfind("joint"):
         dynamics = joint.find("dynamics")
         if dynamics is not None and joint.get("name") in names and dynamics.get("armature"):
             name = joint.get("name", "")
-            found[names.index(name)] = number(f"armature of {name}", dynamics.get("armature"), "kg m² or kg", ">= 0")
+            found[names.index(name)] = number(
+                f"armature of {name}", dynamics.get("armature"), "kg m² or kg", ">= 0"
+            )
     return found
 
 
@@ -217,35 +282,51 @@ def _payload(model: pin.Model, name: str | None, path: Path) -> int:
     ends = [i for i in range(len(names)) if i + 1 not in list(model.parents)[1:]]
     if len(ends) > 1:
         shown = ", ".join(quoted(names[i]) for i in ends)
-        raise ModelError(f"{path} is a tree that ends in {shown}; say which joint carries the payload by load_crane(payload=...).")
+        raise ModelError(
+            f"{path} is a tree that ends in {shown}; say which joint carries the payload by "
+            "load_crane(payload=...)."
+        )
     return ends[0]
 
 
-def _driven(robot: ET.Element, names: Sequence[str], given: Sequence[str] | None, path: Path) -> set[str]:
+def _driven(
+    robot: ET.Element, names: Sequence[str], given: Sequence[str] | None, path: Path
+) -> set[str]:
     """Names of the joints that drives move."""
     given = taken("driven", given, Sequence[str] | None)
-    own = {joint.get("name", "") for joint in robot.iterfind("ros2_control/joint") if joint.find("command_interface") is not None}
+    own = {
+        joint.get("name", "")
+        for joint in robot.iterfind("ros2_control/joint")
+        if joint.find("command_interface") is not None
+    }
     if given is not None and own and own != {*given}:
         raise ModelError(
-            f"{path} says by <ros2_control> that drives move {', '.join(map(quoted, sorted(own)))}, the argument says {', '.join(given)}; "
+            f"{path} says by <ros2_control> that drives move "
+            f"{', '.join(map(quoted, sorted(own)))}, the argument says {', '.join(given)}; "
             "leave one out."
         )
     for name in sorted(own):
         if name not in names:
             moving = ", ".join(map(quoted, names))
-            raise ModelError(f"{path} gives {quoted(name)} a command interface in <ros2_control>; the joints that move are {moving}.")
+            raise ModelError(
+                f"{path} gives {quoted(name)} a command interface in <ros2_control>; the joints "
+                f"that move are {moving}."
+            )
     for name in given or ():
         if name not in names:
             raise UnknownName("moving joint", name, names)
     found = own if given is None else {*given}
     if not found:
         raise ModelError(
-            f"{path} gives no joint a command interface in <ros2_control>; say which joints drives move by load_crane(driven=[...])."
+            f"{path} gives no joint a command interface in <ros2_control>; say which joints drives "
+            "move by load_crane(driven=[...])."
         )
     return found
 
 
-def _layout(model: pin.Model, path: Path, roles: Mapping[str, str], driven: set[str], load: int) -> Layout:
+def _layout(
+    model: pin.Model, path: Path, roles: Mapping[str, str], driven: set[str], load: int
+) -> Layout:
     joints = []
     data, n = model.createData(), len(_names(model))
     pin.computeJointJacobians(model, data, np.zeros(n))
@@ -256,10 +337,17 @@ def _layout(model: pin.Model, path: Path, roles: Mapping[str, str], driven: set[
         axis = linear if kind == "prismatic" else angular
         role = roles.get(name, "")
         unit = "m" if kind == "prismatic" else "rad"
-        joints.append(Joint(name, symbol_of(name, role), unit, kind, tuple(axis.tolist()), name in driven, role))
+        joints.append(
+            Joint(
+                name, symbol_of(name, role), unit, kind, tuple(axis.tolist()), name in driven, role
+            )
+        )
     symbols = [joint.symbol for joint in joints]
     if len(set(symbols)) < n:
-        raise ModelError(f"{path} has joints of the same symbol among {', '.join(map(quoted, symbols))}; give them other names.")
+        raise ModelError(
+            f"{path} has joints of the same symbol among {', '.join(map(quoted, symbols))}; give "
+            "them other names."
+        )
     return Layout(tuple(joints), _point_names(joints, load))
 
 
@@ -272,12 +360,16 @@ def _check_axes(layout: Layout, path: Path) -> None:
             raise ModelError(f"{path} has a {joint.kind} {joint.name}; it must be {role.kind}.")
         if not np.allclose(joint.axis, role.axis, atol=1e-6):
             shown = [round(part, 6) for part in joint.axis]
-            raise ModelError(f"{path} has {joint.name} along {shown} of the world; it must be {list(role.axis)}.")
+            raise ModelError(
+                f"{path} has {joint.name} along {shown} of the world; it must be {list(role.axis)}."
+            )
 
 
 def _pivot(joints: Sequence[Joint]) -> int | None:
     """The first joint about which something hangs free."""
-    return next((i for i, joint in enumerate(joints) if not joint.driven and joint.kind == "revolute"), None)
+    return next(
+        (i for i, joint in enumerate(joints) if not joint.driven and joint.kind == "revolute"), None
+    )
 
 
 def _hook(joints: Sequence[Joint], load: int) -> int | None:
@@ -302,14 +394,25 @@ def _points(model: pin.Model, layout: Layout, load: int) -> tuple[Point, ...]:
 
 
 def _springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
-    """Springs in the tags that Gazebo reads, ``springStiffness`` and ``springReference``, and the rope, whose tag is ours.
+    """Springs in the tags that Gazebo reads, ``springStiffness`` and ``springReference``, and the
+    rope, whose tag is ours.
 
-    ``<ropeStiffness>`` is EA [N]; it stands at the joint that is the stretch of the rope, whose length is the joint in the role hoist.
+    ``<ropeStiffness>`` is EA [N]; it stands at the joint that is the stretch of the rope, whose
+    length is the joint in the role hoist.
     """
     names = [joint.name for joint in layout.joints]
-    stiffness, rest, rope, seen = np.zeros(layout.n), np.zeros(layout.n), None, set[tuple[str, int]]()
+    stiffness, rest, rope, seen = (
+        np.zeros(layout.n),
+        np.zeros(layout.n),
+        None,
+        set[tuple[str, int]](),
+    )
     for tag in robot.iterfind("gazebo"):
-        found = {part.tag: (part.text or "").strip() for part in tag if part.tag in ("springStiffness", "springReference", "ropeStiffness")}
+        found = {
+            part.tag: (part.text or "").strip()
+            for part in tag
+            if part.tag in ("springStiffness", "springReference", "ropeStiffness")
+        }
         if not found:
             continue
         name = tag.get("reference", "")
@@ -323,14 +426,23 @@ def _springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
             seen.add((part, i))
         each = "N m/rad" if joint.kind == "revolute" else "N/m"
         if "springStiffness" in found:
-            stiffness[i] = number(f"spring stiffness of {name}", found["springStiffness"], each, ">= 0")
+            stiffness[i] = number(
+                f"spring stiffness of {name}", found["springStiffness"], each, ">= 0"
+            )
         if "springReference" in found:
-            rest[i] = number(f"rest position of the spring of {name}", found["springReference"], joint.unit)
+            rest[i] = number(
+                f"rest position of the spring of {name}", found["springReference"], joint.unit
+            )
         if "ropeStiffness" in found:
             if joint.driven or joint.kind != "prismatic":
-                raise ModelError(f"{path} gives the rope's stretch to {name}; it must be a passive prismatic joint.")
+                raise ModelError(
+                    f"{path} gives the rope's stretch to {name}; it must be a passive prismatic "
+                    "joint."
+                )
             rope = Rope(
-                i, layout.role("hoist", "A rope that stretches"), number(f"EA of the rope at {name}", found["ropeStiffness"], "N", "> 0")
+                i,
+                layout.role("hoist", "A rope that stretches"),
+                number(f"EA of the rope at {name}", found["ropeStiffness"], "N", "> 0"),
             )
     return Springs(stiffness, rest, rope)
 
@@ -339,39 +451,69 @@ def _check_numbers(model: pin.Model, layout: Layout, load: int) -> None:
     for i, joint in enumerate(layout.joints):
         low, high = float(model.lowerPositionLimit[i]), float(model.upperPositionLimit[i])
         if not (np.isfinite([low, high]).all() and low < high):
-            raise OutOfRange(f"range of {joint.name}", f"{low:g} to {high:g}", "finite, lower below upper", joint.unit)
+            raise OutOfRange(
+                f"range of {joint.name}",
+                f"{low:g} to {high:g}",
+                "finite, lower below upper",
+                joint.unit,
+            )
         number(f"effort limit of {joint.name}", model.effortLimit[i], joint.effort_unit, "> 0")
         number(f"damping of {joint.name}", model.damping[i], allowed=">= 0")
         inertia = model.inertias[i + 1]
         number(f"mass moved by {joint.name}", inertia.mass, "kg", ">= 0")
-        if not np.isfinite(inertia.inertia).all() or np.linalg.eigvalsh(inertia.inertia).min() < -1e-9 * np.abs(inertia.inertia).max():
-            raise OutOfRange(f"inertia moved by {joint.name}", inertia.inertia.tolist(), "positive semidefinite", "kg m²")
+        if (
+            not np.isfinite(inertia.inertia).all()
+            or np.linalg.eigvalsh(inertia.inertia).min() < -1e-9 * np.abs(inertia.inertia).max()
+        ):
+            raise OutOfRange(
+                f"inertia moved by {joint.name}",
+                inertia.inertia.tolist(),
+                "positive semidefinite",
+                "kg m²",
+            )
         if joint.role == "hoist":
             number("shortest cable", low, "m", "> 0")
     number("payload mass", model.inertias[load + 1].mass, "kg", f"{_LIGHTEST:g} to 1e30")
 
 
 def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path) -> None:
-    """The mass matrix, scaled to a unit diagonal, must be far enough from singular for its inverse to keep some digits of a double.
+    """The mass matrix, scaled to a unit diagonal, must be far enough from singular for its inverse
+    to keep some digits of a double.
 
-    The articulated-body algorithm, which goes through other numbers, must accelerate the crane under all its efforts as that matrix does.
+    The articulated-body algorithm, which goes through other numbers, must accelerate the crane
+    under all its efforts as that matrix does.
     """
     data, none = model.createData(), np.zeros(layout.n)
     mass = np.triu(pin.crba(model, data, q))
     mass += np.triu(mass, 1).T
     own = np.diag(mass)
-    if not (np.isfinite(mass).all() and math.isfinite(pin.computePotentialEnergy(model, data, q)) and (own > 0.0).all()):
+    if not (
+        np.isfinite(mass).all()
+        and math.isfinite(pin.computePotentialEnergy(model, data, q))
+        and (own > 0.0).all()
+    ):
         raise ModelError(
-            f"{path} cannot be simulated: masses, lengths or gravity are beyond what a number holds, or a joint moves nothing."
+            f"{path} cannot be simulated: masses, lengths or gravity are beyond what a number "
+            "holds, or a joint moves nothing."
         )
     share = float(np.linalg.eigvalsh(mass / np.sqrt(own) / np.sqrt(own)[:, None])[0])
     if not share > _SINGULAR:
-        raise OutOfRange("smallest eigenvalue of the scaled mass matrix", f"{share:.1e}", f"> {_SINGULAR:g}: masses differ too much")
+        raise OutOfRange(
+            "smallest eigenvalue of the scaled mass matrix",
+            f"{share:.1e}",
+            f"> {_SINGULAR:g}: masses differ too much",
+        )
     effort = np.where(np.isin(np.arange(layout.n), layout.drives), model.effortLimit, 0.0)
-    expected = np.linalg.solve(mass / np.sqrt(own) / np.sqrt(own)[:, None], (effort - pin.rnea(model, data, q, none, none)) / np.sqrt(own))
+    expected = np.linalg.solve(
+        mass / np.sqrt(own) / np.sqrt(own)[:, None],
+        (effort - pin.rnea(model, data, q, none, none)) / np.sqrt(own),
+    )
     found = pin.aba(model, data, q, none, effort, pin.Convention.WORLD) * np.sqrt(own)
     if not np.abs(found - expected).max() <= _ASTRAY * np.abs(expected).max():
-        raise ModelError(f"{path} cannot be simulated: its masses and lengths differ so much that accelerations lose all their digits.")
+        raise ModelError(
+            f"{path} cannot be simulated: its masses and lengths differ so much that accelerations "
+            "lose all their digits."
+        )
 
 
 def _start(robot: ET.Element, layout: Layout, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

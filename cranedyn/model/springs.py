@@ -10,7 +10,8 @@ import numpy as np
 
 
 class Rope(NamedTuple):
-    """A rope that stretches: its stiffness is EA/l over the present cable length l, so that its strain energy is EA s²/(2 l).
+    """A rope that stretches: its stiffness is EA/l over the present cable length l, so that its
+    strain energy is EA s²/(2 l).
 
     Attributes:
         stretch: The passive joint that is its stretch s, by its place among the coordinates.
@@ -43,7 +44,9 @@ class Springs:
         return self.rope is not None or bool(np.any(self.stiffness != 0.0))
 
     def effort(self, q: np.ndarray) -> np.ndarray:
-        """What they exert on the joints at coordinates q [N m or N], shape (n,): the energy's gradient, downwards."""
+        """What they exert on the joints at coordinates q [N m or N], shape (n,): the energy's
+        gradient, downwards.
+        """
         found = -(self.stiffness * (q - self.rest))
         if self.rope is not None:
             stretch, length, stiffness = self.rope
@@ -62,7 +65,9 @@ class Springs:
         return stored
 
     def tangent(self, q: np.ndarray) -> np.ndarray:
-        """Second derivatives of the energy [N m/rad, N/m, ...], shape (n, n): how the effort falls as the coordinates grow."""
+        """Second derivatives of the energy [N m/rad, N/m, ...], shape (n, n): how the effort falls
+        as the coordinates grow.
+        """
         found = np.diag(np.asarray(self.stiffness, dtype=float))
         if self.rope is not None:
             s, length, stiffness = self.rope

@@ -30,7 +30,9 @@ _NUMBERS = {
 _NAMES = ("name", "type", "link")
 """Attributes that name something."""
 
-_NEEDED = {name: tuple(_NUMBERS[name]) for name in ("mass", "inertia", "box", "cylinder", "sphere")} | {"limit": ("effort", "velocity")}
+_NEEDED = {
+    name: tuple(_NUMBERS[name]) for name in ("mass", "inertia", "box", "cylinder", "sphere")
+} | {"limit": ("effort", "velocity")}
 """Attributes that an element must have."""
 
 _TYPES = ("revolute", "prismatic", "fixed", "continuous", "floating", "planar")
@@ -45,7 +47,9 @@ _SKELETON = {
 
 
 class _Guarded(ET.TreeBuilder):
-    """Refuses what makes a small file large or a parser slow, before it is expanded: document types, which define entities, and depth."""
+    """Refuses what makes a small file large or a parser slow, before it is expanded: document
+    types, which define entities, and depth.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -84,19 +88,26 @@ def parse(text: str, source: object) -> ET.Element:
 
 
 def check(robot: ET.Element, source: object) -> None:
-    """Return if links, joints and materials of a URDF are complete, nothing in them stands twice, and every number is one.
+    """Return if links, joints and materials of a URDF are complete, nothing in them stands twice,
+    and every number is one.
 
-    Parsers of URDF drop an element with an unreadable number, take the first of two, ignore friction, and carry on, or print on their own
-    what is wrong with the tree of links and joints.
+    Parsers of URDF drop an element with an unreadable number, take the first of two, ignore
+    friction, and carry on, or print on their own what is wrong with the tree of links and joints.
 
     Raises:
-        ModelError: If something is left to expand, a name cannot be printed, an element is double or incomplete, a joint mimics another, or
-            links and joints are no tree.
-        OutOfRange: If a number is not a decimal number, is beyond 1e30 whatever its unit, or a friction is not zero.
+        ModelError: If something is left to expand, a name cannot be printed, an element is double
+            or incomplete, a joint mimics another, or links and joints are no tree.
+        OutOfRange: If a number is not a decimal number, is beyond 1e30 whatever its unit, or a
+            friction is not zero.
     """
     for part in robot.iter():
-        if "xacro" in part.tag or any(mark in value for value in part.attrib.values() for mark in ("${", "$(")):
-            raise ModelError(f"{source} holds xacro directives; if you trust the file name it .xacro, else ask for a plain URDF.")
+        if "xacro" in part.tag or any(
+            mark in value for value in part.attrib.values() for mark in ("${", "$(")
+        ):
+            raise ModelError(
+                f"{source} holds xacro directives; if you trust the file name it .xacro, else ask "
+                "for a plain URDF."
+            )
     for part in robot:
         if part.tag in ("link", "joint", "material"):
             for element in part.iter():
@@ -110,21 +121,34 @@ def _check_tree(robot: ET.Element, source: object) -> None:
     if not links:
         raise ModelError(f"{source} is not a URDF that can be loaded: it has no link.")
     if len(links) + len(joints) > _MOST_PARTS:
-        raise ModelError(f"{source} has {len(links) + len(joints)} links and joints; allowed are {_MOST_PARTS}.")
+        raise ModelError(
+            f"{source} has {len(links) + len(joints)} links and joints; allowed are {_MOST_PARTS}."
+        )
     parents: dict[str, str] = {}
     for name, joint in joints.items():
-        child, parent = (_end(joint, tag, links, f"joint {quoted(name)} in {source}") for tag in ("child", "parent"))
+        child, parent = (
+            _end(joint, tag, links, f"joint {quoted(name)} in {source}")
+            for tag in ("child", "parent")
+        )
         if child in parents:
-            raise ModelError(f"{source} has two joints with the child link {child!r}; allowed is one.")
+            raise ModelError(
+                f"{source} has two joints with the child link {child!r}; allowed is one."
+            )
         parents[child] = parent
     for link in parents:
         above = link
         for _ in parents:
             above = parents.get(above, above)
         if above in parents:
-            raise ModelError(f"{source} has joints that lead in a circle through link {above!r}; a crane is a tree.")
+            raise ModelError(
+                f"{source} has joints that lead in a circle through link {above!r}; a crane is a "
+                "tree."
+            )
     if len(roots := [link for link in links if link not in parents]) > 1:
-        raise ModelError(f"{source} has {len(roots)} links that hang on no joint: {', '.join(map(quoted, roots[:5]))}; allowed is one.")
+        raise ModelError(
+            f"{source} has {len(roots)} links that hang on no joint: "
+            f"{', '.join(map(quoted, roots[:5]))}; allowed is one."
+        )
 
 
 def _named(robot: ET.Element, tag: str, source: object) -> dict[str, ET.Element]:
@@ -152,11 +176,16 @@ def _end(joint: ET.Element, tag: str, links: Mapping[str, ET.Element], where: st
 def _check_element(element: ET.Element, where: str) -> None:
     for name in _NAMES:
         if not (word := element.get(name, "")).isprintable():
-            raise ModelError(f"The {name} {quoted(word)} in {where} holds characters that cannot be printed.")
+            raise ModelError(
+                f"The {name} {quoted(word)} in {where} holds characters that cannot be printed."
+            )
     tags = Counter(child.tag for child in element if child.tag not in ("visual", "collision"))
     for tag, count in tags.items():
         if count > 1:
-            raise ModelError(f"There are {count} elements {quoted(tag)} in one {quoted(element.tag)} of {where}; allowed is one.")
+            raise ModelError(
+                f"There are {count} elements {quoted(tag)} in one {quoted(element.tag)} of "
+                f"{where}; allowed is one."
+            )
     if element.tag == "inertial" and not {"mass", "inertia"} <= tags.keys():
         raise ModelError(f"The inertial of {where} needs a mass and an inertia.")
     if element.tag == "joint":
@@ -166,10 +195,15 @@ def _check_element(element: ET.Element, where: str) -> None:
     for name, count in _NUMBERS.get(element.tag, {}).items():
         text = element.get(name, "" if name in _NEEDED.get(element.tag, ()) else None)
         if text is not None and not _are_numbers(text.split(), count):
-            allowed = f"{'a decimal number' if count == 1 else f'{count} decimal numbers'} up to {_LARGEST:g}"
+            allowed = (
+                f"{'a decimal number' if count == 1 else f'{count} decimal numbers'} up to "
+                f"{_LARGEST:g}"
+            )
             raise OutOfRange(f"{name} of {element.tag} in {where}", repr(text), allowed)
     if element.tag == "dynamics" and float(element.get("friction", "0")) != 0.0:
-        raise OutOfRange(f"friction of {where}", element.get("friction"), "0, since only viscous damping acts")
+        raise OutOfRange(
+            f"friction of {where}", element.get("friction"), "0, since only viscous damping acts"
+        )
 
 
 def _check_joint(joint: ET.Element, where: str) -> None:
@@ -184,7 +218,9 @@ def _check_joint(joint: ET.Element, where: str) -> None:
 
 
 def _are_numbers(words: list[str], count: int) -> bool:
-    return len(words) == count and all(_DECIMAL.fullmatch(word) and abs(float(word)) <= _LARGEST for word in words)
+    return len(words) == count and all(
+        _DECIMAL.fullmatch(word) and abs(float(word)) <= _LARGEST for word in words
+    )
 
 
 def skeleton(robot: ET.Element) -> str:
@@ -193,7 +229,8 @@ def skeleton(robot: ET.Element) -> str:
     It names no file and holds nothing that was not checked, so that it is safe to hand on.
     """
     bare = ET.Element("robot", name=printable(robot.get("name", "")))
-    bare.extend([_kept(part) for part in robot if part.tag in ("link", "joint")])  # a list: Ctrl-C in a generator is a TypeError
+    # A list: Ctrl-C in a generator is a TypeError.
+    bare.extend([_kept(part) for part in robot if part.tag in ("link", "joint")])
     return ET.tostring(bare, encoding="unicode")
 
 
@@ -206,7 +243,11 @@ def bare(robot: ET.Element) -> str:
 
 def _kept(element: ET.Element) -> ET.Element:
     numbers = _NUMBERS.get(element.tag, {})
-    kept = ET.Element(element.tag, {name: text for name in _NAMES if (text := element.get(name)) is not None})
-    kept.attrib |= {name: " ".join(text.split()) for name in numbers if (text := element.get(name)) is not None}
+    kept = ET.Element(
+        element.tag, {name: text for name in _NAMES if (text := element.get(name)) is not None}
+    )
+    kept.attrib |= {
+        name: " ".join(text.split()) for name in numbers if (text := element.get(name)) is not None
+    }
     kept.extend(_kept(child) for child in element if child.tag in _SKELETON.get(element.tag, ()))
     return kept

@@ -1,4 +1,6 @@
-"""What of a crane takes up room, from the shapes in its URDF: mast, upper structure, trolley, rope, hook and load."""
+"""What of a crane takes up room, from the shapes in its URDF: mast, upper structure, trolley, rope,
+hook and load.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,8 @@ class Bodies:
         trolley: Its box, around all of its shapes: centre and size [m].
         hook: The box around the hook, above the load: centre and size [m].
         load: Corners of the load about the end of the cable [m], shape (n, 3).
-        falls: Radius about the cable's axis within which the falls of the rope run [m]: half the width of the hook's block.
+        falls: Radius about the cable's axis within which the falls of the rope run [m]: half the
+            width of the hook's block.
     """
 
     mast: list[Placed]
@@ -42,11 +45,19 @@ class Bodies:
     def spread(self) -> float:
         """Farthest that a point of trolley, rope, hook or load is from the plumb line [m]."""
         boxes = [np.abs(centre[:2]) + size[:2] / 2.0 for centre, size in (self.trolley, self.hook)]
-        return float(max(self.falls, *map(np.hypot.reduce, boxes), np.linalg.norm(self.load[:, :2], axis=1).max()))
+        return float(
+            max(
+                self.falls,
+                *map(np.hypot.reduce, boxes),
+                np.linalg.norm(self.load[:, :2], axis=1).max(),
+            )
+        )
 
     @cached_property
     def below(self) -> float:
-        """How far the load reaches below the end of the cable, or beside it [m]: no point is farther from the pivot than l and this."""
+        """How far the load reaches below the end of the cable, or beside it [m]: no point is
+        farther from the pivot than l and this.
+        """
         return float(np.linalg.norm(self.load, axis=1).max())
 
 
@@ -57,25 +68,43 @@ def bodies(crane: Crane, load: np.ndarray | None = None) -> Bodies:
 
     Args:
         crane: The crane.
-        load: Corners of another load about the end of the cable [m], shape (n, 3); the hook then stands on top of it.
+        load: Corners of another load about the end of the cable [m], shape (n, 3); the hook then
+            stands on top of it.
 
     Raises:
         MissingRole: If it is not a tower crane.
-        ModelError: If it moves in other joints, too, or the URDF shows a mesh, or no shapes where one is needed.
+        ModelError: If it moves in other joints, too, or the URDF shows a mesh, or no shapes where
+            one is needed.
     """
-    slew, trolley, radial, tangential, hoist = (joint + 1 for joint in crane.layout.tower("What takes up room"))
-    carriers = {"mast": [0], "upper structure": [slew], "trolley": [trolley, radial, tangential], "payload": [hoist]}
+    slew, trolley, radial, tangential, hoist = (
+        joint + 1 for joint in crane.layout.tower("What takes up room")
+    )
+    carriers = {
+        "mast": [0],
+        "upper structure": [slew],
+        "trolley": [trolley, radial, tangential],
+        "payload": [hoist],
+    }
     shapes = _shapes(crane)
-    groups = {name: [one for joint in joints for one in shapes.get(joint, [])] for name, joints in carriers.items()}
+    groups = {
+        name: [one for joint in joints for one in shapes.get(joint, [])]
+        for name, joints in carriers.items()
+    }
     for name in ("upper structure", "trolley", "payload"):
         if not groups[name]:
-            raise ModelError(f"The URDF of the crane shows no shapes of its {name}; clearance needs boxes, cylinders or spheres.")
+            raise ModelError(
+                f"The URDF of the crane shows no shapes of its {name}; clearance needs boxes, "
+                "cylinders or spheres."
+            )
     corners = [_corners(one) for one in groups["payload"]]
     largest = max(corners, key=lambda points: float(np.prod(np.ptp(points, axis=0))))
     top = float(largest[:, 2].max())
     above = [points for points in corners if points[:, 2].mean() > top]
     if not above:
-        raise ModelError("The URDF of the crane shows no hook above its load, so that the width of the rope is not known.")
+        raise ModelError(
+            "The URDF of the crane shows no hook above its load, so that the width of the rope is "
+            "not known."
+        )
     block = max(above, key=lambda points: float(points[:, 2].max()))
     carried = largest if load is None else load
     hook = np.concatenate(above) + np.array([0.0, 0.0, float(carried[:, 2].max()) - top])
@@ -90,23 +119,32 @@ def bodies(crane: Crane, load: np.ndarray | None = None) -> Bodies:
 
 
 def _mast(shapes: list[Placed]) -> list[Placed]:
-    """Two hulls instead of a hundred bars: one around all that reaches above a quarter of its height, one around its foot."""
+    """Two hulls instead of a hundred bars: one around all that reaches above a quarter of its
+    height, one around its foot.
+    """
     corners = [_corners(one) for one in shapes]
     quarter = max((float(points[:, 2].max()) for points in corners), default=0.0) / 4.0
-    halves = ([points for points in corners if bool(points[:, 2].max() > quarter) is high] for high in (True, False))
+    halves = (
+        [points for points in corners if bool(points[:, 2].max() > quarter) is high]
+        for high in (True, False)
+    )
     here = np.eye(3), np.zeros(3)
     return [(hull(np.concatenate(half)), *here) for half in halves if half]
 
 
 def solid_parts(crane: Crane) -> list[tuple[int, np.ndarray]]:
-    """Every shape that a crane shows: the joint that carries it (0 for none), and its corners in the frame of that joint [m]."""
+    """Every shape that a crane shows: the joint that carries it (0 for none), and its corners in
+    the frame of that joint [m].
+    """
     return [(joint, _corners(one)) for joint, some in _shapes(crane).items() for one in some]
 
 
 def _shapes(crane: Crane) -> dict[int, list[Placed]]:
     urdf = crane.urdf
     if ET.fromstring(urdf).find("link/visual/geometry/mesh") is not None:
-        raise ModelError("The URDF of the crane shows a mesh; clearance needs boxes, cylinders or spheres.")
+        raise ModelError(
+            "The URDF of the crane shows a mesh; clearance needs boxes, cylinders or spheres."
+        )
     found: dict[int, list[Placed]] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
         for part in pin.buildGeomFromUrdfString(crane.model, urdf, kind).geometryObjects:
@@ -116,11 +154,15 @@ def _shapes(crane: Crane) -> dict[int, list[Placed]]:
 
 
 def _corners(placed: Placed) -> np.ndarray:
-    """Corners of the box around a shape, turned with it, in the frame of the joint [m], shape (8, 3)."""
+    """Corners of the box around a shape, turned with it, in the frame of the joint [m], shape (8,
+    3).
+    """
     geometry, rotation, translation = placed
     geometry.computeLocalAABB()
     low, high = geometry.aabb_local.min_, geometry.aabb_local.max_
-    box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    box = np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
     return box @ rotation.T + translation
 
 

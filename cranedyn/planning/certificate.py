@@ -1,7 +1,8 @@
-"""What a planned lift is really like: simulated under its controller, with the swing it has, held against everything that is asked of it.
+"""What a planned lift is really like: simulated under its controller, with the swing it has, held
+against everything that is asked of it.
 
-The certificate trusts nothing of the plan but the motion that it asks for: distances are measured again, with the load where the
-simulation has it, and between the instants they are proven.
+The certificate trusts nothing of the plan but the motion that it asks for: distances are measured
+again, with the load where the simulation has it, and between the instants they are proven.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ ARRIVAL_SWING = 0.05e-3
 """Largest amplitude of the swing at the arrival [rad]."""
 
 _BEND = 1e-4
-"""By how much a point may be off its straight line between two instants [m]: h²/8 of 32 m/s² at 5 ms."""
+"""By how much a point may be off its straight line between two instants [m]: h²/8 of 32 m/s² at 5
+ms."""
 
 _SHOWN = 0.2
 _TOO_FAST = 1.005
@@ -56,8 +58,10 @@ class Certificate:
         lift: What was planned.
         run: What was simulated.
         t: Times at which distances were measured [s], shape (m,).
-        distances: How near anything that hangs comes to each obstacle then [m], by its name, shape (m,) each.
-        nearest: The least distance of all, of which body from what; zones count where something is in them.
+        distances: How near anything that hangs comes to each obstacle then [m], by its name, shape
+            (m,) each.
+        nearest: The least distance of all, of which body from what; zones count where something is
+            in them.
         at: When that is [s].
         checks: All that is asked.
     """
@@ -78,9 +82,16 @@ class Certificate:
 
 @checked
 def controller_of(lift: Lift, *, dt: float = 5e-4) -> HoistIntegral:
-    """What makes a lift: a full-model LQR about its motion, with an integrator on the hoist; a new one for each run."""
+    """What makes a lift: a full-model LQR about its motion, with an integrator on the hoist; a new
+    one for each run.
+    """
     crane = lift.crane
-    return HoistIntegral(crane, lqr(crane, lift.timed.motion, dt=dt), HOIST_INTEGRAL, float(crane.effort_limit[crane.layout.drive("l")]))
+    return HoistIntegral(
+        crane,
+        lqr(crane, lift.timed.motion, dt=dt),
+        HOIST_INTEGRAL,
+        float(crane.effort_limit[crane.layout.drive("l")]),
+    )
 
 
 @checked
@@ -108,18 +119,37 @@ def certify(
     made = replace(controller_of(lift, dt=dt) if controller is None else controller, integral=0.0)
     motion, (start, goal) = lift.timed.motion, lift.states()
     duration = motion.arrival + motion.period * math.ceil(AFTER / motion.period)
-    run = simulate(lift.crane, made, motion, start=start, duration=duration, dt=dt, control_period=motion.period, engine=engine)
-    rows = np.unique(np.append(np.arange(0, len(run), max(1, round(_SHOWN / motion.period))), len(run) - 1))
+    run = simulate(
+        lift.crane,
+        made,
+        motion,
+        start=start,
+        duration=duration,
+        dt=dt,
+        control_period=motion.period,
+        engine=engine,
+    )
+    rows = np.unique(
+        np.append(np.arange(0, len(run), max(1, round(_SHOWN / motion.period))), len(run) - 1)
+    )
     found = [against.distances(run.q[k], jib=False) for k in rows]
     names = list(found[0])
     distances = {name: np.array([one[name].distance for one in found]) for name in names}
     k, nearest = _nearest(against, run, rows, found)
     return Certificate(
-        lift, run, run.t[rows], distances, nearest, float(run.t[k]), _checks(against, lift, run, goal.q, nearest, float(run.t[k]))
+        lift,
+        run,
+        run.t[rows],
+        distances,
+        nearest,
+        float(run.t[k]),
+        _checks(against, lift, run, goal.q, nearest, float(run.t[k])),
     )
 
 
-def _nearest(clearance: Clearance, run: Trajectory, rows: np.ndarray, found: Sequence[dict[str, Nearest]]) -> tuple[int, Nearest]:
+def _nearest(
+    clearance: Clearance, run: Trajectory, rows: np.ndarray, found: Sequence[dict[str, Nearest]]
+) -> tuple[int, Nearest]:
     """The row in which something is nearest to what it must keep away from, and which is it."""
     rooms = [clearance.true_room(run.q[k]) for k in rows]
     about = int(np.argmin(rooms))
@@ -129,10 +159,11 @@ def _nearest(clearance: Clearance, run: Trajectory, rows: np.ndarray, found: Seq
 
 
 def unproven_time(clearance: Clearance, run: Trajectory) -> float | None:
-    """When in a run it is not proven that all that hangs keeps its distance [s]; None if it is at all times.
+    """When in a run it is not proven that all that hangs keeps its distance [s]; None if it is at
+    all times.
 
-    Between two instants no point moves farther than the difference of their coordinates says; stretches of instants are halved until
-    the room in their middle is more than that.
+    Between two instants no point moves farther than the difference of their coordinates says;
+    stretches of instants are halved until the room in their middle is more than that.
     """
     gone = np.concatenate([[0.0], np.cumsum(clearance.moved(run.q[:-1, :], run.q[1:, :]))])
     waiting = [(0, len(run) - 1)]
@@ -148,20 +179,30 @@ def unproven_time(clearance: Clearance, run: Trajectory) -> float | None:
     return None
 
 
-def _checks(clearance: Clearance, lift: Lift, run: Trajectory, goal: np.ndarray, nearest: Nearest, at: float) -> list[Check]:
+def _checks(
+    clearance: Clearance, lift: Lift, run: Trajectory, goal: np.ndarray, nearest: Nearest, at: float
+) -> list[Check]:
     site, motion, crane = clearance.site, lift.timed.motion, lift.crane
     unproven = unproven_time(clearance, run)
     slew, place = run.q[:, clearance.joints.slew], clearance.place_of
     turns = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
-    turned = (turns.low <= slew.min() and slew.max() <= turns.high and turns.low < turns.high) or bool(np.ptp(slew) == 0.0)
+    turned = (
+        turns.low <= slew.min() and slew.max() <= turns.high and turns.low < turns.high
+    ) or bool(np.ptp(slew) == 0.0)
     after = run.since(motion.arrival - 1e-9)
     passive, length = crane.layout.passive, float(after.q[0, clearance.joints.hoist])
-    swing = float(swing_amplitude(after.q[:1, passive], after.v[:1, passive], length, crane.gravity)[0])
+    swing = float(
+        swing_amplitude(after.q[:1, passive], after.v[:1, passive], length, crane.gravity)[0]
+    )
     peak = float(clearance.tilt(run.q).max())
     rates = np.abs(run.v[:, place]).max(axis=0) / np.array(lift.limits.rates)
     cut = bool((run.command != run.effort).any())
-    off = 1000.0 * float(np.linalg.norm(clearance.point(after.q[-1, place]) - clearance.point(goal[place])))
-    proof = "proven between all instants" if unproven is None else f"not proven at t = {unproven:.2f} s"
+    off = 1000.0 * float(
+        np.linalg.norm(clearance.point(after.q[-1, place]) - clearance.point(goal[place]))
+    )
+    proof = (
+        "proven between all instants" if unproven is None else f"not proven at t = {unproven:.2f} s"
+    )
     jib = (
         f"jib and counter-jib turn freely, with {site.distance:g} m at least"
         if turned
@@ -169,18 +210,24 @@ def _checks(clearance: Clearance, lift: Lift, run: Trajectory, goal: np.ndarray,
     )
     return [
         Check(
-            f"Nothing comes nearer than {site.distance:g} m: least is {nearest.distance:.2f} m, {nearest.body} and {nearest.obstacle} at "
+            f"Nothing comes nearer than {site.distance:g} m: least is {nearest.distance:.2f} m, "
+            f"{nearest.body} and {nearest.obstacle} at "
             f"t = {at:.1f} s; {proof}.",
             unproven is None and nearest.distance >= site.distance,
         ),
         Check(f"Slewing: {jib}.", bool(turned)),
-        Check(f"The load swings {1000 * peak:.1f} mrad at most, {1000 * site.swing:.1f} allowed.", peak <= site.swing),
         Check(
-            f"At the arrival it swings {1e3 * swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} allowed; it ends {off:.1f} mm from its goal.",
+            f"The load swings {1000 * peak:.1f} mrad at most, {1000 * site.swing:.1f} allowed.",
+            peak <= site.swing,
+        ),
+        Check(
+            f"At the arrival it swings {1e3 * swing:.4f} mrad, {1e3 * ARRIVAL_SWING:g} allowed; it "
+            f"ends {off:.1f} mm from its goal.",
             swing <= ARRIVAL_SWING,
         ),
         Check(
-            f"Rates are {100 * rates.max():.1f} % of their limits at most; efforts are {'cut' if cut else 'never cut'}.",
+            f"Rates are {100 * rates.max():.1f} % of their limits at most; efforts are "
+            f"{'cut' if cut else 'never cut'}.",
             bool(rates.max() <= _TOO_FAST) and not cut,
         ),
     ]

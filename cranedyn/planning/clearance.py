@@ -1,7 +1,8 @@
 """How far crane and load are from what stands about them.
 
-A place is slew [rad], trolley radius [m] and cable length [m] with the load plumb, shape (3,). The required distance is part of the
-shapes, which are inflated by it, and the swing of the load is an envelope about these.
+A place is slew [rad], trolley radius [m] and cable length [m] with the load plumb, shape (3,). The
+required distance is part of the shapes, which are inflated by it, and the swing of the load is an
+envelope about these.
 """
 
 from __future__ import annotations
@@ -39,8 +40,9 @@ _KEEPS_FROM = {
     },
     "bare": {"trolley": [], "rope": ["zones"], "hook": ["zones"], "load": ["zones"]},
 }
-"""Which obstacles which body has to keep away from: by the required distance, and as it is. The load hangs lowest, and solids that are
-not tall never come near the trolley, whose height does not change."""
+"""Which obstacles which body has to keep away from: by the required distance, and as it is. The
+load hangs lowest, and solids that are not tall never come near the trolley, whose height does not
+change."""
 
 
 class Joints(NamedTuple):
@@ -116,10 +118,15 @@ class Clearance:
 
     @property
     def shortest(self) -> float:
-        """Shortest cable on which the hook, on top of the load, hangs below the trolley [m], not less than that of the crane."""
+        """Shortest cable on which the hook, on top of the load, hangs below the trolley [m], not
+        less than that of the crane.
+        """
         (_, _, hook), (_, _, tall) = self.bodies.hook
         (_, _, trolley), (_, _, deep) = self.bodies.trolley
-        return max(float(self.crane.lower[self.joints.hoist]), float(hook + tall / 2.0 - trolley + deep / 2.0))
+        return max(
+            float(self.crane.lower[self.joints.hoist]),
+            float(hook + tall / 2.0 - trolley + deep / 2.0),
+        )
 
     def with_more_distance(self, extra: float) -> Clearance:
         """The same where more distance is asked for [m]."""
@@ -127,24 +134,39 @@ class Clearance:
         wider.__dict__["bodies"] = self.bodies
         return wider
 
-    # --------------------------------------------------------------------------------------------------------------------- places
+    # ----------------------------------------------------------------------------------------------
+    # ----------------------- places
 
     def place(self, point: np.ndarray, what: str = "point") -> np.ndarray:
-        """The place at which the centre of the load is at a point of the site [m], its slew from -π to π.
+        """The place at which the centre of the load is at a point of the site [m], its slew from -π
+        to π.
 
         Raises:
-            OutOfRange: If the crane does not reach it: which coordinate is how far out of its range.
+            OutOfRange: If the crane does not reach it: which coordinate is how far out of its
+                range.
         """
         x, y, z = self.site.to_crane(point)
         found = np.array([math.atan2(x, -y), math.hypot(x, y), self.height - z])
-        (_, low, _), (_, *high) = (ends[self.place_of].tolist() for ends in (self.crane.lower, self.crane.upper))
+        (_, low, _), (_, *high) = (
+            ends[self.place_of].tolist() for ends in (self.crane.lower, self.crane.upper)
+        )
         ranges = zip((low, self.shortest), high, strict=True)
-        for words, value, (low, high) in zip(("trolley radius", "cable length"), found[1:], ranges, strict=True):
-            within(f"{words} for the {what} {quoted(np.round(point, 3).tolist())}", float(value), low, high, "m")
+        for words, value, (low, high) in zip(
+            ("trolley radius", "cable length"), found[1:], ranges, strict=True
+        ):
+            within(
+                f"{words} for the {what} {quoted(np.round(point, 3).tolist())}",
+                float(value),
+                low,
+                high,
+                "m",
+            )
         return found
 
     def point(self, place: np.ndarray) -> np.ndarray:
-        """Centre of the load at places, shape (..., 3), in the frame of the crane [m], shape (..., 3)."""
+        """Centre of the load at places, shape (..., 3), in the frame of the crane [m], shape (...,
+        3).
+        """
         gamma, x, length = np.moveaxis(place, -1, 0)
         return np.stack([x * np.sin(gamma), -x * np.cos(gamma), self.height - length], axis=-1)
 
@@ -155,37 +177,52 @@ class Clearance:
         return q
 
     def tilt(self, q: np.ndarray) -> np.ndarray:
-        """How far the rope leans, or its leaning differs where coordinates do, shape (..., n); in [rad], shape (...)."""
+        """How far the rope leans, or its leaning differs where coordinates do, shape (..., n); in
+        [rad], shape (...).
+        """
         return np.hypot(q[..., self.joints.radial_swing], q[..., self.joints.tangential_swing])
 
-    # ------------------------------------------------------------------------------------------------------------ what hangs
+    # ----------------------------------------------------------------------------------------------
+    # -------------- what hangs
 
     def envelope(self, length: float) -> float:
-        """How far a point of load, hook, rope or trolley may be from where it is with the load plumb [m], on a cable of a length [m].
+        """How far a point of load, hook, rope or trolley may be from where it is with the load
+        plumb [m], on a cable of a length [m].
 
-        All of these are turned about the pivot, or about the load, by no more than the swing of the site.
+        All of these are turned about the pivot, or about the load, by no more than the swing of the
+        site.
         """
         return 2.0 * (length + self.bodies.below) * math.sin(self.site.swing / 2.0)
 
     def room(self, place: np.ndarray) -> float:
-        """By how much all that hangs, with its envelope of swing, is farther from everything than required [m]."""
+        """By how much all that hangs, with its envelope of swing, is farther from everything than
+        required [m].
+        """
         return self.true_room(self.q(place)) - self.envelope(float(place[2]))
 
     def travel(self, place: np.ndarray, reach: np.ndarray) -> float:
-        """By how much `room` changes at most between a place and one that is no farther from it than a reach in each coordinate [m].
+        """By how much `room` changes at most between a place and one that is no farther from it
+        than a reach in each coordinate [m].
 
-        A point at the radius r from the slew axis moves by r |Δγ| + |Δx| across and by |Δl| down at most; the envelope grows with l.
+        A point at the radius r from the slew axis moves by r |Δγ| + |Δx| across and by |Δl| down at
+        most; the envelope grows with l.
         """
         gamma, x, length = reach.tolist()
         across = (float(place[1]) + x + self.bodies.spread) * gamma + x
         return math.hypot(across, length) + 2.0 * math.sin(self.site.swing / 2.0) * length
 
     def true_room(self, q: np.ndarray) -> float:
-        """By how much all that hangs is farther from everything than required, at coordinates of all joints, shape (n,); in [m]."""
-        return min(self._fields[kind].least(moving) for _, kind, moving in self._placed(q)) - ROUNDING
+        """By how much all that hangs is farther from everything than required, at coordinates of
+        all joints, shape (n,); in [m].
+        """
+        return (
+            min(self._fields[kind].least(moving) for _, kind, moving in self._placed(q)) - ROUNDING
+        )
 
     def moved(self, q: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """How far any point of what hangs is moved at most between coordinates, shape (..., n) each; in [m], shape (...)."""
+        """How far any point of what hangs is moved at most between coordinates, shape (..., n)
+        each; in [m], shape (...).
+        """
         apart = np.abs(other - q)
         swing = np.maximum(self.tilt(q), self.tilt(other))
         slewed, out, hoisted = np.moveaxis(apart[..., self.place_of], -1, 0)
@@ -194,46 +231,82 @@ class Clearance:
         radius = x + self.bodies.spread + length * np.sin(np.minimum(swing, math.pi / 2.0))
         return np.hypot(radius * slewed + out, hoisted) + length * self.tilt(apart)
 
-    # --------------------------------------------------------------------------------------------------------- what slews with the jib
+    # ----------------------------------------------------------------------------------------------
+    # ----------- what slews with the jib
 
     def slewing_room(self, gamma: float) -> float:
-        """By how much all that slews with the jib is farther from every solid than required, at a slew angle [rad]; in [m]."""
+        """By how much all that slews with the jib is farther from every solid than required, at a
+        slew angle [rad]; in [m].
+        """
         field = self._fields["solids"]
-        return min(field.least(moving) for moving in self._slewing(gamma)) - ROUNDING if len(field) else math.inf
+        return (
+            min(field.least(moving) for moving in self._slewing(gamma)) - ROUNDING
+            if len(field)
+            else math.inf
+        )
 
     @cached_property
     def slewing_radius(self) -> float:
         """Farthest point of what slews with the jib from the slew axis [m], at most."""
         return max(body.radius for body in self._upper)
 
-    # ------------------------------------------------------------------------------------------------------------------------ by name
+    # ----------------------------------------------------------------------------------------------
+    # -------------------------- by name
 
     def distances(self, q: np.ndarray, *, jib: bool = True) -> dict[str, Nearest]:
-        """What is nearest to each obstacle, by its name, at coordinates of all joints, shape (n,); the jib counted or not."""
+        """What is nearest to each obstacle, by its name, at coordinates of all joints, shape (n,);
+        the jib counted or not.
+        """
         found: dict[str, Nearest] = {}
         jib_parts = self._slewing(float(q[self.joints.slew])) if jib else ()
-        for body, kind, moving in itertools.chain(self._placed(q), (("jib", "solids", moving) for moving in jib_parts)):
+        for body, kind, moving in itertools.chain(
+            self._placed(q), (("jib", "solids", moving) for moving in jib_parts)
+        ):
             inflated = 0.0 if kind == "zones" else self.site.distance
             for name, distance in self._fields[kind].each(moving).items():
-                found[name] = min(found.get(name, Nearest(math.inf, "", name)), Nearest(distance + inflated, body, name))
+                found[name] = min(
+                    found.get(name, Nearest(math.inf, "", name)),
+                    Nearest(distance + inflated, body, name),
+                )
         return found
 
     def nearest(self, q: np.ndarray) -> Nearest:
-        """Which body is how near to what, at coordinates of all joints, shape (n,); zones count where something is in them."""
+        """Which body is how near to what, at coordinates of all joints, shape (n,); zones count
+        where something is in them.
+        """
         zones = {solid.name for solid in self.solids if solid.zone}
-        return min(found for found in self.distances(q).values() if found.obstacle not in zones or found.distance <= 0.0)
+        return min(
+            found
+            for found in self.distances(q).values()
+            if found.obstacle not in zones or found.distance <= 0.0
+        )
 
-    # ------------------------------------------------------------------------------------------------------------------------- inside
+    # ----------------------------------------------------------------------------------------------
+    # --------------------------- inside
 
     @cached_property
     def _fields(self) -> dict[str, Field]:
         here = np.eye(3), np.zeros(3)
-        ground = coal.Halfspace(np.array([0.0, 0.0, 1.0]), self.site.ground - float(self.site.foot[2]))
+        ground = coal.Halfspace(
+            np.array([0.0, 0.0, 1.0]), self.site.ground - float(self.site.foot[2])
+        )
         solids, zones = (
-            [(one.name, (shape, *here)) for one in self.solids if one.zone is zone for shape in one.geometries()] for zone in (False, True)
+            [
+                (one.name, (shape, *here))
+                for one in self.solids
+                if one.zone is zone
+                for shape in one.geometries()
+            ]
+            for zone in (False, True)
         )
         longest = float(self.crane.upper[self.joints.hoist])
-        low = self.height + self.bodies.trolley[0][2] - self.bodies.trolley[1][2] / 2.0 - self.site.distance - self.envelope(longest)
+        low = (
+            self.height
+            + self.bodies.trolley[0][2]
+            - self.bodies.trolley[1][2] / 2.0
+            - self.site.distance
+            - self.envelope(longest)
+        )
         tall = {one.name for one in self.solids if one.vertices[:, 2].max() > low - ROUNDING}
         return {
             "solids": Field(solids),
@@ -249,8 +322,14 @@ class Clearance:
         made, here = {}, (np.eye(3), np.zeros(3))
         for kind, inflated in (("inflated", self.site.distance), ("bare", 0.0)):
             boxes = {"trolley": self.bodies.trolley, "hook": self.bodies.hook}
-            made[kind] = {name: Body((coal.Box(size), np.eye(3), centre), inflated) for name, (centre, size) in boxes.items()}
-            made[kind] |= {"rope": Rope(self.bodies.falls, inflated), "load": Body((hull(self.bodies.load), *here), inflated)}
+            made[kind] = {
+                name: Body((coal.Box(size), np.eye(3), centre), inflated)
+                for name, (centre, size) in boxes.items()
+            }
+            made[kind] |= {
+                "rope": Rope(self.bodies.falls, inflated),
+                "load": Body((hull(self.bodies.load), *here), inflated),
+            }
         return made
 
     @cached_property
@@ -258,11 +337,18 @@ class Clearance:
         return [Body(placed, self.site.distance) for placed in self.bodies.upper]
 
     def _placed(self, q: np.ndarray) -> Iterator[tuple[str, str, Body]]:
-        """Each body that hangs, at its place, with each kind of obstacle that it has to keep away from."""
+        """Each body that hangs, at its place, with each kind of obstacle that it has to keep away
+        from.
+        """
         data = self.crane.data
         pin.forwardKinematics(self.crane.model, data, q)
-        carriers = (data.oMi[i + 1] for i in (self.joints.trolley, self.joints.radial_swing, self.joints.hoist))
-        trolley, pivot, load = ((frame.rotation.copy(), frame.translation.copy()) for frame in carriers)
+        carriers = (
+            data.oMi[i + 1]
+            for i in (self.joints.trolley, self.joints.radial_swing, self.joints.hoist)
+        )
+        trolley, pivot, load = (
+            (frame.rotation.copy(), frame.translation.copy()) for frame in carriers
+        )
         for which in ("inflated", "bare") if len(self._fields["zones"]) else ("inflated",):
             for name, body in self._bodies[which].items():
                 if isinstance(body, Rope):

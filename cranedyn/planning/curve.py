@@ -1,6 +1,7 @@
 """The path of a load as a smooth curve: straight lines between places, with rounded corners.
 
-Its parameter is time at full speed: the drive that has the longest way goes at its rate, so that the length of a path is a duration.
+Its parameter is time at full speed: the drive that has the longest way goes at its rate, so that
+the length of a path is a duration.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from cranedyn.planning.proof import unproven
 _KERNEL = Polynomial([35.0 / 32.0]) * Polynomial([1.0, 0.0, -1.0]) ** 3
 _STEP = _KERNEL.integ(lbnd=-1)
 _RAMP = _STEP.integ(lbnd=-1)
-"""A weight on -1 to 1 that averages directions about a corner, its integral and that one's: curves have four derivatives."""
+"""A weight on -1 to 1 that averages directions about a corner, its integral and that one's: curves
+have four derivatives."""
 
 _SHARPEST, _HALVINGS = 1e-3, 9
 
@@ -34,7 +36,8 @@ def lasts(points: np.ndarray, rates: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A curve through places with rounded corners; it meets its first and last place, and the middles of its legs.
+    """A curve through places with rounded corners; it meets its first and last place, and the
+    middles of its legs.
 
     Attributes:
         points: Places, no two following ones equal, shape (n, 3).
@@ -61,7 +64,9 @@ class Path:
         return np.diff(self.points, axis=0) / np.diff(self.knots)[:, None]
 
     def derivatives(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places and their first and second derivatives at parameters [s], shape (m,); shape (m, 3) each."""
+        """Places and their first and second derivatives at parameters [s], shape (m,); shape (m, 3)
+        each.
+        """
         s = np.asarray(s, dtype=float)
         leg = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.points) - 2)
         place = self.points[leg] + (s - self.knots[leg])[:, None] * self._speeds[leg]
@@ -80,7 +85,9 @@ class Path:
         return self.derivatives(np.array([s]))[0][0]
 
     def reach(self, first: float, last: float) -> np.ndarray:
-        """See `cranedyn.planning.proof.Curve`: within a corner the curve goes at a mean of the speeds before and after it."""
+        """See `cranedyn.planning.proof.Curve`: within a corner the curve goes at a mean of the
+        speeds before and after it.
+        """
         begins = self.knots[:-1] - np.append(0.0, self.widths)
         ends = self.knots[1:] + np.append(self.widths, 0.0)
         legs = (begins <= last) & (ends >= first)
@@ -88,7 +95,8 @@ class Path:
 
 
 def rounded(clearance: Clearance, points: np.ndarray, rates: np.ndarray) -> Path | None:
-    """A proven curve along proven straight lines, each corner rounded as widely as can be proven; None if one cannot at all.
+    """A proven curve along proven straight lines, each corner rounded as widely as can be proven;
+    None if one cannot at all.
 
     Args:
         clearance: Crane and site.
@@ -96,12 +104,18 @@ def rounded(clearance: Clearance, points: np.ndarray, rates: np.ndarray) -> Path
         rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
     """
     legs = lasts(points, rates)
-    shares = np.where(np.arange(len(legs)) % max(len(legs) - 1, 1) == 0, 0.98, 0.49)  # an end has no other corner
+    # An end has no other corner.
+    shares = np.where(np.arange(len(legs)) % max(len(legs) - 1, 1) == 0, 0.98, 0.49)
     widths = np.minimum((shares * legs)[:-1], (shares * legs)[1:])
     for k in range(len(widths)):
         for _ in range(_HALVINGS):
             path = Path(points, rates, widths)
-            if unproven(clearance, path, path.knots[k + 1] - widths[k], path.knots[k + 1] + widths[k]) is None:
+            if (
+                unproven(
+                    clearance, path, path.knots[k + 1] - widths[k], path.knots[k + 1] + widths[k]
+                )
+                is None
+            ):
                 break
             widths[k] /= 2.0
         else:

@@ -1,4 +1,6 @@
-"""Distances by coal (Pan et al. 2012; Montaut et al. 2024): sets of things that stand still, and bodies that move among them."""
+"""Distances by coal (Pan et al. 2012; Montaut et al. 2024): sets of things that stand still, and
+bodies that move among them.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,8 @@ from cranedyn.planning.bodies import Placed
 class Body:
     """A shape that moves, inflated by a distance on all sides.
 
-    Inflating is by coal's swept-sphere radius, which its bounding boxes and its distances both know of; a `security_margin` of a request
-    is unknown to its broad phase.
+    Inflating is by coal's swept-sphere radius, which its bounding boxes and its distances both know
+    of; a `security_margin` of a request is unknown to its broad phase.
 
     Attributes:
         shape: The shape.
@@ -24,7 +26,9 @@ class Body:
     """
 
     def __init__(self, placed: Placed, inflated: float) -> None:
-        """Inflate a shape by a distance [m]; its rotation and translation are those in the frame that it moves with."""
+        """Inflate a shape by a distance [m]; its rotation and translation are those in the frame
+        that it moves with.
+        """
         shape, self._rotation, self._translation = placed
         self.shape = shape.clone()
         self.inflated, self._bare = inflated, coal.CollisionObject(shape.clone())
@@ -41,7 +45,9 @@ class Body:
 
     @property
     def bare(self) -> coal.CollisionObject:
-        """The shape at the same place without what it is inflated by: coal knows of no inflated shape beside a surface of triangles."""
+        """The shape at the same place without what it is inflated by: coal knows of no inflated
+        shape beside a surface of triangles.
+        """
         self._bare.setTransform(self.moving.getTransform())
         self._bare.computeAABB()
         return self._bare
@@ -49,7 +55,9 @@ class Body:
     def put(self, rotation: np.ndarray, translation: np.ndarray) -> Body:
         """Put the frame that it moves with somewhere."""
         turned = rotation if self._upright else rotation @ self._rotation
-        self.moving.setTransform(coal.Transform3s(turned, rotation @ self._translation + translation))
+        self.moving.setTransform(
+            coal.Transform3s(turned, rotation @ self._translation + translation)
+        )
         self.moving.computeAABB()
         return self
 
@@ -64,7 +72,9 @@ class Rope(Body):
     @property
     def bare(self) -> coal.CollisionObject:
         """See `Body`."""
-        self._bare = coal.CollisionObject(coal.Capsule(self.shape.radius, 2.0 * self.shape.halfLength))
+        self._bare = coal.CollisionObject(
+            coal.Capsule(self.shape.radius, 2.0 * self.shape.halfLength)
+        )
         return super().bare
 
     def between(self, rotation: np.ndarray, one: np.ndarray, other: np.ndarray) -> Body:
@@ -75,7 +85,9 @@ class Rope(Body):
 
 
 class Field:
-    """Things that stand still, by name: shapes in one broad phase, surfaces of triangles in another."""
+    """Things that stand still, by name: shapes in one broad phase, surfaces of triangles in
+    another.
+    """
 
     def __init__(self, named: Sequence[tuple[str, Placed]]) -> None:
         """Take the things at their places."""
@@ -84,28 +96,41 @@ class Field:
             one = coal.CollisionObject(geometry, coal.Transform3s(rotation, translation))
             one.computeAABB()
             self._things[isinstance(geometry, coal.BVHModelBase)].append((name, one))
-        self._managers = {kind: _manager([one for _, one in things]) for kind, things in self._things.items() if things}
+        self._managers = {
+            kind: _manager([one for _, one in things])
+            for kind, things in self._things.items()
+            if things
+        }
 
     def __len__(self) -> int:
         """How many things there are."""
         return sum(map(len, self._things.values()))
 
     def least(self, body: Body) -> float:
-        """Distance of a body, inflated, from the nearest of them [m], inf where there is nothing; zero or less where it touches."""
+        """Distance of a body, inflated, from the nearest of them [m], inf where there is nothing;
+        zero or less where it touches.
+        """
         least = math.inf
         for surfaces, manager in self._managers.items():
             callback = coal.DistanceCallBackDefault()
             manager.distance(body.bare if surfaces else body.moving, callback)
-            least = min(least, float(callback.data.result.min_distance) - (body.inflated if surfaces else 0.0))
+            least = min(
+                least,
+                float(callback.data.result.min_distance) - (body.inflated if surfaces else 0.0),
+            )
         return least
 
     def each(self, body: Body) -> dict[str, float]:
-        """Distance of a body, inflated, from all things of a name, by name [m]; one after the other, without the broad phase."""
+        """Distance of a body, inflated, from all things of a name, by name [m]; one after the
+        other, without the broad phase.
+        """
         request, found = coal.DistanceRequest(), dict[str, float]()
         for surfaces, things in self._things.items():
             moving, inflated = (body.bare, body.inflated) if surfaces else (body.moving, 0.0)
             for name, one in things:
-                distance = float(coal.distance(moving, one, request, coal.DistanceResult())) - inflated
+                distance = (
+                    float(coal.distance(moving, one, request, coal.DistanceResult())) - inflated
+                )
                 found[name] = min(found.get(name, math.inf), distance)
         return found
 

@@ -1,4 +1,6 @@
-"""The best way on a grid of places, every edge proven: what other ways are measured against, and why there is none."""
+"""The best way on a grid of places, every edge proven: what other ways are measured against, and
+why there is none.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,13 @@ class Searched(NamedTuple):
 
 
 def best_on_grid(
-    clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray, *, cell: float = CELL, most: int = 400_000
+    clearance: Clearance,
+    ends: np.ndarray,
+    bounds: np.ndarray,
+    rates: np.ndarray,
+    *,
+    cell: float = CELL,
+    most: int = 400_000,
 ) -> Searched:
     """The shortest way by A* (Hart, Nilsson, Raphael 1968) over cells, all 26 neighbours of each.
 
@@ -51,7 +59,11 @@ def best_on_grid(
         most: Cells after which it gives up.
     """
     grid = _Grid(clearance, ends, bounds, rates, cell)
-    cost, before, waiting = {(0, 0, 0): 0.0}, dict[tuple[int, ...], tuple[int, ...]](), [(grid.left((0, 0, 0)), 0.0, (0, 0, 0))]
+    cost, before, waiting = (
+        {(0, 0, 0): 0.0},
+        dict[tuple[int, ...], tuple[int, ...]](),
+        [(grid.left((0, 0, 0)), 0.0, (0, 0, 0))],
+    )
     blocked: list[np.ndarray] = []
     best, last = math.inf, (0, 0, 0)
     done: set[tuple[int, ...]] = set()
@@ -89,8 +101,20 @@ def best_on_grid(
 class _Grid:
     """Cells about the first place, by whole numbers."""
 
-    def __init__(self, clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray, cell: float) -> None:
-        self._clearance, self._ends, self._step, self._bounds = clearance, ends, rates * cell, bounds
+    def __init__(
+        self,
+        clearance: Clearance,
+        ends: np.ndarray,
+        bounds: np.ndarray,
+        rates: np.ndarray,
+        cell: float,
+    ) -> None:
+        self._clearance, self._ends, self._step, self._bounds = (
+            clearance,
+            ends,
+            rates * cell,
+            bounds,
+        )
         self._way = ((ends[1] - ends[0]) / self._step).tolist()
         self._cell = cell
         self._low, self._high = ((bounds - ends[0]) / self._step).tolist()
@@ -100,7 +124,10 @@ class _Grid:
         return np.clip(self._ends[0] + np.array(node) * self._step, *self._bounds)
 
     def inside(self, node: tuple[int, ...]) -> bool:
-        return all(low - 1e-9 <= part <= high + 1e-9 for low, part, high in zip(self._low, node, self._high, strict=True))
+        return all(
+            low - 1e-9 <= part <= high + 1e-9
+            for low, part, high in zip(self._low, node, self._high, strict=True)
+        )
 
     def left(self, node: tuple[int, ...]) -> float:
         return self._cell * max(abs(way - part) for way, part in zip(self._way, node, strict=True))
@@ -120,7 +147,9 @@ class _Grid:
         return self._rooms[node]
 
     def free(self, one: tuple[int, ...], other: tuple[int, ...]) -> bool:
-        """Whether the line between two cells is proven; by the room at its ends where that is enough."""
+        """Whether the line between two cells is proven; by the room at its ends where that is
+        enough.
+        """
         rooms = self._room(one), self._room(other)
         if min(rooms) <= 0.0:
             return False

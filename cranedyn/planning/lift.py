@@ -24,10 +24,12 @@ from cranedyn.planning.timing import RAMP, Timed, timed
 from cranedyn.references.limits import Limits
 
 EXTRA = (0.1, 0.2, 0.0)
-"""Room beyond what is required that a path is planned with, as far as there is a way [m]: what averaging may take it off its curve."""
+"""Room beyond what is required that a path is planned with, as far as there is a way [m]: what
+averaging may take it off its curve."""
 
 _FAST = 1.23
-"""A motion is fast enough, so that no other room is tried, if it lasts no more than so many times what the drives alone would need."""
+"""A motion is fast enough, so that no other room is tried, if it lasts no more than so many times
+what the drives alone would need."""
 
 _TURN = 2.0 * math.pi
 
@@ -45,7 +47,8 @@ class Lift:
         limits: Of the drives.
         ends: First and last place of the load, shape (2, 3).
         slews: Slew angles through which the jib is proven to turn freely.
-        points: The corners of the way that was found, each proven to be reached from the one before, shape (n, 3).
+        points: The corners of the way that was found, each proven to be reached from the one
+            before, shape (n, 3).
         path: The same with rounded corners, proven.
         timed: The motion, proven.
         extra: Room beyond what is required that the way keeps [m].
@@ -78,7 +81,12 @@ class Lift:
     @cached_property
     def on_grid(self) -> Searched:
         """The best way on a grid of cells of a second that keeps the same room."""
-        return best_on_grid(self.clearance.with_more_distance(self.extra), self.ends, self.bounds, np.array(self.limits.rates))
+        return best_on_grid(
+            self.clearance.with_more_distance(self.extra),
+            self.ends,
+            self.bounds,
+            np.array(self.limits.rates),
+        )
 
     @cached_property
     def on_grid_without_extra(self) -> Searched:
@@ -87,7 +95,9 @@ class Lift:
 
     def states(self) -> tuple[State, State]:
         """Start and goal, at rest with the load plumb."""
-        start, goal = (State(self.clearance.q(end), np.zeros(self.crane.layout.n)) for end in self.ends)
+        start, goal = (
+            State(self.clearance.q(end), np.zeros(self.crane.layout.n)) for end in self.ends
+        )
         return start, goal
 
 
@@ -109,23 +119,27 @@ def plan_lift(
     ramp: float = RAMP,
     period: float = 5e-3,
 ) -> Lift:
-    """Plan a lift. What it returns is proven to keep the distance of the site from everything, within the swing of the site.
+    """Plan a lift. What it returns is proven to keep the distance of the site from everything,
+    within the swing of the site.
 
     Args:
         site: Where it takes place.
         limits: Rates and accelerations of the drives.
-        start: Centre of the load at the start, in the frame of the site [m], shape (3,); None for that of the site.
+        start: Centre of the load at the start, in the frame of the site [m], shape (3,); None for
+            that of the site.
         goal: The same at the end.
         crane: The crane; None for that of the site.
         ramp: Time in which a drive may reach its limit of acceleration [s].
         period: Time between rows of the motion [s].
 
     Raises:
-        NoWay: If there is no way: start or goal too near to what, the jib in the way of what, enclosed by what, or none found.
+        NoWay: If there is no way: start or goal too near to what, the jib in the way of what,
+            enclosed by what, or none found.
         OutOfRange: If the crane does not reach start or goal.
         MissingRole: If it is not a tower crane.
         Misshapen: If start or goal is no array of three numbers.
-        CraneError: If there is no start or goal, the crane is none, or the extra `planning` is not installed.
+        CraneError: If there is no start or goal, the crane is none, or the extra `planning` is not
+            installed.
     """
     clearance = Clearance(crane_of(site) if crane is None else crane, site)
     first, last = (
@@ -133,7 +147,12 @@ def plan_lift(
         for what, point, default in (("start", start, site.start), ("goal", goal, site.goal))
     )
     slew = clearance.joints.slew
-    slews = slew_range(clearance, float(first[0]), float(clearance.crane.lower[slew]), float(clearance.crane.upper[slew]))
+    slews = slew_range(
+        clearance,
+        float(first[0]),
+        float(clearance.crane.lower[slew]),
+        float(clearance.crane.upper[slew]),
+    )
     if slews.low == slews.high:
         raise NoWay(f"At the start the jib is nearer to {slews.below} than {site.distance:g} m.")
     rates = np.array(limits.rates)
@@ -142,7 +161,12 @@ def plan_lift(
         ends = np.array([first, there])
         if best is None or float(lasts(ends, rates).sum()) < best.timed.motion.arrival:
             found = _way(clearance, ends, slews, rates, ramp, limits, period)
-            best = found if best is None or (found is not None and found.timed.motion.arrival < best.timed.motion.arrival) else best
+            best = (
+                found
+                if best is None
+                or (found is not None and found.timed.motion.arrival < best.timed.motion.arrival)
+                else best
+            )
     if best is None:
         raise NoWay(_why(clearance, first, last, slews, rates))
     return best
@@ -163,33 +187,54 @@ def _end(clearance: Clearance, what: str, point: np.ndarray | None) -> np.ndarra
         zones = [solid.name for solid in clearance.solids if solid.zone]
         asked = "kept out of" if near.obstacle in zones else f"required are {site.distance:g} m"
         raise NoWay(
-            f"At the {what} the {near.body} is {max(near.distance, 0.0):.2f} m from {near.obstacle}; {asked}, and "
-            f"{clearance.envelope(float(place[2])):.2f} m for a swing of {math.degrees(site.swing):.2g}°."
+            f"At the {what} the {near.body} is {max(near.distance, 0.0):.2f} m from "
+            f"{near.obstacle}; {asked}, and "
+            f"{clearance.envelope(float(place[2])):.2f} m for a swing of "
+            f"{math.degrees(site.swing):.2g}°."
         )
     return place
 
 
 def _turns(first: np.ndarray, last: np.ndarray, slews: SlewRange) -> list[np.ndarray]:
     """The goal by the slew angles at which it is reached, the two nearest ones."""
-    around = [last[0] + k * _TURN for k in range(math.ceil((slews.low - last[0]) / _TURN), math.floor((slews.high - last[0]) / _TURN) + 1)]
+    around = [
+        last[0] + k * _TURN
+        for k in range(
+            math.ceil((slews.low - last[0]) / _TURN), math.floor((slews.high - last[0]) / _TURN) + 1
+        )
+    ]
     nearest = sorted(around, key=lambda gamma: abs(gamma - first[0]))[:2]
     return [np.array([gamma, *last[1:]]) for gamma in nearest if abs(gamma - first[0]) <= _TURN]
 
 
 def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndarray:
-    """Least and largest place to look at: half a turn beyond the ends, and the ranges of trolley and hoist."""
-    (_, near, _), (_, far, long) = (one[clearance.place_of].tolist() for one in (clearance.crane.lower, clearance.crane.upper))
+    """Least and largest place to look at: half a turn beyond the ends, and the ranges of trolley
+    and hoist.
+    """
+    (_, near, _), (_, far, long) = (
+        one[clearance.place_of].tolist() for one in (clearance.crane.lower, clearance.crane.upper)
+    )
     gammas = ends[:, 0].min() - math.pi / 2.0, ends[:, 0].max() + math.pi / 2.0
     margin = clearance.site.swing * long / near
     low = max(slews.low + min(margin, 0.1), gammas[0]) if slews.below else max(slews.low, gammas[0])
-    high = min(slews.high - min(margin, 0.1), gammas[1]) if slews.above else min(slews.high, gammas[1])
+    high = (
+        min(slews.high - min(margin, 0.1), gammas[1]) if slews.above else min(slews.high, gammas[1])
+    )
     return np.array([[low, near, clearance.shortest], [high, far, long]])
 
 
 def _way(
-    clearance: Clearance, ends: np.ndarray, slews: SlewRange, rates: np.ndarray, ramp: float, limits: Limits, period: float
+    clearance: Clearance,
+    ends: np.ndarray,
+    slews: SlewRange,
+    rates: np.ndarray,
+    ramp: float,
+    limits: Limits,
+    period: float,
 ) -> Lift | None:
-    """A lift between two places, with as much room beyond what is required as there is; None if none was found."""
+    """A lift between two places, with as much room beyond what is required as there is; None if
+    none was found.
+    """
     least = min(clearance.room(end) for end in ends)
     bounds = _bounds(clearance, ends, slews)
     if not ((bounds[0] <= ends).all() and (ends <= bounds[1]).all()):
@@ -203,7 +248,14 @@ def _way(
         path = None if points is None else rounded(wider, points, rates)
         if points is None or path is None:
             continue
-        made = timed(clearance, path, limits, lambda one: _proven(clearance, one, slews), ramp=ramp, period=period)
+        made = timed(
+            clearance,
+            path,
+            limits,
+            lambda one: _proven(clearance, one, slews),
+            ramp=ramp,
+            period=period,
+        )
         if made is not None and (best is None or made.motion.arrival < best.timed.motion.arrival):
             best = Lift(clearance, limits, ends, slews, points, path, made, extra)
         if best is not None and best.timed.motion.arrival < _FAST * best.timed.bound:
@@ -212,30 +264,45 @@ def _way(
 
 
 def _proven(clearance: Clearance, made: Timed, slews: SlewRange) -> bool:
-    """Whether the load of a motion is proven free, all joints stay in their ranges, and the jib among the slew angles that are free."""
+    """Whether the load of a motion is proven free, all joints stay in their ranges, and the jib
+    among the slew angles that are free.
+    """
     q, slew = made.motion.q, made.motion.q[:, clearance.joints.slew]
     inside = bool((q >= clearance.crane.lower).all() and (q <= clearance.crane.upper).all())
     turns = bool(slews.low <= slew.min() and slew.max() <= slews.high)
     return inside and turns and unproven(clearance, made, 0.0, len(made.places) - 1.0) is None
 
 
-def _why(clearance: Clearance, first: np.ndarray, last: np.ndarray, slews: SlewRange, rates: np.ndarray) -> str:
-    """Why there is no way, by a search on a grid from both ends, and by one with a load of no size."""
+def _why(
+    clearance: Clearance, first: np.ndarray, last: np.ndarray, slews: SlewRange, rates: np.ndarray
+) -> str:
+    """Why there is no way, by a search on a grid from both ends, and by one with a load of no
+    size.
+    """
     turns = _turns(first, last, slews)
     if not turns:
         names = [name for name in (slews.below, slews.above) if name]
-        return f"The jib cannot turn to the goal: {' and '.join(names) or 'the range of the slew'} is in its way on both sides."
+        return (
+            f"The jib cannot turn to the goal: {' and '.join(names) or 'the range of the slew'} "
+            "is in its way on both sides."
+        )
     ends = np.array([first, turns[0]])
     bounds = _bounds(clearance, ends, slews)
     for what, pair in (("start", ends), ("goal", ends[::-1])):
         searched = best_on_grid(clearance, pair, bounds, rates, most=CELLS)
         if searched.points is None and searched.blocked:
             around = ", ".join(searched.blocked[:3])
-            small = Clearance(clearance.crane, replace(clearance.site, load=0.01 * clearance.bodies.load))
+            small = Clearance(
+                clearance.crane, replace(clearance.site, load=0.01 * clearance.bodies.load)
+            )
             hook = (
                 ""
                 if best_on_grid(small, pair, bounds, rates, most=CELLS).points is None
-                else " The hook without a load could pass: every gap is narrower than the load with its distance and swing."
+                else " The hook without a load could pass: every gap is narrower than the load "
+                "with its distance and swing."
             )
-            return f"There is no way: the {what} is enclosed by {around}; {searched.reached} cells of 1 s can be reached from it.{hook}"
+            return (
+                f"There is no way: the {what} is enclosed by {around}; {searched.reached} cells "
+                f"of 1 s can be reached from it.{hook}"
+            )
     return "No way was found; one on a grid exists, but no motion along it could be proven."

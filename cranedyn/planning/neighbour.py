@@ -15,14 +15,21 @@ from cranedyn.planning.bodies import bodies, solid_parts
 from cranedyn.planning.solids import Solid, turned
 
 
-def neighbour(name: str, position: np.ndarray, heading: float, place: Mapping[str, float], values: Mapping[str, float]) -> list[Solid]:
+def neighbour(
+    name: str,
+    position: np.ndarray,
+    heading: float,
+    place: Mapping[str, float],
+    values: Mapping[str, float],
+) -> list[Solid]:
     """A parked crane with its rope and hook.
 
     Args:
         name: What it is called.
         position: Where its mast stands [m], shape (3,).
         heading: Where its jib points at zero slew, from X towards Y [rad].
-        place: Its slew [°], trolley radius [m] and cable length [m], by "slew", "trolley", "cable"; 0 is where its URDF has them.
+        place: Its slew [°], trolley radius [m] and cable length [m], by "slew", "trolley", "cable";
+            0 is where its URDF has them.
         values: Numbers of the crane that differ from its defaults, by name.
 
     Raises:
@@ -46,8 +53,16 @@ def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:
     """Corners of all of its shapes and of its rope, in its own frame [m]."""
     data = crane.model.createData()
     pin.forwardKinematics(crane.model, data, q)
-    parts = [data.oMi[joint].rotation @ corners.T + data.oMi[joint].translation[:, None] for joint, corners in solid_parts(crane)]
+    parts = [
+        data.oMi[joint].rotation @ corners.T + data.oMi[joint].translation[:, None]
+        for joint, corners in solid_parts(crane)
+    ]
     _, _, pivot, _, hoist = crane.layout.tower("A parked neighbour")
     falls, ends = bodies(crane).falls, [data.oMi[joint + 1].translation for joint in (pivot, hoist)]
-    rope = [end + np.array([x, y, 0.0]) for end in ends for x in (-falls, falls) for y in (-falls, falls)]
+    rope = [
+        end + np.array([x, y, 0.0])
+        for end in ends
+        for x in (-falls, falls)
+        for y in (-falls, falls)
+    ]
     return [part.T for part in parts] + [np.array(rope)]

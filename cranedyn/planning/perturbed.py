@@ -1,4 +1,6 @@
-"""Many lifts that are not quite as planned: how often they come nearer than they should, and how near."""
+"""Many lifts that are not quite as planned: how often they come nearer than they should, and how
+near.
+"""
 
 from __future__ import annotations
 
@@ -36,12 +38,14 @@ class Spread:
         load: Mass of the load, by which share more or less; in 13 steps.
         cable: How much longer or shorter the cable is than measured [m].
         wind: Largest steady wind [m/s], from any side, in which the load hangs at the start.
-        gust: Largest rise of one gust [m/s], of shape (1 - cos)/2, in the same direction, at any time of the lift.
+        gust: Largest rise of one gust [m/s], of shape (1 - cos)/2, in the same direction, at any
+            time of the lift.
         gust_lasts: Shortest and longest gust [s].
         late: How late the sensors are, one of these [s].
 
     Raises:
-        OutOfRange: If a number is none, negative or not finite, the load could be gone, or a gust has no length.
+        OutOfRange: If a number is none, negative or not finite, the load could be gone, or a gust
+            has no length.
         CraneError: If nothing is said of how late the sensors are.
     """
 
@@ -57,11 +61,20 @@ class Spread:
         for name, unit in (("cable", "m"), ("wind", "m/s"), ("gust", "m/s")):
             within(f"spread of the {name}", getattr(self, name), 0.0, 100.0, unit)
         shortest, longest = finite("lengths of a gust", self.gust_lasts, (2,), unit="s")
-        within("longest gust", longest, within("shortest gust", shortest, 1e-3, 3600.0, "s"), 3600.0, "s")
+        within(
+            "longest gust",
+            longest,
+            within("shortest gust", shortest, 1e-3, 3600.0, "s"),
+            3600.0,
+            "s",
+        )
         for late in finite("delays of the sensors", self.late, ("n",), unit="s"):
             within("delay of the sensors", late, 0.0, 10.0, "s")
         if not len(self.late):
-            raise CraneError("delays of the sensors is (); allowed is one or more [s], of which one is drawn for each lift.")
+            raise CraneError(
+                "delays of the sensors is (); allowed is one or more [s], of which one is drawn "
+                "for each lift."
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +82,9 @@ class Perturbed:
     """What became of many lifts.
 
     Attributes:
-        least: How far at least anything that hangs stayed from anything in each lift [m], measured where it could be less than required;
-            not a number where the lift failed: the rope slack, a range left; shape (n,).
+        least: How far at least anything that hangs stayed from anything in each lift [m], measured
+            where it could be less than required; not a number where the lift failed: the rope
+            slack, a range left; shape (n,).
         required: How near it may come [m].
         drawn: What was drawn for each lift, by name.
         swing: Amplitude of the swing after each lift [rad], shape (n,).
@@ -87,7 +101,9 @@ class Perturbed:
         return int(np.count_nonzero(~(self.least >= self.required)))
 
     def interval(self) -> tuple[float, float]:
-        """Within which the probability of coming nearer than required lies, by Clopper and Pearson (1934)."""
+        """Within which the probability of coming nearer than required lies, by Clopper and Pearson
+        (1934).
+        """
         n, k, tail = len(self.least), self.nearer, (1.0 - CONFIDENCE) / 2.0
         low = 0.0 if k == 0 else float(beta.ppf(tail, k, n - k + 1))
         high = 1.0 if k == n else float(beta.ppf(1.0 - tail, k + 1, n - k))
@@ -96,7 +112,13 @@ class Perturbed:
 
 @checked
 def perturb(
-    certificate: Certificate, count: int, *, spread: Spread = Spread(), seed: int = 1, dt: float = 1e-3, threads: int | None = None
+    certificate: Certificate,
+    count: int,
+    *,
+    spread: Spread = Spread(),
+    seed: int = 1,
+    dt: float = 1e-3,
+    threads: int | None = None,
 ) -> Perturbed:
     """Make a certified lift many times, each time not quite as planned.
 
@@ -128,7 +150,14 @@ def perturb(
     cranes = {level: _crane(lift.crane, level) for level in np.unique(drawn["load"]).tolist()}
     least, swing = np.empty(count), np.empty(count)
     for some in _chunks(loads):
-        batch = _batch(lift, nominal, {name: values[some] for name, values in drawn.items()}, cranes, dt, threads)
+        batch = _batch(
+            lift,
+            nominal,
+            {name: values[some] for name, values in drawn.items()},
+            cranes,
+            dt,
+            threads,
+        )
         least[some] = _least(lift.clearance, certificate, batch)
         swing[some] = batch.residual_swing
     return Perturbed(least, lift.clearance.site.distance, drawn, swing)
@@ -153,24 +182,36 @@ def _crane(crane: Crane, load: float) -> Crane:
 
 
 def late(controller: HoistIntegral, seconds: float) -> Tracking:
-    """A tracking controller whose sensors are late, as far as they are late to show what is planned.
+    """A tracking controller whose sensors are late, as far as they are late to show what is
+    planned.
 
-    What it sees at a time t is the state at t less the delay; where the lift goes as planned, this is as if its setpoint were ahead by it.
+    What it sees at a time t is the state at t less the delay; where the lift goes as planned, this
+    is as if its setpoint were ahead by it.
     """
     table = controller.tracking
     rows = np.arange(len(table.setpoint)) + seconds / table.period
-    ahead = np.column_stack([np.interp(rows, np.arange(len(table.setpoint)), column) for column in table.setpoint.T])
+    ahead = np.column_stack(
+        [np.interp(rows, np.arange(len(table.setpoint)), column) for column in table.setpoint.T]
+    )
     return replace(table, setpoint=ahead)
 
 
 def _batch(
-    lift: Lift, nominal: HoistIntegral, drawn: dict[str, np.ndarray], cranes: dict[float, Crane], dt: float, threads: int | None
+    lift: Lift,
+    nominal: HoistIntegral,
+    drawn: dict[str, np.ndarray],
+    cranes: dict[float, Crane],
+    dt: float,
+    threads: int | None,
 ) -> Batch:
     crane, motion, count = lift.crane, lift.timed.motion, len(drawn["load"])
     load = float(drawn["load"][0])
     heavier = (load - 1.0) * crane.payload_mass * crane.gravity
     delays = np.unique(drawn["late_s"]).tolist()
-    made = {one: replace(nominal, tracking=late(nominal, one), integral=-heavier / HOIST_INTEGRAL) for one in delays}
+    made = {
+        one: replace(nominal, tracking=late(nominal, one), integral=-heavier / HOIST_INTEGRAL)
+        for one in delays
+    }
     duration = motion.arrival + motion.period * math.ceil(AFTER / motion.period)
     times = motion.period * np.arange(round(duration / motion.period) + 1)
     force = _forces(lift, drawn, times)
@@ -180,7 +221,8 @@ def _batch(
     offset = np.zeros((count, 2 * crane.layout.n))
     offset[:, hoist] = -drawn["cable_m"]
     _hang(start, force[:, 0, :3], cranes[load], lift.clearance.joints)
-    other = next((one for level, one in cranes.items() if level != load), cranes[load])  # so that all batches share one code
+    # So that all batches share one code.
+    other = next((one for level, one in cranes.items() if level != load), cranes[load])
     return _without_last(
         simulate_batch(
             [*[cranes[load]] * count, other],
@@ -200,12 +242,17 @@ def _batch(
 
 
 def _without_last(batch: Batch) -> Batch:
-    parts = {name: getattr(batch, name)[:-1] for name in ("peak_swing", "residual_swing", "largest_effort", "valid_until", "q", "v")}
+    parts = {
+        name: getattr(batch, name)[:-1]
+        for name in ("peak_swing", "residual_swing", "largest_effort", "valid_until", "q", "v")
+    }
     return replace(batch, **parts)
 
 
 def _hang(start: np.ndarray, force: np.ndarray, crane: Crane, joints: Joints) -> None:
-    """Let loads hang as the wind holds them at the start, their pivots where they are; forces in the world [N], shape (n, 3)."""
+    """Let loads hang as the wind holds them at the start, their pivots where they are; forces in
+    the world [N], shape (n, 3).
+    """
     gamma, weight = start[:, joints.slew], crane.payload_mass * crane.gravity
     outward = force[:, 0] * np.sin(gamma) - force[:, 1] * np.cos(gamma)
     along = force[:, 0] * np.cos(gamma) + force[:, 1] * np.sin(gamma)
@@ -214,14 +261,27 @@ def _hang(start: np.ndarray, force: np.ndarray, crane: Crane, joints: Joints) ->
 
 
 def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.ndarray:
-    """Drag of the wind on the points of the crane [N], shape (n, rows, 3 points), on the load alone, which moves as planned."""
+    """Drag of the wind on the points of the crane [N], shape (n, rows, 3 points), on the load
+    alone, which moves as planned.
+    """
     area = _DRAG * _silhouette(lift.clearance.bodies.load)
     points = lift.clearance.point(lift.timed.places)
     velocity = np.gradient(points, _step(lift), axis=0)
-    own = np.column_stack([np.interp(times, _step(lift) * np.arange(len(points)), part, right=0.0) for part in velocity.T])
+    own = np.column_stack(
+        [
+            np.interp(times, _step(lift) * np.arange(len(points)), part, right=0.0)
+            for part in velocity.T
+        ]
+    )
     force = np.zeros((len(drawn["load"]), len(times), 3 * len(lift.crane.points)))
     for i, row in enumerate(
-        zip(*(drawn[name] for name in ("wind_m_s", "gust_m_s", "gust_at_s", "gust_lasts_s", "direction_rad")), strict=True)
+        zip(
+            *(
+                drawn[name]
+                for name in ("wind_m_s", "gust_m_s", "gust_at_s", "gust_lasts_s", "direction_rad")
+            ),
+            strict=True,
+        )
     ):
         steady, rise, at, lasts, direction = row
         speed = np.full(len(times), steady)
@@ -244,9 +304,11 @@ def _step(lift: Lift) -> float:
 
 
 def _least(clearance: Clearance, certificate: Certificate, batch: Batch) -> np.ndarray:
-    """How near each lift comes to anything [m], at least so far, shape (n,): at the instants recorded, less how far it moves between these.
+    """How near each lift comes to anything [m], at least so far, shape (n,): at the instants
+    recorded, less how far it moves between these.
 
-    Where a lift differs from its plan by less than the plan is free, that tells; elsewhere distances are measured.
+    Where a lift differs from its plan by less than the plan is free, that tells; elsewhere
+    distances are measured.
     """
     run = certificate.run
     rows = np.searchsorted(run.t, batch.t - 1e-9)

@@ -1,7 +1,8 @@
 """Proofs that nothing is touched on the way, not samples of it.
 
-`Clearance.room` changes by no more than `Clearance.travel` over a stretch. Where the room in the middle is more than that, the whole
-stretch is free; where not, it is halved. What is left is either free for certain or nearer than `CLOSE` to the required distance.
+`Clearance.room` changes by no more than `Clearance.travel` over a stretch. Where the room in the
+middle is more than that, the whole stretch is free; where not, it is halved. What is left is either
+free for certain or nearer than `CLOSE` to the required distance.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ class Curve(Protocol):
         """The place at a parameter, shape (3,)."""
 
     def reach(self, first: float, last: float) -> np.ndarray:
-        """How far places between two parameters are at most from that in their middle, each coordinate for itself, shape (3,)."""
+        """How far places between two parameters are at most from that in their middle, each
+        coordinate for itself, shape (3,).
+        """
 
 
 class Line(NamedTuple):
@@ -61,7 +64,8 @@ def unproven(clearance: Clearance, curve: Curve, first: float, last: float) -> f
 
 
 class SlewRange(NamedTuple):
-    """Slew angles through which jib and counter-jib turn without coming nearer to anything than required.
+    """Slew angles through which jib and counter-jib turn without coming nearer to anything than
+    required.
 
     Attributes:
         low, high: The range [rad].
@@ -75,7 +79,8 @@ class SlewRange(NamedTuple):
 
 
 def slew_range(clearance: Clearance, gamma: float, low: float, high: float) -> SlewRange:
-    """The slew angles that can be reached from one without jib or counter-jib coming too near to anything, proven on the way.
+    """The slew angles that can be reached from one without jib or counter-jib coming too near to
+    anything, proven on the way.
 
     Args:
         clearance: Crane and site.
@@ -84,7 +89,8 @@ def slew_range(clearance: Clearance, gamma: float, low: float, high: float) -> S
         high: Largest slew angle of the joint [rad].
 
     Returns:
-        The range; empty, with both ends at the angle, where the jib is too near to something as it stands.
+        The range; empty, with both ends at the angle, where the jib is too near to something as it
+        stands.
     """
     ends, names = [], []
     for sign, limit in ((-1.0, low), (1.0, high)):
@@ -93,7 +99,9 @@ def slew_range(clearance: Clearance, gamma: float, low: float, high: float) -> S
             room = clearance.slewing_room(here)
             if room < CLOSE:
                 q = clearance.q(np.array([here, 0.0, 1.0]))
-                name = min(found for found in clearance.distances(q).values() if found.body == "jib").obstacle
+                name = min(
+                    found for found in clearance.distances(q).values() if found.body == "jib"
+                ).obstacle
                 break
             here += sign * min(room / clearance.slewing_radius, math.pi)
         whole = abs(here - gamma) > 2.0 * math.pi

@@ -1,4 +1,6 @@
-"""Ways around obstacles: random trees by OMPL (Sucan, Moll, Kavraki 2012) and a grid, every edge proven, then made short."""
+"""Ways around obstacles: random trees by OMPL (Sucan, Moll, Kavraki 2012) and a grid, every edge
+proven, then made short.
+"""
 
 from __future__ import annotations
 
@@ -15,17 +17,20 @@ from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.proof import Line, unproven
 
 TRIES, LONGEST, CELLS = 8, 2.5, 15_000
-"""How many trees are grown for a way, for how long one may grow in vain [s], and how many cells of a grid are looked at."""
+"""How many trees are grown for a way, for how long one may grow in vain [s], and how many cells of
+a grid are looked at."""
 
 _SEED = 1
 _STEPS = (4.0, 2.0, 1.0, 0.5, 0.25)
 """By how much corners are shifted on trial [s]."""
 
 _NEAR = 1.01
-"""A way is not looked for on a grid, too, if it lasts no more than so many times what a straight one would."""
+"""A way is not looked for on a grid, too, if it lasts no more than so many times what a straight
+one would."""
 
 _STRAIGHT = 0.03
-"""What a second of the way of all drives is worth beside one of the longest: of ways that last equally long the straight one."""
+"""What a second of the way of all drives is worth beside one of the longest: of ways that last
+equally long the straight one."""
 
 
 class Proofs:
@@ -45,9 +50,16 @@ class Proofs:
 
 
 def search(
-    clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray, *, tries: int = TRIES, thorough: bool = True
+    clearance: Clearance,
+    ends: np.ndarray,
+    bounds: np.ndarray,
+    rates: np.ndarray,
+    *,
+    tries: int = TRIES,
+    thorough: bool = True,
 ) -> np.ndarray | None:
-    """Places to go by: the shortest way by random trees or, if it is much longer than a straight one, on a grid; None if there is none.
+    """Places to go by: the shortest way by random trees or, if it is much longer than a straight
+    one, on a grid; None if there is none.
 
     Args:
         clearance: Crane and site.
@@ -91,7 +103,9 @@ def shortened(
     *,
     rounds: int = 6,
 ) -> np.ndarray:
-    """A way along places, shape (n, 3), with shortcuts taken, corners left out and corners shifted while it gets shorter."""
+    """A way along places, shape (n, 3), with shortcuts taken, corners left out and corners shifted
+    while it gets shorter.
+    """
     before = np.inf
     for _ in range(rounds):
         points = _shortcuts(free, _fewer(free, points, rates), rates, rng)
@@ -103,7 +117,10 @@ def shortened(
 
 
 def _cost(points: np.ndarray, rates: np.ndarray) -> float:
-    return float(lasts(points, rates).sum() + _STRAIGHT * np.linalg.norm(np.diff(points, axis=0) / rates, axis=1).sum())
+    return float(
+        lasts(points, rates).sum()
+        + _STRAIGHT * np.linalg.norm(np.diff(points, axis=0) / rates, axis=1).sum()
+    )
 
 
 def _fewer(free: Callable[..., bool], points: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -118,7 +135,13 @@ def _fewer(free: Callable[..., bool], points: np.ndarray, rates: np.ndarray) -> 
     return points
 
 
-def _shortcuts(free: Callable[..., bool], points: np.ndarray, rates: np.ndarray, rng: np.random.Generator, tries: int = 25) -> np.ndarray:
+def _shortcuts(
+    free: Callable[..., bool],
+    points: np.ndarray,
+    rates: np.ndarray,
+    rng: np.random.Generator,
+    tries: int = 25,
+) -> np.ndarray:
     """With straight lines between points of the way taken at random."""
     for _ in range(tries if len(points) > 2 else 0):
         knots = np.concatenate([[0.0], np.cumsum(lasts(points, rates))])
@@ -126,7 +149,9 @@ def _shortcuts(free: Callable[..., bool], points: np.ndarray, rates: np.ndarray,
         first, last = np.searchsorted(knots, (low, high), side="right")
         if first == last or last >= len(points):
             continue
-        cut = np.stack([np.array([np.interp(s, knots, points[:, i]) for i in range(3)]) for s in (low, high)])
+        cut = np.stack(
+            [np.array([np.interp(s, knots, points[:, i]) for i in range(3)]) for s in (low, high)]
+        )
         trial = np.concatenate([points[:first], cut, points[last:]])
         if (
             _cost(trial, rates) < _cost(points, rates) - 1e-6
@@ -138,25 +163,39 @@ def _shortcuts(free: Callable[..., bool], points: np.ndarray, rates: np.ndarray,
     return points
 
 
-def _shifted(free: Callable[..., bool], points: np.ndarray, rates: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """With each corner where it makes the way shortest, as far as small steps of one drive or two tell."""
+def _shifted(
+    free: Callable[..., bool], points: np.ndarray, rates: np.ndarray, bounds: np.ndarray
+) -> np.ndarray:
+    """With each corner where it makes the way shortest, as far as small steps of one drive or two
+    tell.
+    """
     points = points.copy()
     directions = [
-        np.array([i, j, k], dtype=float) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if 1 <= abs(i) + abs(j) + abs(k) <= 2
+        np.array([i, j, k], dtype=float)
+        for i in (-1, 0, 1)
+        for j in (-1, 0, 1)
+        for k in (-1, 0, 1)
+        if 1 <= abs(i) + abs(j) + abs(k) <= 2
     ]
     for step in _STEPS:
         for k in range(1, len(points) - 1):
             for direction in directions:
                 trial = points.copy()
                 trial[k] = np.clip(points[k] + step * direction * rates, *bounds)
-                shorter = _cost(trial[k - 1 : k + 2], rates) < _cost(points[k - 1 : k + 2], rates) - 1e-6
+                shorter = (
+                    _cost(trial[k - 1 : k + 2], rates) < _cost(points[k - 1 : k + 2], rates) - 1e-6
+                )
                 if shorter and free(trial[k - 1], trial[k]) and free(trial[k], trial[k + 1]):
                     points = trial
     return points
 
 
-def _planner(free: Proofs, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray) -> Callable[[], np.ndarray | None]:
-    """What grows two trees towards each other, from the first place and from the last, measured in time at full speed."""
+def _planner(
+    free: Proofs, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray
+) -> Callable[[], np.ndarray | None]:
+    """What grows two trees towards each other, from the first place and from the last, measured in
+    time at full speed.
+    """
     base, geometric = _ompl()
     space = base.RealVectorStateSpace(3)
     limits = base.RealVectorBounds(3)
@@ -205,7 +244,9 @@ def _ompl() -> tuple[Any, Any]:
     try:
         from ompl import base, geometric, util
     except ImportError as error:
-        raise CraneError("To plan a path install the extra planning: pip install 'cranedyn[planning]'.") from error
+        raise CraneError(
+            "To plan a path install the extra planning: pip install 'cranedyn[planning]'."
+        ) from error
     util.setLogLevel(util.LOG_NONE)
     if not _SEEDED:
         util.RNG.setSeed(_SEED)

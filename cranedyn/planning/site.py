@@ -12,7 +12,8 @@ from cranedyn.errors import DataError, number, quoted
 from cranedyn.planning.solids import Solid, turned
 
 DISTANCE, SWING = 0.5, math.radians(2.0)
-"""What a site asks for if it does not say: how near anything may come [m], and how far the load may swing [rad]."""
+"""What a site asks for if it does not say: how near anything may come [m], and how far the load may
+swing [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +27,10 @@ class Site:
         foot: Where the crane's mast stands [m], shape (3,).
         heading: Where the jib points at zero slew, from X towards Y [rad].
         crane: Numbers of the crane that differ from its defaults, by name.
-        load: Corners of the load about its centre [m], shape (n, 3); X is across the jib, Y against it; None for that of the crane.
-        start, goal: Centre of the load at the start and at the end [m], shape (3,); None if the site does not say.
+        load: Corners of the load about its centre [m], shape (n, 3); X is across the jib, Y against
+            it; None for that of the crane.
+        start, goal: Centre of the load at the start and at the end [m], shape (3,); None if the
+            site does not say.
         distance: How near anything may come to anything [m].
         swing: Within which angle from plumb the load is held for swinging [rad].
     """
@@ -49,7 +52,8 @@ class Site:
 
         Raises:
             DataError: If two solids have one name.
-            OutOfRange: If a number is not finite, or the distance or the swing is none that can be asked for.
+            OutOfRange: If a number is not finite, or the distance or the swing is none that can be
+                asked for.
         """
         number("height of the ground", self.ground, "m")
         number("required distance", self.distance, "m", "> 0")
@@ -57,11 +61,15 @@ class Site:
         names = [solid.name for solid in self.solids]
         for name in names:
             if names.count(name) > 1:
-                raise DataError(f"Two obstacles are called {quoted(name)}; each needs a name of its own.")
+                raise DataError(
+                    f"Two obstacles are called {quoted(name)}; each needs a name of its own."
+                )
 
     @property
     def turn(self) -> np.ndarray:
-        """Rotation from the crane's frame, whose jib points along -Y at zero slew, to the site's, shape (3, 3)."""
+        """Rotation from the crane's frame, whose jib points along -Y at zero slew, to the site's,
+        shape (3, 3).
+        """
         return turned(self.heading + math.pi / 2.0)
 
     def to_crane(self, points: np.ndarray) -> np.ndarray:

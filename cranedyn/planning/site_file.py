@@ -1,4 +1,6 @@
-"""Sites from TOML files; what is wrong in one is said with its line and field. The format is described in docs/lift.md."""
+"""Sites from TOML files; what is wrong in one is said with its line and field. The format is
+described in docs/lift.md.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,14 @@ _MOST = 2000
 class _Table:
     """One table of the file, which knows where it stands."""
 
-    def __init__(self, path: Path, name: str, found: dict[str, Any], lines: dict[str, int], known: Sequence[str]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        name: str,
+        found: dict[str, Any],
+        lines: dict[str, int],
+        known: Sequence[str],
+    ) -> None:
         self.path, self.name, self.found, self.lines = path, name, found, lines
         for key in found:
             if key not in known:
@@ -50,14 +59,21 @@ class _Table:
         except CraneError as error:
             self.fail(key, str(error))
 
-    def number(self, key: str, default: float | None = None, unit: str = "m", allowed: str = "any") -> float:
+    def number(
+        self, key: str, default: float | None = None, unit: str = "m", allowed: str = "any"
+    ) -> float:
         return self.take(key, lambda value: _number(key, value, unit, allowed), default)
 
     def numbers(self, key: str, count: int, allowed: str = "any", default: Any = None) -> Any:
         return self.take(key, lambda value: _numbers(key, value, count, allowed), default)
 
     def points(self, key: str) -> np.ndarray:
-        return self.take(key, lambda value: np.array([_numbers("corner", corner, 2) for corner in _list(key, value, 3)]))
+        return self.take(
+            key,
+            lambda value: np.array(
+                [_numbers("corner", corner, 2) for corner in _list(key, value, 3)]
+            ),
+        )
 
     def text(self, key: str, default: str | None = None) -> str:
         return self.take(key, lambda value: _text(key, value), default)
@@ -69,12 +85,17 @@ class _Table:
         return bool(value)
 
     def angle(self, key: str, default: float | None = 0.0) -> float:
-        return math.radians(self.number(key, None if default is None else math.degrees(default), "degrees"))
+        return math.radians(
+            self.number(key, None if default is None else math.degrees(default), "degrees")
+        )
 
     def file(self, key: str) -> Path:
         name = self.text(key)
         if Path(name).is_absolute() or ".." in Path(name).parts:
-            self.fail(key, f"{quoted(name)} lies outside of the folder of the site; allowed are files in it.")
+            self.fail(
+                key,
+                f"{quoted(name)} lies outside of the folder of the site; allowed are files in it.",
+            )
         return self.path.parent / name
 
 
@@ -83,8 +104,9 @@ def read_site(path: str | Path) -> Site:
     """A site from a TOML file.
 
     Raises:
-        DataError: If it cannot be read, is no TOML, or something in it is missing, unknown, or no number that it could be: which line and
-            field. Also if a mesh or an IFC file that it names cannot be read, or two obstacles have one name.
+        DataError: If it cannot be read, is no TOML, or something in it is missing, unknown, or no
+            number that it could be: which line and field. Also if a mesh or an IFC file that it
+            names cannot be read, or two obstacles have one name.
     """
     path = Path(path)
     text = read_text(path)
@@ -93,7 +115,13 @@ def read_site(path: str | Path) -> Site:
     except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
         raise DataError(f"{path} is not TOML: {error}.") from error
     lines = dict(_lines(text))
-    top = _Table(path, "site", found, lines.get(("", 0), {}), ["name", "ground", "crane", "load", "lift", *_SOLIDS])
+    top = _Table(
+        path,
+        "site",
+        found,
+        lines.get(("", 0), {}),
+        ["name", "ground", "crane", "load", "lift", *_SOLIDS],
+    )
     if not isinstance(found.get("ground"), dict):
         top.fail("ground", "there is none; a site needs a table [ground] with its height.")
 
@@ -122,9 +150,15 @@ def read_site(path: str | Path) -> Site:
     names: set[str] = set()
     for solid in solids:
         if solid.name in names:
-            raise DataError(f"{path}: two obstacles are called {quoted(solid.name)}; each needs a name of its own.")
+            raise DataError(
+                f"{path}: two obstacles are called {quoted(solid.name)}; each needs a name of its "
+                "own."
+            )
         names.add(solid.name)
-    crane, load = table("crane", ["position", "heading", "values"]), table("load", ["size", "file", "mass"])
+    crane, load = (
+        table("crane", ["position", "heading", "values"]),
+        table("load", ["size", "file", "mass"]),
+    )
     lift = table("lift", ["from", "to", "distance", "swing"])
     values = crane.take("values", lambda given: _values(given), {})
     if "mass" in load.found:
@@ -160,12 +194,22 @@ def _point(lift: _Table, key: str) -> np.ndarray | None:
 
 def _box(entry: _Table, ground: float) -> list[Solid]:
     size = entry.numbers("size", 3, "> 0")
-    return [box(entry.text("name"), entry.numbers("centre", 2), size, entry.number("base", ground), entry.angle("yaw"))]
+    return [
+        box(
+            entry.text("name"),
+            entry.numbers("centre", 2),
+            size,
+            entry.number("base", ground),
+            entry.angle("yaw"),
+        )
+    ]
 
 
 def _prism(entry: _Table, ground: float) -> list[Solid]:
     height = entry.number("height", allowed="> 0")
-    return [prism(entry.text("name"), entry.points("outline"), entry.number("base", ground), height)]
+    return [
+        prism(entry.text("name"), entry.points("outline"), entry.number("base", ground), height)
+    ]
 
 
 def _zone(entry: _Table, ground: float) -> list[Solid]:
@@ -175,7 +219,10 @@ def _zone(entry: _Table, ground: float) -> list[Solid]:
 
 def _mesh(entry: _Table, ground: float) -> list[Solid]:
     vertices, triangles = read_mesh(entry.file("file"))
-    scale, position = entry.number("scale", 1.0, "", "> 0"), entry.numbers("position", 3, default=[0.0, 0.0, ground])
+    scale, position = (
+        entry.number("scale", 1.0, "", "> 0"),
+        entry.numbers("position", 3, default=[0.0, 0.0, ground]),
+    )
     placed = scale * vertices @ turned(entry.angle("yaw")).T + np.array(position)
     return [body(entry.text("name"), placed, triangles, as_hull=entry.flag("hull"))]
 
@@ -188,9 +235,14 @@ def _ifc(entry: _Table, ground: float) -> list[Solid]:
 
 def _neighbour(entry: _Table, ground: float) -> list[Solid]:
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
-    place = {name: entry.number(name, 0.0, unit) for name, unit in (("slew", "degrees"), ("trolley", "m"), ("cable", "m"))}
+    place = {
+        name: entry.number(name, 0.0, unit)
+        for name, unit in (("slew", "degrees"), ("trolley", "m"), ("cable", "m"))
+    }
     values = entry.take("values", lambda given: _values(given), {})
-    return neighbour(entry.text("name"), position, entry.angle("heading", -math.pi / 2.0), place, values)
+    return neighbour(
+        entry.text("name"), position, entry.angle("heading", -math.pi / 2.0), place, values
+    )
 
 
 _SOLIDS: dict[str, tuple[list[str], Callable[[_Table, float], list[Solid]]]] = {
@@ -199,7 +251,10 @@ _SOLIDS: dict[str, tuple[list[str], Callable[[_Table, float], list[Solid]]]] = {
     "mesh": (["name", "file", "position", "yaw", "scale", "hull"], _mesh),
     "ifc": (["file", "position", "yaw", "hull"], _ifc),
     "keep_out": (["name", "outline", "base", "height"], _zone),
-    "neighbour": (["name", "position", "heading", "slew", "trolley", "cable", "values"], _neighbour),
+    "neighbour": (
+        ["name", "position", "heading", "slew", "trolley", "cable", "values"],
+        _neighbour,
+    ),
 }
 
 

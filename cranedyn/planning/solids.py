@@ -1,4 +1,6 @@
-"""What stands on a site: closed bodies, each as triangles to draw and as shapes to measure distances from."""
+"""What stands on a site: closed bodies, each as triangles to draw and as shapes to measure
+distances from.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,8 @@ class Solid:
 
     Attributes:
         name: What it is called; no two of a site have the same name.
-        parts: Corners of convex bodies [m], shape (n, 3) each, whose union it is; empty for a surface of triangles.
+        parts: Corners of convex bodies [m], shape (n, 3) each, whose union it is; empty for a
+            surface of triangles.
         vertices: Of its surface [m], shape (n, 3).
         triangles: Their corners, counter-clockwise from outside, shape (m, 3).
         zone: Whether it is no body but a zone that load, hook and rope keep out of.
@@ -43,7 +46,9 @@ class Solid:
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Solid:
         """The same body, turned and then moved [m]."""
         parts = tuple(part @ rotation.T + translation for part in self.parts)
-        return Solid(self.name, parts, self.vertices @ rotation.T + translation, self.triangles, self.zone)
+        return Solid(
+            self.name, parts, self.vertices @ rotation.T + translation, self.triangles, self.zone
+        )
 
     def geometries(self) -> list[coal.CollisionGeometry]:
         """Shapes for `coal`, at home in the frame that the numbers are in."""
@@ -57,8 +62,12 @@ class Solid:
         return [surface]
 
     def holds(self, point: np.ndarray) -> bool:
-        """Whether a point [m] lies inside of a surface of triangles; distances tell it of convex parts themselves."""
-        return not self.parts and bool(trimesh.Trimesh(self.vertices, self.triangles, process=False).contains([point])[0])
+        """Whether a point [m] lies inside of a surface of triangles; distances tell it of convex
+        parts themselves.
+        """
+        return not self.parts and bool(
+            trimesh.Trimesh(self.vertices, self.triangles, process=False).contains([point])[0]
+        )
 
 
 def hull(points: np.ndarray) -> coal.ConvexBase:
@@ -75,7 +84,9 @@ def turned(yaw: float) -> np.ndarray:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def box(name: str, centre: Sequence[float], size: Sequence[float], base: float, yaw: float = 0.0) -> Solid:
+def box(
+    name: str, centre: Sequence[float], size: Sequence[float], base: float, yaw: float = 0.0
+) -> Solid:
     """A box that stands upright.
 
     Args:
@@ -86,11 +97,15 @@ def box(name: str, centre: Sequence[float], size: Sequence[float], base: float, 
         yaw: How far it is turned about Z [rad].
     """
     length, width, _ = size
-    corners = np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2.0
+    corners = (
+        np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2.0
+    )
     return prism(name, corners @ turned(yaw)[:2, :2].T + np.asarray(centre), base, size[2])
 
 
-def prism(name: str, outline: np.ndarray, base: float, height: float, *, zone: bool = False) -> Solid:
+def prism(
+    name: str, outline: np.ndarray, base: float, height: float, *, zone: bool = False
+) -> Solid:
     """A body with an outline [m], shape (n, 2), from a base height up to a height above it [m].
 
     Raises:
@@ -109,7 +124,12 @@ def prism(name: str, outline: np.ndarray, base: float, height: float, *, zone: b
     if not convex:
         points, triangles = trimesh.creation.triangulate_polygon(polygon)
         cuts = [np.asarray(points)[triangle] for triangle in triangles]
-    parts = tuple(np.concatenate([np.column_stack([cut, np.full(len(cut), z)]) for z in (base, base + height)]) for cut in cuts)
+    parts = tuple(
+        np.concatenate(
+            [np.column_stack([cut, np.full(len(cut), z)]) for z in (base, base + height)]
+        )
+        for cut in cuts
+    )
     return Solid(name, parts, np.array(mesh.vertices), np.array(mesh.faces), zone)
 
 
@@ -141,7 +161,8 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Corners, shape (n, 3), and triangles, shape (m, 3), of a mesh in a file; nothing else is read for it.
+    """Corners, shape (n, 3), and triangles, shape (m, 3), of a mesh in a file; nothing else is read
+    for it.
 
     Raises:
         DataError: If it cannot be read, has another ending, or holds no mesh.
@@ -150,12 +171,19 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise DataError(f"Cannot read {path}: a mesh ends in {', '.join(MESH_ENDINGS)}.")
     content = read_bytes(path, _LARGEST_MESH)
     try:
-        found = trimesh.load_mesh(io.BytesIO(content), file_type=path.suffix[1:].lower(), resolver=None)
-        vertices, triangles = np.asarray(found.vertices, dtype=float), np.asarray(found.faces, dtype=int)
+        found = trimesh.load_mesh(
+            io.BytesIO(content), file_type=path.suffix[1:].lower(), resolver=None
+        )
+        vertices, triangles = (
+            np.asarray(found.vertices, dtype=float),
+            np.asarray(found.faces, dtype=int),
+        )
     except KeyboardInterrupt:
         raise
     except Exception as error:  # whatever a parser of a stranger's bytes raises
-        raise DataError(f"Cannot read {path}: it holds no mesh ({type(error).__name__}).") from error
+        raise DataError(
+            f"Cannot read {path}: it holds no mesh ({type(error).__name__})."
+        ) from error
     if not len(triangles):
         raise DataError(f"Cannot read {path}: it holds no mesh.")
     return vertices, triangles

@@ -1,8 +1,11 @@
-"""When the load is where on its path: as fast as the drives allow, without a swing that is left over, and with no more than is allowed.
+"""When the load is where on its path: as fast as the drives allow, without a swing that is left
+over, and with no more than is allowed.
 
-TOPP-RA (Pham & Pham 2018) gives the fastest law of time under limits of rates, accelerations and swing. It exceeds these between the
-points of its grid, and its accelerations jump; averaging it over time does neither, since a mean is never more than what it is a mean
-of. Then the load is to be there, not the trolley: the drives go where the rope of such a load points (`cranedyn.references.flat`).
+TOPP-RA (Pham & Pham 2018) gives the fastest law of time under limits of rates, accelerations and
+swing. It exceeds these between the points of its grid, and its accelerations jump; averaging it
+over time does neither, since a mean is never more than what it is a mean of. Then the load is to be
+there, not the trolley: the drives go where the rope of such a load points
+(`cranedyn.references.flat`).
 """
 
 from __future__ import annotations
@@ -23,7 +26,8 @@ from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
 
 RAMP = 0.5
-"""Time in which a drive may reach its limit of acceleration [s], which sets the limit of its jerk."""
+"""Time in which a drive may reach its limit of acceleration [s], which sets the limit of its
+jerk."""
 
 STEP = 0.02
 """Time between the samples that are averaged [s]."""
@@ -31,13 +35,16 @@ STEP = 0.02
 _GRID, _IN_CORNER = 0.15, 9
 _SIDES = 16
 _AVERAGES = (1.2, 1.5, 1.8, 2.2, 2.6, 3.2)
-"""Times over which a law of time is averaged [s]; the one that gives the fastest motion is taken."""
+"""Times over which a law of time is averaged [s]; the one that gives the fastest motion is
+taken."""
 
 _SHARES = (1.0, 0.7, 0.4)
-"""It is averaged three times over, over these shares of that time: of those tried the fastest for short moves."""
+"""It is averaged three times over, over these shares of that time: of those tried the fastest for
+short moves."""
 
 _SLOWER = (1.0, 1.5, 3.0, 6.0)
-"""By which factor accelerations are less than they might be where a motion is not proven otherwise."""
+"""By which factor accelerations are less than they might be where a motion is not proven
+otherwise."""
 
 _ROUNDS, _KEPT, _MORE = 6, 1.0 + 1e-6, 2.0
 _MARGIN = 8
@@ -64,7 +71,8 @@ class Timed:
     Attributes:
         places: Where the load is to be, in rows a `STEP` apart, shape (n, 3).
         motion: The motion of all joints.
-        bound: The shortest time in which the drives alone, without a thought of the load, get along the path within their limits [s].
+        bound: The shortest time in which the drives alone, without a thought of the load, get along
+            the path within their limits [s].
         shares: How much of each limit the motion uses, by name; 1 is all of it.
     """
 
@@ -74,23 +82,37 @@ class Timed:
     shares: dict[str, float]
 
     def at(self, s: float) -> np.ndarray:
-        """The place at a row, shape (3,), between rows on a straight line; see `cranedyn.planning.proof.Curve`."""
+        """The place at a row, shape (3,), between rows on a straight line; see
+        `cranedyn.planning.proof.Curve`.
+        """
         k = min(int(s), len(self.places) - 2)
         return self.places[k] + (s - k) * (self.places[k + 1] - self.places[k])
 
     def reach(self, first: float, last: float) -> np.ndarray:
-        """See `cranedyn.planning.proof.Curve`; the curve between two rows is off their straight line by h²/8 of an acceleration."""
-        rows = np.vstack([self.places[math.ceil(first) : math.floor(last) + 1], self.at(first), self.at(last)])
+        """See `cranedyn.planning.proof.Curve`; the curve between two rows is off their straight
+        line by h²/8 of an acceleration.
+        """
+        rows = np.vstack(
+            [self.places[math.ceil(first) : math.floor(last) + 1], self.at(first), self.at(last)]
+        )
         bend = np.abs(np.diff(self.places, 2, axis=0)).max(axis=0) / 8.0
         return np.abs(rows - self.at((first + last) / 2.0)).max(axis=0) + 2.0 * bend
 
 
 def timed(
-    clearance: Clearance, path: Path, limits: Limits, proven: Callable[[Timed], bool], *, ramp: float = RAMP, period: float = 5e-3
+    clearance: Clearance,
+    path: Path,
+    limits: Limits,
+    proven: Callable[[Timed], bool],
+    *,
+    ramp: float = RAMP,
+    period: float = 5e-3,
 ) -> Timed | None:
-    """The fastest motion of the load along a path that keeps the limits of the drives and the swing of the site, and is proven.
+    """The fastest motion of the load along a path that keeps the limits of the drives and the swing
+    of the site, and is proven.
 
-    Averaging takes a motion off its path where that bends, by half of its acceleration times the variance of the times averaged over.
+    Averaging takes a motion off its path where that bends, by half of its acceleration times the
+    variance of the times averaged over.
 
     Args:
         clearance: Crane and site.
@@ -114,10 +136,18 @@ def timed(
     for slower in _SLOWER:
         best: Timed | None = None
         for average in _AVERAGES:
-            asked = Bounds(rates, accelerations / slower, crane.gravity * math.tan(clearance.site.swing) / slower)
+            asked = Bounds(
+                rates,
+                accelerations / slower,
+                crane.gravity * math.tan(clearance.site.swing) / slower,
+            )
             for round_ in range(_ROUNDS):
                 places = _averaged(*_fastest(path, asked), average)
-                if round_ > 1 and best is not None and STEP * (len(places) - 1) >= best.motion.arrival - STEP:
+                if (
+                    round_ > 1
+                    and best is not None
+                    and STEP * (len(places) - 1) >= best.motion.arrival - STEP
+                ):
                     break
                 motion = carried(clearance, places, STEP)
                 shares = _shares(clearance, motion, limits, ramp)
@@ -134,14 +164,23 @@ def timed(
 
 
 def _nearer(asked: Bounds, shares: dict[str, float], slower: float) -> Bounds:
-    """Bounds for the law of time with which the motion, whose accelerations are means of it, should use its limits fully."""
+    """Bounds for the law of time with which the motion, whose accelerations are means of it, should
+    use its limits fully.
+    """
     rate, acceleration, jerk, effort = (
         np.array([shares[f"{kind} of the {name}"] for name in ("slew", "trolley", "hoist")])
         for kind in ("rate", "acceleration", "jerk", "effort")
     )
     used = np.maximum(np.maximum(acceleration, jerk), effort.max())
-    factor, across = (np.clip(0.995 / (slower * np.maximum(share, 1e-3)), 0.3, _MORE) for share in (used, shares["swing"]))
-    return Bounds(asked.rates / np.maximum(1.0, rate / 0.999), asked.accelerations * factor, asked.across * float(across))
+    factor, across = (
+        np.clip(0.995 / (slower * np.maximum(share, 1e-3)), 0.3, _MORE)
+        for share in (used, shares["swing"])
+    )
+    return Bounds(
+        asked.rates / np.maximum(1.0, rate / 0.999),
+        asked.accelerations * factor,
+        asked.across * float(across),
+    )
 
 
 def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
@@ -158,7 +197,9 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
             return found if np.ndim(path_positions) else found[0]
 
     class Accelerations(constraint.LinearConstraint):  # type: ignore[misc, name-defined]
-        """Of the drives, and of the load across, whose circle is taken for the polygon inside it."""
+        """Of the drives, and of the load across, whose circle is taken for the polygon inside
+        it.
+        """
 
         def __init__(self) -> None:
             super().__init__()
@@ -167,14 +208,22 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
 
         def compute_constraint_params(self, path: Any, gridpoints: np.ndarray) -> Any:
             place, first, second = (path(gridpoints, order) for order in range(3))
-            a, b = _accelerations(place, np.zeros_like(first), first), _accelerations(place, first, second)
+            a, b = (
+                _accelerations(place, np.zeros_like(first), first),
+                _accelerations(place, first, second),
+            )
             rows, most = _polygon(bounds)
             return constraint.linear_constraint.canlinear_colloc_to_interpolate(
                 a, b, np.zeros_like(a), rows, most, None, None, gridpoints, identical=True
             )
 
     velocity = constraint.JointVelocityConstraint(np.column_stack([-bounds.rates, bounds.rates]))
-    problem = algorithm.TOPPRA([velocity, Accelerations()], Geometric(), gridpoints=_gridpoints(path), solver_wrapper="seidel")
+    problem = algorithm.TOPPRA(
+        [velocity, Accelerations()],
+        Geometric(),
+        gridpoints=_gridpoints(path),
+        solver_wrapper="seidel",
+    )
     _, speeds, _ = problem.compute_parameterization(0.0, 0.0)
     if speeds is None:
         raise CraneError("TOPP-RA finds no law of time along this path.")
@@ -183,13 +232,17 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
     t = np.append(np.arange(0.0, times[-1], STEP), times[-1])
     k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(s) - 2)
     since, gain = t - times[k], np.diff(speeds) / np.diff(times)
-    return t, path.derivatives(np.clip(s[k] + since * (speeds[k] + gain[k] * since / 2.0), 0.0, path.duration))[0]
+    return t, path.derivatives(
+        np.clip(s[k] + since * (speeds[k] + gain[k] * since / 2.0), 0.0, path.duration)
+    )[0]
 
 
 def _accelerations(place: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Of slew, trolley and hoist, and of the load outward and along the circle, shape (n, 5)."""
     (_, x, _), (slew, out, _) = place.T, first.T
-    return np.column_stack([second, second[:, 1] - x * slew**2, x * second[:, 0] + 2.0 * out * slew])
+    return np.column_stack(
+        [second, second[:, 1] - x * slew**2, x * second[:, 0] + 2.0 * out * slew]
+    )
 
 
 def _polygon(bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
@@ -207,18 +260,31 @@ def _polygon(bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
 
 def _gridpoints(path: Path) -> np.ndarray:
     even = np.linspace(0.0, path.duration, max(60, math.ceil(path.duration / _GRID)))
-    corners = [knot + width * np.linspace(-1.0, 1.0, _IN_CORNER) for knot, width in zip(path.knots[1:-1], path.widths, strict=True)]
+    corners = [
+        knot + width * np.linspace(-1.0, 1.0, _IN_CORNER)
+        for knot, width in zip(path.knots[1:-1], path.widths, strict=True)
+    ]
     points = np.unique(np.concatenate([even, *corners]))
-    return points[np.append(True, np.diff(points) > 1e-4)] if path.duration - points[-2] > 1e-4 else np.append(points[:-2], points[-1])
+    return (
+        points[np.append(True, np.diff(points) > 1e-4)]
+        if path.duration - points[-2] > 1e-4
+        else np.append(points[:-2], points[-1])
+    )
 
 
 def _averaged(t: np.ndarray, places: np.ndarray, average: float) -> np.ndarray:
-    """Places a `STEP` apart, averaged three times; it takes as much longer to get there as is averaged over."""
+    """Places a `STEP` apart, averaged three times; it takes as much longer to get there as is
+    averaged over.
+    """
     last = math.ceil(t[-1] / STEP)
-    found = np.column_stack([np.interp(STEP * np.arange(last + 1), t, column) for column in places.T])
+    found = np.column_stack(
+        [np.interp(STEP * np.arange(last + 1), t, column) for column in places.T]
+    )
     for share in _SHARES:
         count = max(1, round(share * average / STEP))
-        padded = np.concatenate([np.repeat(found[:1], count, axis=0), found, np.repeat(found[-1:], count, axis=0)])
+        padded = np.concatenate(
+            [np.repeat(found[:1], count, axis=0), found, np.repeat(found[-1:], count, axis=0)]
+        )
         sums = np.concatenate([np.zeros((1, 3)), np.cumsum(padded - padded[0], axis=0)])
         found = padded[0] + (sums[count:] - sums[:-count]) / count
     moving = np.flatnonzero(np.abs(np.diff(found, axis=0)).max(axis=1) > 1e-12)
@@ -226,7 +292,8 @@ def _averaged(t: np.ndarray, places: np.ndarray, average: float) -> np.ndarray:
 
 
 def carried(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
-    """The motion of all joints in which the load is at places a `STEP` apart, at rest at both ends, with rows a period [s] apart.
+    """The motion of all joints in which the load is at places a `STEP` apart, at rest at both ends,
+    with rows a period [s] apart.
 
     The load is at its place with its centre of oscillation, as in `cranedyn.references.flat.flat`.
 
@@ -235,12 +302,21 @@ def carried(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
     """
     crane = clearance.crane
     inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
-    rest = np.concatenate([np.repeat(places[:1], _MARGIN, axis=0), places, np.repeat(places[-1:], _MARGIN, axis=0)])
+    rest = np.concatenate(
+        [np.repeat(places[:1], _MARGIN, axis=0), places, np.repeat(places[-1:], _MARGIN, axis=0)]
+    )
     t = STEP * (np.arange(len(rest)) - _MARGIN)
     point = clearance.point(rest) - np.array([0.0, 0.0, inertia]) / rest[:, 2:]
-    rope = scipy.interpolate.make_interp_spline(t, point, k=7).derivative(2)(t) + np.array([0.0, 0.0, crane.gravity])
+    rope = scipy.interpolate.make_interp_spline(t, point, k=7).derivative(2)(t) + np.array(
+        [0.0, 0.0, crane.gravity]
+    )
     if rope[:, 2].min() <= 0.0:
-        raise OutOfRange("least tension of the rope", float(rope[:, 2].min() / crane.gravity), "> 0", "of its weight")
+        raise OutOfRange(
+            "least tension of the rope",
+            float(rope[:, 2].min() / crane.gravity),
+            "> 0",
+            "of its weight",
+        )
     q = recover(point, rope / np.linalg.norm(rope, axis=1)[:, None], clearance.height, inertia)
     slew = clearance.joints.slew
     q[:, slew] += places[0, 0] - q[0, slew]
@@ -256,9 +332,13 @@ def _shares(clearance: Clearance, motion: Motion, limits: Limits, ramp: float) -
     """How much of each limit a motion uses; 1 is all of it."""
     jerk = np.abs(np.diff(motion.a[:, clearance.place_of], axis=0)).max(axis=0) / motion.period
     tilt = clearance.tilt(motion.q).max()
-    names = zip(("slew", "trolley", "hoist"), jerk * ramp / np.array(limits.accelerations), strict=True)
+    names = zip(
+        ("slew", "trolley", "hoist"), jerk * ramp / np.array(limits.accelerations), strict=True
+    )
     jerks = {f"jerk of the {name}": float(share) for name, share in names}
-    return use(clearance.crane, motion, limits) | jerks | {"swing": float(tilt) / clearance.site.swing}
+    return (
+        use(clearance.crane, motion, limits) | jerks | {"swing": float(tilt) / clearance.site.swing}
+    )
 
 
 def _toppra() -> tuple[Any, Any, Any]:
@@ -267,6 +347,8 @@ def _toppra() -> tuple[Any, Any, Any]:
         import toppra.algorithm
         import toppra.constraint
     except ImportError as error:
-        raise CraneError("To time a path install the extra planning: pip install 'cranedyn[planning]'.") from error
+        raise CraneError(
+            "To time a path install the extra planning: pip install 'cranedyn[planning]'."
+        ) from error
     toppra.setup_logging("ERROR")
     return toppra, toppra.constraint, toppra.algorithm

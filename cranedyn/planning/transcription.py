@@ -1,8 +1,11 @@
-"""Motions of least time or cost of any system dx/dt = f(x, u) under bounds, as a nonlinear program for IPOPT.
+"""Motions of least time or cost of any system dx/dt = f(x, u) under bounds, as a nonlinear program
+for IPOPT.
 
-The control is constant over each interval, and an interval has one or more steps. Over a step the state is a polynomial of third
-degree that obeys the differential equation at the three Radau points, the last of which is the end of the step: order 5 (Hairer &
-Wanner, Solving Ordinary Differential Equations II, §IV.5). Unlike shooting this needs no derivatives of nested steps, so it is faster.
+The control is constant over each interval, and an interval has one or more steps. Over a step the
+state is a polynomial of third degree that obeys the differential equation at the three Radau
+points, the last of which is the end of the step: order 5 (Hairer & Wanner, Solving Ordinary
+Differential Equations II, §IV.5). Unlike shooting this needs no derivatives of nested steps, so it
+is faster.
 """
 
 from __future__ import annotations
@@ -41,7 +44,9 @@ class Unsolved(CraneError):
     def __init__(self, status: str) -> None:
         """Keep the status and phrase the sentence."""
         self.status = status
-        super().__init__(f"The optimiser found no motion that keeps the limits; IPOPT ends with {status}.")
+        super().__init__(
+            f"The optimiser found no motion that keeps the limits; IPOPT ends with {status}."
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +59,8 @@ class Problem:
         gap: Time to the next point [s], as if the next interval lasted as long as this one.
         rates: dx/dt in x and u, shape (nx,).
         cost: Cost per second in x and u; 1 for least time.
-        path: What stays within `path_bounds` at every point but the first, in x, u and gap, shape (np,).
+        path: What stays within `path_bounds` at every point but the first, in x, u and gap, shape
+            (np,).
         bounds: Least and largest state, shape (2, nx).
         control_bounds: Least and largest control, finite, shape (2, nu).
         path_bounds: Shape (2, np).
@@ -104,8 +110,10 @@ def solve(problem: Problem, guess: Plan, *, equal: bool, least: float = 0.0) -> 
 
     Args:
         problem: What moves, what it costs, and what is allowed.
-        guess: Where the search begins. Its first and last states are kept, and so is the number of its intervals and steps.
-        equal: Whether all intervals last alike, or each as long as suits, so that the control switches when it should.
+        guess: Where the search begins. Its first and last states are kept, and so is the number of
+            its intervals and steps.
+        equal: Whether all intervals last alike, or each as long as suits, so that the control
+            switches when it should.
         least: Least duration of an interval [s].
 
     Raises:
@@ -113,7 +121,10 @@ def solve(problem: Problem, guess: Plan, *, equal: bool, least: float = 0.0) -> 
     """
     controls, states = np.abs(problem.control_bounds).max(axis=0), problem.scale
     scale = _pack(_alike(guess, 1.0, controls, states))
-    bounds = [_alike(guess, *bound) for bound in zip((least, np.inf), problem.control_bounds, problem.bounds, strict=True)]
+    bounds = [
+        _alike(guess, *bound)
+        for bound in zip((least, np.inf), problem.control_bounds, problem.bounds, strict=True)
+    ]
     for bound in bounds:
         bound.states[[0, -1]] = guess.states[[0, -1]]
     lower, upper = (_pack(bound) / scale for bound in bounds)
@@ -122,7 +133,9 @@ def solve(problem: Problem, guess: Plan, *, equal: bool, least: float = 0.0) -> 
     found = solver(x0=_pack(guess) / scale, lbx=lower, ubx=upper, lbg=low, ubg=high)
     if not solver.stats()["success"]:
         raise Unsolved(solver.stats()["return_status"])
-    parts = np.split(found["x"].full().ravel() * scale, np.cumsum([part.size for part in guess])[:-1])
+    parts = np.split(
+        found["x"].full().ravel() * scale, np.cumsum([part.size for part in guess])[:-1]
+    )
     return Plan(*(part.reshape(like.shape) for part, like in zip(parts, guess, strict=True)))
 
 
@@ -132,15 +145,23 @@ def _pack(plan: Plan) -> np.ndarray:
 
 def _alike(plan: Plan, duration: float, control: np.ndarray, state: np.ndarray) -> Plan:
     """A plan of the same size with one duration, one control and one state throughout."""
-    return Plan(np.full_like(plan.durations, duration), np.tile(control, (len(plan.controls), 1)), np.tile(state, (len(plan.states), 1)))
+    return Plan(
+        np.full_like(plan.durations, duration),
+        np.tile(control, (len(plan.controls), 1)),
+        np.tile(state, (len(plan.states), 1)),
+    )
 
 
-def _program(problem: Problem, guess: Plan, equal: bool, scale: np.ndarray) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
+def _program(
+    problem: Problem, guess: Plan, equal: bool, scale: np.ndarray
+) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
     """Unknowns over their scale, cost and constraints, with the bounds of the constraints."""
     n, points = len(guess.durations), len(guess.states) - 1
     steps = points // (_POINTS * n)
     unknown = ca.MX.sym("unknown", scale.size)
-    durations, controls, states = ca.vertsplit(unknown * scale, np.cumsum([0, *(part.size for part in guess)]).tolist())
+    durations, controls, states = ca.vertsplit(
+        unknown * scale, np.cumsum([0, *(part.size for part in guess)]).tolist()
+    )
     of_point = np.repeat(np.arange(n), steps * _POINTS).tolist()
     h = (durations.T / steps)[:, of_point]
     u = ca.reshape(controls, -1, n)[:, of_point]
@@ -148,14 +169,26 @@ def _program(problem: Problem, guess: Plan, equal: bool, scale: np.ndarray) -> t
     slopes = np.zeros((points + 1, points))
     for k in range(0, points, _POINTS):
         slopes[k : k + _POINTS + 1, k : k + _POINTS] = _SLOPES
-    flow = ca.Function("flow", [problem.x, problem.u], [problem.rates, problem.cost], {"cse": True}).map(points)
-    path = ca.Function("path", [problem.x, problem.u, problem.gap], [problem.path], {"cse": True}).map(points)
+    flow = ca.Function(
+        "flow", [problem.x, problem.u], [problem.rates, problem.cost], {"cse": True}
+    ).map(points)
+    path = ca.Function(
+        "path", [problem.x, problem.u, problem.gap], [problem.path], {"cse": True}
+    ).map(points)
     rates, cost = flow(x[:, 1:], u)
-    defects = ca.vec((x @ ca.sparsify(ca.DM(slopes)) - rates * ca.repmat(h, x.shape[0], 1)) / ca.repmat(problem.scale, 1, points))
+    defects = ca.vec(
+        (x @ ca.sparsify(ca.DM(slopes)) - rates * ca.repmat(h, x.shape[0], 1))
+        / ca.repmat(problem.scale, 1, points)
+    )
     unequal = durations[1:] - durations[:-1] if equal else ca.MX(0, 1)
     low, high = (
-        np.concatenate([np.zeros(defects.numel()), np.tile(bound, points), np.zeros(unequal.numel())]) for bound in problem.path_bounds
+        np.concatenate(
+            [np.zeros(defects.numel()), np.tile(bound, points), np.zeros(unequal.numel())]
+        )
+        for bound in problem.path_bounds
     )
-    gaps, weights = (ca.DM(np.tile(shares.ravel(), points // _POINTS)).T for shares in (_GAPS, _WEIGHTS))
+    gaps, weights = (
+        ca.DM(np.tile(shares.ravel(), points // _POINTS)).T for shares in (_GAPS, _WEIGHTS)
+    )
     constraints = ca.vertcat(defects, ca.vec(path(x[:, 1:], u, gaps * h)), unequal)
     return {"x": unknown, "f": ca.dot(cost * h, weights), "g": constraints}, low, high

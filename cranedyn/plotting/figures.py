@@ -39,7 +39,9 @@ class Drawing(Figure):
             return file.getvalue()
 
 
-def panels(rows: int = 1, columns: int = 1, *, height: float = 3.2, width: float = 9.0, **arguments: Any) -> tuple[Figure, list[Axes]]:
+def panels(
+    rows: int = 1, columns: int = 1, *, height: float = 3.2, width: float = 9.0, **arguments: Any
+) -> tuple[Figure, list[Axes]]:
     """A figure with panels in reading order.
 
     Args:
@@ -55,15 +57,19 @@ def panels(rows: int = 1, columns: int = 1, *, height: float = 3.2, width: float
 
 
 def save(figure: Figure, path: str | Path) -> Path:
-    """Write a figure as ``.png``, or as ``.svg`` for pages and papers; the same figure gives the same file.
+    """Write a figure as ``.png``, or as ``.svg`` for pages and papers; the same figure gives the
+    same file.
 
     Raises:
         DataError: If the file cannot be written.
     """
     kind = Path(path).suffix.removeprefix(".")
-    picture = io.BytesIO()  # given a path, the library leaves the file open where Ctrl-C comes meanwhile
+    # Given a path, the library leaves the file open where Ctrl-C comes meanwhile.
+    picture = io.BytesIO()
     with mpl.rc_context(_STYLE):
-        figure.savefig(picture, format=kind, dpi=130, metadata={"Date": None} if kind == "svg" else None)
+        figure.savefig(
+            picture, format=kind, dpi=130, metadata={"Date": None} if kind == "svg" else None
+        )
     with written(path) as draft:
         draft.write_bytes(picture.getvalue())
     return Path(path)

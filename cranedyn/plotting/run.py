@@ -42,15 +42,21 @@ def plot(run: Trajectory, *columns: str) -> Figure:
 
 
 def plot_runs(runs: Mapping[str, Trajectory]) -> Figure:
-    """The drives, the swing and the stretch of several runs, each in a colour of its own; solid is radial and dashed tangential swing.
+    """The drives, the swing and the stretch of several runs, each in a colour of its own; solid is
+    radial and dashed tangential swing.
 
     Args:
         runs: By name; a single one may be without.
     """
     first = next(iter(runs.values()))
     symbols = {symbol: unit for symbol, unit in _coordinates(first.keys())}
-    drives = [symbol for symbol, unit in symbols.items() if f"{symbol}_setpoint_{unit}" in first.keys()]
-    passive = [[symbol for symbol in symbols if symbol not in drives and symbols[symbol] == unit] for unit in _PASSIVE]
+    drives = [
+        symbol for symbol, unit in symbols.items() if f"{symbol}_setpoint_{unit}" in first.keys()
+    ]
+    passive = [
+        [symbol for symbol in symbols if symbol not in drives and symbols[symbol] == unit]
+        for unit in _PASSIVE
+    ]
     together = [of_unit for of_unit in passive if of_unit]
     figure, axes = panels(len(drives) + len(together), height=1.7, sharex=True)
     for ax, symbol in zip(axes, drives, strict=False):
@@ -65,13 +71,20 @@ def _draw_drive(ax: Axes, runs: Mapping[str, Trajectory], symbol: str, unit: str
     for i, (name, run) in enumerate(runs.items()):
         wanted, shown = _for_people(run[f"{symbol}_setpoint_{unit}"], unit)
         ax.plot(run.t, wanted, ":", color=COLOURS["setpoint"], label="setpoint" if i == 0 else None)
-        ax.plot(run.t, _for_people(run[f"{symbol}_{unit}"], unit)[0], color=run_colour(i), label=name or _word(symbol))
+        ax.plot(
+            run.t,
+            _for_people(run[f"{symbol}_{unit}"], unit)[0],
+            color=run_colour(i),
+            label=name or _word(symbol),
+        )
         ax.set_ylabel(f"{_word(symbol)} [{shown}]")
     _widen(ax)
     ax.legend(ncols=3, fontsize=9.0)
 
 
-def _draw_passive(ax: Axes, runs: Mapping[str, Trajectory], symbols: Sequence[str], unit: str) -> None:
+def _draw_passive(
+    ax: Axes, runs: Mapping[str, Trajectory], symbols: Sequence[str], unit: str
+) -> None:
     styles = dict(zip(symbols, ("-", "--", ":", "-."), strict=False)) | STYLES
     for i, (name, run) in enumerate(runs.items()):
         for symbol in symbols:

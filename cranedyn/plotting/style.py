@@ -1,6 +1,7 @@
 """One colour for each quantity, the same in every plot and figure.
 
-The colour-blind-safe palette of Okabe and Ito, its pale ones darker, so that every one is legible on white and on black.
+The colour-blind-safe palette of Okabe and Ito, its pale ones darker, so that every one is legible
+on white and on black.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ COLOURS = {
     "setpoint": "#8A8A8A",
     "limit": "#8A8A8A",
 }
-"""Hex colour by quantity: a coordinate shares it with its rate and with the effort and the work of its drive. Black is for white paper."""
+"""Hex colour by quantity: a coordinate shares it with its rate and with the effort and the work of
+its drive. Black is for white paper."""
 
 _FURTHER = ("#0072B2", "#D55E00", "#009E73", "#B0569A", "#B87800", "#2E8BC0")
 
@@ -35,4 +37,11 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 def mixed(colour: str, other: str, share: float) -> str:
     """A hex colour with a share of another mixed in, 0 to 1."""
-    return "#" + bytes(round((1 - share) * a + share * b) for a, b in zip(rgb(colour), rgb(other), strict=True)).hex().upper()
+    return (
+        "#"
+        + bytes(
+            round((1 - share) * a + share * b) for a, b in zip(rgb(colour), rgb(other), strict=True)
+        )
+        .hex()
+        .upper()
+    )

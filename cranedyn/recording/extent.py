@@ -13,7 +13,9 @@ from cranedyn.recording.shapes import Shape, shapes
 
 
 def extent(run: Run) -> np.ndarray:
-    """Lowest and highest corner of the box about a crane at the start of a run [m], shape (2, 3)."""
+    """Lowest and highest corner of the box about a crane at the start of a run [m], shape (2,
+    3).
+    """
     q = run.trajectory.q[0] if len(run.trajectory) else run.crane.start.q
     model = pin.buildModelFromXML(skeleton(parse(run.crane.urdf, "the crane")))
     data = model.createData()
@@ -27,11 +29,17 @@ def extent(run: Run) -> np.ndarray:
 
 
 def _corners(shape: Shape) -> np.ndarray:
-    """Two opposite corners of a box about a shape in the frame of its link, along its axes [m], shape (2, 3)."""
+    """Two opposite corners of a box about a shape in the frame of its link, along its axes [m],
+    shape (2, 3).
+    """
     size = shape.size
     if shape.kind == "sphere":
         half = np.full(3, size[0])
     else:
-        half = np.array([size[0], size[0], size[1] / 2.0]) if shape.kind == "cylinder" else np.array(size) / 2.0
+        half = (
+            np.array([size[0], size[0], size[1] / 2.0])
+            if shape.kind == "cylinder"
+            else np.array(size) / 2.0
+        )
     reach = np.abs(Rotation.from_euler("xyz", shape.rpy).as_matrix()) @ half
     return np.array([shape.centre - reach, shape.centre + reach])

@@ -22,14 +22,24 @@ _PATIENCE = 10.0
 
 
 class Live:
-    """Streams pieces of a run as they come; everything appended so far is in the file even if the program is killed.
+    """Streams pieces of a run as they come; everything appended so far is in the file even if the
+    program is killed.
 
     The file has its name from the first piece on; until then a file that was there stays.
     The scene shows the past that its path needs, so pieces may be short.
     """
 
     @checked
-    def __init__(self, crane: Crane, name: str, *, title: str, text: str = "", file: str | Path | None = None, viewer: str = "") -> None:
+    def __init__(
+        self,
+        crane: Crane,
+        name: str,
+        *,
+        title: str,
+        text: str = "",
+        file: str | Path | None = None,
+        viewer: str = "",
+    ) -> None:
         """Open the recording.
 
         Args:
@@ -38,7 +48,8 @@ class Live:
             title: Heading of the recording.
             text: What it shows, in Markdown.
             file: Where to write, None for nowhere.
-            viewer: Address of a running viewer, from `open_viewer` or `Server.data`, empty for none.
+            viewer: Address of a running viewer, from `open_viewer` or `Server.data`, empty for
+                none.
 
         Raises:
             DataError: If the file cannot be written.
@@ -49,7 +60,8 @@ class Live:
         self._recording = rr.RecordingStream("cranedyn-live", send_properties=False)
         self._file = None if file is None else Path(file)
         if self._file:
-            check_writable(self._file)  # where not even the first bytes can be written, Rerun waits for ever
+            # Where not even the first bytes can be written, Rerun waits for ever.
+            check_writable(self._file)
         self._draft = Draft(self._file) if self._file else None
         try:
             sinks = [rr.FileSink(self._draft.path)] if self._draft else []
@@ -70,7 +82,10 @@ class Live:
         """
         first = float(piece.t[0])
         shown = piece if self._past is None else join([self._past, piece])
-        run, fresh = Run(self._name, self._crane, shown), Run(self._name, self._crane, shown.since(first))
+        run, fresh = (
+            Run(self._name, self._crane, shown),
+            Run(self._name, self._crane, shown.since(first)),
+        )
         if self._scene is None:
             self._scene, self._start_energy = self._begin(run), float(piece.energy[0])
         self._scene.move(run, since=first)
@@ -79,7 +94,10 @@ class Live:
         try:
             self._recording.flush(timeout_sec=_PATIENCE)
         except (RuntimeError, ValueError) as error:
-            raise DataError(f"The recording{f' {self._file}' if self._file else ''} could not be written: {error}.") from error
+            raise DataError(
+                f"The recording{f' {self._file}' if self._file else ''} could not be written: "
+                f"{error}."
+            ) from error
         if self._draft:
             self._draft.sync()
             self._draft.name()
@@ -103,5 +121,10 @@ class Live:
     def __enter__(self) -> Live:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()

@@ -11,14 +11,19 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from cranedyn.recording.process import HOST
 
 _POLICY = (
-    "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; "
-    "connect-src 'self' data: blob: http://{host}:{data}; object-src 'none'; form-action 'none'; base-uri 'none'"
+    "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; "
+    "style-src 'self' 'unsafe-inline'; "
+    "connect-src 'self' data: blob: http://{host}:{data}; object-src 'none'; form-action 'none'; "
+    "base-uri 'none'"
 )
-"""The page as it is sends what is done in it to Rerun, asks for its newest version, and fetches examples and fonts."""
+"""The page as it is sends what is done in it to Rerun, asks for its newest version, and fetches
+examples and fonts."""
 
 
 class Page(ThreadingHTTPServer):
-    """Serves, on this machine alone, what the viewer's own web server does, with a policy that browsers keep."""
+    """Serves, on this machine alone, what the viewer's own web server does, with a policy that
+    browsers keep.
+    """
 
     daemon_threads = True
 
@@ -47,9 +52,16 @@ class _Handler(BaseHTTPRequestHandler):
     server: Page
 
     def do_GET(self) -> None:
-        with closing(HTTPConnection(HOST, self.server.source, timeout=30.0)) as source, suppress(OSError):
+        with (
+            closing(HTTPConnection(HOST, self.server.source, timeout=30.0)) as source,
+            suppress(OSError),
+        ):
             try:
-                source.request("GET", self.path, headers={"Accept-Encoding": self.headers.get("Accept-Encoding", "identity")})
+                source.request(
+                    "GET",
+                    self.path,
+                    headers={"Accept-Encoding": self.headers.get("Accept-Encoding", "identity")},
+                )
                 found = source.getresponse()
             except (OSError, HTTPException, ValueError):
                 self.send_error(502)

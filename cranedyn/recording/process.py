@@ -1,4 +1,6 @@
-"""The process of Rerun's viewer: where the program is, how it starts and ends, and the ports it takes."""
+"""The process of Rerun's viewer: where the program is, how it starts and ends, and the ports it
+takes.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,11 @@ HOST = "127.0.0.1"
 
 _PATIENCE = 30.0
 
-_QUIET: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+_QUIET: dict[str, Any] = {
+    "stdin": subprocess.DEVNULL,
+    "stdout": subprocess.DEVNULL,
+    "stderr": subprocess.DEVNULL,
+}
 
 _GUARD = """
 import os, signal, sys, time
@@ -37,23 +43,31 @@ _GUARDS: dict[int, subprocess.Popen[bytes]] = {}
 
 
 def start(*arguments: str, own_session: bool = False) -> subprocess.Popen[bytes]:
-    """Start the viewer, silent: it prints nothing, and its analytics are off whatever the user's own setting is, which stays as it is.
+    """Start the viewer, silent: it prints nothing, and its analytics are off whatever the user's
+    own setting is, which stays as it is.
 
     Args:
         arguments: Of its command line.
-        own_session: Whether it outlives the program and the terminal that it is started from; else it ends with the program, even if
-            that is killed.
+        own_session: Whether it outlives the program and the terminal that it is started from; else
+            it ends with the program, even if that is killed.
 
     Raises:
         CraneError: If it is not installed or does not start.
     """
-    environment = {"RUST_LOG": "error"} | dict(os.environ) | {"CI": "true"}  # where CI is set, Rerun sends nothing ...
+    # Where CI is set, Rerun sends nothing ...
+    environment = {"RUST_LOG": "error"} | dict(os.environ) | {"CI": "true"}
     environment.pop("FORCE_RERUN_ANALYTICS", None)  # ... but where this is
     software = sorted(Path("/usr/share/vulkan/icd.d").glob("lvp_icd.*.json"))
-    if "--headless" in arguments and software and not {"VK_ICD_FILENAMES", "VK_DRIVER_FILES"} & environment.keys():
+    if (
+        "--headless" in arguments
+        and software
+        and not {"VK_ICD_FILENAMES", "VK_DRIVER_FILES"} & environment.keys()
+    ):
         environment["VK_ICD_FILENAMES"] = str(software[0])
     try:
-        process = subprocess.Popen([program(), *arguments], env=environment, start_new_session=own_session, **_QUIET)
+        process = subprocess.Popen(
+            [program(), *arguments], env=environment, start_new_session=own_session, **_QUIET
+        )
         try:
             if not own_session:
                 guard(process)
@@ -66,9 +80,11 @@ def start(*arguments: str, own_session: bool = False) -> subprocess.Popen[bytes]
 
 
 def guard(process: subprocess.Popen[bytes]) -> None:
-    """Have a process that was started here killed within a second after this program has ended, however it did.
+    """Have a process that was started here killed within a second after this program has ended,
+    however it did.
 
-    A small process of its own looks twice a second whether both are there; it ends with the one or the other, or by `end`.
+    A small process of its own looks twice a second whether both are there; it ends with the one or
+    the other, or by `end`.
     """
     command = [sys.executable, "-I", "-S", "-c", _GUARD, str(os.getpid()), str(process.pid)]
     _GUARDS[process.pid] = subprocess.Popen(command, start_new_session=True, **_QUIET)
@@ -78,12 +94,15 @@ def await_ready(process: subprocess.Popen[bytes], ready: Callable[[], bool], hin
     """Return when the viewer is ready; if it does not become so, end it.
 
     Raises:
-        CraneError: If it ends before it is ready, or is not ready in half a minute; the hint says what may help.
+        CraneError: If it ends before it is ready, or is not ready in half a minute; the hint says
+            what may help.
     """
     try:
         for _ in range(round(_PATIENCE / 0.05)):
             if process.poll() is not None:
-                raise CraneError(f"Rerun's viewer ended with exit code {process.returncode}. {hint}")
+                raise CraneError(
+                    f"Rerun's viewer ended with exit code {process.returncode}. {hint}"
+                )
             if ready():
                 return
             time.sleep(0.05)
@@ -129,10 +148,18 @@ def free_port() -> int:
 
 
 def program() -> Path:
-    """The viewer that comes with the Python package; the ``rerun`` command is a script around it, which would have to be ended too."""
+    """The viewer that comes with the Python package; the ``rerun`` command is a script around it,
+    which would have to be ended too.
+    """
     spec = importlib.util.find_spec("rerun_cli")
     folders = [Path(folder) for folder in (spec.submodule_search_locations or [])] if spec else []
-    for file in (folder / name for folder in folders for name in ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun")):
+    for file in (
+        folder / name
+        for folder in folders
+        for name in ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun")
+    ):
         if file.is_file():
             return file
-    raise CraneError("Rerun's viewer is not installed; install it with: pip install --force-reinstall rerun-sdk")
+    raise CraneError(
+        "Rerun's viewer is not installed; install it with: pip install --force-reinstall rerun-sdk"
+    )

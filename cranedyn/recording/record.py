@@ -1,4 +1,6 @@
-"""Trajectories into one Rerun file: the moving crane, every number as a time series, and the layout that shows them."""
+"""Trajectories into one Rerun file: the moving crane, every number as a time series, and the layout
+that shows them.
+"""
 
 from __future__ import annotations
 
@@ -28,15 +30,18 @@ def check_enabled() -> None:
         CraneError: If it is switched off in the environment.
     """
     if os.environ.get("RERUN", "").lower() in ("off", "false", "0"):
-        raise CraneError("Rerun is switched off by the environment variable RERUN; unset it to write a recording.")
+        raise CraneError(
+            "Rerun is switched off by the environment variable RERUN; unset it to write a "
+            "recording."
+        )
 
 
 @checked
 def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "") -> Path:
     """Write runs into one ``.rrd`` file on one clock, with the layout inside.
 
-    The scene is drawn at 50 Hz in single precision. The numbers stand in it at full rate and to the bit, angles in degrees, energy since
-    the start: see `cranedyn.recording.series.table`.
+    The scene is drawn at 50 Hz in single precision. The numbers stand in it at full rate and to the
+    bit, angles in degrees, energy since the start: see `cranedyn.recording.series.table`.
 
     Args:
         path: The file, ending in ``.rrd``.
@@ -45,7 +50,8 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
         text: What the recording shows, in Markdown.
 
     Raises:
-        OutOfRange: If there is no run, one has no rows or holds a value that is not finite, or two share a name.
+        OutOfRange: If there is no run, one has no rows or holds a value that is not finite, or two
+            share a name.
         DataError: If the file cannot be written.
         CraneError: If Rerun is switched off in the environment.
     """
@@ -58,7 +64,11 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
     try:
         recording.send_blueprint(dashboard(runs, tables), make_active=True, make_default=True)
         recording.send_recording_name(title)
-        recording.log("text", rr.TextDocument(describe(runs, title, text), media_type="text/markdown"), static=True)
+        recording.log(
+            "text",
+            rr.TextDocument(describe(runs, title, text), media_type="text/markdown"),
+            static=True,
+        )
         recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for run, look, columns in zip(runs, looks(runs), tables, strict=True):
             Scene(recording, run, look).move(run)
@@ -71,20 +81,38 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
 
 
 def describe(runs: Sequence[Run], title: str, text: str) -> str:
-    """The words beside the pictures, in Markdown: title, text, parameters of the runs, and how to read the scene."""
+    """The words beside the pictures, in Markdown: title, text, parameters of the runs, and how to
+    read the scene.
+    """
     names = dict.fromkeys(name for run in runs for name in run.trajectory.parameters)
-    rows = [[_shown(name), *(_shown(run.trajectory.parameters.get(name, "")) for run in runs)] for name in names]
+    rows = [
+        [_shown(name), *(_shown(run.trajectory.parameters.get(name, "")) for run in runs)]
+        for name in names
+    ]
     lines = [["parameter", *(_shown(run.name) for run in runs)], ["---"] * (len(runs) + 1), *rows]
     scene = (
-        f"**How to read the scene.** Dots: where the payload was in the last {PATH_SECONDS:g} s. Wire box and grey line: the payload and "
-        "the cable at the setpoint of the drives. Arrows under the trolley: where the payload hangs off the plumb line, orange along the "
-        f"jib and blue across it, {looks(runs)[0].arrow:g} m for a degree. The tab *Payload* follows the payload."
+        f"**How to read the scene.** Dots: where the payload was in the last {PATH_SECONDS:g} s. "
+        "Wire box and grey line: the payload and "
+        "the cable at the setpoint of the drives. Arrows under the trolley: where the payload "
+        "hangs off the plumb line, orange along the "
+        f"jib and blue across it, {looks(runs)[0].arrow:g} m for a degree. The tab *Payload* "
+        "follows the payload."
     )
     if any("<mesh" in run.crane.urdf and run.meshes is None for run in runs):
         scene += " Meshes of the URDF are not drawn."
-    beyond = "\n".join(f"- {printable(run.name)}, {at:.3f} s: {words}" for run in runs for at, words in _beyond(run))
+    beyond = "\n".join(
+        f"- {printable(run.name)}, {at:.3f} s: {words}"
+        for run in runs
+        for at, words in _beyond(run)
+    )
     warning = f"**Where the model does not hold:**\n\n{beyond}" if beyond else ""
-    parts = (f"## {title}", text, warning, "\n".join(f"| {' | '.join(line)} |" for line in lines), scene)
+    parts = (
+        f"## {title}",
+        text,
+        warning,
+        "\n".join(f"| {' | '.join(line)} |" for line in lines),
+        scene,
+    )
     return "\n\n".join(part for part in parts if part)
 
 
@@ -92,7 +120,10 @@ def _beyond(run: Run) -> list[tuple[float, str]]:
     """When and why a run leaves what the model holds for."""
     if run.trajectory.valid.all():
         return []
-    return [(float(run.trajectory.t[event.row]), event.words) for event in events(run.crane, run.trajectory)]
+    return [
+        (float(run.trajectory.t[event.row]), event.words)
+        for event in events(run.crane, run.trajectory)
+    ]
 
 
 def _shown(value: float | str) -> str:
@@ -114,11 +145,26 @@ def _finite_table(run: Run) -> Table:
     columns = table(run)
     for name, values in columns.items():
         if not np.isfinite(values).all():
-            raise OutOfRange(f"{name} of run {quoted(run.name)}", values[~np.isfinite(values)][0], "a finite number")
+            raise OutOfRange(
+                f"{name} of run {quoted(run.name)}",
+                values[~np.isfinite(values)][0],
+                "a finite number",
+            )
     return columns
 
 
 def _application(title: str, runs: Sequence[Run]) -> str:
-    """A name for the viewer, which keeps one layout per application: another for every other title or set of runs."""
-    key = repr([title, *((run.name, run.offset, len(run.trajectory), run.trajectory.q[-1].tolist()) for run in runs)])
-    return f"cranedyn-{re.sub(r'[^a-z0-9]+', '-', title.lower()).strip('-')[:40]}-{zlib.crc32(key.encode()):08x}"
+    """A name for the viewer, which keeps one layout per application: another for every other title
+    or set of runs.
+    """
+    key = repr(
+        [
+            title,
+            *(
+                (run.name, run.offset, len(run.trajectory), run.trajectory.q[-1].tolist())
+                for run in runs
+            ),
+        ]
+    )
+    words = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40]
+    return f"cranedyn-{words}-{zlib.crc32(key.encode()):08x}"

@@ -31,9 +31,12 @@ class Run:
         name: What the run is called; no two runs of a recording share a name.
         crane: The crane.
         trajectory: What it did.
-        offset: Where its foot stands in the scene [m]; cranes with the same offset are drawn into each other.
-        meshes: Folder in which the files of the meshes of its URDF lie, and which none of them leaves; None draws no meshes.
-        colour: Hex colour of its payload, path and curves; empty for the next one of `cranedyn.plotting.runs`.
+        offset: Where its foot stands in the scene [m]; cranes with the same offset are drawn into
+            each other.
+        meshes: Folder in which the files of the meshes of its URDF lie, and which none of them
+            leaves; None draws no meshes.
+        colour: Hex colour of its payload, path and curves; empty for the next one of
+            `cranedyn.plotting.runs`.
         scenery: What stands about it; None for nothing.
     """
 
@@ -69,5 +72,7 @@ def colours(runs: Sequence[Run]) -> list[str]:
 
 
 def clock(t: np.ndarray) -> list[rr.TimeColumn]:
-    """Times [s] on the clock of a recording, to the nearest nanosecond (Rerun itself would cut the rest off)."""
+    """Times [s] on the clock of a recording, to the nearest nanosecond (Rerun itself would cut the
+    rest off).
+    """
     return [rr.TimeColumn(TIMELINE, duration=np.round(1e9 * t).astype("timedelta64[ns]"))]

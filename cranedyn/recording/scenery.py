@@ -1,4 +1,6 @@
-"""What stands about a crane in a recording: obstacles, those that get near marked while they do, and the room a load sweeps."""
+"""What stands about a crane in a recording: obstacles, those that get near marked while they do,
+and the room a load sweeps.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,8 @@ class Scenery:
     Attributes:
         obstacles: What stands there.
         path: Where the centre of the load goes [m], shape (n, 3).
-        swept: Boxes about the load on its way with its envelope of swing: "centres" and "sizes" [m], shape (k, 3), "yaw" [rad], shape (k,).
+        swept: Boxes about the load on its way with its envelope of swing: "centres" and "sizes"
+            [m], shape (k, 3), "yaw" [rad], shape (k,).
     """
 
     obstacles: Sequence[Obstacle]
@@ -70,13 +73,23 @@ def log_scenery(
         corners = one.vertices[one.triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-        mesh = rr.Mesh3D.from_fields(vertex_positions=corners.reshape(-1, 3), vertex_normals=np.repeat(normals, 3, axis=0))
-        path, plain = f"{entity}/site/{i}", [*rgb(_ZONE if one.zone else _SOLID), 60 if one.zone else 255]
+        mesh = rr.Mesh3D.from_fields(
+            vertex_positions=corners.reshape(-1, 3), vertex_normals=np.repeat(normals, 3, axis=0)
+        )
+        path, plain = (
+            f"{entity}/site/{i}",
+            [*rgb(_ZONE if one.zone else _SOLID), 60 if one.zone else 255],
+        )
         recording.log(path, at, mesh, static=True)
         times = np.array([begin, *one.near])
         colours = [plain if k % 2 == 0 else [*rgb(_NEAR), plain[3]] for k in range(len(times))]
         recording.send_columns(path, clock(times), rr.Mesh3D.columns(albedo_factor=colours))
-    recording.log(f"{entity}/planned", at, rr.LineStrips3D([scenery.path], colors=rgb(_SWEPT), radii=0.06), static=True)
+    recording.log(
+        f"{entity}/planned",
+        at,
+        rr.LineStrips3D([scenery.path], colors=rgb(_SWEPT), radii=0.06),
+        static=True,
+    )
     if len(scenery.swept):
         boxes = rr.Boxes3D(
             centers=scenery.swept["centres"],

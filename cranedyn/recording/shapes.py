@@ -1,4 +1,5 @@
-"""The boxes, cylinders and spheres of a URDF, many to an entity: tens of kilobytes, where an entity for each takes 1.7 megabytes.
+"""The boxes, cylinders and spheres of a URDF, many to an entity: tens of kilobytes, where an entity
+for each takes 1.7 megabytes.
 
 Meshes, one to an entity, only where a folder is given in which their files lie.
 """
@@ -25,7 +26,8 @@ class Shape:
 
     Attributes:
         kind: "box", "cylinder", "sphere" or "mesh".
-        size: Three edges, or radius and length, or radius [m]; of a mesh the edges of the box about it.
+        size: Three edges, or radius and length, or radius [m]; of a mesh the edges of the box about
+            it.
         centre: In the frame of the link [m].
         rpy: Roll, pitch and yaw in that frame [rad].
         colour: Red, green, blue and alpha, 0 to 1.
@@ -41,25 +43,46 @@ class Shape:
 
 
 def shapes(urdf: str, folder: Path | None = None) -> dict[str, list[Shape]]:
-    """The visuals of each link of a plain URDF, by name of the link; with meshes if there is a folder for them.
+    """The visuals of each link of a plain URDF, by name of the link; with meshes if there is a
+    folder for them.
 
     Raises:
         DataError: If a mesh cannot be drawn, see `cranedyn.recording.meshes.meshes`.
     """
     robot = ET.fromstring(urdf)
-    colours = {m.get("name"): color.get("rgba", "") for m in robot.iter("material") if (color := m.find("color")) is not None}
+    colours = {
+        m.get("name"): color.get("rgba", "")
+        for m in robot.iter("material")
+        if (color := m.find("color")) is not None
+    }
     found = {
-        link.get("name", ""): [shape for visual in link.iterfind("visual") if (shape := _shape(visual, colours))]
+        link.get("name", ""): [
+            shape for visual in link.iterfind("visual") if (shape := _shape(visual, colours))
+        ]
         for link in robot.iterfind("link")
-    }  # fmt: skip
+    }
     if folder is not None and robot.find("link/visual/geometry/mesh") is not None:
         for name, mesh in meshes(urdf, folder):
             low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-            found[name].append(Shape("mesh", (*(high - low),), (*((low + high) / 2.0),), colour=mesh.colour, mesh=mesh))
+            found[name].append(
+                Shape(
+                    "mesh",
+                    (*(high - low),),
+                    (*((low + high) / 2.0),),
+                    colour=mesh.colour,
+                    mesh=mesh,
+                )
+            )
     return found
 
 
-def log_shapes(recording: rr.RecordingStream, path: str, frame: str, of_link: list[Shape], fill_mode: str = "solid") -> None:
+def log_shapes(
+    recording: rr.RecordingStream,
+    path: str,
+    frame: str,
+    of_link: list[Shape],
+    fill_mode: str = "solid",
+) -> None:
     """Draw shapes in a frame, one entity below the path for each kind of shape.
 
     Args:
@@ -99,17 +122,28 @@ def log_shapes(recording: rr.RecordingStream, path: str, frame: str, of_link: li
 
 
 def _shape(visual: ET.Element, colours: dict[str | None, str]) -> Shape | None:
-    geometry, origin, material = visual.find("geometry/*"), visual.find("origin"), visual.find("material")
+    geometry, origin, material = (
+        visual.find("geometry/*"),
+        visual.find("origin"),
+        visual.find("material"),
+    )
     if geometry is None or geometry.tag not in _SIZES:
         return None
     given: dict[str, Any] = {}
     if origin is not None:
-        given |= {"centre": _floats(origin.get("xyz", "0 0 0")), "rpy": _floats(origin.get("rpy", "0 0 0"))}
+        given |= {
+            "centre": _floats(origin.get("xyz", "0 0 0")),
+            "rpy": _floats(origin.get("rpy", "0 0 0")),
+        }
     if material is not None:
         color = material.find("color")
         rgba = colours.get(material.get("name"), "") if color is None else color.get("rgba", "")
         given |= {"colour": _floats(rgba)} if rgba else {}
-    return Shape(geometry.tag, _floats(" ".join(geometry.get(name, "") for name in _SIZES[geometry.tag])), **given)
+    return Shape(
+        geometry.tag,
+        _floats(" ".join(geometry.get(name, "") for name in _SIZES[geometry.tag])),
+        **given,
+    )
 
 
 def _floats(text: str) -> tuple[float, ...]:

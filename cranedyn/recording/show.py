@@ -18,7 +18,10 @@ def view(run: Trajectory, crane: Crane | None, name: str, file: str | Path | Non
     """Record a run and open the recording; see `Trajectory.view`."""
     if crane is None:
         if not run.record:
-            raise DataError("This record names no crane, as none of a CSV file does; say which it was: run.view(crane).")
+            raise DataError(
+                "This record names no crane, as none of a CSV file does; say which it was: "
+                "run.view(crane)."
+            )
         crane = load_crane(from_record=run.record)
     path = Path(tempfile.mkdtemp(prefix="cranedyn-"), "run.rrd") if file is None else Path(file)
     record(path, [Run(name, crane, run)], title=name)

@@ -32,12 +32,16 @@ def check(path: str | Path) -> Path:
         with opened(path) as file:
             head = file.read(8)
     except (OSError, ValueError) as error:
-        raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
+        raise DataError(
+            f"Cannot read {path}: {getattr(error, 'strerror', None) or error}."
+        ) from error
     if len(head) < 8 or head[:4] != b"RRF2":
         raise DataError(f"{path} is not a Rerun recording.")
     theirs, ours = f"{head[4]}.{head[5]}", ".".join(rr.__version__.split(".")[:2])
     if theirs != ours:
-        raise DataError(f"{path} was written by Rerun {theirs} and this is Rerun {ours}; record it again.")
+        raise DataError(
+            f"{path} was written by Rerun {theirs} and this is Rerun {ours}; record it again."
+        )
     return path
 
 
@@ -47,7 +51,9 @@ def check_display() -> None:
     Raises:
         CraneError: If there is no display.
     """
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if sys.platform == "linux" and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
         raise CraneError(f"There is no display to open a window on; {_INSTEAD}.")
 
 
@@ -79,7 +85,8 @@ def _data(port: int) -> str:
 
 @dataclass(frozen=True)
 class Server:
-    """A recording being served, until the context is left, `stop` is called, or the program is interrupted while it waits.
+    """A recording being served, until the context is left, `stop` is called, or the program is
+    interrupted while it waits.
 
     Attributes:
         address: What to open in a browser on this machine.
@@ -96,7 +103,10 @@ class Server:
     @property
     def words(self) -> str:
         """What to tell the user."""
-        return f"Serving at {self.address} until Ctrl-C. Every program on this machine can read what is served, and add to it."
+        return (
+            f"Serving at {self.address} until Ctrl-C. Every program on this machine can read "
+            "what is served, and add to it."
+        )
 
     def __enter__(self) -> Server:
         return self
@@ -105,7 +115,9 @@ class Server:
         self.stop()
 
     def wait(self) -> None:
-        """Return when the server has ended; Ctrl-C or SIGTERM, which serving was asked for until, ends it."""
+        """Return when the server has ended; Ctrl-C or SIGTERM, which serving was asked for until,
+        ends it.
+        """
         try:
             self.process.wait()
         except KeyboardInterrupt:
@@ -132,13 +144,15 @@ def check_port(port: int) -> None:
     for taken in (port, port + 1):
         if not free(taken):
             raise CraneError(
-                f"Port {taken} of {HOST} is in use; serving takes {port} and {port + 1}: choose another first port with --port."
+                f"Port {taken} of {HOST} is in use; serving takes {port} and {port + 1}: choose "
+                "another first port with --port."
             )
 
 
 @checked
 def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
-    """Serve a recording with its viewer to browsers on this machine alone; the page talks to nobody else.
+    """Serve a recording with its viewer to browsers on this machine alone; the page talks to nobody
+    else.
 
     Args:
         path: The recording; None for a page that waits for a live one.
@@ -152,11 +166,24 @@ def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
     shown = [] if path is None else [str(check(path).resolve())]
     check_port(port)
     inner, data = free_port(), _data(port + 1)
-    process = start("--serve-web", "--bind", HOST, "--web-viewer-port", str(inner), "--port", str(port + 1), *shown)
-    await_ready(process, lambda: not free(inner) and not free(port + 1), "It could not serve the recording.")
+    process = start(
+        "--serve-web",
+        "--bind",
+        HOST,
+        "--web-viewer-port",
+        str(inner),
+        "--port",
+        str(port + 1),
+        *shown,
+    )
+    await_ready(
+        process, lambda: not free(inner) and not free(port + 1), "It could not serve the recording."
+    )
     try:
         page = Page(port, inner, port + 1)
     except OSError as error:
         end(process)
-        raise CraneError(f"The page cannot be served at port {port} of {HOST}: {error.strerror}.") from error
+        raise CraneError(
+            f"The page cannot be served at port {port} of {HOST}: {error.strerror}."
+        ) from error
     return Server(f"http://{HOST}:{port}/?url={quote(data, safe='')}", data, process, page)

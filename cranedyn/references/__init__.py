@@ -1,4 +1,6 @@
-"""Where the drives should be at a time. A reference is a plain callable from time [s] to `Setpoint`."""
+"""Where the drives should be at a time. A reference is a plain callable from time [s] to
+`Setpoint`.
+"""
 
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.references.flat import flat

@@ -1,6 +1,8 @@
-"""Plan the payload, not the drives: a path of the payload tells where pivot, cable and swing must be.
+"""Plan the payload, not the drives: a path of the payload tells where pivot, cable and swing must
+be.
 
-The payload of a crane is a flat output (Fliess, Lévine, Martin, Rouchon 1995): the rope points along p̈ + g ẑ.
+The payload of a crane is a flat output (Fliess, Lévine, Martin, Rouchon 1995): the rope points
+along p̈ + g ẑ.
 """
 
 from __future__ import annotations
@@ -22,48 +24,66 @@ from cranedyn.references.motion import Motion
 _MARGIN = 6
 
 _CLOSEST = 5e-3
-"""Least distance between samples that derivatives are taken from [s]: four in a row magnify rounding by its fourth power."""
+"""Least distance between samples that derivatives are taken from [s]: four in a row magnify
+rounding by its fourth power."""
 
 
 def smoothstep(s: np.ndarray) -> np.ndarray:
-    """From 0 at s = 0 to 1 at s = 1 with four derivatives zero at both ends: 126 s⁵ - 420 s⁶ + 540 s⁷ - 315 s⁸ + 70 s⁹."""
+    """From 0 at s = 0 to 1 at s = 1 with four derivatives zero at both ends: 126 s⁵ - 420 s⁶ + 540
+    s⁷ - 315 s⁸ + 70 s⁹.
+    """
     s = np.clip(s, 0.0, 1.0)
     return s**5 * (126.0 + s * (-420.0 + s * (540.0 + s * (-315.0 + s * 70.0))))
 
 
 def cruise(t: np.ndarray, duration: float, ramp: float) -> np.ndarray:
-    """From 0 at t = 0 to 1 at the duration [s] at constant speed, which is reached and lost within a ramp [s] that is a smoothstep."""
+    """From 0 at t = 0 to 1 at the duration [s] at constant speed, which is reached and lost within
+    a ramp [s] that is a smoothstep.
+    """
 
     def sped_up(s: np.ndarray) -> np.ndarray:
         inside = np.clip(s, 0.0, 1.0)
-        area = inside**6 * (21.0 + inside * (-60.0 + inside * (67.5 + inside * (-35.0 + inside * 7.0))))
+        area = inside**6 * (
+            21.0 + inside * (-60.0 + inside * (67.5 + inside * (-35.0 + inside * 7.0)))
+        )
         return area + np.maximum(s - 1.0, 0.0)
 
     return ramp / (duration - ramp) * (sped_up(t / ramp) - sped_up((t - duration) / ramp + 1.0))
 
 
 @checked
-def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: float | None = None, period: float = 5e-3) -> Motion:
-    """Carry the payload from one rest to another along a smooth path, in cylindrical coordinates about the slew axis.
+def flat(
+    crane: Crane,
+    start: State,
+    goal: State,
+    duration: float,
+    *,
+    ramp: float | None = None,
+    period: float = 5e-3,
+) -> Motion:
+    """Carry the payload from one rest to another along a smooth path, in cylindrical coordinates
+    about the slew axis.
 
-    A payload with rotational inertia I swings as a point at its centre of oscillation, I/(m l) below it; the path is that of this
-    point. This is exact for a point load, and for any load that one drive moves in the plane of the jib on a cable of constant length,
-    if its inertia is the same about both swing axes. A load that has inertia and is slewed turns with the jib, which the path knows
-    nothing of: the default load is left with 0.006 mrad of 22 mrad by the slew of the experiments (0.6 rad in 20 s on 15 m of cable).
-    Hoisting is right to first order.
+    A payload with rotational inertia I swings as a point at its centre of oscillation, I/(m l)
+    below it; the path is that of this point. This is exact for a point load, and for any load that
+    one drive moves in the plane of the jib on a cable of constant length, if its inertia is the
+    same about both swing axes. A load that has inertia and is slewed turns with the jib, which the
+    path knows nothing of: the default load is left with 0.006 mrad of 22 mrad by the slew of the
+    experiments (0.6 rad in 20 s on 15 m of cable). Hoisting is right to first order.
 
     Args:
         crane: The crane.
         start: Where it hangs at rest.
         goal: Where it shall hang at rest.
         duration: Time for the move [s]; the last row is the first at or after it.
-        ramp: Time in which the payload gains, and loses, its full speed [s]; at most half of the duration. None for one smooth sweep.
+        ramp: Time in which the payload gains, and loses, its full speed [s]; at most half of the
+            duration. None for one smooth sweep.
         period: Time between rows [s].
 
     Raises:
         MissingRole: If it is not a tower crane.
-        OutOfRange: If the duration is not positive or takes more than 4 million rows, the ramp is too long, or the path would slacken
-            the rope.
+        OutOfRange: If the duration is not positive or takes more than 4 million rows, the ramp is
+            too long, or the path would slacken the rope.
     """
     slew, trolley, *_, hoist = crane.layout.tower("A path planned for the payload (flat)")
     last = intervals("duration", duration, period)
@@ -73,16 +93,32 @@ def flat(crane: Crane, start: State, goal: State, duration: float, *, ramp: floa
         number(f"l at the {where}", state.q[hoist], "m", "> 0")
     inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
     height = float(pivot_position(crane, start.q)[2])
-    ends = np.array([(s.q[slew], s.q[trolley], height - s.q[hoist] - inertia / s.q[hoist]) for s in (start, goal)])
+    ends = np.array(
+        [
+            (s.q[slew], s.q[trolley], height - s.q[hoist] - inertia / s.q[hoist])
+            for s in (start, goal)
+        ]
+    )
     each = max(1, math.ceil(_CLOSEST / period - 1e-9))  # rows from one sample to the next
-    t = period * each * np.arange(-_MARGIN, math.ceil(duration / (period * each) - 1e-9) + 1 + _MARGIN)
+    t = (
+        period
+        * each
+        * np.arange(-_MARGIN, math.ceil(duration / (period * each) - 1e-9) + 1 + _MARGIN)
+    )
     share = smoothstep(t / duration) if ramp is None else cruise(t, duration, ramp)
     gamma, radius, z = (ends[0] + (ends[1] - ends[0]) * share[:, None]).T
     path = np.stack([radius * np.sin(gamma), -radius * np.cos(gamma), z], axis=1)
     finite("path of the payload", path, path.shape, unit="m")
-    rope = scipy.interpolate.make_interp_spline(t, path, k=7).derivative(2)(t) + np.array([0.0, 0.0, crane.gravity])
+    rope = scipy.interpolate.make_interp_spline(t, path, k=7).derivative(2)(t) + np.array(
+        [0.0, 0.0, crane.gravity]
+    )
     if rope[:, 2].min() <= 0.0:
-        raise OutOfRange("duration", duration, "longer: the payload would fall faster than gravity and slacken the rope", "s")
+        raise OutOfRange(
+            "duration",
+            duration,
+            "longer: the payload would fall faster than gravity and slacken the rope",
+            "s",
+        )
     q = recover(path, rope / np.linalg.norm(rope, axis=1)[:, None], height, inertia)
     curve = scipy.interpolate.make_interp_spline(t, q, k=7)
     rows = period * np.arange(last + 1)

@@ -90,7 +90,9 @@ class Timetable(ABC):
     def stage(self, t: float) -> tuple[Stage, float]:
         """The stage under way at a time [s], and the time at which its cycle began [s]."""
         cycle = t // self.duration * self.duration
-        return next((stage for stage in self.stages if t - cycle < stage.end), self.stages[-1]), cycle
+        return next(
+            (stage for stage in self.stages if t - cycle < stage.end), self.stages[-1]
+        ), cycle
 
     @abstractmethod
     def __call__(self, t: float) -> Setpoint:
@@ -99,7 +101,8 @@ class Timetable(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Itinerary(Timetable):
-    """A reference that repeats its stages for ever; every drive moves at its rate until it is there.
+    """A reference that repeats its stages for ever; every drive moves at its rate until it is
+    there.
 
     Attributes:
         rates: Largest rates of the drives [rad/s or m/s], shape (m,).
@@ -113,13 +116,21 @@ class Itinerary(Timetable):
         path, gone = stage.target - stage.origin, self.rates * (t - cycle - stage.begin)
         moving = gone < np.abs(path)
         return Setpoint(
-            stage.origin + np.sign(path) * np.minimum(gone, np.abs(path)), np.sign(path) * self.rates * moving, np.zeros_like(path)
+            stage.origin + np.sign(path) * np.minimum(gone, np.abs(path)),
+            np.sign(path) * self.rates * moving,
+            np.zeros_like(path),
         )
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (n, m) each."""
-        origins, targets = np.array([stage.origin for stage in self.stages]), np.array([stage.target for stage in self.stages])
-        begins, ends = np.array([stage.begin for stage in self.stages]), np.array([stage.end for stage in self.stages])
+        origins, targets = (
+            np.array([stage.origin for stage in self.stages]),
+            np.array([stage.target for stage in self.stages]),
+        )
+        begins, ends = (
+            np.array([stage.begin for stage in self.stages]),
+            np.array([stage.end for stage in self.stages]),
+        )
         here = times - times // self.duration * self.duration
         under_way = np.minimum(np.searchsorted(ends, here, side="right"), len(ends) - 1)
         path, gone = (targets - origins)[under_way], np.outer(here - begins[under_way], self.rates)
@@ -129,18 +140,22 @@ class Itinerary(Timetable):
 
 
 @checked
-def itinerary(crane: Crane, start: State, legs: Sequence[Leg], *, rates: Sequence[float], dwell: float) -> Itinerary:
+def itinerary(
+    crane: Crane, start: State, legs: Sequence[Leg], *, rates: Sequence[float], dwell: float
+) -> Itinerary:
     """Plan a tour that begins where the drives are.
 
     Args:
         crane: The crane.
         start: Where the drives are.
-        legs: Where to go; the last should lead back to the start, else the repetition begins with a jump.
+        legs: Where to go; the last should lead back to the start, else the repetition begins with a
+            jump.
         rates: Rates of the drives [rad/s or m/s], shape (m,).
         dwell: How long to stand still after each leg [s].
 
     Raises:
-        OutOfRange: For a rate that is not positive, a negative dwell, no leg at all, or a tour that does not end where it began.
+        OutOfRange: For a rate that is not positive, a negative dwell, no leg at all, or a tour that
+            does not end where it began.
     """
     limits = crane.layout.for_drives("rate", rates, "/s", "> 0")
     number("dwell", dwell, "s", ">= 0")
@@ -156,5 +171,10 @@ def itinerary(crane: Crane, start: State, legs: Sequence[Leg], *, rates: Sequenc
     if not stages or t == 0.0:
         raise OutOfRange("tour", "empty", "one leg at least that moves or dwells")
     if not np.allclose(here, start.q[crane.layout.drives]):
-        raise OutOfRange("end of the tour", here.tolist(), f"where it began, {start.q[crane.layout.drives].tolist()}", "rad or m")
+        raise OutOfRange(
+            "end of the tour",
+            here.tolist(),
+            f"where it began, {start.q[crane.layout.drives].tolist()}",
+            "rad or m",
+        )
     return Itinerary(tuple(stages), limits)

@@ -1,4 +1,6 @@
-"""How much of their limits the drives use in a motion, and the shortest duration at which they use them fully."""
+"""How much of their limits the drives use in a motion, and the shortest duration at which they use
+them fully.
+"""
 
 from __future__ import annotations
 
@@ -31,16 +33,23 @@ class Limits:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for kind, per, values in (("rate", "s", self.rates), ("acceleration", "s²", self.accelerations)):
+        for kind, per, values in (
+            ("rate", "s", self.rates),
+            ("acceleration", "s²", self.accelerations),
+        ):
             if np.ndim(values) != 1 or np.shape(values) != np.shape(self.rates):
-                raise OutOfRange(f"{kind} limits", values, "one number for each drive", f"per {per}")
+                raise OutOfRange(
+                    f"{kind} limits", values, "one number for each drive", f"per {per}"
+                )
             for value in values:
                 number(f"{kind} limit", value, f"per {per}", "> 0")
 
 
 @checked
 def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
-    """The largest share of each limit that a motion uses, by the name of the limit; 1 is all of it."""
+    """The largest share of each limit that a motion uses, by the name of the limit; 1 is all of
+    it.
+    """
     layout = crane.layout
     rates = layout.for_drives("rate limit", limits.rates, "/s", "> 0")
     accelerations = layout.for_drives("acceleration limit", limits.accelerations, "/s²", "> 0")
@@ -50,7 +59,11 @@ def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
         "effort": np.abs(motion_efforts(crane, motion)).max(axis=0) / crane.effort_limit,
     }
     names = [joint.role or joint.symbol for joint in layout.driven]
-    return {f"{kind} of the {name}": float(share) for kind, of_kind in shares.items() for name, share in zip(names, of_kind, strict=True)}
+    return {
+        f"{kind} of the {name}": float(share)
+        for kind, of_kind in shares.items()
+        for name, share in zip(names, of_kind, strict=True)
+    }
 
 
 @checked
@@ -64,13 +77,17 @@ def check(crane: Crane, motion: Motion, limits: Limits, plan: Callable[[float], 
     worst = max(shares, key=lambda name: shares[name])
     if shares[worst] > 1.0 + 1e-9:
         raise OutOfRange(
-            "duration", motion.arrival, f"at least {fastest(crane, plan, limits):.2f} s to keep the {worst} within its limit", "s"
+            "duration",
+            motion.arrival,
+            f"at least {fastest(crane, plan, limits):.2f} s to keep the {worst} within its limit",
+            "s",
         )
 
 
 @checked
 def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> float:
-    """Shortest duration [s] at which a plan keeps the limits, to a thousandth of a second; a quarter of a second at least.
+    """Shortest duration [s] at which a plan keeps the limits, to a thousandth of a second; a
+    quarter of a second at least.
 
     Args:
         crane: The crane.
@@ -94,6 +111,8 @@ def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> fl
         low, high = high, 2.0 * high
         if high > _LONGEST:
             raise OutOfRange(
-                "limits of the drives", limits, f"such that some duration up to {_LONGEST:g} s keeps them, not {over:g} beyond"
+                "limits of the drives",
+                limits,
+                f"such that some duration up to {_LONGEST:g} s keeps them, not {over:g} beyond",
             )
     return float(scipy.optimize.brentq(lambda t: min(excess(t), 1e3), low, high, xtol=1e-3)) + 1e-3

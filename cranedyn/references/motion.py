@@ -1,4 +1,6 @@
-"""The motion of all joints over time, not of the drives alone: what tracking controllers linearise about."""
+"""The motion of all joints over time, not of the drives alone: what tracking controllers linearise
+about.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ from cranedyn.references.tabulated import tabulated
 @checked
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion in rows, with straight lines between them; before and after it stands still. Itself a reference for the drives.
+    """A motion in rows, with straight lines between them; before and after it stands still. Itself
+    a reference for the drives.
 
     Attributes:
         period: Time between rows [s].
@@ -51,7 +54,9 @@ class Motion:
             raise OutOfRange("motion", "one of no row", "one row or more")
         drives, n = finite("drives of a motion", self.drives, ("m",)).tolist(), self.q.shape[1]
         if len({*drives} & {*range(n)}) < max(1, len(drives)):
-            raise OutOfRange("drives of a motion", drives, f"different whole numbers from 0 to {n - 1}")
+            raise OutOfRange(
+                "drives of a motion", drives, f"different whole numbers from 0 to {n - 1}"
+            )
         object.__setattr__(self, "drives", np.array(drives, dtype=int))
 
     def check_fits(self, name: str, layout: Any) -> None:
@@ -70,7 +75,11 @@ class Motion:
         """
         if isinstance(value, Motion):
             return value
-        raise OutOfRange(name, described(value), "a Motion of all joints, as cranedyn.references.plumb makes it of a reference")
+        raise OutOfRange(
+            name,
+            described(value),
+            "a Motion of all joints, as cranedyn.references.plumb makes it of a reference",
+        )
 
     @property
     def arrival(self) -> float:
@@ -80,24 +89,35 @@ class Motion:
     def __call__(self, t: float) -> Setpoint:
         """The setpoint of the drives at a time [s]."""
         row, share = place(t, self.period, len(self.q))
-        position, velocity, acceleration = (at_place(part, row, share)[self.drives] for part in (self.q, self.v, self.a))
-        return Setpoint(position, velocity, acceleration) if self._moves(t) else Setpoint(position, 0.0 * position, 0.0 * position)
+        position, velocity, acceleration = (
+            at_place(part, row, share)[self.drives] for part in (self.q, self.v, self.a)
+        )
+        return (
+            Setpoint(position, velocity, acceleration)
+            if self._moves(t)
+            else Setpoint(position, 0.0 * position, 0.0 * position)
+        )
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (rows, m) each."""
         row, share = places(times, self.period, len(self.q))
-        position, *derivatives = (at_places(part, row, share)[:, self.drives] for part in (self.q, self.v, self.a))
+        position, *derivatives = (
+            at_places(part, row, share)[:, self.drives] for part in (self.q, self.v, self.a)
+        )
         moving = self._moves(times)[:, None]
         return Setpoint(position, *(np.where(moving, part, 0.0) for part in derivatives))
 
     def _moves(self, t: Any) -> Any:
-        """Whether a time, or each of many [s], is neither before the first row nor after the last."""
+        """Whether a time, or each of many [s], is neither before the first row nor after the
+        last.
+        """
         return (t >= -SAME * self.period) & (t <= self.arrival + SAME * self.period)
 
 
 @checked
 def plumb(crane: Crane, reference: Reference, duration: float, period: float = 5e-3) -> Motion:
-    """The motion of a reference over a duration [s], sampled at a period [s], with the load hanging plumb; its last row is at rest.
+    """The motion of a reference over a duration [s], sampled at a period [s], with the load hanging
+    plumb; its last row is at rest.
 
     Raises:
         OutOfRange: If a time is not positive, or there would be more than 4 million rows.
@@ -120,4 +140,9 @@ def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
     """Drive efforts that a motion costs, by inverse dynamics [N m or N], shape (rows, m)."""
     joint = JointForces.of(crane)
     rows = zip(motion.q, motion.v, motion.a, strict=True)
-    return np.array([inverse_dynamics(crane.model, crane.data, q, v, a, joint.effort(q, v))[motion.drives] for q, v, a in rows])
+    return np.array(
+        [
+            inverse_dynamics(crane.model, crane.data, q, v, a, joint.effort(q, v))[motion.drives]
+            for q, v, a in rows
+        ]
+    )

@@ -16,7 +16,8 @@ from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import Tabulating
 
 _TOUCH = 1e-9
-"""By how much one push may begin before the last one ends and still follow it: what sums of times round off [s]."""
+"""By how much one push may begin before the last one ends and still follow it: what sums of times
+round off [s]."""
 
 
 class JoystickPulse(NamedTuple):
@@ -61,20 +62,25 @@ class Operator(Tabulating):
 
 
 @checked
-def operator(crane: Crane, start: State, pulses: Sequence[JoystickPulse], *, accelerations: Sequence[float]) -> Reference:
-    """Where the drives get to: a joystick asks for a velocity, and its drive goes there as fast as its acceleration allows.
+def operator(
+    crane: Crane, start: State, pulses: Sequence[JoystickPulse], *, accelerations: Sequence[float]
+) -> Reference:
+    """Where the drives get to: a joystick asks for a velocity, and its drive goes there as fast as
+    its acceleration allows.
 
-    A push by itself is a trapezoid in velocity, one that comes while the drive still slows down takes it on from there. No velocity is
-    exceeded that was asked for, and no limit.
+    A push by itself is a trapezoid in velocity, one that comes while the drive still slows down
+    takes it on from there. No velocity is exceeded that was asked for, and no limit.
 
     Args:
         crane: The crane.
         start: Where the drives are.
-        pulses: What the operator does; in any order, but a joystick has one position at a time: those of one drive must not overlap.
+        pulses: What the operator does; in any order, but a joystick has one position at a time:
+            those of one drive must not overlap.
         accelerations: Limits of the drives [rad/s² or m/s²], shape (m,).
 
     Raises:
-        OutOfRange: If a limit or a hold is not positive, a number is not finite, or two pulses of one drive overlap.
+        OutOfRange: If a limit or a hold is not positive, a number is not finite, or two pulses of
+            one drive overlap.
         UnknownName: If there is no such drive.
     """
     limits = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
@@ -82,20 +88,40 @@ def operator(crane: Crane, start: State, pulses: Sequence[JoystickPulse], *, acc
     for drive in dict.fromkeys(pulse.drive for pulse in pulses):
         axis = crane.layout.along(drive)
         limit = float(axis @ limits)
-        ramps += [(begin, lasts, math.copysign(limit, lasts) * axis) for begin, lasts in _ramps(drive, pulses, limit)]
+        ramps += [
+            (begin, lasts, math.copysign(limit, lasts) * axis)
+            for begin, lasts in _ramps(drive, pulses, limit)
+        ]
     columns = [np.array([ramp[i] for ramp in ramps], dtype=float) for i in range(3)]
-    return Operator(start.q[crane.layout.drives], columns[0], np.abs(columns[1]), columns[2].reshape(-1, crane.layout.m))
+    return Operator(
+        start.q[crane.layout.drives],
+        columns[0],
+        np.abs(columns[1]),
+        columns[2].reshape(-1, crane.layout.m),
+    )
 
 
 def _ramps(drive: str, pulses: Sequence[JoystickPulse], limit: float) -> list[tuple[float, float]]:
-    """When a drive accelerates at its limit and for how long [s], negative where it accelerates the other way."""
-    mine = sorted((_checked(pulse) for pulse in pulses if pulse.drive == drive), key=lambda pulse: pulse.at)
+    """When a drive accelerates at its limit and for how long [s], negative where it accelerates the
+    other way.
+    """
+    mine = sorted(
+        (_checked(pulse) for pulse in pulses if pulse.drive == drive), key=lambda pulse: pulse.at
+    )
     ramps, speed = [], 0.0  # the speed counted in seconds of acceleration
     for pulse, following in zip(mine, [*(pulse.at for pulse in mine[1:]), math.inf], strict=True):
         end = pulse.at + pulse.hold
         if following < end - _TOUCH:
-            raise OutOfRange(f"start of a push of {drive}", following, f"{end:g} or later, when the one before it ends", "s")
-        for begin, until, asked in ((pulse.at, pulse.hold, pulse.rate / limit), (end, following - end, 0.0)):
+            raise OutOfRange(
+                f"start of a push of {drive}",
+                following,
+                f"{end:g} or later, when the one before it ends",
+                "s",
+            )
+        for begin, until, asked in (
+            (pulse.at, pulse.hold, pulse.rate / limit),
+            (end, following - end, 0.0),
+        ):
             lasts = math.copysign(min(abs(asked - speed), max(until, 0.0)), asked - speed)
             ramps.append((begin, lasts))
             speed += lasts

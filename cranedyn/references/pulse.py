@@ -31,7 +31,11 @@ class Pulse:
     def __call__(self, t: float) -> Setpoint:
         """The setpoint at a time [s]."""
         setpoint = checked_setpoint(self.base(t), self.step.shape)
-        return setpoint._replace(position=setpoint.position + self.step) if self.first <= t < self.last else setpoint
+        return (
+            setpoint._replace(position=setpoint.position + self.step)
+            if self.first <= t < self.last
+            else setpoint
+        )
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (n, m) each."""
@@ -41,10 +45,13 @@ class Pulse:
 
 
 @checked
-def pulse(crane: Crane, base: Reference, drive: str, amplitude: float, *, at: float, width: float) -> Reference:
+def pulse(
+    crane: Crane, base: Reference, drive: str, amplitude: float, *, at: float, width: float
+) -> Reference:
     """Add a rectangular pulse to one drive of a reference.
 
-    A pivot that follows it and comes back after half a swing period leaves a swing of 2 amplitude / cable length (small angles).
+    A pivot that follows it and comes back after half a swing period leaves a swing of 2 amplitude /
+    cable length (small angles).
 
     Args:
         crane: The crane.
@@ -59,4 +66,6 @@ def pulse(crane: Crane, base: Reference, drive: str, amplitude: float, *, at: fl
         OutOfRange: For a number that is not finite, or a width that is not positive.
     """
     step = number("pulse amplitude", amplitude) * crane.layout.along(drive)
-    return Pulse(base, step, number("pulse start", at, "s"), at + number("pulse width", width, "s", "> 0"))
+    return Pulse(
+        base, step, number("pulse start", at, "s"), at + number("pulse width", width, "s", "> 0")
+    )

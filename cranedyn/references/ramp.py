@@ -34,19 +34,29 @@ class Ramp:
         setpoint = checked_setpoint(self.base(t), self.rates.shape)
         if t < self.first:
             return setpoint
-        moved = setpoint._replace(position=setpoint.position + (min(t, self.last) - self.first) * self.rates)
+        moved = setpoint._replace(
+            position=setpoint.position + (min(t, self.last) - self.first) * self.rates
+        )
         return moved._replace(velocity=setpoint.velocity + self.rates) if t < self.last else moved
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (n, m) each."""
         setpoint = tabulated(self.base, times, len(self.rates))
-        gone, moving = np.clip(times, self.first, self.last) - self.first, (self.first <= times) & (times < self.last)
-        position, velocity = setpoint.position + np.outer(gone, self.rates), setpoint.velocity + np.outer(moving, self.rates)
+        gone, moving = (
+            np.clip(times, self.first, self.last) - self.first,
+            (self.first <= times) & (times < self.last),
+        )
+        position, velocity = (
+            setpoint.position + np.outer(gone, self.rates),
+            setpoint.velocity + np.outer(moving, self.rates),
+        )
         return Setpoint(position, velocity, setpoint.acceleration)
 
 
 @checked
-def ramp(crane: Crane, base: Reference, drive: str, by: float, *, rate: float, at: float) -> Reference:
+def ramp(
+    crane: Crane, base: Reference, drive: str, by: float, *, rate: float, at: float
+) -> Reference:
     """Add a move at constant speed to one drive of a reference.
 
     Args:

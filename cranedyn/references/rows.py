@@ -1,4 +1,6 @@
-"""Tables with a row at every multiple of a period, and straight lines between them; beyond their ends the first and the last row stand."""
+"""Tables with a row at every multiple of a period, and straight lines between them; beyond their
+ends the first and the last row stand.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +9,13 @@ import math
 import numpy as np
 
 SAME = 1e-6
-"""By how much of a period a time may miss a row and still be that of the row: what clocks round off."""
+"""By how much of a period a time may miss a row and still be that of the row: what clocks round
+off."""
 
 
 def place(t: float, period: float, rows: int) -> tuple[int, float]:
-    """The row at or before a time, and how far the time is on the way to the next, from 0 to less than 1.
+    """The row at or before a time, and how far the time is on the way to the next, from 0 to less
+    than 1.
 
     Args:
         t: The time [s].
@@ -36,7 +40,9 @@ def places(times: np.ndarray, period: float, rows: int) -> tuple[np.ndarray, np.
 
 
 def at_place(table: np.ndarray, row: int, share: float) -> np.ndarray:
-    """What a table, shape (rows, ...), says at a place; the row itself where the place is one, whatever stands in the next."""
+    """What a table, shape (rows, ...), says at a place; the row itself where the place is one,
+    whatever stands in the next.
+    """
     here = table[row]
     return here + share * (table[row + 1] - here) if share else here
 

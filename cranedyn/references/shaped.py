@@ -1,4 +1,5 @@
-"""Input shaping: the same command in two or three parts, timed so that the swings they cause cancel.
+"""Input shaping: the same command in two or three parts, timed so that the swings they cause
+cancel.
 
 Singer & Seering 1990 (ZV, ZVD); Singhose, Seering & Singer 1994 (EI).
 """
@@ -36,10 +37,16 @@ class Shaper:
 
     def __post_init__(self) -> None:
         """Check that there is an amplitude for each impulse."""
-        finite("amplitudes of a shaper", self.amplitudes, finite("fractions of a shaper", self.fractions, ("n",), unit="periods").shape)
+        finite(
+            "amplitudes of a shaper",
+            self.amplitudes,
+            finite("fractions of a shaper", self.fractions, ("n",), unit="periods").shape,
+        )
 
     def residual(self, ratio: float | np.ndarray) -> np.ndarray:
-        """Swing that is left, as a share of that without shaping, when the true frequency is `ratio` times the one shaped for; undamped."""
+        """Swing that is left, as a share of that without shaping, when the true frequency is
+        `ratio` times the one shaped for; undamped.
+        """
         angles = 2.0 * math.pi * np.multiply.outer(np.asarray(ratio, dtype=float), self.fractions)
         return np.abs(np.exp(1.0j * angles) @ self.amplitudes)
 
@@ -53,16 +60,22 @@ def zv(damping_ratio: float = 0.0) -> Shaper:
 
 @checked
 def zvd(damping_ratio: float = 0.0) -> Shaper:
-    """Zero vibration and derivative: three impulses, insensitive to small errors of the frequency."""
+    """Zero vibration and derivative: three impulses, insensitive to small errors of the
+    frequency.
+    """
     k = _decay(damping_ratio)
     return Shaper(np.array([0.0, 0.5, 1.0]), np.array([1.0, 2.0 * k, k * k]) / (1.0 + k) ** 2)
 
 
 @checked
 def ei(tolerance: float = 0.05) -> Shaper:
-    """Extra insensitive: leaves a share of the swing at the frequency shaped for, to stay below it over a wider range; undamped."""
+    """Extra insensitive: leaves a share of the swing at the frequency shaped for, to stay below it
+    over a wider range; undamped.
+    """
     v = number("tolerance", tolerance, "", "0 to 1")
-    return Shaper(np.array([0.0, 0.5, 1.0]), np.array([(1.0 + v) / 4.0, (1.0 - v) / 2.0, (1.0 + v) / 4.0]))
+    return Shaper(
+        np.array([0.0, 0.5, 1.0]), np.array([(1.0 + v) / 4.0, (1.0 - v) / 2.0, (1.0 + v) / 4.0])
+    )
 
 
 def _decay(damping_ratio: float) -> float:
@@ -88,15 +101,18 @@ class Shaped(Tabulating):
         """Setpoints at many times [s], shape (n, m) each."""
         parts = tabulated(self.base, np.subtract.outer(times, self.delays).ravel())
         shape = len(times), len(self.delays), -1
-        return Setpoint(*(np.tensordot(self.amplitudes, part.reshape(shape), (0, 1)) for part in parts))
+        return Setpoint(
+            *(np.tensordot(self.amplitudes, part.reshape(shape), (0, 1)) for part in parts)
+        )
 
 
 @checked
 def shaped(base: Reference, shaper: Shaper, period: float | Sequence[float]) -> Reference:
     """Shape all drives of a reference for one swing period [s], or for several at once.
 
-    For several the shaper is convolved with itself: each part for one period comes in as many parts for the next, so that k impulses
-    become k² for a double pendulum, and the command ends later by the last delay of each (Singer & Seering 1990).
+    For several the shaper is convolved with itself: each part for one period comes in as many parts
+    for the next, so that k impulses become k² for a double pendulum, and the command ends later by
+    the last delay of each (Singer & Seering 1990).
 
     Raises:
         OutOfRange: If a period is not positive, or there is none.
@@ -107,17 +123,22 @@ def shaped(base: Reference, shaper: Shaper, period: float | Sequence[float]) -> 
     delays, amplitudes = np.zeros(1), np.ones(1)
     for each in periods:
         later = number("swing period", each, "s", "> 0") * shaper.fractions
-        delays, amplitudes = np.add.outer(delays, later).ravel(), np.multiply.outer(amplitudes, shaper.amplitudes).ravel()
+        delays, amplitudes = (
+            np.add.outer(delays, later).ravel(),
+            np.multiply.outer(amplitudes, shaper.amplitudes).ravel(),
+        )
     return Shaped(base, delays, amplitudes)
 
 
 _REST = 30
-"""Samples at rest behind a curve: a cubic spline rings about a kink, less by 2 + √3 from sample to sample, so 30 of them leave 1e-17."""
+"""Samples at rest behind a curve: a cubic spline rings about a kink, less by 2 + √3 from sample to
+sample, so 30 of them leave 1e-17."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShapedHoisting(Tabulating):
-    """A reference with a motion of its own for all drives but the hoist, which stand still before time 0 and after the end.
+    """A reference with a motion of its own for all drives but the hoist, which stand still before
+    time 0 and after the end.
 
     Attributes:
         base: The reference of the hoist.
@@ -137,17 +158,27 @@ class ShapedHoisting(Tabulating):
         position, *derivatives = (curve(inside) for curve in self.curves)
         moving = ((times >= 0.0) & (times < self.end))[:, None]
         parts = [position, *(np.where(moving, derivative, 0.0) for derivative in derivatives)]
-        return Setpoint(*(np.insert(part, self.hoist, hoist[:, self.hoist], axis=1) for part, hoist in zip(parts, own, strict=True)))
+        return Setpoint(
+            *(
+                np.insert(part, self.hoist, hoist[:, self.hoist], axis=1)
+                for part, hoist in zip(parts, own, strict=True)
+            )
+        )
 
 
 @checked
-def shaped_hoisting(crane: Crane, base: Reference, shaper: Shaper, duration: float, *, step: float = 5e-3) -> Reference:
-    """Shape all drives of a reference but the hoist while its own hoisting changes the period; the hoist is left as it is.
+def shaped_hoisting(
+    crane: Crane, base: Reference, shaper: Shaper, duration: float, *, step: float = 5e-3
+) -> Reference:
+    """Shape all drives of a reference but the hoist while its own hoisting changes the period; the
+    hoist is left as it is.
 
-    Each part of a move comes when the swing that the move caused has gone on by the shaper's fraction of a turn, ∫ω dt = 2π fraction with
-    ω² = g/l(t), and is as large as that swing has become: a way gone at cable length l₁ leaves an amplitude in proportion to
-    l₁^(-1/4) l^(-3/4), so the part at l₂ is (l₂/l₁)^(1/4) times that at l₁. The parts add up to the whole way. Slow hoisting and a small
-    swing are assumed. Where the cable shortens, parts are passed on faster than they were asked for, by up to (l₁/l₂)^(1/2).
+    Each part of a move comes when the swing that the move caused has gone on by the shaper's
+    fraction of a turn, ∫ω dt = 2π fraction with ω² = g/l(t), and is as large as that swing has
+    become: a way gone at cable length l₁ leaves an amplitude in proportion to l₁^(-1/4) l^(-3/4),
+    so the part at l₂ is (l₂/l₁)^(1/4) times that at l₁. The parts add up to the whole way. Slow
+    hoisting and a small swing are assumed. Where the cable shortens, parts are passed on faster
+    than they were asked for, by up to (l₁/l₂)^(1/2).
 
     Args:
         crane: The crane.
@@ -158,14 +189,19 @@ def shaped_hoisting(crane: Crane, base: Reference, shaper: Shaper, duration: flo
 
     Raises:
         MissingRole: If the crane has no driven hoist.
-        OutOfRange: If duration or a cable is not positive, or the step longer than a quarter of the duration or too short for it.
+        OutOfRange: If duration or a cable is not positive, or the step longer than a quarter of the
+            duration or too short for it.
     """
-    hoist = crane.layout.drive(crane.layout.joints[crane.layout.role("hoist", "Shaped hoisting")].symbol)
+    hoist = crane.layout.drive(
+        crane.layout.joints[crane.layout.role("hoist", "Shaped hoisting")].symbol
+    )
     others, gravity = np.delete(np.arange(crane.layout.m), hoist), crane.gravity
     intervals("duration", duration, step)
     within("step of the shaped reference", step, 0.0, duration / 4.0, "s")
     count = round(duration / step)
-    longest = float(tabulated(base, step * np.arange(count + 1), crane.layout.m).position[:, hoist].max())
+    longest = float(
+        tabulated(base, step * np.arange(count + 1), crane.layout.m).position[:, hoist].max()
+    )
     number("longest cable that the reference wants", longest, "m", "> 0")
     slowest = 2.0 * math.pi * math.sqrt(longest / gravity)
     intervals("duration and swing period", duration + slowest * float(shaper.fractions[-1]), step)
@@ -174,7 +210,10 @@ def shaped_hoisting(crane: Crane, base: Reference, shaper: Shaper, duration: flo
     length = setpoint.position[:, hoist]
     number("shortest cable that the reference wants", length.min(), "m", "> 0")
     phase = scipy.integrate.cumulative_trapezoid(np.sqrt(gravity / length), t, initial=0.0)
-    parts = shaper.amplitudes[:, None] * np.interp(phase + 2.0 * math.pi * shaper.fractions[:, None], phase, length) ** 0.25
+    parts = (
+        shaper.amplitudes[:, None]
+        * np.interp(phase + 2.0 * math.pi * shaper.fractions[:, None], phase, length) ** 0.25
+    )
     velocities = (parts / parts.sum(axis=0))[:, :, None] * setpoint.velocity[:, others]
     ways = scipy.integrate.cumulative_trapezoid(velocities, t, axis=1, initial=0.0)
     moved = np.zeros((len(t), len(others)))
@@ -182,4 +221,6 @@ def shaped_hoisting(crane: Crane, base: Reference, shaper: Shaper, duration: flo
         asked = np.interp(phase - 2.0 * math.pi * fraction, phase, t)
         moved += np.stack([np.interp(asked, t, column) for column in way.T], axis=1)
     curve = scipy.interpolate.make_interp_spline(t, setpoint.position[0, others] + moved, k=3)
-    return ShapedHoisting(base, hoist, float(t[-1]), (curve, curve.derivative(), curve.derivative(2)))
+    return ShapedHoisting(
+        base, hoist, float(t[-1]), (curve, curve.derivative(), curve.derivative(2))
+    )

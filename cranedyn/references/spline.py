@@ -1,4 +1,6 @@
-"""Quintic splines, rest to rest: position, velocity and acceleration of the drives without a jump."""
+"""Quintic splines, rest to rest: position, velocity and acceleration of the drives without a
+jump.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +17,15 @@ from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 
 PEAK_RATE, PEAK_ACCELERATION = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
-"""Of a quintic from 0 to 1 in unit time, rest to rest: its largest velocity and its largest acceleration."""
+"""Of a quintic from 0 to 1 in unit time, rest to rest: its largest velocity and its largest
+acceleration."""
 
 
 @checked
 @dataclass(frozen=True, eq=False)
 class Spline:
-    """A reference of one quintic for each drive and each section, at rest at every waypoint; before and after it stands still.
+    """A reference of one quintic for each drive and each section, at rest at every waypoint; before
+    and after it stands still.
 
     Attributes:
         times: When the waypoints are reached, the first is the departure [s], shape (n,).
@@ -33,11 +37,16 @@ class Spline:
 
     def __post_init__(self) -> None:
         """Build the polynomials."""
-        times, points = finite("times", self.times, ("n",), unit="s"), finite("points", self.points, (self.times.size, "m"))
+        times, points = (
+            finite("times", self.times, ("n",), unit="s"),
+            finite("points", self.points, (self.times.size, "m")),
+        )
         if len(times) < 2 or not (np.diff(times) > 0.0).all():
             raise OutOfRange("times", described(times), "two or more that increase", "s")
         rest = np.zeros_like(points)
-        curve = scipy.interpolate.BPoly.from_derivatives(self.times, np.stack([self.points, rest, rest], axis=1))
+        curve = scipy.interpolate.BPoly.from_derivatives(
+            self.times, np.stack([self.points, rest, rest], axis=1)
+        )
         object.__setattr__(self, "_curves", (curve, curve.derivative(), curve.derivative(2)))
 
     @property
@@ -57,7 +66,14 @@ class Spline:
 
 
 @checked
-def spline(crane: Crane, start: State, waypoints: Sequence[Sequence[float]], durations: Sequence[float], *, at: float = 0.0) -> Spline:
+def spline(
+    crane: Crane,
+    start: State,
+    waypoints: Sequence[Sequence[float]],
+    durations: Sequence[float],
+    *,
+    at: float = 0.0,
+) -> Spline:
     """A spline from where the drives are through waypoints.
 
     Args:
@@ -68,20 +84,32 @@ def spline(crane: Crane, start: State, waypoints: Sequence[Sequence[float]], dur
         at: Departure [s].
 
     Raises:
-        OutOfRange: If there is no waypoint, the numbers of waypoints and durations differ, or a number is not finite or not positive.
+        OutOfRange: If there is no waypoint, the numbers of waypoints and durations differ, or a
+            number is not finite or not positive.
     """
     if not len(waypoints) or len(waypoints) != len(durations):
-        raise OutOfRange("number of durations", len(durations), f"that of the waypoints, {len(waypoints)}, and one at least")
+        raise OutOfRange(
+            "number of durations",
+            len(durations),
+            f"that of the waypoints, {len(waypoints)}, and one at least",
+        )
     points = [start.q[crane.layout.drives]]
     for waypoint in waypoints:
         points.append(crane.layout.for_drives("waypoint", waypoint))
     steps = [number("duration of a section", duration, "s", "> 0") for duration in durations]
-    return Spline(number("departure", at, "s") + np.concatenate([[0.0], np.cumsum(steps)]), np.array(points))
+    return Spline(
+        number("departure", at, "s") + np.concatenate([[0.0], np.cumsum(steps)]), np.array(points)
+    )
 
 
 @checked
 def shortest(
-    crane: Crane, start: State, waypoints: Sequence[Sequence[float]], *, rates: Sequence[float], accelerations: Sequence[float]
+    crane: Crane,
+    start: State,
+    waypoints: Sequence[Sequence[float]],
+    *,
+    rates: Sequence[float],
+    accelerations: Sequence[float],
 ) -> list[float]:
     """Shortest durations of the sections [s] at which no drive exceeds its rate or acceleration.
 
@@ -97,6 +125,12 @@ def shortest(
     """
     v = crane.layout.for_drives("rate limit", rates, "/s", "> 0")
     a = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
-    points = [start.q[crane.layout.drives], *(crane.layout.for_drives("waypoint", waypoint) for waypoint in waypoints)]
+    points = [
+        start.q[crane.layout.drives],
+        *(crane.layout.for_drives("waypoint", waypoint) for waypoint in waypoints),
+    ]
     paths = np.abs(np.diff(points, axis=0))
-    return [float(max((PEAK_RATE * path / v).max(), np.sqrt(PEAK_ACCELERATION * path / a).max())) for path in paths]
+    return [
+        float(max((PEAK_RATE * path / v).max(), np.sqrt(PEAK_ACCELERATION * path / a).max()))
+        for path in paths
+    ]

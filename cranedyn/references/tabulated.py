@@ -19,7 +19,8 @@ _PARTS = ("position", "velocity", "acceleration")
 
 
 def checked_setpoint(answer: Any, shape: tuple[int | str, ...] = ("m",)) -> Setpoint:
-    """What a reference answered: positions, rates and accelerations as arrays of finite numbers, of one shape.
+    """What a reference answered: positions, rates and accelerations as arrays of finite numbers, of
+    one shape.
 
     Args:
         answer: The answer.
@@ -32,7 +33,11 @@ def checked_setpoint(answer: Any, shape: tuple[int | str, ...] = ("m",)) -> Setp
     if len(shape) == 1 and _sound(answer, shape[0]):
         return answer
     if not isinstance(answer, Setpoint):
-        raise Misshapen("answer of the reference", described(answer), "a cranedyn.Setpoint: position, velocity, acceleration")
+        raise Misshapen(
+            "answer of the reference",
+            described(answer),
+            "a cranedyn.Setpoint: position, velocity, acceleration",
+        )
     parts = []
     for name, part in zip(_PARTS, answer, strict=True):
         parts.append(finite(f"{name} of the setpoint", part, shape))
@@ -41,17 +46,28 @@ def checked_setpoint(answer: Any, shape: tuple[int | str, ...] = ("m",)) -> Setp
 
 
 def _sound(answer: Any, drives: int | str) -> bool:
-    """Whether these are three times as many finite numbers as there are drives, seen quickly: it is asked at every control instant."""
+    """Whether these are three times as many finite numbers as there are drives, seen quickly: it is
+    asked at every control instant.
+    """
     try:
-        position, velocity, acceleration = answer.position.tolist(), answer.velocity.tolist(), answer.acceleration.tolist()
+        position, velocity, acceleration = (
+            answer.position.tolist(),
+            answer.velocity.tolist(),
+            answer.acceleration.tolist(),
+        )
         alike = len(position) == len(velocity) == len(acceleration) == drives
-        return alike and math.isfinite(sum(position) + sum(velocity) + sum(acceleration)) and type(answer) is Setpoint
+        return (
+            alike
+            and math.isfinite(sum(position) + sum(velocity) + sum(acceleration))
+            and type(answer) is Setpoint
+        )
     except (AttributeError, TypeError, ValueError):
         return False
 
 
 def tabulated(reference: Reference, times: np.ndarray, drives: int | None = None) -> Setpoint:
-    """The setpoints of a reference at many times [s], shape (rows, m) each; by its own `at` if it has one, which takes all at once.
+    """The setpoints of a reference at many times [s], shape (rows, m) each; by its own `at` if it
+    has one, which takes all at once.
 
     Args:
         reference: The reference.

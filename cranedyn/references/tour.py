@@ -1,4 +1,6 @@
-"""A tour whose legs are planned as motions of all five joints: what tracking controllers and shaped drives go by."""
+"""A tour whose legs are planned as motions of all five joints: what tracking controllers and shaped
+drives go by.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ class Tour(Timetable):
 
 
 @checked
-def tour(crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motion], *, dwell: float) -> Tour:
+def tour(
+    crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motion], *, dwell: float
+) -> Tour:
     """Plan a tour leg by leg, from where the crane starts and back.
 
     Args:
@@ -46,7 +50,8 @@ def tour(crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motio
         dwell: How long to stand still after each leg [s].
 
     Raises:
-        OutOfRange: For a target out of the crane's ranges, a negative dwell, no leg at all, or a tour that does not end where it began.
+        OutOfRange: For a target out of the crane's ranges, a negative dwell, no leg at all, or a
+            tour that does not end where it began.
     """
     number("dwell", dwell, "s", ">= 0")
     stages: list[Stage] = []
@@ -54,9 +59,18 @@ def tour(crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motio
     here, row, period, drives = crane.start, 0, 0.0, crane.layout.drives
     for leg in legs:
         target = leg_target(crane, leg, here.q[drives])
-        goal = crane.state(**{joint.symbol: float(aim) for joint, aim in zip(crane.layout.driven, target, strict=True)})
+        goal = crane.state(
+            **{
+                joint.symbol: float(aim)
+                for joint, aim in zip(crane.layout.driven, target, strict=True)
+            }
+        )
         motion = taken("motion that was planned", plan(here, goal), Motion)
-        period, rows, still = motion.period, len(motion.q) - 1, intervals("dwell", dwell, motion.period) if dwell > 0.0 else 0
+        period, rows, still = (
+            motion.period,
+            len(motion.q) - 1,
+            intervals("dwell", dwell, motion.period) if dwell > 0.0 else 0,
+        )
         rest = np.stack([goal.q, goal.v, goal.v])[:, None]
         parts += [np.stack([motion.q, motion.v, motion.a])[:, :-1], np.repeat(rest, still, axis=1)]
         begin, arrival, end = (period * k for k in (row, row + rows, row + rows + still))
@@ -65,6 +79,11 @@ def tour(crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motio
     if not stages:
         raise OutOfRange("tour", "empty", "one leg at least")
     if not np.allclose(here.q, crane.start.q):
-        raise OutOfRange("end of the tour", here.q[drives].tolist(), f"where it began, {crane.start.q[drives].tolist()}", "rad or m")
+        raise OutOfRange(
+            "end of the tour",
+            here.q[drives].tolist(),
+            f"where it began, {crane.start.q[drives].tolist()}",
+            "rad or m",
+        )
     q, v, a = np.concatenate([*parts, np.stack([here.q, here.v, here.v])[:, None]], axis=1)
     return Tour(tuple(stages), Motion(period, q, v, a, drives))

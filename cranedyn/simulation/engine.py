@@ -1,4 +1,6 @@
-"""How a crane gets from one control instant to the next, by Pinocchio's algorithms; `cranedyn.compiled.engine` does the same by code."""
+"""How a crane gets from one control instant to the next, by Pinocchio's algorithms;
+`cranedyn.compiled.engine` does the same by code.
+"""
 
 from __future__ import annotations
 
@@ -51,12 +53,14 @@ class Setting:
 class Engine:
     """A crane that moves from one control instant to the next.
 
-    Where buffers act, a stepping rule that asks for a smooth motion gives way to small semi-implicit steps: a step at whose beginning
-    or end a drive is beyond its range is made with these instead.
+    Where buffers act, a stepping rule that asks for a smooth motion gives way to small
+    semi-implicit steps: a step at whose beginning or end a drive is beyond its range is made with
+    these instead.
 
     Attributes:
         state: Where the crane is.
-        look_back: After how many control instants the log should be looked through for what the model does not hold for.
+        look_back: After how many control instants the log should be looked through for what the
+            model does not hold for.
     """
 
     look_back = 200
@@ -77,12 +81,18 @@ class Engine:
         self._drives = setting.drives(clocks.dt, self._outside)
         self._rough = _Rough(setting) if gives_way else None
 
-    def run_ahead(self, controller: object, reference: Reference, since: float, periods: int, log: Log) -> Iterator[int]:
-        """Log rows without asking anybody where that can be done, and say from time to time how many there are; here it cannot."""
+    def run_ahead(
+        self, controller: object, reference: Reference, since: float, periods: int, log: Log
+    ) -> Iterator[int]:
+        """Log rows without asking anybody where that can be done, and say from time to time how
+        many there are; here it cannot.
+        """
         return iter(())
 
     def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Take a command until the next one; returns the effort asked for, or what the motion costs, and what acts, shape (m,) each."""
+        """Take a command until the next one; returns the effort asked for, or what the motion
+        costs, and what acts, shape (m,) each.
+        """
         if self._rough is not None:
             self._rough.drives.take(command, self.state)
         return self._drives.take(command, self.state)
@@ -98,21 +108,31 @@ class Engine:
         return self._drives.effort(self.state)
 
     def take_force(self, force: np.ndarray) -> np.ndarray:
-        """Take forces from outside until the next, in the world [N], on the points of the crane, shape (points, 3); returns them."""
+        """Take forces from outside until the next, in the world [N], on the points of the crane,
+        shape (points, 3); returns them.
+        """
         for outside in (self._outside, None if self._rough is None else self._rough.outside):
             if outside is not None:
                 outside.force = force
         return force
 
     def buffers(self) -> tuple[float, float]:
-        """Work done on the crane by the buffers so far [J], and what those at the ends of the cable push [N]."""
+        """Work done on the crane by the buffers so far [J], and what those at the ends of the cable
+        push [N].
+        """
         outside = self._outside if self._rough is None else self._rough.outside
-        return (0.0, 0.0) if outside is None else (outside.buffer_work(self.state), outside.stop_force(self.state))
+        return (
+            (0.0, 0.0)
+            if outside is None
+            else (outside.buffer_work(self.state), outside.stop_force(self.state))
+        )
 
     def advance(self) -> State:
         """Go on to the next control instant."""
         if self._rough is None:
-            q, self._u = self._integrator.advance(self._drives.acceleration, self._drives.model, self.state.q, self._u, self._steps)
+            q, self._u = self._integrator.advance(
+                self._drives.acceleration, self._drives.model, self.state.q, self._u, self._steps
+            )
         else:
             q = self._advance_to_buffers(self._rough)
         v = self._u * self._per_second
@@ -124,8 +144,12 @@ class Engine:
     def _advance_to_buffers(self, rough: _Rough) -> np.ndarray:
         q, u = self.state.q, self._u
         for _ in range(self._steps):
-            there, faster = self._integrator.advance(self._drives.acceleration, self._drives.model, q, u, 1)
-            q, u = rough.advance(q, u) if rough.beyond(q) or rough.beyond(there) else (there, faster)
+            there, faster = self._integrator.advance(
+                self._drives.acceleration, self._drives.model, q, u, 1
+            )
+            q, u = (
+                rough.advance(q, u) if rough.beyond(q) or rough.beyond(there) else (there, faster)
+            )
         self._u = u
         return q
 
@@ -139,7 +163,10 @@ class _Rough:
         self.outside = setting.outside(dt, buffers=True)
         self.drives = setting.drives(dt, self.outside)
         self._drives = setting.crane.layout.drives
-        self._lower, self._upper = setting.crane.lower[self._drives], setting.crane.upper[self._drives]
+        self._lower, self._upper = (
+            setting.crane.lower[self._drives],
+            setting.crane.upper[self._drives],
+        )
 
     def beyond(self, q: np.ndarray) -> bool:
         """Whether a drive is beyond its range."""
@@ -148,5 +175,7 @@ class _Rough:
 
     def advance(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One step in small ones."""
-        q, fine = semi_implicit_euler.advance(self.drives.acceleration, self.drives.model, q, u / self._count, self._count)
+        q, fine = semi_implicit_euler.advance(
+            self.drives.acceleration, self.drives.model, q, u / self._count, self._count
+        )
         return q, fine * self._count

@@ -1,4 +1,6 @@
-"""The log of a run, row by row while it goes, and the trajectory with its energy ledger that it becomes."""
+"""The log of a run, row by row while it goes, and the trajectory with its energy ledger that it
+becomes.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ _LARGEST = 4e9
 """Memory that the log of a run and the trajectory made of it may take [byte]."""
 
 Energies = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""From coordinates and rates in rows, shape (rows, n) each, to mechanical energies [J], shape (rows,)."""
+"""From coordinates and rates in rows, shape (rows, n) each, to mechanical energies [J], shape
+(rows,)."""
 
 
 class Log:
@@ -40,24 +43,44 @@ class Log:
         each = 2 * 8 * sum(map(len, crane.layout.columns().values()))
         if rows * each > _LARGEST:
             most = f"{(_LARGEST / each - 1) * period:.3g} s at most"
-            takes = f"its {rows} rows would take {rows * each / 1e9:.3g} GB of {_LARGEST / 1e9:g} GB"
+            takes = (
+                f"its {rows} rows would take {rows * each / 1e9:.3g} GB of {_LARGEST / 1e9:g} GB"
+            )
             raise OutOfRange("duration", f"{(rows - 1) * period:g}", f"{most}: {takes}", "s")
         self._crane, self._since, self._period, self._lead = crane, since, period, lead
         self._rows, self._looked = 0, 0
         self._q, self._v = np.empty((rows, crane.layout.n)), np.empty((rows, crane.layout.n))
-        self._setpoint, self._command, self._effort, self._before = (np.empty((rows, crane.layout.m)) for _ in range(4))
-        self._force, self._buffer_work, self._stop_force = np.zeros((rows, 3 * len(crane.points))), np.zeros(rows), np.zeros(rows)
+        self._setpoint, self._command, self._effort, self._before = (
+            np.empty((rows, crane.layout.m)) for _ in range(4)
+        )
+        self._force, self._buffer_work, self._stop_force = (
+            np.zeros((rows, 3 * len(crane.points))),
+            np.zeros(rows),
+            np.zeros(rows),
+        )
         self._energy = np.full(rows, np.nan)
 
     def __len__(self) -> int:
         """Number of rows so far."""
         return self._rows
 
-    def row(self, state: State, setpoint: np.ndarray, command: np.ndarray, effort: np.ndarray, before: np.ndarray) -> None:
+    def row(
+        self,
+        state: State,
+        setpoint: np.ndarray,
+        command: np.ndarray,
+        effort: np.ndarray,
+        before: np.ndarray,
+    ) -> None:
         """Add a row: effort is what acts from here on, before what acted until here."""
         k = self._rows
         self._q[k], self._v[k] = state
-        self._setpoint[k], self._command[k], self._effort[k], self._before[k] = setpoint, command, effort, before
+        self._setpoint[k], self._command[k], self._effort[k], self._before[k] = (
+            setpoint,
+            command,
+            effort,
+            before,
+        )
         self._rows = k + 1
 
     def force(self, force: np.ndarray) -> None:
@@ -65,7 +88,9 @@ class Log:
         self._force[self._rows] = force.ravel()
 
     def buffers(self, work: float, stop_force: float) -> None:
-        """Add to the row that comes next what the buffers did [J], and what those at the ends of the cable push [N]."""
+        """Add to the row that comes next what the buffers did [J], and what those at the ends of
+        the cable push [N].
+        """
         self._buffer_work[self._rows], self._stop_force[self._rows] = work, stop_force
 
     def block(self, setpoint: np.ndarray, block: Mapping[str, np.ndarray]) -> None:
@@ -73,11 +98,16 @@ class Log:
 
         Args:
             setpoint: Setpoint of the drives, shape (rows, m).
-            block: q, v, command, effort, before as for `row`; energy, buffers, stop_force in columns, shape (rows, 1).
+            block: q, v, command, effort, before as for `row`; energy, buffers, stop_force in
+                columns, shape (rows, 1).
         """
         rows = slice(self._rows, self._rows + len(setpoint))
         self._q[rows], self._v[rows], self._setpoint[rows] = block["q"], block["v"], setpoint
-        self._command[rows], self._effort[rows], self._before[rows] = block["command"], block["effort"], block["before"]
+        self._command[rows], self._effort[rows], self._before[rows] = (
+            block["command"],
+            block["effort"],
+            block["before"],
+        )
         self._energy[rows], self._buffer_work[rows], self._stop_force[rows] = (
             block[name][:, 0] for name in ("energy", "buffers", "stop_force")
         )
@@ -86,28 +116,46 @@ class Log:
     def fresh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates, rates and what holds the load of the rows not looked at before."""
         rows = slice(self._looked, self._rows)
-        return self._q[rows], self._v[rows], hoisting(self._crane, self._effort[rows]) + self._stop_force[rows]
+        return (
+            self._q[rows],
+            self._v[rows],
+            hoisting(self._crane, self._effort[rows]) + self._stop_force[rows],
+        )
 
     def looked_at(self) -> None:
         """Have all rows looked at."""
         self._looked = self._rows
 
     def keep(self, fresh_row: int) -> float:
-        """Drop what comes behind a row, counted from the first not looked at; returns its time [s]."""
+        """Drop what comes behind a row, counted from the first not looked at; returns its time
+        [s].
+        """
         self._rows = self._looked + fresh_row + 1
         return self._since + self._period * (self._rows - 1)
 
-    def trajectory(self, parameters: dict[str, float | str], record: Mapping[str, Any], energies: Energies, *, buffers: bool) -> Trajectory:
+    def trajectory(
+        self,
+        parameters: dict[str, float | str],
+        record: Mapping[str, Any],
+        energies: Energies,
+        *,
+        buffers: bool,
+    ) -> Trajectory:
         """The log as arrays, with its energy ledger.
 
-        Work is a force times the displacement that belongs to the velocities, so the lead of the positions is taken off. Where motion is
-        prescribed the mean of the efforts at both ends of a period stands for them. Dissipation is integrated by the trapezoidal rule.
+        Work is a force times the displacement that belongs to the velocities, so the lead of the
+        positions is taken off. Where motion is prescribed the mean of the efforts at both ends of a
+        period stands for them. Dissipation is integrated by the trapezoidal rule.
         """
         n, crane, period = self._rows, self._crane, self._period
         q, v, effort, force = self._q[:n], self._v[:n], self._effort[:n], self._force[:n]
         middle = q - self._lead * v
         work = np.zeros((n, crane.layout.m))
-        np.cumsum((effort[:-1] + self._before[1:n]) / 2 * np.diff(middle[:, crane.layout.drives], axis=0), axis=0, out=work[1:])
+        np.cumsum(
+            (effort[:-1] + self._before[1:n]) / 2 * np.diff(middle[:, crane.layout.drives], axis=0),
+            axis=0,
+            out=work[1:],
+        )
         power = v**2 @ crane.damping
         dissipated = np.zeros(n)
         np.cumsum((power[:-1] + power[1:]) / 2 * period, out=dissipated[1:])
@@ -123,7 +171,9 @@ class Log:
             dissipated=dissipated,
             force=force,
             outside=np.stack([self._work_of_forces(middle, force), self._buffer_work[:n]], axis=1),
-            valid=valid(crane, q, v, hoisting(crane, effort) + self._stop_force[:n], buffers=buffers).astype(float),
+            valid=valid(
+                crane, q, v, hoisting(crane, effort) + self._stop_force[:n], buffers=buffers
+            ).astype(float),
             columns=crane.layout.columns(),
             parameters=parameters,
             record=record,
@@ -134,12 +184,17 @@ class Log:
         energy = self._energy[: self._rows].copy()
         missing = np.isnan(energy)
         if missing.any():
-            energy[missing] = energies(self._q[: self._rows][missing], self._v[: self._rows][missing])
+            energy[missing] = energies(
+                self._q[: self._rows][missing], self._v[: self._rows][missing]
+            )
         return energy
 
     def _work_of_forces(self, middle: np.ndarray, force: np.ndarray) -> np.ndarray:
         work = np.zeros(len(force))
         if force.any():
             places = np.array([point_positions(self._crane, q) for q in middle])
-            np.cumsum((force[:-1] * np.diff(places.reshape(len(middle), -1), axis=0)).sum(axis=1), out=work[1:])
+            np.cumsum(
+                (force[:-1] * np.diff(places.reshape(len(middle), -1), axis=0)).sum(axis=1),
+                out=work[1:],
+            )
         return work

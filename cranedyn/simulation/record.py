@@ -1,4 +1,6 @@
-"""What moved and what moved it, in words and numbers that JSON holds, so that whoever has the file of a run can make it again."""
+"""What moved and what moved it, in words and numbers that JSON holds, so that whoever has the file
+of a run can make it again.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ def record_of(crane: Crane, **actors: object) -> dict[str, Any]:
 
     Args:
         crane: The crane.
-        actors: What else there is, by the name of its part: controller, reference, disturbance; None for what there is not.
+        actors: What else there is, by the name of its part: controller, reference, disturbance;
+            None for what there is not.
     """
     return {
         "crane": dict(crane.record),
@@ -37,18 +40,29 @@ def record_of(crane: Crane, **actors: object) -> dict[str, Any]:
 
 @cache
 def _versions() -> tuple[tuple[str, str], ...]:
-    return (("python", platform.python_version()), *((name, version(name)) for name in ("cranedyn", "pin", "numpy", "scipy")))
+    return (
+        ("python", platform.python_version()),
+        *((name, version(name)) for name in ("cranedyn", "pin", "numpy", "scipy")),
+    )
 
 
 def written_down(value: object, depth: int = 0) -> Any:
-    """An object by its kind and its numbers: those of a dataclass by the names of its fields, an array whole if it is short.
+    """An object by its kind and its numbers: those of a dataclass by the names of its fields, an
+    array whole if it is short.
 
-    A number that is not finite is its name. What has no numbers that can be seen, such as a function, is its name alone.
+    A number that is not finite is its name. What has no numbers that can be seen, such as a
+    function, is its name alone.
     """
     if value is None or isinstance(value, bool | str):
         return value
     if isinstance(value, int | float | np.number):
-        return value if isinstance(value, int) else float(value) if math.isfinite(value) else str(value)
+        return (
+            value
+            if isinstance(value, int)
+            else float(value)
+            if math.isfinite(value)
+            else str(value)
+        )
     if isinstance(value, np.ndarray):
         return _array(value)
     if isinstance(value, Crane):
@@ -56,10 +70,20 @@ def written_down(value: object, depth: int = 0) -> Any:
     if depth >= _DEEPEST:
         return _kind(value)
     if is_dataclass(value) and not isinstance(value, type):
-        named = {part.name: getattr(value, part.name, None) for part in fields(value) if not part.name.startswith("_")}
-        return {"kind": _kind(value), **{name: written_down(part, depth + 1) for name, part in named.items()}}
+        named = {
+            part.name: getattr(value, part.name, None)
+            for part in fields(value)
+            if not part.name.startswith("_")
+        }
+        return {
+            "kind": _kind(value),
+            **{name: written_down(part, depth + 1) for name, part in named.items()},
+        }
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return {"kind": _kind(value), **{name: written_down(part, depth + 1) for name, part in value._asdict().items()}}
+        return {
+            "kind": _kind(value),
+            **{name: written_down(part, depth + 1) for name, part in value._asdict().items()},
+        }
     if isinstance(value, Mapping):
         return {str(name): written_down(part, depth + 1) for name, part in value.items()}
     if isinstance(value, list | tuple) and len(value) <= _WHOLE:
@@ -71,10 +95,19 @@ def _array(value: np.ndarray) -> Any:
     if value.dtype.kind not in "fiub":
         return _kind(value)
     if value.size <= _WHOLE:
-        return np.vectorize(lambda number: written_down(number), otypes=[object])(value).tolist() if value.size else []
-    return {"shape": list(value.shape), "sha256": hashlib.sha256(np.ascontiguousarray(value, dtype=float).tobytes()).hexdigest()}
+        return (
+            np.vectorize(lambda number: written_down(number), otypes=[object])(value).tolist()
+            if value.size
+            else []
+        )
+    return {
+        "shape": list(value.shape),
+        "sha256": hashlib.sha256(np.ascontiguousarray(value, dtype=float).tobytes()).hexdigest(),
+    }
 
 
 def _kind(value: object) -> str:
     named = value if hasattr(value, "__qualname__") else type(value)
-    return f"{getattr(named, '__module__', '')}.{getattr(named, '__qualname__', type(value).__name__)}"
+    return (
+        f"{getattr(named, '__module__', '')}.{getattr(named, '__qualname__', type(value).__name__)}"
+    )

@@ -13,7 +13,15 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.validity import first_event
 from cranedyn.errors import CraneError, OutOfRange, RunError, number
-from cranedyn.interfaces import Controller, Disturbance, Drive, EngineName, Reference, State, Validity
+from cranedyn.interfaces import (
+    Controller,
+    Disturbance,
+    Drive,
+    EngineName,
+    Reference,
+    State,
+    Validity,
+)
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold
 from cranedyn.references.tabulated import checked_setpoint
@@ -43,44 +51,57 @@ def simulate(
 ) -> Trajectory:
     """Run a crane under a controller.
 
-    The controller is called once per control period and its answer is held until the next (zero-order hold), as is the disturbance.
-    Efforts beyond the limits of the drives are cut to them, which the log shows as a difference between command and effort.
+    The controller is called once per control period and its answer is held until the next
+    (zero-order hold), as is the disturbance. Efforts beyond the limits of the drives are cut to
+    them, which the log shows as a difference between command and effort.
 
     Args:
         crane: The crane.
         controller: What commands the drives.
-        reference: Where the drives should be at each time. None holds the drives where they are first observed.
+        reference: Where the drives should be at each time. None holds the drives where they are
+            first observed.
         start: Where it starts; by default hanging at rest where its URDF says.
         since: Time at the start [s], when a run goes on from an earlier one.
         duration: How long to run [s], a multiple of the control period.
         dt: Physics step [s].
-        control_period: Time between calls of the controller [s], a multiple of `dt`; one row is logged each time.
-        drive: "effort": the controller commands efforts, as a force-controlled drive. "motion": it commands accelerations, which the
-            drives follow exactly at the efforts this costs, as a stiff velocity-controlled drive.
-        disturbance: Forces from outside on the points of the crane, such as wind; see `cranedyn.disturbances.wind`.
-        validity: What to do where a joint leaves its range, the rope would have to push, the load swings to 90° or touches the ground.
-            "stop" ends the run with an error that carries what was recorded. "buffers" catches the drives at the ends of
-            their ranges, for drives that take efforts. "mark" goes on; the rows concerned are marked in the column `valid`.
+        control_period: Time between calls of the controller [s], a multiple of `dt`; one row is
+            logged each time.
+        drive: "effort": the controller commands efforts, as a force-controlled drive. "motion": it
+            commands accelerations, which the drives follow exactly at the efforts this costs, as a
+            stiff velocity-controlled drive.
+        disturbance: Forces from outside on the points of the crane, such as wind; see
+            `cranedyn.disturbances.wind`.
+        validity: What to do where a joint leaves its range, the rope would have to push, the load
+            swings to 90° or touches the ground. "stop" ends the run with an error that carries what
+            was recorded. "buffers" catches the drives at the ends of their ranges, for drives that
+            take efforts. "mark" goes on; the rows concerned are marked in the column `valid`.
         integrator: The stepping rule.
-        engine: "pinocchio" steps by Pinocchio's algorithms. "compiled" steps by code made for this crane, which agrees with them to
-            round-off and is many times faster, most of all where nothing in the loop is Python: for a controller that is affine in the
-            state, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`, and no disturbance.
-            Its angles end at a million rad. It needs the extra `compiled`.
-        progress: Called with the time [s] at every control instant, or once in a while where a compiled loop runs ahead.
+        engine: "pinocchio" steps by Pinocchio's algorithms. "compiled" steps by code made for this
+            crane, which agrees with them to round-off and is many times faster, most of all where
+            nothing in the loop is Python: for a controller that is affine in the state, such as
+            `Hold`, `Tracking`, `HoistIntegral` or `Follow`, and no disturbance. Its angles end at a
+            million rad. It needs the extra `compiled`.
+        progress: Called with the time [s] at every control instant, or once in a while where a
+            compiled loop runs ahead.
 
     Returns:
         What happened, from `since` on.
 
     Raises:
-        OutOfRange: If an argument is of another kind; if a time is not positive, one does not divide the other, or the log would not fit
-            into 4 GB; if the start is not one finite coordinate and rate for each joint; if the controller was made for a shorter control
-            period. At the first instant also if the command is not one number for each drive or the setpoint not finite.
-        RunError: If the model ceases to hold, state, command or setpoint stop being finite, or the run is interrupted; it carries what was
-            recorded so far. So it does if the controller, the reference or the disturbance raises an error, which is then its cause.
+        OutOfRange: If an argument is of another kind; if a time is not positive, one does not
+            divide the other, or the log would not fit into 4 GB; if the start is not one finite
+            coordinate and rate for each joint; if the controller was made for a shorter control
+            period. At the first instant also if the command is not one number for each drive or the
+            setpoint not finite.
+        RunError: If the model ceases to hold, state, command or setpoint stop being finite, or the
+            run is interrupted; it carries what was recorded so far. So it does if the controller,
+            the reference or the disturbance raises an error, which is then its cause.
     """
     clock = clocks(duration, dt, control_period)
     if validity not in ("stop", "mark") and (validity, drive) != ("buffers", "effort"):
-        raise OutOfRange("validity", validity, "stop or mark, or buffers where the drives take efforts")
+        raise OutOfRange(
+            "validity", validity, "stop or mark, or buffers where the drives take efforts"
+        )
     buffers = validity == "buffers"
     number("time at the start", since, "s", "-1e9 to 1e9")
     log = Log(crane, since, control_period, clock.periods + 1, integrator.lead * dt)
@@ -102,8 +123,17 @@ def simulate(
         controller.run_begins(since, control_period)
 
     def recorded() -> Trajectory:
-        made: dict[str, float | str] = {"dt_s": dt, "control_period_s": control_period, "gravity_m_s2": crane.gravity}
-        made |= {"drive": drive, "engine": engine, "integrator": integrator.name, "validity": validity}
+        made: dict[str, float | str] = {
+            "dt_s": dt,
+            "control_period_s": control_period,
+            "gravity_m_s2": crane.gravity,
+        }
+        made |= {
+            "drive": drive,
+            "engine": engine,
+            "integrator": integrator.name,
+            "validity": validity,
+        }
         return log.trajectory(made, record, moving.energies, buffers=buffers)
 
     def look_back() -> None:
@@ -113,7 +143,13 @@ def simulate(
         if event is not None:
             at = log.keep(event.row)
             hint = "" if buffers else "; validity = mark goes on all the same"
-            raise RunError(f"At t = {at:.4g} s {event.words}{hint}.", t=at, joint=event.joint, value=event.value, trajectory=recorded())
+            raise RunError(
+                f"At t = {at:.4g} s {event.words}{hint}.",
+                t=at,
+                joint=event.joint,
+                value=event.value,
+                trajectory=recorded(),
+            )
         log.looked_at()
 
     t, drives = since, (layout.m,)
@@ -148,10 +184,14 @@ def simulate(
     except KeyboardInterrupt:
         raise RunError(f"Interrupted at t = {t:.3f} s.", t=t, trajectory=recorded()) from None
     except Exception as error:
-        if isinstance(error, CraneError) and (not len(log) or (isinstance(error, RunError) and error.trajectory is not None)):
+        if isinstance(error, CraneError) and (
+            not len(log) or (isinstance(error, RunError) and error.trajectory is not None)
+        ):
             raise
         look_back()
-        joint, value = (error.joint, error.value) if isinstance(error, RunError) else ("", float("nan"))
+        joint, value = (
+            (error.joint, error.value) if isinstance(error, RunError) else ("", float("nan"))
+        )
         sentence = str(error) if isinstance(error, RunError) else f"At t = {t:.4g} s: {told(error)}"
         raise RunError(sentence, t=t, joint=joint, value=value, trajectory=recorded()) from error
     return recorded()

@@ -17,7 +17,10 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.simulation.engine import DIVERGED, Engine, Setting
 
-ENGINES = {"pinocchio": "cranedyn.simulation.engine:Engine", "compiled": "cranedyn.compiled.engine:CompiledEngine"}
+ENGINES = {
+    "pinocchio": "cranedyn.simulation.engine:Engine",
+    "compiled": "cranedyn.compiled.engine:CompiledEngine",
+}
 """Where each engine is; looked up when it is asked for, since the compiled one needs an extra."""
 
 _NUMBERS = np.dtype(float)
@@ -54,7 +57,8 @@ class Stepper:
             start: Where it starts; None for hanging at rest where its URDF says.
             dt: Physics step [s].
             control_period: Time that each command lasts [s], a multiple of `dt`.
-            drive: "effort": commands are efforts, cut to the limits of the drives. "motion": they are accelerations, followed exactly.
+            drive: "effort": commands are efforts, cut to the limits of the drives. "motion": they
+                are accelerations, followed exactly.
             forces: Whether forces from outside will come with the commands.
             buffers: Whether buffers end the ranges of the drives; for drives that take efforts.
             integrator: The stepping rule.
@@ -97,7 +101,8 @@ class Stepper:
 
         Args:
             command: Of the drives [N m or N; or rad/s² or m/s²], shape (m,).
-            force: From outside on the points of the crane, in the world [N], shape (points, 3); None for none.
+            force: From outside on the points of the crane, in the world [N], shape (points, 3);
+                None for none.
 
         Returns:
             Where the crane is then.
@@ -112,7 +117,9 @@ class Stepper:
             raise OutOfRange("force", "given", "none, unless the stepper is made with forces=True")
         if self._forces:
             shape = len(self.crane.points), 3
-            self.engine.take_force(force_of(np.zeros(shape) if force is None else force, self.crane.layout))
+            self.engine.take_force(
+                force_of(np.zeros(shape) if force is None else force, self.crane.layout)
+            )
         self.engine.take(command_of(command, self.t, self.crane.layout))
         self._steps += 1
         return self.engine.advance()
@@ -126,7 +133,11 @@ def started(crane: Crane, start: State | None) -> State:
     """
     state, layout = State.checked("start", crane.start if start is None else start), crane.layout
     if state.q.shape != (layout.n,):
-        raise OutOfRange("start", f"a state of {state.q.size} coordinates", f"one of {layout.n}: {', '.join(layout.symbols)}")
+        raise OutOfRange(
+            "start",
+            f"a state of {state.q.size} coordinates",
+            f"one of {layout.n}: {', '.join(layout.symbols)}",
+        )
     return state
 
 
@@ -140,7 +151,12 @@ def command_of(answer: object, t: float, layout: Layout) -> np.ndarray:
     command = _array(answer, "command of the controller", (layout.m,), layout.drives_in_words)
     if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
         joint = layout.driven[int(np.argmin(np.isfinite(command)))].name
-        raise RunError(f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite number.", t=t, joint=joint)
+        raise RunError(
+            f"The controller commanded {command.tolist()} at t = {t:.4f} s; {joint} needs a finite "
+            "number.",
+            t=t,
+            joint=joint,
+        )
     return command
 
 
@@ -150,7 +166,12 @@ def force_of(answer: object, layout: Layout) -> np.ndarray:
     Raises:
         OutOfRange: If it is not.
     """
-    force = _array(answer, "force of the disturbance", (len(layout.points), 3), f"a vector for each of {', '.join(layout.points)}")
+    force = _array(
+        answer,
+        "force of the disturbance",
+        (len(layout.points), 3),
+        f"a vector for each of {', '.join(layout.points)}",
+    )
     if not np.isfinite(force).all():
         raise OutOfRange("force of the disturbance", force.tolist(), "finite numbers", "N")
     return force
@@ -161,7 +182,8 @@ def diverged(layout: Layout, t: float, state: State) -> RunError:
     i = int(np.argmax(np.nan_to_num(np.abs(state.v), nan=np.inf)))
     name, value = layout.joints[i].name, float(state.v[i])
     return RunError(
-        f"The run diverged at t = {t:.4f} s: {name} moves at {value:g} per second; a smaller dt or softer gains may help.",
+        f"The run diverged at t = {t:.4f} s: {name} moves at {value:g} per second; a smaller dt or "
+        "softer gains may help.",
         t=t,
         joint=name,
         value=value,
@@ -172,7 +194,11 @@ def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> n
     if type(answer) is np.ndarray and answer.dtype is _NUMBERS and answer.shape == shape:
         return answer.copy()
     try:
-        array = None if isinstance(answer, np.ndarray) and np.iscomplexobj(answer) else np.array(answer, dtype=float)
+        array = (
+            None
+            if isinstance(answer, np.ndarray) and np.iscomplexobj(answer)
+            else np.array(answer, dtype=float)
+        )
     except (TypeError, ValueError, OverflowError):
         array = None
     if array is None or array.shape != shape:

@@ -1,4 +1,6 @@
-"""Many cases of one study: designed, run on local cores or a Dask cluster, kept as Parquet, resumed after any interruption."""
+"""Many cases of one study: designed, run on local cores or a Dask cluster, kept as Parquet, resumed
+after any interruption.
+"""
 
 from cranedyn.sweep.chunk import Study
 from cranedyn.sweep.design import Design, cross, grid, sampled

@@ -15,7 +15,8 @@ from cranedyn.sweep.design import RESERVED
 from cranedyn.sweep.sources import digest, sources
 
 Study = Callable[[Mapping[str, np.ndarray]], Mapping[str, np.ndarray]]
-"""From the parameters of some cases to their results, columns of shape (n,) each; a function at the top of a module."""
+"""From the parameters of some cases to their results, columns of shape (n,) each; a function at the
+top of a module."""
 
 DIED = "The worker process died on this case, as of a crash in compiled code or for lack of memory."
 """What is said of a case that nobody can compute."""
@@ -28,14 +29,18 @@ def name_of(study: Study) -> str:
     """Module and name of a study, by which workers import it.
 
     Raises:
-        CraneError: If it has none: it is no function at the top of a module, or one of a script that no module is made of.
+        CraneError: If it has none: it is no function at the top of a module, or one of a script
+            that no module is made of.
     """
     module, name = getattr(study, "__module__", None), getattr(study, "__qualname__", "")
     if module == "__main__":
         spec = getattr(sys.modules["__main__"], "__spec__", None)
         module = spec.name if spec else None
     if not (callable(study) and module and name.isidentifier()):
-        raise CraneError(f"A study must be a function at the top of a module that workers can import; {shown(study)} is not.")
+        raise CraneError(
+            "A study must be a function at the top of a module that workers can import; "
+            f"{shown(study)} is not."
+        )
     return f"{module}:{name}"
 
 
@@ -44,7 +49,8 @@ def load(name: str, code: str = "") -> Study:
 
     Args:
         name: See `name_of`.
-        code: Checksum of its sources that the sweeping program sees, see `cranedyn.sweep.sources.digest`; empty if it does not matter.
+        code: Checksum of its sources that the sweeping program sees, see
+            `cranedyn.sweep.sources.digest`; empty if it does not matter.
 
     Raises:
         CraneError: If it cannot be imported, or has other sources here.
@@ -53,10 +59,13 @@ def load(name: str, code: str = "") -> Study:
     try:
         study = getattr(importlib.import_module(module), function)
     except Exception as error:
-        raise CraneError(f"The worker cannot import the study {name}: {_sentence(error)}") from error
+        raise CraneError(
+            f"The worker cannot import the study {name}: {_sentence(error)}"
+        ) from error
     if code and code != _code_of(name):
         raise CraneError(
-            f"A worker has other source files of the study {name}, or of cranedyn, than the program that sweeps; "
+            f"A worker has other source files of the study {name}, or of cranedyn, than the "
+            "program that sweeps; "
             "give both the same, and start the workers again."
         )
     return study
@@ -69,13 +78,15 @@ def _code_of(name: str) -> str:
 
 
 def evaluate(name: str, columns: Mapping[str, np.ndarray], code: str = "") -> pa.Table:
-    """The results of some cases, a row each, with the column `error`: null, or why all other columns are.
+    """The results of some cases, a row each, with the column `error`: null, or why all other
+    columns are.
 
-    If the study raises or returns what it may not, its cases are halved until the bad one stands alone. A case with a number that is not
-    finite is bad, too.
+    If the study raises or returns what it may not, its cases are halved until the bad one stands
+    alone. A case with a number that is not finite is bad, too.
 
     Raises:
-        CraneError: If the study cannot be imported or is another, see `load`, or results are numbers here and words there.
+        CraneError: If the study cannot be imported or is another, see `load`, or results are
+            numbers here and words there.
     """
     count = len(next(iter(columns.values())))
     return joined(_halved(load(name, code), columns, 0, count))
@@ -95,10 +106,14 @@ def joined(tables: list[pa.Table]) -> pa.Table:
     try:
         return pa.concat_tables(tables, promote_options="permissive")
     except pa.ArrowException as error:
-        raise DataError(f"The study returns results of different kinds: {_sentence(error)}") from error
+        raise DataError(
+            f"The study returns results of different kinds: {_sentence(error)}"
+        ) from error
 
 
-def _halved(study: Study, columns: Mapping[str, np.ndarray], first: int, last: int) -> list[pa.Table]:
+def _halved(
+    study: Study, columns: Mapping[str, np.ndarray], first: int, last: int
+) -> list[pa.Table]:
     part = {name: values[first:last].copy() for name, values in columns.items()}
     try:
         return [_table(study(part), last - first, set(columns))]
@@ -111,33 +126,50 @@ def _halved(study: Study, columns: Mapping[str, np.ndarray], first: int, last: i
 
 def _table(found: object, count: int, parameters: set[str]) -> pa.Table:
     if not isinstance(found, Mapping):
-        raise DataError(f"The study returned {type(found).__name__}; allowed is a mapping of columns.")
+        raise DataError(
+            f"The study returned {type(found).__name__}; allowed is a mapping of columns."
+        )
     errors = np.full(count, None, dtype=object)
     columns = {}
     for name, values in found.items():
         if not isinstance(name, str) or name in parameters or name in RESERVED:
             raise DataError(
-                f"The study returned a column {shown(name)}; allowed is any name that no parameter has, but not {', '.join(RESERVED)}."
+                f"The study returned a column {shown(name)}; allowed is any name that no parameter "
+                f"has, but not {', '.join(RESERVED)}."
             )
         columns[name] = _column(name, values, count)
         if columns[name].dtype.kind == "f":
             for i in np.flatnonzero(~np.isfinite(columns[name].filled(0.0))):
                 errors[i] = errors[i] or f"The result {name} is {columns[name][i]}."
     bad = np.array([error is not None for error in errors])
-    arrays = {name: pa.array(values.data, mask=np.ma.getmaskarray(values) | bad) for name, values in columns.items()}
+    arrays = {
+        name: pa.array(values.data, mask=np.ma.getmaskarray(values) | bad)
+        for name, values in columns.items()
+    }
     return pa.table({**arrays, "error": pa.array(errors, pa.string())})
 
 
 def _column(name: str, given: object, count: int) -> np.ma.MaskedArray:
     values: np.ma.MaskedArray = np.ma.asarray(given)
     if values.shape != (count,):
-        raise DataError(f"The study returned {name} of shape {values.shape} for {count} cases; allowed is ({count},).")
+        raise DataError(
+            f"The study returned {name} of shape {values.shape} for {count} cases; allowed is "
+            f"({count},)."
+        )
     kind = {"f": "f8", "i": "i8", "u": "i8", "b": "?", "U": "U"}.get(values.dtype.kind)
     if kind is None or values.dtype == np.uint64:
-        raise DataError(f"The study returned {name} of type {values.dtype}; allowed are numbers and words.")
+        raise DataError(
+            f"The study returned {name} of type {values.dtype}; allowed are numbers and words."
+        )
     return np.ma.asarray(values.astype(kind))
 
 
 def _sentence(error: BaseException) -> str:
     words = str(error)
-    return str(CraneError(words if isinstance(error, CraneError) and words else f"{type(error).__name__}: {words}".rstrip(": ")))
+    return str(
+        CraneError(
+            words
+            if isinstance(error, CraneError) and words
+            else f"{type(error).__name__}: {words}".rstrip(": ")
+        )
+    )

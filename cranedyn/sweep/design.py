@@ -1,4 +1,6 @@
-"""Which cases a study is made of: every combination, points that fill a box, and products of both."""
+"""Which cases a study is made of: every combination, points that fill a box, and products of
+both.
+"""
 
 from __future__ import annotations
 
@@ -32,12 +34,13 @@ class Design:
     """A table of cases, one a row.
 
     Attributes:
-        columns: By the name of the parameter, in this order: finite numbers, or words that name a controller, a reference or the like;
-            shape (n,) each. They are copied, and cannot be written to.
+        columns: By the name of the parameter, in this order: finite numbers, or words that name a
+            controller, a reference or the like; shape (n,) each. They are copied, and cannot be
+            written to.
 
     Raises:
-        CraneError: If there is no column or no row, the columns differ in length, a name is empty or one of `RESERVED`, or values are
-            neither finite numbers nor printable words.
+        CraneError: If there is no column or no row, the columns differ in length, a name is empty
+            or one of `RESERVED`, or values are neither finite numbers nor printable words.
     """
 
     columns: Mapping[str, np.ndarray]
@@ -48,7 +51,10 @@ class Design:
         lengths = {len(values) for values in columns.values()}
         if len(lengths) != 1 or lengths == {0}:
             counts = ", ".join(f"{name} has {len(values)}" for name, values in columns.items())
-            raise DataError(f"A design needs columns of one length, with a case at least; {counts or 'there is no column'}.")
+            raise DataError(
+                "A design needs columns of one length, with a case at least; "
+                f"{counts or 'there is no column'}."
+            )
         object.__setattr__(self, "columns", columns)
 
     def __len__(self) -> int:
@@ -85,17 +91,22 @@ def grid(**values: Values) -> Design:
     Raises:
         CraneError: As `Design`, or if the table would not fit the memory.
     """
-    designs = [Design({name: _column(name, given)}) for name, given in values.items()] or [Design({})]
+    designs = [Design({name: _column(name, given)}) for name, given in values.items()] or [
+        Design({})
+    ]
     _check_memory(math.prod(map(len, designs)), *designs)
     return reduce(cross, designs)
 
 
-def sampled(count: int, /, *, seed: int, method: str = "sobol", **ranges: tuple[float, float]) -> Design:
+def sampled(
+    count: int, /, *, seed: int, method: str = "sobol", **ranges: tuple[float, float]
+) -> Design:
     """Points that fill a box evenly; the same seed gives the same points.
 
-    A Latin hypercube has one point in each of ``count`` equal slices of every range (McKay, Beckman and Conover 1979). Sobol points,
-    scrambled, fill the box itself (Sobol 1967, Owen 1995). They are balanced where their count is a power of two; of another count they
-    are the first points of the next power of two, and more points of the same seed go on from the fewer.
+    A Latin hypercube has one point in each of ``count`` equal slices of every range (McKay, Beckman
+    and Conover 1979). Sobol points, scrambled, fill the box itself (Sobol 1967, Owen 1995). They
+    are balanced where their count is a power of two; of another count they are the first points of
+    the next power of two, and more points of the same seed go on from the fewer.
 
     Args:
         count: Number of points.
@@ -104,14 +115,17 @@ def sampled(count: int, /, *, seed: int, method: str = "sobol", **ranges: tuple[
         ranges: By parameter, its smallest and its largest value.
 
     Raises:
-        CraneError: If a number is not allowed, the method is unknown, a range is not two finite numbers in increasing order, or the table
-            would not fit the memory.
+        CraneError: If a number is not allowed, the method is unknown, a range is not two finite
+            numbers in increasing order, or the table would not fit the memory.
     """
     from scipy.stats import qmc
 
     if method not in METHODS:
         raise UnknownName("method of sampling", method, METHODS)
-    n, rng = whole("number of points", count, 1, 2**30), np.random.default_rng(whole("seed", seed, 0))
+    n, rng = (
+        whole("number of points", count, 1, 2**30),
+        np.random.default_rng(whole("seed", seed, 0)),
+    )
     box = np.array([_range(name, given) for name, given in ranges.items()]).reshape(-1, 2).T
     if not ranges:
         return Design({})
@@ -132,7 +146,9 @@ def cross(a: Design, b: Design) -> Design:
         CraneError: If they share a parameter, or the table would not fit the memory.
     """
     if shared := [name for name in a.columns if name in b.columns]:
-        raise DataError(f"Both designs have the parameter {', '.join(shared)}; each may be in one of them.")
+        raise DataError(
+            f"Both designs have the parameter {', '.join(shared)}; each may be in one of them."
+        )
     _check_memory(len(a) * len(b), a, b)
     slow = {name: np.repeat(values, len(b)) for name, values in a.columns.items()}
     return Design(slow | {name: np.tile(values, len(a)) for name, values in b.columns.items()})
@@ -156,12 +172,21 @@ def _range(name: str, given: Any) -> tuple[float, float]:
 
 def _column(name: str, given: Values) -> np.ndarray:
     if not isinstance(name, str) or not name or not name.isprintable() or name in RESERVED:
-        raise CraneError(f"A parameter cannot be called {shown(name)}; allowed is any word but {' and '.join(RESERVED)}.")
-    values = np.array(given, dtype=float) if isinstance(given, np.ndarray) and given.dtype.kind in "biuf" else _listed(name, given)
+        raise CraneError(
+            f"A parameter cannot be called {shown(name)}; allowed is any word but "
+            f"{' and '.join(RESERVED)}."
+        )
+    values = (
+        np.array(given, dtype=float)
+        if isinstance(given, np.ndarray) and given.dtype.kind in "biuf"
+        else _listed(name, given)
+    )
     if values.ndim != 1:
         raise OutOfRange(f"shape of {name}", values.shape, "one row of values")
     if values.dtype.kind == "f" and not (finite := np.isfinite(values)).all():
-        raise OutOfRange(f"{name} of case {int(np.argmin(finite))}", float(values[~finite][0]), "a finite number")
+        raise OutOfRange(
+            f"{name} of case {int(np.argmin(finite))}", float(values[~finite][0]), "a finite number"
+        )
     values.flags.writeable = False
     return values
 

@@ -18,7 +18,9 @@ def whole(name: str, value: object, least: int, most: float = math.inf) -> int:
     """
     x = number(name, value)
     if x != int(x) or not least <= x <= most:
-        raise OutOfRange(name, value, f"a whole number from {least}" + (f" to {most}" if most < math.inf else ""))
+        raise OutOfRange(
+            name, value, f"a whole number from {least}" + (f" to {most}" if most < math.inf else "")
+        )
     return int(x)
 
 
@@ -34,7 +36,10 @@ def check_memory(what: str, needed: float) -> None:
         DataError: If it does not, with both sizes.
     """
     if needed > (allowed := memory()):
-        raise DataError(f"{what} would take {needed / 1e9:.3g} GB of memory; allowed are {allowed / 1e9:.3g} GB, half of what there is.")
+        raise DataError(
+            f"{what} would take {needed / 1e9:.3g} GB of memory; allowed are {allowed / 1e9:.3g} "
+            "GB, half of what there is."
+        )
 
 
 def check_disk(folder: Path, cases: int, width: float) -> None:
@@ -50,4 +55,7 @@ def check_disk(folder: Path, cases: int, width: float) -> None:
     """
     needed, free = cases * width, shutil.disk_usage(folder).free
     if needed > free:
-        raise DataError(f"The results of {cases} cases would take {needed / 1e9:.3g} GB; {free / 1e9:.3g} GB are free in {folder}.")
+        raise DataError(
+            f"The results of {cases} cases would take {needed / 1e9:.3g} GB; {free / 1e9:.3g} GB "
+            f"are free in {folder}."
+        )

@@ -33,7 +33,8 @@ class Manifest:
     Attributes:
         study: Module and name of the study.
         version: Of cranedyn.
-        sources: Checksums of the files that the study is computed by, see `cranedyn.sweep.sources.sources`.
+        sources: Checksums of the files that the study is computed by, see
+            `cranedyn.sweep.sources.sources`.
         design: Fingerprint of the design.
         parameters: Its columns, in order.
         cases: Its number of cases.
@@ -106,14 +107,17 @@ def read_manifest(folder: Path) -> Manifest:
             raise ValueError
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise DataError(
-            f"{path} is damaged, or of another version of cranedyn; the parts beside it may be whole: "
+            f"{path} is damaged, or of another version of cranedyn; the parts beside it may be "
+            "whole: "
             "put the file back as it was, or sweep into another folder."
         ) from None
     return manifest
 
 
 def _sound(manifest: Manifest) -> bool:
-    """Whether all is of the kind that it should be, and numbers are such that parts can be counted."""
+    """Whether all is of the kind that it should be, and numbers are such that parts can be
+    counted.
+    """
     words = (manifest.study, manifest.version, manifest.design, *manifest.parameters)
     numbers = (manifest.cases, manifest.chunk)
     return (
@@ -126,19 +130,24 @@ def _sound(manifest: Manifest) -> bool:
 
 @contextmanager
 def claimed(folder: Path, manifest: Manifest, chunk_given: bool) -> Iterator[Manifest]:
-    """Have the folder for this process alone, begun anew if no part is there; what a killed process left half written is removed.
+    """Have the folder for this process alone, begun anew if no part is there; what a killed process
+    left half written is removed.
 
     What was made for it goes again if it is refused, or the sweep is before anything is done.
 
     Yields:
-        The manifest that holds: that given, with chunks of the size begun with if none was asked for.
+        The manifest that holds: that given, with chunks of the size begun with if none was asked
+        for.
 
     Raises:
-        DataError: If the folder holds another sweep or anything else, another process is at it, or it cannot be written to.
+        DataError: If the folder holds another sweep or anything else, another process is at it, or
+            it cannot be written to.
     """
     if strangers := _strangers(folder):
         shown = ", ".join(strangers[:3]) + (", …" if strangers[3:] else "")
-        raise DataError(f"Cannot sweep in {folder}: it holds other things ({shown}); give a folder of its own.")
+        raise DataError(
+            f"Cannot sweep in {folder}: it holds other things ({shown}); give a folder of its own."
+        )
     with _made(folder), _locked(folder):
         parts, ours = False, False
         try:
@@ -162,13 +171,20 @@ def claimed(folder: Path, manifest: Manifest, chunk_given: bool) -> Iterator[Man
 
 def _write(path: Path, manifest: Manifest) -> None:
     with written(path) as draft:
-        draft.write_text(json.dumps({**asdict(manifest), "checksum": manifest.checksum}, indent=1), encoding="utf-8")
+        draft.write_text(
+            json.dumps({**asdict(manifest), "checksum": manifest.checksum}, indent=1),
+            encoding="utf-8",
+        )
 
 
 def _strangers(folder: Path) -> list[str]:
     """What is in a folder that is none of a sweep."""
     names = _names(folder)
-    return [] if MANIFEST in names else sorted(name for name in names if name != LOCK and not name.startswith("._sweep."))
+    return (
+        []
+        if MANIFEST in names
+        else sorted(name for name in names if name != LOCK and not name.startswith("._sweep."))
+    )
 
 
 def _names(folder: Path) -> set[str]:
@@ -183,7 +199,9 @@ def _names(folder: Path) -> set[str]:
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """The folder, with those above it; after an error those that were not there before go again if they are empty."""
+    """The folder, with those above it; after an error those that were not there before go again if
+    they are empty.
+    """
     missing = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
     try:
         make_folder(folder)
@@ -199,13 +217,16 @@ def _made(folder: Path) -> Iterator[None]:
 def _locked(folder: Path) -> Iterator[None]:
     path = folder / LOCK
     try:
-        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+        file = os.open(
+            path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666
+        )
     except OSError as error:
         raise DataError(f"Cannot sweep in {folder}: {error.strerror}.") from error
     try:
         if not stat.S_ISREG(os.fstat(file).st_mode):
             raise DataError(f"Cannot sweep in {folder}: {LOCK} in it is no file.")
-        if flocked(file, path) in ("taken", "gone"):  # gone with a refused sweep, which has just removed it
+        # Gone with a refused sweep, which has just removed it.
+        if flocked(file, path) in ("taken", "gone"):
             raise DataError(f"Cannot sweep in {folder}: another process is sweeping there.")
         yield
     finally:
@@ -219,7 +240,11 @@ def _same(folder: Path, found: Manifest, asked: Manifest, chunk_given: bool) -> 
             ("study is", found.study, asked.study),
             ("parameters are", ", ".join(found.parameters), ", ".join(asked.parameters)),
             ("number of cases is", found.cases, asked.cases),
-            ("number of cases in a part is", found.chunk, asked.chunk if chunk_given else found.chunk),
+            (
+                "number of cases in a part is",
+                found.chunk,
+                asked.chunk if chunk_given else found.chunk,
+            ),
         )
         if there != here
     ]
@@ -241,4 +266,7 @@ def _check_code(folder: Path, found: Manifest, asked: Manifest) -> None:
         code, way_back = f"by other code: {shown} changed since", "put that back as it was"
     else:
         return
-    raise DataError(f"Cannot sweep on in {folder}: what is there was computed {code}; {way_back}, or sweep into another folder.")
+    raise DataError(
+        f"Cannot sweep on in {folder}: what is there was computed {code}; {way_back}, or sweep "
+        "into another folder."
+    )

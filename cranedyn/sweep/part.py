@@ -1,6 +1,8 @@
-"""One part of a sweep: a Parquet file that carries the checksum of itself and says of which sweep it is which part.
+"""One part of a sweep: a Parquet file that carries the checksum of itself and says of which sweep
+it is which part.
 
-The checksum is looked at before anything else: Arrow's reader is not made for damaged files, some of which end the process.
+The checksum is looked at before anything else: Arrow's reader is not made for damaged files, some
+of which end the process.
 """
 
 from __future__ import annotations
@@ -62,16 +64,26 @@ def opened(folder: Path, manifest: Manifest, part: int) -> Iterator[pq.ParquetFi
                 raise DataError(f"{path} is no file; move it away, and its cases are computed.")
             if not is_whole(file):
                 raise Damaged(f"{path} is not as it was written.")
-        # by a name of the system's, which may be no UTF-8: threads of Arrow that hold an object of Python's abort a program that ends
-        with open(path, "rb") as file, pa.OSFile(f"/dev/fd/{file.fileno()}") as same, pq.ParquetFile(same) as found:
+        # by a name of the system's, which may be no UTF-8: threads of Arrow that hold an object of
+        # Python's abort a program that ends
+        with (
+            open(path, "rb") as file,
+            pa.OSFile(f"/dev/fd/{file.fileno()}") as same,
+            pq.ParquetFile(same) as found,
+        ):
             label = (found.metadata.metadata or {}).get(_KEY, b"").partition(_MARK)[0]
             if not label.endswith(manifest.checksum.encode()):
-                raise DataError(f"{path} is whole, but of another sweep; move it away, and its cases are computed.")
+                raise DataError(
+                    f"{path} is whole, but of another sweep; move it away, and its cases are "
+                    "computed."
+                )
             if label != _label(manifest, part):
                 raise Damaged(f"{path} is another part of the same sweep.")
             yield found
     except (OSError, pa.ArrowException) as error:
-        raise DataError(f"Cannot read {path}: {getattr(error, 'strerror', None) or error}.") from error
+        raise DataError(
+            f"Cannot read {path}: {getattr(error, 'strerror', None) or error}."
+        ) from error
 
 
 def _label(manifest: Manifest, part: int) -> bytes:
@@ -79,7 +91,9 @@ def _label(manifest: Manifest, part: int) -> bytes:
 
 
 def is_whole(file: BinaryIO) -> bool:
-    """Whether a part has the checksum that it names in its last megabyte, where this itself counts as zeros."""
+    """Whether a part has the checksum that it names in its last megabyte, where this itself counts
+    as zeros.
+    """
     size = file.seek(0, os.SEEK_END)
     start = file.seek(max(0, size - _TAIL))
     tail = file.read(_TAIL)

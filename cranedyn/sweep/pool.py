@@ -31,7 +31,8 @@ class Pool(Protocol):
     """Takes chunks of cases and gives back their results.
 
     Attributes:
-        exact: Whether a chunk whose worker died is itself to blame; elsewhere another that was computed beside it may be.
+        exact: Whether a chunk whose worker died is itself to blame; elsewhere another that was
+            computed beside it may be.
         lost: What is said of a case that is to blame.
     """
 
@@ -45,7 +46,8 @@ class Pool(Protocol):
         """Have a chunk computed."""
 
     def wait(self) -> list[tuple[Rows, pa.Table | None]]:
-        """The chunks that are done, one at least, each with its results, or None where its worker died.
+        """The chunks that are done, one at least, each with its results, or None where its worker
+        died.
 
         Raises:
             CraneError: If nothing can be computed here any more.
@@ -56,7 +58,9 @@ class Pool(Protocol):
 
 
 class Cores:
-    """Processes of this machine, each with a pipe of its own: of one that dies it is known over which chunk, and no other suffers."""
+    """Processes of this machine, each with a pipe of its own: of one that dies it is known over
+    which chunk, and no other suffers.
+    """
 
     exact, lost = True, DIED
 
@@ -93,12 +97,16 @@ class Cores:
     def submit(self, rows: Rows, columns: Mapping[str, np.ndarray]) -> None:
         """Give a chunk to a process that has nothing to do."""
         lane = self._free.pop()
-        self._busy[lane.pipe] = _Task(lane, rows, time.monotonic() + self._limit * (rows[1] - rows[0]))
+        self._busy[lane.pipe] = _Task(
+            lane, rows, time.monotonic() + self._limit * (rows[1] - rows[0])
+        )
         with suppress(OSError):  # it has died: that is found by waiting
             lane.pipe.send(columns)
 
     def wait(self) -> list[tuple[Rows, pa.Table | None]]:
-        """The chunks that are done; a process that died, or had to be ended at its time limit, has a successor."""
+        """The chunks that are done; a process that died, or had to be ended at its time limit, has
+        a successor.
+        """
         done: list[tuple[Rows, pa.Table | None]] = []
         while not done:
             left = min(task.deadline for task in self._busy.values()) - time.monotonic()
@@ -110,9 +118,15 @@ class Cores:
                     done.append((rows, None))
                     lane = self._replaced(lane)
                 self._free.append(lane)
-            for lane, rows, _ in [task for task in self._busy.values() if task.deadline <= time.monotonic() and not task.lane.pipe.poll()]:
+            for lane, rows, _ in [
+                task
+                for task in self._busy.values()
+                if task.deadline <= time.monotonic() and not task.lane.pipe.poll()
+            ]:
                 del self._busy[lane.pipe]
-                done.append((rows, failed(1, LATE.format(self._limit)) if rows[1] - rows[0] == 1 else None))
+                done.append(
+                    (rows, failed(1, LATE.format(self._limit)) if rows[1] - rows[0] == 1 else None)
+                )
                 self._free.append(self._replaced(lane))
         return done
 
@@ -130,7 +144,9 @@ class Cores:
 
 
 class _Task(NamedTuple):
-    """A chunk under way: in which process, and until when it must be done [s], on the monotonic clock."""
+    """A chunk under way: in which process, and until when it must be done [s], on the monotonic
+    clock.
+    """
 
     lane: _Lane
     rows: Rows
@@ -144,18 +160,23 @@ class _Lane:
         try:
             self.pipe, theirs = _SPAWN.Pipe()
             with theirs:
-                self.process = _SPAWN.Process(target=_serve, args=(theirs, study, code), daemon=True)
+                self.process = _SPAWN.Process(
+                    target=_serve, args=(theirs, study, code), daemon=True
+                )
                 with _deaf():
                     self.process.start()
         except OSError as error:
-            raise CraneError(f"Cannot start a worker process: {error.strerror or error}.") from error
+            raise CraneError(
+                f"Cannot start a worker process: {error.strerror or error}."
+            ) from error
 
     def check(self) -> None:
         try:
             self.received()
         except (EOFError, OSError):
             raise CraneError(
-                "A worker process ended before it began; a script that sweeps must do so under if __name__ == '__main__'."
+                "A worker process ended before it began; a script that sweeps must do so under if "
+                "__name__ == '__main__'."
             ) from None
 
     def received(self) -> pa.Table | None:
@@ -185,8 +206,11 @@ def _serve(pipe: Connection, study: str, code: str) -> None:
 
 @contextmanager
 def _deaf() -> Iterator[None]:
-    """Processes started here never hear of Ctrl-C, which goes to all processes of a terminal: their parent ends them."""
-    resource_tracker.ensure_running()  # a process of multiprocessing's own, at whose start it would unblock the signal
+    """Processes started here never hear of Ctrl-C, which goes to all processes of a terminal: their
+    parent ends them.
+    """
+    # A process of multiprocessing's own, at whose start it would unblock the signal.
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

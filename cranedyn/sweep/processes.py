@@ -14,10 +14,12 @@ _PR_SET_PDEATHSIG = 1
 
 
 def end_with_parent() -> None:
-    """End this process, a spawned one of `multiprocessing`, as soon as its parent has ended; to be called in it, first of all.
+    """End this process, a spawned one of `multiprocessing`, as soon as its parent has ended; to be
+    called in it, first of all.
 
-    A thread waits for the parent. Where the thread does not get its turn, in compiled code that keeps Python's lock, Linux itself kills
-    the process; it does so, too, when the thread that started the process ends, so that this must live as long as the process shall.
+    A thread waits for the parent. Where the thread does not get its turn, in compiled code that
+    keeps Python's lock, Linux itself kills the process; it does so, too, when the thread that
+    started the process ends, so that this must live as long as the process shall.
     """
     parent = multiprocessing.parent_process()
     if parent is None:
@@ -25,7 +27,8 @@ def end_with_parent() -> None:
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
-    threading.Thread(target=_end_after, args=(parent,), daemon=True).start()  # it is there at once if the parent has ended meanwhile
+    # It is there at once if the parent has ended meanwhile.
+    threading.Thread(target=_end_after, args=(parent,), daemon=True).start()
 
 
 def _end_after(parent: multiprocessing.process.BaseProcess) -> None:

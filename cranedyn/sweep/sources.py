@@ -17,14 +17,15 @@ _ENDINGS = ("*.py", "*.xacro")
 def sources(study: str) -> dict[str, str]:
     """Checksums of what a study is computed by.
 
-    These are all files of the package at the top of its name, or the one file of a module in none, and all of cranedyn with its
-    descriptions of cranes. Other packages are not looked at.
+    These are all files of the package at the top of its name, or the one file of a module in none,
+    and all of cranedyn with its descriptions of cranes. Other packages are not looked at.
 
     Args:
         study: Its name, see `cranedyn.sweep.chunk.name_of`.
 
     Returns:
-        By file, under its name below the folder that it is imported from, the SHA-256 of its content; sorted.
+        By file, under its name below the folder that it is imported from, the SHA-256 of its
+        content; sorted.
 
     Raises:
         DataError: If a file cannot be read.
@@ -34,13 +35,17 @@ def sources(study: str) -> dict[str, str]:
         for name, path in (*_files(study.partition(":")[0].partition(".")[0]), *_files("cranedyn")):
             found[name] = digest_of(path)
     except OSError as error:
-        raise DataError(f"Cannot read {error.filename}, which the study may be made of: {error.strerror}.") from error
+        raise DataError(
+            f"Cannot read {error.filename}, which the study may be made of: {error.strerror}."
+        ) from error
     return dict(sorted(found.items()))
 
 
 def digest(files: Mapping[str, str]) -> str:
     """One checksum of them all."""
-    return hashlib.sha256("".join(f"{checksum} {name}\n" for name, checksum in files.items()).encode()).hexdigest()
+    return hashlib.sha256(
+        "".join(f"{checksum} {name}\n" for name, checksum in files.items()).encode()
+    ).hexdigest()
 
 
 def changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
@@ -49,7 +54,9 @@ def changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
 
 
 def _files(package: str) -> Iterator[tuple[str, Path]]:
-    """The files of a package or of a module, each with its name below the folder that it is imported from."""
+    """The files of a package or of a module, each with its name below the folder that it is
+    imported from.
+    """
     try:
         spec = importlib.util.find_spec(package)
     except (ImportError, ValueError):
@@ -58,9 +65,12 @@ def _files(package: str) -> Iterator[tuple[str, Path]]:
         return
     folders = {folder: package for folder in spec.submodule_search_locations or ()}
     if package == "cranedyn" and (_OURS / "urdf").is_dir():
-        folders[str(_OURS / "urdf")] = "cranedyn/urdf"  # beside the package in a checkout, inside of it once installed
+        # Beside the package in a checkout, inside of it once installed.
+        folders[str(_OURS / "urdf")] = "cranedyn/urdf"
     for folder, name in folders.items():
-        for path in (path for ending in _ENDINGS for path in Path(folder).rglob(ending) if path.is_file()):
+        for path in (
+            path for ending in _ENDINGS for path in Path(folder).rglob(ending) if path.is_file()
+        ):
             yield f"{name}/{path.relative_to(folder).as_posix()}", path
     if not folders and spec.origin and spec.origin.endswith(".py"):
         yield f"{package}.py", Path(spec.origin)

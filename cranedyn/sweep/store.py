@@ -34,7 +34,13 @@ def finished(folder: Path, manifest: Manifest, part: int) -> tuple[int, int] | N
         return None
 
 
-def write_part(folder: Path, manifest: Manifest, part: int, parameters: Mapping[str, np.ndarray], found: pa.Table) -> int:
+def write_part(
+    folder: Path,
+    manifest: Manifest,
+    part: int,
+    parameters: Mapping[str, np.ndarray],
+    found: pa.Table,
+) -> int:
     """Write a part: number and parameters of the cases, then what was found; returns its bytes.
 
     Raises:
@@ -46,10 +52,12 @@ def write_part(folder: Path, manifest: Manifest, part: int, parameters: Mapping[
 
 
 def unify(folder: Path, manifest: Manifest) -> None:
-    """Give all parts the same columns, so that the folder is one dataset to any reader: where all cases are bad, results are missing.
+    """Give all parts the same columns, so that the folder is one dataset to any reader: where all
+    cases are bad, results are missing.
 
     Raises:
-        DataError: If a result is a number in one part and a word in another, or a part cannot be read or written.
+        DataError: If a result is a number in one part and a word in another, or a part cannot be
+            read or written.
     """
     schemas = []
     for part in range(manifest.parts):
@@ -65,23 +73,28 @@ def unify(folder: Path, manifest: Manifest) -> None:
 
 
 def results(folder: str | Path, *, partial: bool = False) -> pa.Table:
-    """All cases of a sweep in their order: `case`, the parameters, the results, and `error`, null where a case went well.
+    """All cases of a sweep in their order: `case`, the parameters, the results, and `error`, null
+    where a case went well.
 
     Args:
         folder: Where it was swept.
         partial: Whether a sweep that is not finished gives what there is, but for damaged parts.
 
     Raises:
-        DataError: If there is no sweep, it is not finished, a part is damaged or cannot be read, or the table would not fit the memory.
+        DataError: If there is no sweep, it is not finished, a part is damaged or cannot be read, or
+            the table would not fit the memory.
     """
     folder = as_folder(folder)
     manifest = read_manifest(folder)
     tables, damaged = _whole_parts(folder, manifest)
     rows = sum(map(len, tables))
     if rows < manifest.cases and not partial:
-        names = ", ".join(damaged[:_SHOWN]) + (f" and {len(damaged) - _SHOWN} more" if damaged[_SHOWN:] else "")
+        names = ", ".join(damaged[:_SHOWN]) + (
+            f" and {len(damaged) - _SHOWN} more" if damaged[_SHOWN:] else ""
+        )
         raise DataError(
-            f"The sweep in {folder} is not finished: {rows} of {manifest.cases} cases are there; sweep on, or ask for a partial table."
+            f"The sweep in {folder} is not finished: {rows} of {manifest.cases} cases are there; "
+            "sweep on, or ask for a partial table."
             + (f" Damaged, and computed again as it goes on: {names}." if names else "")
         )
     if not tables:

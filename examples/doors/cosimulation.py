@@ -1,6 +1,8 @@
-"""The crane as an FMU in another simulator's hands: FMPy steps it under a brake written here, beside `simulate` under the same brake.
+"""The crane as an FMU in another simulator's hands: FMPy steps it under a brake written here,
+beside `simulate` under the same brake.
 
-``python examples/doors/cosimulation.py --out FOLDER``; it needs ``pip install 'cranedyn[fmi]' fmpy`` and a C compiler.
+``python examples/doors/cosimulation.py --out FOLDER``; it needs ``pip install 'cranedyn[fmi]'
+fmpy`` and a C compiler.
 """
 
 from __future__ import annotations
@@ -27,9 +29,18 @@ COMMANDS = ("T_gamma_command", "F_x_command", "F_l_command")
 
 
 def main(arguments: Sequence[str] | None = None) -> tuple[float, float]:
-    """Export, step and compare; returns the largest difference from `simulate` and how many times real time the stepping was."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("out/cosimulation"), help="folder for the unit, which must not be there")
+    """Export, step and compare; returns the largest difference from `simulate` and how many times
+    real time the stepping was.
+    """
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/cosimulation"),
+        help="folder for the unit, which must not be there",
+    )
     out: Path = parser.parse_args(arguments).out
     out.mkdir(parents=True, exist_ok=True)
 
@@ -38,7 +49,12 @@ def main(arguments: Sequence[str] | None = None) -> tuple[float, float]:
     path = export(crane, out / "crane.fmu")
     description = fmpy.read_model_description(path)
     reference = {variable.name: variable.valueReference for variable in description.modelVariables}
-    unit = FMU3Slave(guid=description.guid, unzipDirectory=fmpy.extract(path, out / "unpacked"), modelIdentifier=NAME, instanceName="crane")
+    unit = FMU3Slave(
+        guid=description.guid,
+        unzipDirectory=fmpy.extract(path, out / "unpacked"),
+        modelIdentifier=NAME,
+        instanceName="crane",
+    )
     unit.instantiate()
     unit.enterInitializationMode()
     unit.setFloat64([reference[f"{name}_start"] for name in ("x", "l", "phi")], [12.0, 11.0, 0.2])
@@ -49,15 +65,22 @@ def main(arguments: Sequence[str] | None = None) -> tuple[float, float]:
     for k in range(round(DURATION / PERIOD) + 1):
         z = np.array(unit.getFloat64(states))
         rows.append(z)
-        unit.setFloat64(commands, brake(k * PERIOD, State(*np.split(z, 2)), Setpoint(*goal)).tolist())
+        unit.setFloat64(
+            commands, brake(k * PERIOD, State(*np.split(z, 2)), Setpoint(*goal)).tolist()
+        )
         unit.doStep(k * PERIOD, PERIOD)
     speed = DURATION / (time.perf_counter() - began)
     unit.terminate()
     unit.freeInstance()
 
-    run = simulate(crane, brake, start=start, duration=DURATION, control_period=PERIOD, engine="compiled")
+    run = simulate(
+        crane, brake, start=start, duration=DURATION, control_period=PERIOD, engine="compiled"
+    )
     off = float(np.abs(np.array(rows) - np.hstack([run.q, run.v])).max())
-    print(f"largest difference from simulate in {DURATION:g} s: {off:.1e}; FMPy with the brake in Python: {speed:.0f} times real time")
+    print(
+        f"largest difference from simulate in {DURATION:g} s: {off:.1e}; FMPy with the brake in "
+        f"Python: {speed:.0f} times real time"
+    )
     return off, speed
 
 

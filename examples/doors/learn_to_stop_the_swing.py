@@ -1,7 +1,9 @@
-"""Learn to move a load without swing: PPO of Stable-Baselines3 on compiled cranes, then its place beside the strategies of `compare`.
+"""Learn to move a load without swing: PPO of Stable-Baselines3 on compiled cranes, then its place
+beside the strategies of `compare`.
 
-``python examples/doors/learn_to_stop_the_swing.py --steps 3000000 --out FOLDER`` takes minutes on two cores. It needs
-``pip install torch 'cranedyn[learning]'``; torch by itself first, so that you choose the build: the one for the processor will do.
+``python examples/doors/learn_to_stop_the_swing.py --steps 3000000 --out FOLDER`` takes minutes on
+two cores. It needs ``pip install torch 'cranedyn[learning]'``; torch by itself first, so that you
+choose the build: the one for the processor will do.
 """
 
 from __future__ import annotations
@@ -33,14 +35,17 @@ SCALE = np.array([1.0, 0.1, 0.1, 10.0, 1.0, 1.0, 5.0, 5.0, 5.0, 5.0, 0.05, 0.05]
 """Brings what is observed to numbers of about one."""
 
 STANDING, FACTOR, WORST = 0.3, 3.0, -10.0
-"""Reward of a step far from the goal, which is added; what rewards are multiplied by then; and the least, for an end by too much swing."""
+"""Reward of a step far from the goal, which is added; what rewards are multiplied by then; and the
+least, for an end by too much swing."""
 
 BESIDE = ("spline alone", "spline + PD", "flat + LQR", "operator")
 """Strategies of `compare` that are shown beside what was learned."""
 
 
 def scaled(seen: np.ndarray) -> np.ndarray:
-    """Observations as the network takes them, shape (n, 19): ways to go and swings also by cube roots, which tell small ones apart."""
+    """Observations as the network takes them, shape (n, 19): ways to go and swings also by cube
+    roots, which tell small ones apart.
+    """
     return np.hstack([seen * SCALE, np.cbrt(seen[:, :3]), np.cbrt(seen[:, 6:10])])
 
 
@@ -80,7 +85,9 @@ class ForStableBaselines(VecEnv):
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         setattr(self.env, attr_name, value)
 
-    def env_method(self, method_name: str, *arguments: Any, indices: Any = None, **named: Any) -> list[Any]:
+    def env_method(
+        self, method_name: str, *arguments: Any, indices: Any = None, **named: Any
+    ) -> list[Any]:
         return [getattr(self.env, method_name)(*arguments, **named)] * self.num_envs
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
@@ -88,18 +95,30 @@ class ForStableBaselines(VecEnv):
 
 
 class Curve(BaseCallback):
-    """Keeps the learning curve: steps, seconds and the mean return of the episodes that have ended since."""
+    """Keeps the learning curve: steps, seconds and the mean return of the episodes that have ended
+    since.
+    """
 
     def __init__(self, many: ForStableBaselines) -> None:
         super().__init__()
-        self.many, self.rows, self.began = many, list[tuple[int, float, float]](), time.perf_counter()
+        self.many, self.rows, self.began = (
+            many,
+            list[tuple[int, float, float]](),
+            time.perf_counter(),
+        )
 
     def _on_step(self) -> bool:
         return True
 
     def _on_rollout_end(self) -> None:
         if self.many.finished:
-            self.rows.append((self.num_timesteps, time.perf_counter() - self.began, float(np.mean(self.many.finished))))
+            self.rows.append(
+                (
+                    self.num_timesteps,
+                    time.perf_counter() - self.began,
+                    float(np.mean(self.many.finished)),
+                )
+            )
             self.many.finished.clear()
             print("{:>9} steps {:6.0f} s  return {:8.2f}".format(*self.rows[-1]), flush=True)
 
@@ -112,14 +131,18 @@ class Learned(NamedTuple):
 
 
 def controller_of(model: PPO, task: Task, goal: np.ndarray) -> Controller:
-    """What was learned as a controller of ours, which commands accelerations and looks every 0.1 s."""
+    """What was learned as a controller of ours, which commands accelerations and looks every 0.1
+    s.
+    """
     known: dict[str, Any] = {"from": -np.inf, "command": np.zeros(3)}
 
     def controller(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         if t - known["from"] > task.fleet.control_period - 1e-6:
             z = np.concatenate(state)[:, None]
             action, _ = model.predict(scaled(task.observed(z, goal[:, None])), deterministic=True)
-            known.update({"from": t, "command": task.accelerations(action.T.astype(float), z)[:, 0]})
+            known.update(
+                {"from": t, "command": task.accelerations(action.T.astype(float), z)[:, 0]}
+            )
         return known["command"]
 
     return controller
@@ -127,17 +150,31 @@ def controller_of(model: PPO, task: Task, goal: np.ndarray) -> Controller:
 
 def main(arguments: Sequence[str] | None = None) -> Learned:
     """Learn, draw the curve, and make the moves of `compare`."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=3_000_000, help="steps of the environment to learn from")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--steps", type=int, default=3_000_000, help="steps of the environment to learn from"
+    )
     parser.add_argument("--cranes", type=int, default=256, help="cranes at once")
-    parser.add_argument("--beside", nargs="*", default=BESIDE, metavar="STRATEGY", help="strategies of compare to show beside it")
+    parser.add_argument(
+        "--beside",
+        nargs="*",
+        default=BESIDE,
+        metavar="STRATEGY",
+        help="strategies of compare to show beside it",
+    )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("out/learned"), help="folder for model, curve and figure")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/learned"), help="folder for model, curve and figure"
+    )
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)  # networks this small gain nothing from more
 
-    env = ForStableBaselines(TowerCraneVectorEnv(options.cranes, autoreset_mode="SameStep", max_episode_steps=300))
+    env = ForStableBaselines(
+        TowerCraneVectorEnv(options.cranes, autoreset_mode="SameStep", max_episode_steps=300)
+    )
     env.seed(options.seed)
     model = PPO(
         "MlpPolicy",
@@ -156,10 +193,20 @@ def main(arguments: Sequence[str] | None = None) -> Learned:
     model.learn(options.steps, callback=curve)
     model.save(options.out / "model")
     rows = np.array(curve.rows).reshape(-1, 3)
-    np.savetxt(options.out / "curve.csv", rows, delimiter=",", header="steps,seconds,mean_return", comments="")
+    np.savetxt(
+        options.out / "curve.csv",
+        rows,
+        delimiter=",",
+        header="steps,seconds,mean_return",
+        comments="",
+    )
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
     axes.plot(1e-6 * rows[:, 0], rows[:, 2])
-    axes.set(xlabel="steps of the environment [million]", ylabel="mean return of an episode", title="PPO on the tower crane")
+    axes.set(
+        xlabel="steps of the environment [million]",
+        ylabel="mean return of an episode",
+        title="PPO on the tower crane",
+    )
     figure.savefig(options.out / "curve.png", dpi=110)
     plt.close(figure)
     return Learned(rows, place(model, options.beside))
@@ -171,13 +218,21 @@ def place(model: PPO, beside: Sequence[str]) -> dict[str, Score]:
     task = Task(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
     plans = {name: STRATEGIES[name](setup, move) for name in beside}
     plans["learned"] = Plan(
-        lambda: controller_of(model, task, np.array(move.goal)), hold(setup.crane, move.ends(setup.crane)[1]), "motion", move.duration
+        lambda: controller_of(model, task, np.array(move.goal)),
+        hold(setup.crane, move.ends(setup.crane)[1]),
+        "motion",
+        move.duration,
     )
     scores = {name: make(setup, move, plan)[1] for name, plan in plans.items()}
     scores["learned, swinging start"] = make(setup, SWINGING, plans["learned"])[1]
-    print("strategy                  peak [mrad]  at arrival [mrad]  20 s later [mrad]  settled [s]")
+    print(
+        "strategy                  peak [mrad]  at arrival [mrad]  20 s later [mrad]  settled [s]"
+    )
     for name, score in scores.items():
-        print(f"{name:24} {1e3 * score.peak:12.1f} {1e3 * score.arrival:18.3g} {1e3 * score.later:18.3g} {score.settled:12.2f}")
+        print(
+            f"{name:24} {1e3 * score.peak:12.1f} {1e3 * score.arrival:18.3g} "
+            f"{1e3 * score.later:18.3g} {score.settled:12.2f}"
+        )
     return scores
 
 

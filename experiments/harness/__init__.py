@@ -5,7 +5,14 @@ from cranedyn.errors import CraneError
 from experiments.harness.arguments import add_mode, parser
 from experiments.harness.conduct import conduct
 from experiments.harness.outcome import MARKS, Claim, Outcome, Table
-from experiments.harness.setup import ProgressReporter, Setup, add_files, add_setup, analysing, recorded
+from experiments.harness.setup import (
+    ProgressReporter,
+    Setup,
+    add_files,
+    add_setup,
+    analysing,
+    recorded,
+)
 
 __all__ = [
     "FAILED",

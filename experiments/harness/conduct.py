@@ -29,11 +29,14 @@ FIGURES = (".png", ".svg")
 Experiment = Callable[[argparse.Namespace, Setup], Outcome]
 
 
-def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None = None) -> int:
+def conduct(
+    made: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None = None
+) -> int:
     """Run an experiment from the command line: print its tables and claims, write its files.
 
-    A claim that could not be judged under the arguments given is no pass: it is printed as "not judged", and the last line of the claims
-    counts those that hold, out of how many, and those not judged.
+    A claim that could not be judged under the arguments given is no pass: it is printed as "not
+    judged", and the last line of the claims counts those that hold, out of how many, and those not
+    judged.
 
     Returns:
         0 if no claim fails, 1 if one does or a run failed, 2 for bad arguments, 130 if interrupted.
@@ -41,7 +44,9 @@ def conduct(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequenc
     return command(lambda: _conducted(made, experiment, argv))
 
 
-def _conducted(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None) -> int:
+def _conducted(
+    made: argparse.ArgumentParser, experiment: Experiment, argv: Sequence[str] | None
+) -> int:
     options = parsed(made, argv)
     options.about, options.words = made.description, sys.argv[1:] if argv is None else argv
     with reserved(options.folder):
@@ -55,15 +60,24 @@ def _conducted(made: argparse.ArgumentParser, experiment: Experiment, argv: Sequ
     print(f"Written to {options.folder}.")
     if outcome.recording:
         _look(options)
-    return FAILED if any(claim.holds is not None and not claim.holds for claim in outcome.claims) else 0
+    return (
+        FAILED
+        if any(claim.holds is not None and not claim.holds for claim in outcome.claims)
+        else 0
+    )
 
 
 def _ran(experiment: Experiment, options: argparse.Namespace) -> Outcome:
     """The outcome of an experiment, its files written."""
-    document = read_document(options.document, options.experiment) if hasattr(options, "document") else None
+    document = (
+        read_document(options.document, options.experiment)
+        if hasattr(options, "document")
+        else None
+    )
     with reporting() as reporter:
         outcome = with_events(experiment(options, setup_of(options, reporter)))
-    if getattr(options, "integrator", "euler") != "euler":  # errors of the step are claimed of the rule that is usual
+    # Errors of the step are claimed of the rule that is usual.
+    if getattr(options, "integrator", "euler") != "euler":
         outcome = replace(outcome, claims=[replace(claim, holds=None) for claim in outcome.claims])
     if document is not None:
         document.filled(outcome.tables)  # what it asks for is there, or nothing is written
@@ -74,7 +88,9 @@ def _ran(experiment: Experiment, options: argparse.Namespace) -> Outcome:
 
 
 def _write(outcome: Outcome, options: argparse.Namespace) -> None:
-    """Write the files of a run as one set; the last, ``result.json``, names the others that are beside it, each with its digest."""
+    """Write the files of a run as one set; the last, ``result.json``, names the others that are
+    beside it, each with its digest.
+    """
     from cranedyn.plotting.figures import save
 
     result, folder = _result(outcome, options), options.folder
@@ -88,14 +104,24 @@ def _write(outcome: Outcome, options: argparse.Namespace) -> None:
                 save(figure, folder / f"{name}{ending}")
         if outcome.recording:
             _record(outcome, options)
-        result["files"] = {draft.final.name: digest(draft.path) for draft in drafts if draft.final.parent == folder}
+        result["files"] = {
+            draft.final.name: digest(draft.path) for draft in drafts if draft.final.parent == folder
+        }
         write_text(folder / "result.json", _json(result))
 
 
 def _json(result: dict[str, Any]) -> str:
-    """The result as text, refused before anything is written if there is a number in it that is none."""
+    """The result as text, refused before anything is written if there is a number in it that is
+    none.
+    """
     try:
-        return json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False, default=lambda number: number.item())
+        return json.dumps(
+            result,
+            indent=1,
+            ensure_ascii=False,
+            allow_nan=False,
+            default=lambda number: number.item(),
+        )
     except ValueError:
         bad = [
             f"{column} in row {i + 1} of the table {table['title']!r}"
@@ -104,7 +130,10 @@ def _json(result: dict[str, Any]) -> str:
             for column, value in zip(table["columns"], row, strict=True)
             if not isinstance(value, str | None) and not math.isfinite(value)
         ]
-        raise DataError(f"These arguments give a result that is not finite: {', '.join(bad) or 'one of its parameters'}.") from None
+        raise DataError(
+            "These arguments give a result that is not finite: "
+            f"{', '.join(bad) or 'one of its parameters'}."
+        ) from None
 
 
 def _record(outcome: Outcome, options: argparse.Namespace) -> None:
@@ -115,7 +144,12 @@ def _record(outcome: Outcome, options: argparse.Namespace) -> None:
         *(f"**{MARKS[claim.holds]}**: {claim.sentence}" for claim in outcome.claims),
         *(table.markdown() for table in outcome.tables),
     ]
-    recording.record(options.recording, outcome.recording, title=f"Experiment {options.experiment}", text="\n\n".join(text))
+    recording.record(
+        options.recording,
+        outcome.recording,
+        title=f"Experiment {options.experiment}",
+        text="\n\n".join(text),
+    )
 
 
 def _look(options: argparse.Namespace) -> None:
@@ -127,7 +161,10 @@ def _look(options: argparse.Namespace) -> None:
     if options.view:
         recording.open_viewer(options.recording)
     if options.serve:
-        with recording.serve(options.recording, port=options.port) as served, suppress(KeyboardInterrupt):
+        with (
+            recording.serve(options.recording, port=options.port) as served,
+            suppress(KeyboardInterrupt),
+        ):
             print(served.words)
             served.wait()
 
@@ -153,7 +190,10 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
             }
             for table in outcome.tables
         ],
-        "versions": {"python": platform.python_version(), **{name: _version(name) for name in packages}},
+        "versions": {
+            "python": platform.python_version(),
+            **{name: _version(name) for name in packages},
+        },
         "machine": f"{platform.system()} {platform.machine()}",
     }
 

@@ -1,7 +1,8 @@
-"""Documents that show tables of experiments as printed, between marks that say which, and whether they still do.
+"""Documents that show tables of experiments as printed, between marks that say which, and whether
+they still do.
 
-``python -m experiments.harness.document README.md docs/control.md`` says which cells are no longer those of the results in ``out``;
-with ``--write`` it puts these in.
+``python -m experiments.harness.document README.md docs/control.md`` says which cells are no longer
+those of the results in ``out``; with ``--write`` it puts these in.
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ from cranedyn.data.files import check_writable, parse_json, read_bytes, read_tex
 from cranedyn.errors import DataError, quoted
 from experiments.harness.outcome import Table
 
-_BLOCK = re.compile(r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)", re.DOTALL)
+_BLOCK = re.compile(
+    r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)",
+    re.DOTALL,
+)
 
 _Item = TypeVar("_Item")
 
@@ -30,8 +34,9 @@ _Item = TypeVar("_Item")
 class Document:
     """A Markdown document with blocks for the tables of an experiment.
 
-    A block begins with a line ``<!-- NAME: title -->`` and ends with ``<!-- end -->``; it holds the tables of the experiment NAME whose
-    titles begin with that title, all of them where none is given.
+    A block begins with a line ``<!-- NAME: title -->`` and ends with ``<!-- end -->``; it holds the
+    tables of the experiment NAME whose titles begin with that title, all of them where none is
+    given.
 
     Attributes:
         path: Where it is.
@@ -61,19 +66,29 @@ class Document:
         def filled(block: re.Match[str]) -> str:
             if block["experiment"] != self.experiment:
                 return block[0]
-            return "\n".join([block[1], *(f"{table.markdown()}\n" for table in self._asked(block, tables)), block[5]])
+            return "\n".join(
+                [
+                    block[1],
+                    *(f"{table.markdown()}\n" for table in self._asked(block, tables)),
+                    block[5],
+                ]
+            )
 
         return _BLOCK.sub(filled, self.text)
 
-    def stale(self, tables: Sequence[Table], *, part: bool = False, rounding: float = 0.0) -> list[str]:
+    def stale(
+        self, tables: Sequence[Table], *, part: bool = False, rounding: float = 0.0
+    ) -> list[str]:
         """Where it shows something else than tables made anew, a sentence each.
 
-        A number shown must be the new one rounded: off by half of its last digit, and by a hundredth of it for what lies on the edge.
+        A number shown must be the new one rounded: off by half of its last digit, and by a
+        hundredth of it for what lies on the edge.
 
         Args:
             tables: Those of the experiment.
             part: Whether rows that were not made are left alone.
-            rounding: By how much more a number may differ, where what is shown is the rounding of larger ones.
+            rounding: By how much more a number may differ, where what is shown is the rounding of
+                larger ones.
 
         Raises:
             DataError: If a block asks for a table that is not there.
@@ -83,13 +98,18 @@ class Document:
             for block in _BLOCK.finditer(self.text)
             if block["experiment"] == self.experiment
             for table in self._asked(block, tables)
-            for sentence in _differences(table, _shown(block["content"], table.title), part, rounding)
+            for sentence in _differences(
+                table, _shown(block["content"], table.title), part, rounding
+            )
         ]
 
     def _asked(self, block: re.Match[str], tables: Sequence[Table]) -> list[Table]:
         shown = [table for table in tables if table.title.startswith(block["title"])]
         if not shown:
-            raise DataError(f"{self.path} asks for a table {block['title']!r}, which is not among those of {self.experiment}.")
+            raise DataError(
+                f"{self.path} asks for a table {block['title']!r}, which is not among those of "
+                f"{self.experiment}."
+            )
         return shown
 
 
@@ -97,7 +117,8 @@ def read_document(path: str | Path, experiment: str) -> Document:
     """A document as it is.
 
     Raises:
-        DataError: If the file cannot be read or written, has no block for the experiment, or one that begins before another has ended.
+        DataError: If the file cannot be read or written, has no block for the experiment, or one
+            that begins before another has ended.
     """
     try:
         text = read_bytes(path).decode("utf-8").replace("\r\n", "\n")
@@ -106,9 +127,15 @@ def read_document(path: str | Path, experiment: str) -> Document:
     blocks = list(_BLOCK.finditer(text))
     for block in blocks:
         if "<!--" in block["content"] or "-->" in block["content"]:
-            raise DataError(f"{path}: the block {quoted(block[1].strip())} has no line <!-- end --> before the next one begins.")
+            raise DataError(
+                f"{path}: the block {quoted(block[1].strip())} has no line <!-- end --> before the "
+                "next one begins."
+            )
     if not any(block["experiment"] == experiment for block in blocks):
-        raise DataError(f"{path} has no lines <!-- {experiment}: --> and <!-- end -->; the tables go between them.")
+        raise DataError(
+            f"{path} has no lines <!-- {experiment}: --> and <!-- end -->; the tables go between "
+            "them."
+        )
     check_writable(path)
     return Document(Path(path), experiment, text)
 
@@ -121,7 +148,9 @@ def _shown(content: str, title: str) -> list[list[str]]:
     return [*rows[:1], *rows[2:]]
 
 
-def _differences(table: Table, shown: Sequence[Sequence[str]], part: bool, rounding: float) -> Iterator[str]:
+def _differences(
+    table: Table, shown: Sequence[Sequence[str]], part: bool, rounding: float
+) -> Iterator[str]:
     """What is shown of a table and is not in it any more, or is in it and not shown."""
     headers = [header for header, _ in table.columns]
     if not shown or list(shown[0]) != headers:
@@ -134,7 +163,9 @@ def _differences(table: Table, shown: Sequence[Sequence[str]], part: bool, round
         yield from (f"its row {name!r} was not made" for name in before if name not in made)
     yield from (f"a row {name!r} is not there" for name in made if name not in before)
     for name, (row, values) in made.items():
-        for (header, form), old, new, value in zip(table.columns, before.get(name, row), row, values, strict=True):
+        for (header, form), old, new, value in zip(
+            table.columns, before.get(name, row), row, values, strict=True
+        ):
             if not (old == new or _rounds(old, value, form, rounding)):
                 yield f"{header} of {name!r} is {old}, now {new}"
 
@@ -168,10 +199,23 @@ def last_digit(value: float, form: str) -> float:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit code 0 if all that documents show is what the results hold, 1 if not, 2 for bad arguments."""
-    made = Parser(prog="python -m experiments.harness.document", description="Say which cells of documents are stale.")
-    made.add_argument("documents", nargs="+", metavar="FILE.md", help="documents with tables between marks")
-    made.add_argument("--results", metavar="DIR", type=Path, default=Path("out"), help="folder of the results (default: %(default)s)")
+    """Exit code 0 if all that documents show is what the results hold, 1 if not, 2 for bad
+    arguments.
+    """
+    made = Parser(
+        prog="python -m experiments.harness.document",
+        description="Say which cells of documents are stale.",
+    )
+    made.add_argument(
+        "documents", nargs="+", metavar="FILE.md", help="documents with tables between marks"
+    )
+    made.add_argument(
+        "--results",
+        metavar="DIR",
+        type=Path,
+        default=Path("out"),
+        help="folder of the results (default: %(default)s)",
+    )
     made.add_argument("--write", action="store_true", help="put the tables of the results in")
     return command(lambda: _main(made.parse_args(argv)))
 
@@ -182,13 +226,18 @@ def _main(options: argparse.Namespace) -> int:
         for name in _experiments(path):
             folder = options.results / name
             if not os.path.isfile(folder / "result.json"):
-                print(f"{path}: there is no result of {name} in {options.results}; its tables are not looked at.")
+                print(
+                    f"{path}: there is no result of {name} in {options.results}; its tables are "
+                    "not looked at."
+                )
                 continue
             document, tables = read_document(path, name), _kept(folder / "result.json")
             stale += document.stale(tables)
             if options.write:
                 document.write(tables)
-    print(*stale, f"{len(stale)} cells or rows {'were' if options.write else 'are'} stale.", sep="\n")
+    print(
+        *stale, f"{len(stale)} cells or rows {'were' if options.write else 'are'} stale.", sep="\n"
+    )
     return FAILED if stale and not options.write else 0
 
 
@@ -203,7 +252,10 @@ def _kept(file: Path) -> list[Table]:
     try:
         return [Table.of(kept) for kept in parse_json(text)["tables"]]
     except (LookupError, TypeError, ValueError, RecursionError) as error:
-        raise DataError(f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: {error}).") from error
+        raise DataError(
+            f"Cannot read {file}: it is not the result of an experiment ({type(error).__name__}: "
+            f"{error})."
+        ) from error
 
 
 if __name__ == "__main__":

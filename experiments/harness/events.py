@@ -1,4 +1,6 @@
-"""Where the runs of an experiment left what the model holds for: a table, a figure and words for the recording."""
+"""Where the runs of an experiment left what the model holds for: a table, a figure and words for
+the recording.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +21,25 @@ if TYPE_CHECKING:
 
 
 def with_events(outcome: Outcome) -> Outcome:
-    """The outcome, with a table and a figure more if a recorded run goes beyond what the model holds for."""
+    """The outcome, with a table and a figure more if a recorded run goes beyond what the model
+    holds for.
+    """
     beyond = [run for run in outcome.recording if not run.trajectory.valid.all()]
     if not beyond:
         return outcome
-    rows = [(run.name, float(run.trajectory.t[event.row]), event.words) for run in beyond for event in events(run.crane, run.trajectory)]
-    table = Table("Where the model does not hold", [("run", ""), ("from [s]", ".3f"), ("because", "")], rows)
-    return replace(outcome, tables=[*outcome.tables, table], figures={**outcome.figures, "validity": _figure(beyond)})
+    rows = [
+        (run.name, float(run.trajectory.t[event.row]), event.words)
+        for run in beyond
+        for event in events(run.crane, run.trajectory)
+    ]
+    table = Table(
+        "Where the model does not hold", [("run", ""), ("from [s]", ".3f"), ("because", "")], rows
+    )
+    return replace(
+        outcome,
+        tables=[*outcome.tables, table],
+        figures={**outcome.figures, "validity": _figure(beyond)},
+    )
 
 
 def _figure(runs: Sequence[Run]) -> Figure:
@@ -35,9 +49,19 @@ def _figure(runs: Sequence[Run]) -> Figure:
         t, off = run.trajectory.t, run.trajectory.valid == 0.0
         edges = np.flatnonzero(np.diff(np.concatenate([[False], off, [False]]).astype(int)))
         period = float(t[1] - t[0]) if len(t) > 1 else 0.0
-        spans = [(float(t[a]), float(t[b - 1]) - float(t[a]) + period) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        spans = [
+            (float(t[a]), float(t[b - 1]) - float(t[a]) + period)
+            for a, b in zip(edges[::2], edges[1::2], strict=True)
+        ]
         ax.broken_barh(spans, (i - 0.3, 0.6), color="#D55E00", edgecolor="#D55E00")
         ax.axhline(i, color="#999999", linewidth=0.8, zorder=0)
-    ax.set(yticks=range(len(runs)), yticklabels=[run.name for run in runs], xlabel="time [s]; bars: the model does not hold")
-    ax.set_xlim(min(float(run.trajectory.t[0]) for run in runs), max(float(run.trajectory.t[-1]) for run in runs))
+    ax.set(
+        yticks=range(len(runs)),
+        yticklabels=[run.name for run in runs],
+        xlabel="time [s]; bars: the model does not hold",
+    )
+    ax.set_xlim(
+        min(float(run.trajectory.t[0]) for run in runs),
+        max(float(run.trajectory.t[-1]) for run in runs),
+    )
     return figure

@@ -1,4 +1,6 @@
-"""How far something long is where there is no terminal: a plain line on standard error now and then."""
+"""How far something long is where there is no terminal: a plain line on standard error now and
+then.
+"""
 
 from __future__ import annotations
 

@@ -24,7 +24,8 @@ MARKS = {True: "holds", False: "FAILS", None: "not judged"}
 """What is said of a claim."""
 
 FORMAT = re.compile(r"[+-]?,?(\.\d\d?)?[a-z%]?")
-"""Formats that a column may have: sign, thousands, digits, kind. None of them can make a long text of a short number."""
+"""Formats that a column may have: sign, thousands, digits, kind. None of them can make a long text
+of a short number."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +34,14 @@ class Table:
 
     Attributes:
         title: What it shows.
-        columns: Header and format of each column, for example ``("T [s]", ".3f")``; an empty format is for text.
+        columns: Header and format of each column, for example ``("T [s]", ".3f")``; an empty format
+            is for text.
         rows: The values; None is shown as a dash.
         note: What to know about it.
 
     Raises:
-        ValueError: If a column has another format than `FORMAT` allows, or a row does not fit the columns.
+        ValueError: If a column has another format than `FORMAT` allows, or a row does not fit the
+            columns.
     """
 
     title: str
@@ -60,18 +63,29 @@ class Table:
         Raises:
             LookupError, TypeError, ValueError: If it is none.
         """
-        return cls(kept["title"], list(zip(kept["columns"], kept["formats"], strict=True)), kept["rows"], kept["note"])
+        return cls(
+            kept["title"],
+            list(zip(kept["columns"], kept["formats"], strict=True)),
+            kept["rows"],
+            kept["note"],
+        )
 
     def shown(self) -> list[list[str]]:
         """The rows as text; a cell is one line, whatever is quoted in it."""
         return [
-            ["-" if value is None else printable(format(value, form)) for value, (_, form) in zip(row, self.columns, strict=True)]
+            [
+                "-" if value is None else printable(format(value, form))
+                for value, (_, form) in zip(row, self.columns, strict=True)
+            ]
             for row in self.rows
         ]
 
     def markdown(self) -> str:
         """The table in Markdown."""
-        head = [[header for header, _ in self.columns], ["---:" if form else "---" for _, form in self.columns]]
+        head = [
+            [header for header, _ in self.columns],
+            ["---:" if form else "---" for _, form in self.columns],
+        ]
         rows = [[cell.replace("|", "\\|") for cell in row] for row in self.shown()]
         lines = "\n".join(f"| {' | '.join(row)} |" for row in [*head, *rows])
         return "\n\n".join(part for part in (f"**{self.title}**", lines, self.note) if part)
@@ -79,7 +93,9 @@ class Table:
 
 @dataclass(frozen=True)
 class Claim:
-    """A sentence that holds or does not, or could not be judged (None) under the arguments given."""
+    """A sentence that holds or does not, or could not be judged (None) under the arguments
+    given.
+    """
 
     sentence: str
     holds: bool | None
@@ -107,7 +123,9 @@ class Outcome:
 
 
 def show(outcome: Outcome) -> None:
-    """Print tables, claims, and how many of these hold; on a terminal in its width, else in that of the variable COLUMNS or 80."""
+    """Print tables, claims, and how many of these hold; on a terminal in its width, else in that of
+    the variable COLUMNS or 80.
+    """
     console = Console(highlight=False)
     for table in outcome.tables:
         for part in blocks(table, console.width):
@@ -126,5 +144,8 @@ def show(outcome: Outcome) -> None:
 
 def summary(claims: Sequence[Claim]) -> str:
     """How many claims hold, and how many were not judged, which counts as neither."""
-    held, unknown = sum(bool(claim.holds) for claim in claims), sum(claim.holds is None for claim in claims)
+    held, unknown = (
+        sum(bool(claim.holds) for claim in claims),
+        sum(claim.holds is None for claim in claims),
+    )
     return f"{held} of {len(claims)} claims hold, {unknown} not judged."

@@ -1,4 +1,6 @@
-"""How far a sweep is, on a terminal: a bar, the cases done, their rate, the bad ones, and an estimate of the time left."""
+"""How far a sweep is, on a terminal: a bar, the cases done, their rate, the bad ones, and an
+estimate of the time left.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from experiments.harness.setup import ProgressReporter, reporting
 
 @contextmanager
 def sweeping(name: str) -> Iterator[Callable[[Progress], None] | None]:
-    """What to give to `cranedyn.sweep.sweep` as its progress, for as long as the context lasts; None where nobody watches."""
+    """What to give to `cranedyn.sweep.sweep` as its progress, for as long as the context lasts;
+    None where nobody watches.
+    """
     with reporting() as reporter:
         yield watching(reporter, name)
 
@@ -27,7 +31,9 @@ def watching(reporter: ProgressReporter, name: str) -> Callable[[Progress], None
     lines, began = reporter.lines, time.monotonic()
     if lines is None:
         return None
-    return lambda progress: lines.say(lambda: f"{name}: {words(progress, time.monotonic() - began)}")
+    return lambda progress: lines.say(
+        lambda: f"{name}: {words(progress, time.monotonic() - began)}"
+    )
 
 
 def shown(bars: Bars, name: str, clock: Callable[[], float]) -> Callable[[Progress], None]:
@@ -35,7 +41,12 @@ def shown(bars: Bars, name: str, clock: Callable[[], float]) -> Callable[[Progre
     began, task = clock(), bars.add_task(name, total=None, speed="")
 
     def show(progress: Progress) -> None:
-        bars.update(task, total=progress.cases, completed=progress.done, speed=words(progress, clock() - began))
+        bars.update(
+            task,
+            total=progress.cases,
+            completed=progress.done,
+            speed=words(progress, clock() - began),
+        )
 
     return show
 

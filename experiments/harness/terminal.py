@@ -1,4 +1,6 @@
-"""A table on a terminal of any width: as it is, with folded heads, turned on its side, or in blocks; a number is never cut."""
+"""A table on a terminal of any width: as it is, with folded heads, turned on its side, or in
+blocks; a number is never cut.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,8 @@ class Column(NamedTuple):
 
 
 def blocks(table: Table, width: int) -> Iterator[RichTable]:
-    """The table as one or several that fit a width, the title over the first and the note under the last.
+    """The table as one or several that fit a width, the title over the first and the note under the
+    last.
 
     Args:
         table: What to show.
@@ -57,17 +60,24 @@ def blocks(table: Table, width: int) -> Iterator[RichTable]:
     columns = columns_of(table)
     parts = _parts(columns, width)
     for i, part in enumerate(parts):
-        yield _drawn(part, width, table.title if i == 0 else "", table.note if i == len(parts) - 1 else "")
+        yield _drawn(
+            part, width, table.title if i == 0 else "", table.note if i == len(parts) - 1 else ""
+        )
 
 
 def columns_of(table: Table) -> list[Column]:
     """The columns of a table as text."""
     rows = table.shown()
-    return [Column(head, tuple(row[i] for row in rows), not form) for i, (head, form) in enumerate(table.columns)]
+    return [
+        Column(head, tuple(row[i] for row in rows), not form)
+        for i, (head, form) in enumerate(table.columns)
+    ]
 
 
 def _parts(columns: Sequence[Column], width: int) -> list[list[Column]]:
-    """The columns side by side if they fit, else turned if that fits, else with the first ones again in every block."""
+    """The columns side by side if they fit, else turned if that fits, else with the first ones
+    again in every block.
+    """
     heads = max(_lines(column.head, column.least) for column in columns)
     if _taken(column.natural for column in columns) <= width:
         return [[*columns]]
@@ -75,7 +85,11 @@ def _parts(columns: Sequence[Column], width: int) -> list[list[Column]]:
         return [[*columns]]
     keys = _keys(columns)
     turned = _turned(columns)
-    if keys == 1 and len(columns[0].cells) < len(columns) and _taken(column.least for column in turned) <= width:
+    if (
+        keys == 1
+        and len(columns[0].cells) < len(columns)
+        and _taken(column.least for column in turned) <= width
+    ):
         return [turned]
     names = sum(max(column.least, min(column.natural, _NAME)) + _FRAME for column in columns[:keys])
     found: list[list[Column]] = []
@@ -99,7 +113,13 @@ def _turned(columns: Sequence[Column]) -> list[Column]:
     """Rows as columns, with the heads in front."""
     first, rest = columns[0], columns[1:]
     heads = Column(first.head, tuple(column.head for column in rest), True)
-    return [heads, *(Column(head, tuple(column.cells[i] for column in rest), False) for i, head in enumerate(first.cells))]
+    return [
+        heads,
+        *(
+            Column(head, tuple(column.cells[i] for column in rest), False)
+            for i, head in enumerate(first.cells)
+        ),
+    ]
 
 
 def _lines(head: str, width: int) -> int:
@@ -126,10 +146,18 @@ def _widths(columns: Sequence[Column], width: int) -> list[int]:
 
 def _drawn(columns: Sequence[Column], width: int, title: str, note: str) -> RichTable:
     drawn = RichTable(
-        title=Text(title) if title else None, title_justify="left", caption=Text(note) if note else None, caption_justify="left"
+        title=Text(title) if title else None,
+        title_justify="left",
+        caption=Text(note) if note else None,
+        caption_justify="left",
     )
     for column, wide in zip(columns, _widths(columns, width), strict=True):
-        drawn.add_column(Text(column.head), justify="left" if column.words else "right", width=wide, overflow="fold")
+        drawn.add_column(
+            Text(column.head),
+            justify="left" if column.words else "right",
+            width=wide,
+            overflow="fold",
+        )
     for row in zip(*(column.cells for column in columns), strict=True):
         drawn.add_row(*map(Text, row))
     return drawn

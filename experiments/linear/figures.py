@@ -19,11 +19,23 @@ _CRANES = ("theta", "x", "gamma", "l")
 def swing_figure(case: Case, gravity: float) -> Figure:
     """Both angles of the plant, of the paper's equations, and with all rates kept."""
     figure, axes = panels(2, height=2.6, sharex=True)
-    swings = {"Eqs. (8), (10)": integrate(case.run, paper, gravity), "all rates kept": integrate(case.run, all_rates, gravity)}
+    swings = {
+        "Eqs. (8), (10)": integrate(case.run, paper, gravity),
+        "all rates kept": integrate(case.run, all_rates, gravity),
+    }
     for ax, i, angle in zip(axes, (0, 1), ("φ", "θ"), strict=True):
-        ax.plot(case.run.t, np.degrees(case.run.coordinates("phi", "theta")[:, i]), color=COLOURS["x"], label="plant")
-        for (name, swing), colour, line in zip(swings.items(), (COLOURS["gamma"], COLOURS["unexplained"]), ("-", ":"), strict=True):
-            ax.plot(case.run.t, np.degrees(swing[:, i]), line, color=colour, linewidth=1.2, label=name)
+        ax.plot(
+            case.run.t,
+            np.degrees(case.run.coordinates("phi", "theta")[:, i]),
+            color=COLOURS["x"],
+            label="plant",
+        )
+        for (name, swing), colour, line in zip(
+            swings.items(), (COLOURS["gamma"], COLOURS["unexplained"]), ("-", ":"), strict=True
+        ):
+            ax.plot(
+                case.run.t, np.degrees(swing[:, i]), line, color=colour, linewidth=1.2, label=name
+            )
         ax.axvline(case.job.arrival, linestyle="--", color=COLOURS["limit"], linewidth=1.0)
         ax.set_ylabel(f"{angle} [°]")
     axes[0].legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
@@ -31,11 +43,19 @@ def swing_figure(case: Case, gravity: float) -> Figure:
     return figure
 
 
-def slew_figure(slow: Mapping[str, Sequence[float]], short: Mapping[str, Sequence[float]], good: float) -> Figure:
+def slew_figure(
+    slow: Mapping[str, Sequence[float]], short: Mapping[str, Sequence[float]], good: float
+) -> Figure:
     """Error over slew rate and over slew angle, for each crane."""
     figure, (left, right) = panels(1, 2, height=3.8, sharey=True)
     for site, colour in zip(SITES, _CRANES, strict=True):
-        left.loglog(RPM * site.slew * np.array(SHARES), 100.0 * np.array(slow[site.name]), ".-", color=COLOURS[colour], label=site.name)
+        left.loglog(
+            RPM * site.slew * np.array(SHARES),
+            100.0 * np.array(slow[site.name]),
+            ".-",
+            color=COLOURS[colour],
+            label=site.name,
+        )
         right.loglog(ANGLES, 100.0 * np.array(short[site.name]), ".-", color=COLOURS[colour])
     for ax, ticks, words in (
         (left, (0.02, 0.05, 0.1, 0.2, 0.5), "slew rate [rpm]"),
@@ -59,7 +79,9 @@ def dropped_figure(found: Sequence[Case], moves: Sequence[str]) -> Figure:
         places = np.arange(len(some[0].dropped))
         for k, (case, colour) in enumerate(zip(some, _CRANES, strict=True)):
             shares = [100.0 * share for share in case.dropped.values()]
-            ax.barh(places + 0.2 * (k - 1.5), shares, 0.2, color=COLOURS[colour], label=case.site.name)
+            ax.barh(
+                places + 0.2 * (k - 1.5), shares, 0.2, color=COLOURS[colour], label=case.site.name
+            )
         ax.set_yticks(places, list(some[0].dropped))
         ax.set(title=name, xlabel="of the kept term [%]")
     axes[0].invert_yaxis()

@@ -1,4 +1,6 @@
-"""Equations of a small swing under given drives, integrated beside a run of the plant, and what the paper's leave out."""
+"""Equations of a small swing under given drives, integrated beside a run of the plant, and what the
+paper's leave out.
+"""
 
 from __future__ import annotations
 
@@ -36,8 +38,15 @@ Model = Callable[[np.ndarray, np.ndarray, Drives, float], np.ndarray]
 
 def paper(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
     """Eqs. (8) and (10) of Muddassir et al."""
-    phi = theory.radial_paper(swing[0], length=drives.length, gravity=gravity, excitation=drives.x_acceleration)
-    theta = theory.tangential_paper(swing[1], length=drives.length, gravity=gravity, excitation=drives.x * drives.slew_acceleration)
+    phi = theory.radial_paper(
+        swing[0], length=drives.length, gravity=gravity, excitation=drives.x_acceleration
+    )
+    theta = theory.tangential_paper(
+        swing[1],
+        length=drives.length,
+        gravity=gravity,
+        excitation=drives.x * drives.slew_acceleration,
+    )
     return np.array([phi, theta])
 
 
@@ -47,12 +56,19 @@ def all_rates(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: flo
 
 
 def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:
-    """φ, θ and their rates of a model along a run, from its start and under the motion of its drives, shape (n, 4).
+    """φ, θ and their rates of a model along a run, from its start and under the motion of its
+    drives, shape (n, 4).
 
-    Runge-Kutta of order 4, one step for each row; between rows the drives accelerate evenly, as in prescribed motion.
+    Runge-Kutta of order 4, one step for each row; between rows the drives accelerate evenly, as in
+    prescribed motion.
     """
     names = "gamma", "x", "l"
-    h, q, v, a = float(run.t[1] - run.t[0]), run.coordinates(*names), run.rates(*names), accelerations(run)
+    h, q, v, a = (
+        float(run.t[1] - run.t[0]),
+        run.coordinates(*names),
+        run.rates(*names),
+        accelerations(run),
+    )
 
     def rates(y: np.ndarray, k: int, s: float) -> np.ndarray:
         slew_rate, x_rate, length_rate = (v[k] + a[k] * s).tolist()
@@ -86,7 +102,8 @@ def accelerations(run: Trajectory) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Miss:
-    """How far a model is from the plant, as a share of the largest swing of the plant, both angles together.
+    """How far a model is from the plant, as a share of the largest swing of the plant, both angles
+    together.
 
     Attributes:
         swing: That largest swing [rad].
@@ -115,13 +132,16 @@ def miss(run: Trajectory, modelled: np.ndarray) -> Miss:
 
 
 def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
-    """What the paper's equations keep of the drives, and what they drop, at their largest along a run.
+    """What the paper's equations keep of the drives, and what they drop, at their largest along a
+    run.
 
     Returns:
         The larger of ẍ and x γ̈ [m/s²]; each dropped term by its formula, as a share of that.
     """
     x, phi, theta, length = run.coordinates("x", "phi", "theta", "l")[:-1].T
-    slew_rate, x_rate, phi_rate, theta_rate, length_rate = run.rates("gamma", "x", "phi", "theta", "l")[:-1].T
+    slew_rate, x_rate, phi_rate, theta_rate, length_rate = run.rates(
+        "gamma", "x", "phi", "theta", "l"
+    )[:-1].T
     slew, trolley, _ = accelerations(run).T
     terms: Mapping[str, Sequence[np.ndarray]] = {
         "γ̇² (x - lφ)": [slew_rate**2 * (x - length * phi)],
@@ -132,4 +152,7 @@ def dropped(run: Trajectory) -> tuple[float, dict[str, float]]:
         "2l̇φ̇, 2l̇θ̇": [2.0 * length_rate * phi_rate, 2.0 * length_rate * theta_rate],
     }
     kept = float(max(np.abs(trolley).max(), np.abs(x * slew).max()))
-    return kept, {name: float(max(np.abs(part).max() for part in parts)) / kept for name, parts in terms.items()}
+    return kept, {
+        name: float(max(np.abs(part).max() for part in parts)) / kept
+        for name, parts in terms.items()
+    }

@@ -24,19 +24,22 @@ INERTIA = {"payload_inertia": 400.0, "dummy_mass": 50.0, "dummy_inertia": 50.0}
 """The article's load and links [kg m², kg, kg m²]."""
 
 SWING, DEEP, HIGH = 0.02, 0.9, 0.45
-"""Swing at the start of slow hoisting [rad], and the cable before and after it as shares of the longest."""
+"""Swing at the start of slow hoisting [rad], and the cable before and after it as shares of the
+longest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One move of one crane: the run of the plant with a point load, and how far each model is from it.
+    """One move of one crane: the run of the plant with a point load, and how far each model is from
+    it.
 
     Attributes:
         site, job: Which crane and move.
         run: What the plant did.
         paper: The paper's equations against it.
         rates: The equations with all rates against it.
-        rigid: The paper's equations against the plant with the article's inertia, where that was run.
+        rigid: The paper's equations against the plant with the article's inertia, where that was
+            run.
         kept: The larger of ẍ and x γ̈ [m/s²].
         dropped: What the paper drops, by formula, as a share of that.
     """
@@ -53,14 +56,28 @@ class Case:
 
 def move(setup: harness.Setup, crane: Crane, job: Job, label: str) -> Trajectory:
     """A move and one swing after it, the drives in prescribed motion."""
-    period = float(theory.point_period(job.reference(job.arrival).position[crane.layout.drive("l")], setup.gravity))
+    period = float(
+        theory.point_period(
+            job.reference(job.arrival).position[crane.layout.drive("l")], setup.gravity
+        )
+    )
     duration = math.ceil((job.arrival + period) / setup.control_period) * setup.control_period
     drives = follow(crane, job.reference, setup.control_period)
-    return setup.simulate(crane, drives, job.reference, start=job.start, duration=duration, label=label, drive="motion")
+    return setup.simulate(
+        crane,
+        drives,
+        job.reference,
+        start=job.start,
+        duration=duration,
+        label=label,
+        drive="motion",
+    )
 
 
 def cases(setup: harness.Setup, site: Site, crane: Crane) -> list[Case]:
-    """Every move of one crane with a point load; with inertia besides where it is known, on the article's crane."""
+    """Every move of one crane with a point load; with inertia besides where it is known, on the
+    article's crane.
+    """
     rigid = site.crane(setup, **INERTIA) if site is SITES[0] else None
 
     def missed(run: Trajectory, model: Model) -> Miss:
@@ -69,19 +86,28 @@ def cases(setup: harness.Setup, site: Site, crane: Crane) -> list[Case]:
     made = []
     for job in jobs(site, crane):
         run = move(setup, crane, job, f"{site.name}: {job.name}")
-        inertia = missed(move(setup, rigid, job, f"{site.name}: {job.name}, inertia"), paper) if rigid else None
-        made.append(Case(site, job, run, missed(run, paper), missed(run, all_rates), inertia, *dropped(run)))
+        inertia = (
+            missed(move(setup, rigid, job, f"{site.name}: {job.name}, inertia"), paper)
+            if rigid
+            else None
+        )
+        made.append(
+            Case(site, job, run, missed(run, paper), missed(run, all_rates), inertia, *dropped(run))
+        )
     return made
 
 
 def scan(setup: harness.Setup, crane: Crane, some: Sequence[Job]) -> list[float]:
-    """Error of the paper's equations in each of some moves, root mean square over the largest swing."""
+    """Error of the paper's equations in each of some moves, root mean square over the largest
+    swing.
+    """
     trajectories = [move(setup, crane, job, job.name) for job in some]
     return [miss(run, integrate(run, paper, setup.gravity)).rms for run in trajectories]
 
 
 def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> float:
-    """The value at which an error that grows with it is as large as is good, between two neighbours by their logarithms.
+    """The value at which an error that grows with it is as large as is good, between two neighbours
+    by their logarithms.
 
     Raises:
         DataError: If it is not that large, or not that small, at any.
@@ -90,11 +116,15 @@ def reaches(values: Sequence[float], errors: Sequence[float], good: float) -> fl
     for (low, one), (high, other) in itertools.pairwise(by_size):
         if low <= good < high:
             return one * (other / one) ** (math.log(good / low) / math.log(high / low))
-    raise DataError(f"The errors run from {by_size[0][0]:g} to {by_size[-1][0]:g}; {good:g} is not among them.")
+    raise DataError(
+        f"The errors run from {by_size[0][0]:g} to {by_size[-1][0]:g}; {good:g} is not among them."
+    )
 
 
 def powers(setup: harness.Setup, site: Site, crane: Crane) -> list[float]:
-    """With which power of the cable a free swing changes when it is hoisted slowly: in the plant, and by Eq. (8)."""
+    """With which power of the cable a free swing changes when it is hoisted slowly: in the plant,
+    and by Eq. (8).
+    """
     swings = ("phi", "theta")
     first, last = DEEP * site.height, HIGH * site.height
     start = crane.state(l=first, phi=SWING)
@@ -102,9 +132,19 @@ def powers(setup: harness.Setup, site: Site, crane: Crane) -> list[float]:
     run = move(
         setup,
         crane,
-        Job("", start, spline(crane, start, [(0.0, start.q[crane.layout.index("x")], last)], [duration]), duration),
+        Job(
+            "",
+            start,
+            spline(crane, start, [(0.0, start.q[crane.layout.index("x")], last)], [duration]),
+            duration,
+        ),
         f"{site.name}: slow hoisting",
     )
-    ends = (np.concatenate([run.coordinates(*swings)[-1], run.rates(*swings)[-1]]), integrate(run, paper, setup.gravity)[-1])
-    amplitudes = [swing_amplitude(end[None, :2], end[None, 2:], last, setup.gravity)[0] for end in ends]
+    ends = (
+        np.concatenate([run.coordinates(*swings)[-1], run.rates(*swings)[-1]]),
+        integrate(run, paper, setup.gravity)[-1],
+    )
+    amplitudes = [
+        swing_amplitude(end[None, :2], end[None, 2:], last, setup.gravity)[0] for end in ends
+    ]
     return [math.log(amplitude / SWING) / math.log(last / first) for amplitude in amplitudes]

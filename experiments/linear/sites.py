@@ -45,8 +45,14 @@ class Site:
     hoist: tuple[float, float]
 
     def crane(self, setup: harness.Setup, **values: float) -> Crane:
-        """The crane, with a point load unless said otherwise; its mast is high enough for the drawing."""
-        mast = {"mast_height": self.height + 2.0, "pivot_height": self.height + 4.0, "total_height": self.height + 10.0}
+        """The crane, with a point load unless said otherwise; its mast is high enough for the
+        drawing.
+        """
+        mast = {
+            "mast_height": self.height + 2.0,
+            "pivot_height": self.height + 4.0,
+            "total_height": self.height + 10.0,
+        }
         strategies = {"trolley_max": self.jib, "hoist_max": self.height, "hoist_min": 1.0}
         return setup.variant(**{**POINT, **mast, **strategies, **values})
 
@@ -69,7 +75,8 @@ SITES = (
     _site("380 EC-B 16", 75.0, 83.0, 95.0, 0.8),
     _site("L1-24", 25.0, 19.0, 22.0, 0.5),
 )
-"""The article's crane with the speeds of the demo, and three of a maker's list: jib [m], hook height [m], trolley [m/min], slew [1/min].
+"""The article's crane with the speeds of the demo, and three of a maker's list: jib [m], hook
+height [m], trolley [m/min], slew [1/min].
 
 Their hoists run at 17 to 134 m/min, the slower the heavier the load.
 """
@@ -94,13 +101,23 @@ class Job:
 
 def jobs(site: Site, crane: Crane) -> list[Job]:
     """Single drives, in splines and at constant speed between ramps, then pairs, then all."""
-    middle, tip, high, deep = 0.5 * site.jib, 0.9 * site.jib, 2.0 / 3.0 * site.height, 0.9 * site.height
+    middle, tip, high, deep = (
+        0.5 * site.jib,
+        0.9 * site.jib,
+        2.0 / 3.0 * site.height,
+        0.9 * site.height,
+    )
     out, slew = (
         JoystickPulse("x", site.trolley, 0.0, 0.4 * site.jib / site.trolley),
         JoystickPulse("gamma", site.slew, 0.0, QUARTER / site.slew),
     )
-    slow, fast = (JoystickPulse("l", -speed, 0.0, way * site.height / speed) for speed, way in zip(site.hoist, (0.3, 0.6), strict=True))
-    inside, outside, below = (crane.state(x=x, l=cable) for x, cable in ((middle, high), (tip, high), (middle, deep)))
+    slow, fast = (
+        JoystickPulse("l", -speed, 0.0, way * site.height / speed)
+        for speed, way in zip(site.hoist, (0.3, 0.6), strict=True)
+    )
+    inside, outside, below = (
+        crane.state(x=x, l=cable) for x, cable in ((middle, high), (tip, high), (middle, deep))
+    )
     return [
         _splined("trolley, spline", site, crane, inside, (0.0, tip, high)),
         _joystick_job("trolley", site, crane, inside, out),
@@ -137,9 +154,17 @@ def slow_slews(site: Site, crane: Crane) -> list[Job]:
 
 def short_slews(site: Site, crane: Crane) -> list[Job]:
     """Slews by small angles at the usual acceleration, most of which never reach the rate."""
-    holds = [max(math.sqrt(a / site.accelerations[0]), a / site.slew) for a in map(math.radians, ANGLES)]
+    holds = [
+        max(math.sqrt(a / site.accelerations[0]), a / site.slew) for a in map(math.radians, ANGLES)
+    ]
     return [
-        _joystick_job(f"slew of {angle:g}°", site, crane, _outside(site, crane), JoystickPulse("gamma", site.slew, 0.0, hold))
+        _joystick_job(
+            f"slew of {angle:g}°",
+            site,
+            crane,
+            _outside(site, crane),
+            JoystickPulse("gamma", site.slew, 0.0, hold),
+        )
         for angle, hold in zip(ANGLES, holds, strict=True)
     ]
 
@@ -149,7 +174,13 @@ def _outside(site: Site, crane: Crane) -> State:
 
 
 def _splined(name: str, site: Site, crane: Crane, start: State, goal: Sequence[float]) -> Job:
-    (duration,) = shortest(crane, start, [goal], rates=(site.slew, site.trolley, site.hoist[1]), accelerations=site.accelerations)
+    (duration,) = shortest(
+        crane,
+        start,
+        [goal],
+        rates=(site.slew, site.trolley, site.hoist[1]),
+        accelerations=site.accelerations,
+    )
     return Job(name, start, spline(crane, start, [goal], [duration]), duration)
 
 
@@ -157,7 +188,9 @@ def _joystick_job(name: str, site: Site, crane: Crane, start: State, *pulses: Jo
     return _moved(name, crane, start, site.accelerations, *pulses)
 
 
-def _moved(name: str, crane: Crane, start: State, accelerations: Sequence[float], *pulses: JoystickPulse) -> Job:
+def _moved(
+    name: str, crane: Crane, start: State, accelerations: Sequence[float], *pulses: JoystickPulse
+) -> Job:
     limits = dict(zip(("gamma", "x", "l"), accelerations, strict=True))
     arrival = max(pulse.at + pulse.hold + abs(pulse.rate) / limits[pulse.drive] for pulse in pulses)
     return Job(name, start, operator(crane, start, pulses, accelerations=accelerations), arrival)

@@ -1,1 +1,3 @@
-"""Closed forms beside runs of the plant: each module has one part of mechanics, `check` judges them all."""
+"""Closed forms beside runs of the plant: each module has one part of mechanics, `check` judges them
+all.
+"""

@@ -1,4 +1,6 @@
-"""What an oracle is, and how a run is held against it: by halving the step, so that the step's own error is known and taken off."""
+"""What an oracle is, and how a run is held against it: by halving the step, so that the step's own
+error is known and taken off.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +17,16 @@ G, MASS = 9.81, 1000.0
 """Gravity [m/s²] and mass of the load [kg] of all oracles."""
 
 STEP = 0.02
-"""The coarsest step [s]; every time at which something happens is a multiple of its control period."""
+"""The coarsest step [s]; every time at which something happens is a multiple of its control
+period."""
 
 ROUNDING = 1e-11
-"""What sums of some 10⁵ steps lose of a number of size 1, and of what is read between two rows by polynomials."""
+"""What sums of some 10⁵ steps lose of a number of size 1, and of what is read between two rows by
+polynomials."""
 
 SURE = 1e-5
-"""How much an extrapolation may be unsure of a number of size 1; more means that the runs have no limit."""
+"""How much an extrapolation may be unsure of a number of size 1; more means that the runs have no
+limit."""
 
 Build = Callable[..., Crane]
 """Makes a crane from numbers of its xacro file."""
@@ -38,7 +43,8 @@ LARGE = {
     "pivot_height": 52,
     "total_height": 58,
 }
-"""Strategies as long as those of a real crane, on a structure that is light enough for the load to turn it."""
+"""Strategies as long as those of a real crane, on a structure that is light enough for the load to
+turn it."""
 
 
 @cache
@@ -89,7 +95,9 @@ class Check:
 
     @property
     def limit(self) -> float:
-        """The value for a vanishing step: Richardson's extrapolation, which takes off one power of the step after the other."""
+        """The value for a vanishing step: Richardson's extrapolation, which takes off one power of
+        the step after the other.
+        """
         return _richardson(self.values)[-1]
 
     @property
@@ -104,13 +112,17 @@ class Check:
 
     @property
     def unsure(self) -> float:
-        """What the last power of the step that was taken off still changed, a bound for what those beyond it would."""
+        """What the last power of the step that was taken off still changed, a bound for what those
+        beyond it would.
+        """
         last, limit = _richardson(self.values)[-2:]
         return abs(limit - last)
 
     @property
     def allowed(self) -> float:
-        """For the rest: what the extrapolation is unsure of, rounding, and what the oracle itself leaves out."""
+        """For the rest: what the extrapolation is unsure of, rounding, and what the oracle itself
+        leaves out.
+        """
         return self.unsure + ROUNDING * self.size + self.oracle.beyond
 
     @property
@@ -120,7 +132,9 @@ class Check:
 
     @property
     def order(self) -> float | None:
-        """Power of the step with which the error falls, for a vanishing step; None where too little of it is the step's to tell."""
+        """Power of the step with which the error falls, for a vanishing step; None where too little
+        of it is the step's to tell.
+        """
         errors = [abs(value - self.oracle.closed) for value in self.values[-3:]]
         if errors[-1] < 100.0 * self.allowed:
             return None
@@ -134,10 +148,14 @@ class Check:
 
 
 def _richardson(values: Sequence[float]) -> list[float]:
-    """Extrapolations of values at steps h, h/2, h/4, ... to none, each with one power of the step less."""
+    """Extrapolations of values at steps h, h/2, h/4, ... to none, each with one power of the step
+    less.
+    """
     row, best = list(values), [values[-1]]
     for power in range(1, len(values)):
-        row = [fine + (fine - coarse) / (2.0**power - 1.0) for coarse, fine in itertools.pairwise(row)]
+        row = [
+            fine + (fine - coarse) / (2.0**power - 1.0) for coarse, fine in itertools.pairwise(row)
+        ]
         best.append(row[-1])
     return best
 

@@ -16,7 +16,8 @@ from experiments.oracles.check import MASS, G, Oracle
 from experiments.oracles.reading import Bench, crossing, curve, payload, speed
 
 LENGTH, TROLLEY, STRUCTURE = 20.0, 500.0, 2e5 + 50.0
-"""Cable length [m]; mass of the trolley [kg]; inertia about the slew axis of the upper structure and of the trolley itself [kg m²]."""
+"""Cable length [m]; mass of the trolley [kg]; inertia about the slew axis of the upper structure
+and of the trolley itself [kg m²]."""
 
 DURATION, FREE = 20.0, 9.0
 """Length of a run, and of one with a free drive, which is asked at every step [s]."""
@@ -25,11 +26,19 @@ DURATION, FREE = 20.0, 9.0
 def oracles(bench: Bench) -> list[Oracle]:
     """Energy, momenta, the ledger."""
     crane = bench.build()
-    return [*_locked(bench, crane), _ripple(bench, crane), _slewing(bench, crane), *_rolling(bench, crane), *_ledgers(bench)]
+    return [
+        *_locked(bench, crane),
+        _ripple(bench, crane),
+        _slewing(bench, crane),
+        *_rolling(bench, crane),
+        *_ledgers(bench),
+    ]
 
 
 def free(crane: Crane, drive: int) -> Controller:
-    """Prescribed motion in which one drive (0 slew, 1 trolley) exerts nothing and the others keep their speed."""
+    """Prescribed motion in which one drive (0 slew, 1 trolley) exerts nothing and the others keep
+    their speed.
+    """
 
     def accelerations(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         none, one = np.zeros(crane.layout.m), np.eye(crane.layout.m)[drive]
@@ -49,7 +58,10 @@ def _locked(bench: Bench, crane: Crane) -> list[Oracle]:
 
     def momentum(dt: float) -> float:
         found = swing(dt)
-        arm, rate = payload(found.q)[[0, -1]] - payload(found.q * [1, 1, 0, 0, 0])[[0, -1]], speed(payload, found)[[0, -1]]
+        arm, rate = (
+            payload(found.q)[[0, -1]] - payload(found.q * [1, 1, 0, 0, 0])[[0, -1]],
+            speed(payload, found)[[0, -1]],
+        )
         first, last = (arm[:, 0] * rate[:, 1] - arm[:, 1] * rate[:, 0]).tolist()
         return last / first
 
@@ -60,7 +72,9 @@ def _locked(bench: Bench, crane: Crane) -> list[Oracle]:
 
 
 def _ripple(bench: Bench, crane: Crane) -> Oracle:
-    """Semi-implicit Euler keeps E - dt/2 m g l φ φ̇ of a small swing, so E has gained ω dt/2 of itself three eighths of a period later."""
+    """Semi-implicit Euler keeps E - dt/2 m g l φ φ̇ of a small swing, so E has gained ω dt/2 of
+    itself three eighths of a period later.
+    """
     small, omega = 3e-3, math.sqrt(G / LENGTH)
     when, whole = 0.75 * math.pi / omega, MASS * G * LENGTH * small**2 / 2.0
 
@@ -69,7 +83,14 @@ def _ripple(bench: Bench, crane: Crane) -> Oracle:
         gained = curve(found.t, found.energy - found.energy[0], int(np.searchsorted(found.t, when)))
         return float(gained(when)) / whole / (omega * dt / 2.0)
 
-    return Oracle("ripple of the energy over that of the step, ω dt/2", "", 1.0, read, small**2, "finite swing")
+    return Oracle(
+        "ripple of the energy over that of the step, ω dt/2",
+        "",
+        1.0,
+        read,
+        small**2,
+        "finite swing",
+    )
 
 
 def _slewing(bench: Bench, crane: Crane) -> Oracle:
@@ -79,7 +100,9 @@ def _slewing(bench: Bench, crane: Crane) -> Oracle:
         """About the slew axis [kg m²/s]: structure and trolley, and the load."""
         place, rate = payload(found.q), speed(payload, found)
         structure = STRUCTURE + TROLLEY * found["x_m"] ** 2
-        return structure * found["gamma_dot_rad_s"] + MASS * (place[:, 0] * rate[:, 1] - place[:, 1] * rate[:, 0])
+        return structure * found["gamma_dot_rad_s"] + MASS * (
+            place[:, 0] * rate[:, 1] - place[:, 1] * rate[:, 0]
+        )
 
     def read(dt: float) -> float:
         momenta = total(bench.run(crane, start, FREE, dt, free(crane, 0), every=1))
@@ -99,7 +122,9 @@ def _rolling(bench: Bench, crane: Crane) -> list[Oracle]:
 
     def period(dt: float) -> float:
         found = bench.run(crane, crane.state(l=LENGTH, phi=1e-6), FREE, dt, free(crane, 1), every=1)
-        return 2.0 * (crossing(found.t, found["phi_rad"], 3) - crossing(found.t, found["phi_rad"], 2))
+        return 2.0 * (
+            crossing(found.t, found["phi_rad"], 3) - crossing(found.t, found["phi_rad"], 2)
+        )
 
     first = 0.2 * (TROLLEY + MASS)
     closed = theory.rolling_period(LENGTH, G, MASS, TROLLEY)
@@ -110,22 +135,38 @@ def _rolling(bench: Bench, crane: Crane) -> list[Oracle]:
 
 
 def _ledgers(bench: Bench) -> list[Oracle]:
-    """Energy gained less work of the drives plus dissipation, over the energy that was moved; all joints damped."""
+    """Energy gained less work of the drives plus dissipation, over the energy that was moved; all
+    joints damped.
+    """
     crane = bench.build(damp_slew=3e4, damp_trolley=200.0, damp_swing=5e3, damp_hoist=700.0)
     start = crane.state(x=15.0, l=LENGTH, phi=0.2, theta=-0.1, gamma_dot=0.03)
     hold = MASS * G
 
     def random_efforts(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        return np.array([2e4 * math.sin(0.5 * t), 300.0 * math.cos(0.4 * t), -hold + 50.0 * math.sin(0.3 * t)])
+        return np.array(
+            [2e4 * math.sin(0.5 * t), 300.0 * math.cos(0.4 * t), -hold + 50.0 * math.sin(0.3 * t)]
+        )
 
     def moves(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        return np.array([0.02 * math.sin(0.5 * t), 0.2 * math.cos(0.4 * t), 0.1 * math.sin(0.3 * t)])
+        return np.array(
+            [0.02 * math.sin(0.5 * t), 0.2 * math.cos(0.4 * t), 0.1 * math.sin(0.3 * t)]
+        )
 
     def open_(controller: Controller, drive: Drive, dt: float) -> float:
         found = bench.run(crane, start, DURATION, dt, controller, drive=drive)
         return float(found.unexplained[-1] / np.abs(found.work[-1]).sum())
 
     return [
-        Oracle("energy unexplained, drives by effort, of their work", "", 0.0, lambda dt: open_(random_efforts, "effort", dt)),
-        Oracle("energy unexplained, drives by motion, of their work", "", 0.0, lambda dt: open_(moves, "motion", dt)),
+        Oracle(
+            "energy unexplained, drives by effort, of their work",
+            "",
+            0.0,
+            lambda dt: open_(random_efforts, "effort", dt),
+        ),
+        Oracle(
+            "energy unexplained, drives by motion, of their work",
+            "",
+            0.0,
+            lambda dt: open_(moves, "motion", dt),
+        ),
     ]

@@ -20,16 +20,22 @@ SWING = 0.5
 
 
 def convergence_figure(found: Sequence[Check]) -> Figure:
-    """Error of every row in which the step shows, over the step, each over its error at the coarsest."""
+    """Error of every row in which the step shows, over the step, each over its error at the
+    coarsest.
+    """
     figure, (ax,) = panels(1, height=4.5)
     shown = [check for check in found if check.order is not None]
     for check in shown:
         errors = np.abs(np.array(check.values) - check.oracle.closed)
         colour = COLOURS["gamma" if round(check.order or 0.0) == 1 else "x"]
-        ax.loglog(1e3 * np.array(check.steps), errors / errors[0], ".-", color=colour, linewidth=0.8)
+        ax.loglog(
+            1e3 * np.array(check.steps), errors / errors[0], ".-", color=colour, linewidth=0.8
+        )
     steps = STEP * np.array([1.0, 0.06])
     for power, colour in ((1, "gamma"), (2, "x")):
-        ax.loglog(steps * 1e3, (steps / STEP) ** power, ":", color=COLOURS["unexplained"], linewidth=1.0)
+        ax.loglog(
+            steps * 1e3, (steps / STEP) ** power, ":", color=COLOURS["unexplained"], linewidth=1.0
+        )
         ax.plot([], [], ".-", color=COLOURS[colour], label=f"rows of order {power}")
     ax.plot([], [], ":", color=COLOURS["unexplained"], label="first and second power")
     ticks = [1000.0 * step for step in found[0].steps]
@@ -45,7 +51,12 @@ def ripple_figure(bench: Bench, crane: Crane) -> Figure:
     figure, (ax,) = panels(1, height=3.2)
     for dt, colour in zip((0.02, 0.01, 0.005), ("x", "energy", "l"), strict=True):
         swing = bench.run(crane, crane.state(l=LENGTH, phi=SWING), 30.0, dt)
-        ax.plot(swing.t, swing.energy - swing.energy[0], color=COLOURS[colour], label=f"dt = {1000 * dt:g} ms")
+        ax.plot(
+            swing.t,
+            swing.energy - swing.energy[0],
+            color=COLOURS[colour],
+            label=f"dt = {1000 * dt:g} ms",
+        )
     whole = crane.payload_mass * crane.gravity * LENGTH * (1.0 - np.cos(SWING))
     ax.set(xlabel="time [s]", ylabel=f"gain of energy [J] of {whole:.0f} J")
     ax.legend(ncols=3, loc="upper right")
@@ -58,9 +69,17 @@ def oval_figure(trajectory: Trajectory) -> Figure:
     offset = payload(trajectory.q) - payload(trajectory.q * [1, 1, 0, 0, 0])
     far, near = OVALS[1]
     turns = int(trajectory.t[-1] / theory.point_period(LENGTH, 9.81)) + 1
-    angles = np.arctan2(offset[0, 1], offset[0, 0]) + theory.apsidal_precession(LENGTH, far, near) * np.arange(turns)
+    angles = np.arctan2(offset[0, 1], offset[0, 0]) + theory.apsidal_precession(
+        LENGTH, far, near
+    ) * np.arange(turns)
     ax.plot(*offset[:, :2].T, color=COLOURS["theta"], linewidth=0.8, label="load from above")
-    ax.plot(far * np.cos(angles), far * np.sin(angles), "o", color=COLOURS["x"], label="far ends by the integral")
+    ax.plot(
+        far * np.cos(angles),
+        far * np.sin(angles),
+        "o",
+        color=COLOURS["x"],
+        label="far ends by the integral",
+    )
     ax.set(xlabel="[m]", ylabel="[m]", aspect="equal")
     ax.legend(loc="upper right")
     return figure

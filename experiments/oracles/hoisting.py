@@ -14,7 +14,8 @@ from experiments.oracles.check import G, Oracle
 from experiments.oracles.reading import Bench
 
 SMALL = 1e-4
-"""By how much a swing of the small-angle theory is scaled down in its run; what is left of the finite angle is the square of that."""
+"""By how much a swing of the small-angle theory is scaled down in its run; what is left of the
+finite angle is the square of that."""
 
 CONSTANT = ((10.0, 0.5), (40.0, -0.8))
 """Cable length at the start [m] and its rate [m/s], positive downward."""
@@ -23,13 +24,18 @@ SWING, AFTER = 0.05, 40.0
 """Swing at the start [rad] and time at which it is looked at [s]."""
 
 FROM, TO, SLOWLY, LARGE = 20.0, 10.0, 100.0, 45.0
-"""Cable length before and after slow hoisting [m], the time it takes [s], and a swing that is not small [°]."""
+"""Cable length before and after slow hoisting [m], the time it takes [s], and a swing that is not
+small [°]."""
 
 
 def oracles(bench: Bench) -> list[Oracle]:
     """Bessel's functions, the three quarter power, and the action."""
     crane = bench.build()
-    return [*(_constant(bench, crane, *case) for case in CONSTANT), _power(bench, crane), _action(bench, crane)]
+    return [
+        *(_constant(bench, crane, *case) for case in CONSTANT),
+        _power(bench, crane),
+        _action(bench, crane),
+    ]
 
 
 def _constant(bench: Bench, crane: Crane, length: float, rate: float) -> Oracle:
@@ -42,7 +48,14 @@ def _constant(bench: Bench, crane: Crane, length: float, rate: float) -> Oracle:
     largest = float(theory.constant_hoisting_envelope(times, length, rate, G, SWING, 0.0).max())
     phase = abs(np.diff(2.0 * np.sqrt(G * (length + rate * times)) / rate)[0])
     late = largest * (SMALL * largest) ** 2 / 16.0 * phase
-    return Oracle(f"φ after {AFTER:g} s at {rate:+g} m/s from l = {length:g} m", "rad", closed, read, late, "finite swing")
+    return Oracle(
+        f"φ after {AFTER:g} s at {rate:+g} m/s from l = {length:g} m",
+        "rad",
+        closed,
+        read,
+        late,
+        "finite swing",
+    )
 
 
 def _hoisted(bench: Bench, crane: Crane, start: State, dt: float) -> tuple[float, float]:
@@ -65,7 +78,9 @@ def _power(bench: Bench, crane: Crane) -> Oracle:
         phi, rate = _hoisted(bench, crane, crane.state(l=FROM, phi=small), dt)
         return math.log(math.hypot(phi, rate * math.sqrt(TO / G)) / small) / math.log(TO / FROM)
 
-    return Oracle("exponent of the amplitude, l slowly 20 to 10 m", "", -0.75, read, _fast(), "(l̇/ωl)²")
+    return Oracle(
+        "exponent of the amplitude, l slowly 20 to 10 m", "", -0.75, read, _fast(), "(l̇/ωl)²"
+    )
 
 
 def _action(bench: Bench, crane: Crane) -> Oracle:
@@ -77,4 +92,11 @@ def _action(bench: Bench, crane: Crane) -> Oracle:
         return math.acos(math.cos(phi) - TO * rate**2 / (2.0 * G))
 
     closed = float(theory.adiabatic_amplitude(np.array([TO]), FROM, large)[0])
-    return Oracle(f"amplitude then, {LARGE:g}° at first, by the action", "rad", closed, read, closed * _fast(), "(l̇/ωl)²")
+    return Oracle(
+        f"amplitude then, {LARGE:g}° at first, by the action",
+        "rad",
+        closed,
+        read,
+        closed * _fast(),
+        "(l̇/ωl)²",
+    )

@@ -22,7 +22,9 @@ EVERY, SELDOM = 5, 50
 
 
 def locked(crane: Crane) -> Hold:
-    """Drives of prescribed motion that keep the speed they have; drives of efforts that exert none."""
+    """Drives of prescribed motion that keep the speed they have; drives of efforts that exert
+    none.
+    """
     return Hold(crane, *np.zeros((3, crane.layout.m)))
 
 
@@ -49,7 +51,9 @@ class Bench:
         every: int = EVERY,
         drive: Drive = "motion",
     ) -> Trajectory:
-        """A run with drives in prescribed motion unless said otherwise; mechanics goes on where a rope or a range would end."""
+        """A run with drives in prescribed motion unless said otherwise; mechanics goes on where a
+        rope or a range would end.
+        """
         return simulate(
             crane,
             controller or locked(crane),
@@ -62,13 +66,26 @@ class Bench:
             engine=self.engine,
         )
 
-    def moved(self, crane: Crane, start: State, reference: Reference, duration: float, dt: float, *, every: int = EVERY) -> Trajectory:
+    def moved(
+        self,
+        crane: Crane,
+        start: State,
+        reference: Reference,
+        duration: float,
+        dt: float,
+        *,
+        every: int = EVERY,
+    ) -> Trajectory:
         """A run whose drives follow a reference."""
-        return self.run(crane, start, duration, dt, follow(crane, reference, every * dt), every=every)
+        return self.run(
+            crane, start, duration, dt, follow(crane, reference, every * dt), every=every
+        )
 
 
 def curve(t: np.ndarray, y: np.ndarray, row: int) -> BSpline:
-    """The polynomial of degree 7 through the eight rows about one; its error is below rounding for swings sampled at 0.1 s."""
+    """The polynomial of degree 7 through the eight rows about one; its error is below rounding for
+    swings sampled at 0.1 s.
+    """
     first = min(max(row - 3, 0), len(t) - 8)
     return make_interp_spline(t[first : first + 8], y[first : first + 8], k=7)
 
@@ -81,7 +98,10 @@ def crossing(t: np.ndarray, y: np.ndarray, count: int) -> float:
     """
     rows = np.flatnonzero(y[:-1] * y[1:] < 0.0)
     if len(rows) < count:
-        raise DataError(f"A swing passes the vertical {len(rows)} times in {t[-1]:g} s, where its oracle needs {count}.")
+        raise DataError(
+            f"A swing passes the vertical {len(rows)} times in {t[-1]:g} s, where its oracle needs "
+            f"{count}."
+        )
     i = int(rows[count - 1])
     return root(curve(t, y, i), t[i], t[i + 1])
 
@@ -93,12 +113,17 @@ def root(function: BSpline, low: float, high: float) -> float:
         DataError: If it has the same sign at both.
     """
     if function(low) * function(high) > 0.0:
-        raise DataError(f"A run has nothing to read between {low:g} and {high:g} s, where its oracle needs a turning point.")
+        raise DataError(
+            f"A run has nothing to read between {low:g} and {high:g} s, where its oracle needs a "
+            "turning point."
+        )
     return float(brentq(function, low, high, xtol=1e-15))
 
 
 def payload(q: np.ndarray) -> np.ndarray:
-    """Where the payload is [m], shape (n, 3), from the coordinates, shape (n, 5); heights count from the pivot. By hand (docs/model.md)."""
+    """Where the payload is [m], shape (n, 3), from the coordinates, shape (n, 5); heights count
+    from the pivot. By hand (docs/model.md).
+    """
     gamma, x, phi, theta, length = q.T
     outward = np.stack([np.sin(gamma), -np.cos(gamma), 0.0 * gamma])
     leftward = np.stack([np.cos(gamma), np.sin(gamma), 0.0 * gamma])

@@ -1,4 +1,6 @@
-"""A jib that turns steadily: where the load hangs, how it pulls, and its swing as seen from the jib."""
+"""A jib that turns steadily: where the load hangs, how it pulls, and its swing as seen from the
+jib.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,15 @@ from experiments.oracles.check import MASS, Build, G, Oracle
 from experiments.oracles.reading import SELDOM, Bench
 
 STEADY = ((50.0, 45.0, 0.8), (25.0, 19.0, 0.5))
-"""Trolley radius, cable length [m] and slew rate [1/min] of a 71 EC-B 5 and an L1-24 at the tip of their jibs."""
+"""Trolley radius, cable length [m] and slew rate [1/min] of a 71 EC-B 5 and an L1-24 at the tip of
+their jibs."""
 
 SETTLING, MINUTE = 140.0, 60.0
 """How long the load has to settle, and how long it must stay there [s]."""
 
 RATE, LENGTH, SAMPLE = 0.1, 20.0, 0.5
-"""Slew rate [rad/s], cable length [m] and time between samples [s] of the swing seen from the jib."""
+"""Slew rate [rad/s], cable length [m] and time between samples [s] of the swing seen from the
+jib."""
 
 
 def oracles(bench: Bench) -> list[Oracle]:
@@ -31,7 +35,9 @@ def oracles(bench: Bench) -> list[Oracle]:
 
 
 def turning(build: Build, radius: float, length: float, rpm: float) -> tuple[Crane, State]:
-    """A load that hangs plumb under a jib that turns, with swing joints damped so that it settles; at rest they exert nothing."""
+    """A load that hangs plumb under a jib that turns, with swing joints damped so that it settles;
+    at rest they exert nothing.
+    """
     damping = 1.2 * MASS * length**2 * math.sqrt(G / length)
     crane = build(damp_swing=damping)
     return crane, crane.state(x=radius, l=length, gamma_dot=rpm * math.pi / 30.0)
@@ -44,14 +50,21 @@ def _steady(bench: Bench, radius: float, length: float, rpm: float) -> list[Orac
     out = -math.degrees(theory.slewing_swing(radius, length, rate, G))
     pull = theory.slewing_tension(radius, length, rate, G, MASS)
     return [
-        Oracle(f"load settles outward, {place}", "°", out, lambda dt: -math.degrees(settled(dt)["phi_rad"][-1])),
+        Oracle(
+            f"load settles outward, {place}",
+            "°",
+            out,
+            lambda dt: -math.degrees(settled(dt)["phi_rad"][-1]),
+        ),
         Oracle(f"tension then, {place}", "N", pull, lambda dt: -float(settled(dt)["F_l_N"][-1])),
     ]
 
 
 def _stay(bench: Bench, crane: Crane, radius: float, length: float, rpm: float) -> Oracle:
     rate = rpm * math.pi / 30.0
-    start = crane.state(x=radius, l=length, gamma_dot=rate, phi=theory.slewing_swing(radius, length, rate, G))
+    start = crane.state(
+        x=radius, l=length, gamma_dot=rate, phi=theory.slewing_swing(radius, length, rate, G)
+    )
 
     def strays(dt: float) -> float:
         swing = bench.run(crane, start, MINUTE, dt, every=SELDOM).coordinates("phi", "theta")
@@ -61,12 +74,16 @@ def _stay(bench: Bench, crane: Crane, radius: float, length: float, rpm: float) 
 
 
 def _modes(bench: Bench, crane: Crane) -> list[Oracle]:
-    """From the slew axis, where no centrifugal force bends the cable; two frequencies fitted to φ + iθ (Prony)."""
+    """From the slew axis, where no centrifugal force bends the cable; two frequencies fitted to φ +
+    iθ (Prony).
+    """
     start = crane.state(x=0.0, l=LENGTH, gamma_dot=RATE, phi=1e-6, theta_dot=2e-7)
 
     @cache
     def rates(dt: float) -> list[float]:
-        """Of the part that turns forward in the plane of φ and θ, and of that which turns back, [rad/s]."""
+        """Of the part that turns forward in the plane of φ and θ, and of that which turns back,
+        [rad/s].
+        """
         found = bench.run(crane, start, MINUTE, dt)
         every = round(SAMPLE / (found.t[1] - found.t[0]))
         z = (found["phi_rad"] + 1j * found["theta_rad"])[::every]

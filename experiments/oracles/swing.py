@@ -23,7 +23,10 @@ OVALS = ((2.0, 1.0), (8.0, 4.0))
 
 def oracles(bench: Bench) -> list[Oracle]:
     """Periods, tensions and precessions."""
-    point, rigid = bench.build(), bench.build(payload_inertia=400.0, dummy_mass=50.0, dummy_inertia=50.0)
+    point, rigid = (
+        bench.build(),
+        bench.build(payload_inertia=400.0, dummy_mass=50.0, dummy_inertia=50.0),
+    )
     return [
         *(_period(bench, point, "phi", LENGTH, 0.0, degrees) for degrees in (30.0, 60.0, 90.0)),
         _period(bench, rigid, "phi", SHORT, 500.0, 60.0),
@@ -33,23 +36,41 @@ def oracles(bench: Bench) -> list[Oracle]:
     ]
 
 
-def _period(bench: Bench, crane: Crane, joint: str, length: float, inertia: float, degrees: float) -> Oracle:
-    """Twice the time between passages of the vertical; started there, with the speed that carries the load to its amplitude."""
+def _period(
+    bench: Bench, crane: Crane, joint: str, length: float, inertia: float, degrees: float
+) -> Oracle:
+    """Twice the time between passages of the vertical; started there, with the speed that carries
+    the load to its amplitude.
+    """
     amplitude = math.radians(degrees)
-    rate = 2.0 * math.sin(amplitude / 2.0) * 2.0 * math.pi / theory.rigid_period(length, G, MASS, inertia)
+    rate = (
+        2.0
+        * math.sin(amplitude / 2.0)
+        * 2.0
+        * math.pi
+        / theory.rigid_period(length, G, MASS, inertia)
+    )
 
     def read(dt: float) -> float:
         found = bench.run(crane, crane.state(l=length, **{f"{joint}_dot": rate}), 12.0, dt)
         return crossing(found.t, found[f"{joint}_rad"], 2)
 
-    name = f"period of {degrees:g}°, l = {length:g} m" + (f", {'φ' if joint == 'phi' else 'θ'} with {inertia:g} kg m²" if inertia else "")
-    closed = theory.rigid_period(length, G, MASS, inertia) * float(theory.amplitude_factor(amplitude))
+    name = f"period of {degrees:g}°, l = {length:g} m" + (
+        f", {'φ' if joint == 'phi' else 'θ'} with {inertia:g} kg m²" if inertia else ""
+    )
+    closed = theory.rigid_period(length, G, MASS, inertia) * float(
+        theory.amplitude_factor(amplitude)
+    )
     return Oracle(name, "s", closed, read)
 
 
 def _tensions(bench: Bench, crane: Crane) -> list[Oracle]:
-    """At the lowest point by conservation of energy, and at every row by Newton's law along the rope."""
-    swing = cache(lambda dt: bench.run(crane, crane.state(l=LENGTH, phi=math.radians(60.0)), 10.0, dt))
+    """At the lowest point by conservation of energy, and at every row by Newton's law along the
+    rope.
+    """
+    swing = cache(
+        lambda dt: bench.run(crane, crane.state(l=LENGTH, phi=math.radians(60.0)), 10.0, dt)
+    )
 
     def lowest(dt: float) -> float:
         t, tension = swing(dt).t, -swing(dt)["F_l_N"]
@@ -62,19 +83,33 @@ def _tensions(bench: Bench, crane: Crane) -> list[Oracle]:
         return float(np.abs(-found["F_l_N"] / newton - 1.0).max())
 
     return [
-        Oracle("tension at the lowest point after 60°", "N", MASS * G * (3.0 - 2.0 * math.cos(math.radians(60.0))), lowest),
+        Oracle(
+            "tension at the lowest point after 60°",
+            "N",
+            MASS * G * (3.0 - 2.0 * math.cos(math.radians(60.0))),
+            lowest,
+        ),
         Oracle("tension over m (g cos φ + l φ̇²), less 1, at most", "", 0.0, everywhere),
     ]
 
 
 def oval(crane: Crane, far: float, near: float) -> State:
-    """A load let go at a distance from the vertical [m], with a speed to the left seen from above that makes the other half axis [m]."""
-    return crane.state(l=LENGTH, phi=math.asin(far / LENGTH), theta_dot=near / LENGTH * math.sqrt(G / LENGTH))
+    """A load let go at a distance from the vertical [m], with a speed to the left seen from above
+    that makes the other half axis [m].
+    """
+    return crane.state(
+        l=LENGTH, phi=math.asin(far / LENGTH), theta_dot=near / LENGTH * math.sqrt(G / LENGTH)
+    )
 
 
 def apse(trajectory: Trajectory) -> tuple[float, float]:
-    """When an oval has come back to its far end for the first time [s], and by how much that has turned since the start [rad]."""
-    t, offset = trajectory.t, payload(trajectory.q)[:, :2] - payload(trajectory.q * [1, 1, 0, 0, 0])[:, :2]
+    """When an oval has come back to its far end for the first time [s], and by how much that has
+    turned since the start [rad].
+    """
+    t, offset = (
+        trajectory.t,
+        payload(trajectory.q)[:, :2] - payload(trajectory.q * [1, 1, 0, 0, 0])[:, :2],
+    )
     square, angle = (offset**2).sum(axis=1), np.unwrap(np.arctan2(offset[:, 1], offset[:, 0]))
     late = t > 0.7 * theory.point_period(LENGTH, G)
     row = int(np.argmax(np.where(late, square, 0.0)))
@@ -85,10 +120,20 @@ def apse(trajectory: Trajectory) -> tuple[float, float]:
 def _precessions(bench: Bench, crane: Crane) -> list[Oracle]:
     made = []
     for far, near in OVALS:
-        turned = cache(lambda dt, far=far, near=near: apse(bench.run(crane, oval(crane, far, near), 10.0, dt))[1])
+        turned = cache(
+            lambda dt, far=far, near=near: apse(bench.run(crane, oval(crane, far, near), 10.0, dt))[
+                1
+            ]
+        )
         name = f"precession of an oval of {far:g} m by {near:g} m"
-        made.append(Oracle(f"{name}, a revolution", "rad", theory.apsidal_precession(LENGTH, far, near), turned))
+        made.append(
+            Oracle(
+                f"{name}, a revolution", "rad", theory.apsidal_precession(LENGTH, far, near), turned
+            )
+        )
         if (far, near) == OVALS[0]:
             airy, square = theory.airy_precession(LENGTH, far, near), (far**2 + near**2) / LENGTH**2
-            made.append(Oracle(f"{name}, by Airy", "rad", airy, turned, airy * square, "(a² + b²)/l²"))
+            made.append(
+                Oracle(f"{name}, by Airy", "rad", airy, turned, airy * square, "(a² + b²)/l²")
+            )
     return made

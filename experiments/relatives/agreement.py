@@ -20,11 +20,12 @@ SWING, DURATION = 0.1, 6.0
 """Of the load at the start [rad], and how long the move lasts [s]."""
 
 ROUNDING = 1e-12
-"""Between engines [rad, m, per second]: a push of 1e-15 g moves a free drive by 2e-13 m in 6 s; stiff springs and bodies of almost no
-mass, by which sums are divided, cost a digit more."""
+"""Between engines [rad, m, per second]: a push of 1e-15 g moves a free drive by 2e-13 m in 6 s;
+stiff springs and bodies of almost no mass, by which sums are divided, cost a digit more."""
 
 OPEN = 2.4e-9
-"""Share of what the energy changes by that RK4 may leave open: (ω dt)⁴ of the fastest mode, 14 rad/s, in steps of 0.5 ms."""
+"""Share of what the energy changes by that RK4 may leave open: (ω dt)⁴ of the fastest mode, 14
+rad/s, in steps of 0.5 ms."""
 
 
 class Agreement(NamedTuple):
@@ -74,5 +75,15 @@ def _moved(crane: Crane, start: State, **how: object) -> Trajectory:
     reference = hold(crane, start)
     ways = {"gamma": 0.2, "bridge": 1.0, "x": 1.0, "l": -0.5}
     for symbol in (joint.symbol for joint in crane.layout.driven):
-        reference = ramp(crane, reference, symbol, ways[symbol], rate=abs(ways[symbol]) / 3.0, at=0.5)
-    return simulate(crane, hold_controller(crane), reference, start=start, duration=DURATION, validity="mark", **how)  # type: ignore[arg-type]
+        reference = ramp(
+            crane, reference, symbol, ways[symbol], rate=abs(ways[symbol]) / 3.0, at=0.5
+        )
+    return simulate(
+        crane,
+        hold_controller(crane),
+        reference,
+        start=start,
+        duration=DURATION,
+        validity="mark",
+        **how,  # type: ignore[arg-type]
+    )

@@ -15,7 +15,12 @@ from cranedyn.references.limits import Limits
 OVERHEAD = XACRO.with_name("overhead_crane.urdf.xacro")
 """The xacro of the overhead crane."""
 
-POINT: dict[str, Any] = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
+POINT: dict[str, Any] = {
+    "payload_inertia": 0.0,
+    "dummy_mass": 0.0,
+    "dummy_inertia": 0.0,
+    "damp_swing": 0.0,
+}
 """A point load on a massless, frictionless rope, in either xacro."""
 
 
@@ -47,7 +52,10 @@ class Relative:
         return Limits(self.rates, self.accelerations)
 
 
-HOOK = Relative("hook and slung load", {"hook_mass": 300.0, "payload_mass": 2000.0, "sling_length": 5.0, **POINT})
+HOOK = Relative(
+    "hook and slung load",
+    {"hook_mass": 300.0, "payload_mass": 2000.0, "sling_length": 5.0, **POINT},
+)
 ROPE = Relative("rope that stretches", {"rope_stiffness": 3e6})
 TWIST = Relative("tower that twists", {"tower_twist_stiffness": 2e7})
 BEND = Relative("tower that bends", {"tower_bend_stiffness": 1e8})
@@ -64,7 +72,9 @@ def crane_of(relative: Relative) -> Crane:
 
 
 def moved(crane: Crane, **away: float) -> State:
-    """The crane hanging at rest where it starts, then some joints moved by so much, by their symbols, or rates set ("_dot")."""
+    """The crane hanging at rest where it starts, then some joints moved by so much, by their
+    symbols, or rates set ("_dot").
+    """
     q, v = crane.start.q.copy(), crane.start.v.copy()
     for name, by in away.items():
         symbol = name.removesuffix("_dot")

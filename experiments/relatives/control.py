@@ -1,4 +1,6 @@
-"""What is made for any crane, on each of them: hold, LQR, MPC, observer, least time, wind, batch."""
+"""What is made for any crane, on each of them: hold, LQR, MPC, observer, least time, wind,
+batch.
+"""
 
 from __future__ import annotations
 
@@ -44,14 +46,16 @@ class Control(NamedTuple):
 
     Attributes:
         relative: Which.
-        pull: How far the trolley may give way to the load under the hold controller: twice m g φ/k_p, as at once [m].
+        pull: How far the trolley may give way to the load under the hold controller: twice m g
+            φ/k_p, as at once [m].
         held: How far it does at most [m].
         left_by_hold, left_by_lqr, left_by_observer, left_by_mpc: Swing left by each [rad].
         predicted: Left by the LQR in the linear closed loop, from the same start [rad].
         efforts: Largest share of an effort limit that the MPC uses.
         arrival: Of the move of least time [s].
         rest: Swing left from there on, all modes together [rad].
-        sampling: What it may leave, since efforts are held for a control period, see `experiments.scenarios.moves.of_sampling` [rad].
+        sampling: What it may leave, since efforts are held for a control period, see
+            `experiments.scenarios.moves.of_sampling` [rad].
         limits: Largest share of a limit of rate, acceleration or effort that the move uses.
         blown: How far the wind moves the load [m].
         open: Share of the wind's work that the ledger leaves open.
@@ -86,7 +90,16 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
     regulator = lqr(crane, rest, dt=_DT)
 
     def run(controller: Controller) -> Trajectory:
-        return simulate(crane, controller, rest, start=start, duration=DURATION, dt=_DT, control_period=_PERIOD, engine=engine)
+        return simulate(
+            crane,
+            controller,
+            rest,
+            start=start,
+            duration=DURATION,
+            dt=_DT,
+            control_period=_PERIOD,
+            engine=engine,
+        )
 
     brake = hold_controller(crane)
     held, damped, seen = run(brake), run(regulator), run(observed(regulator, crane, rest, dt=_DT))
@@ -94,7 +107,12 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
     motion, move = _least_time(relative, crane, engine)
     goal = State(motion.q[-1], motion.v[-1])
     drive = crane.layout.drive("x")
-    weight = sum(float(body.mass) for body in list(crane.model.inertias)[crane.layout.index("phi") + 1 :]) * crane.gravity
+    weight = (
+        sum(
+            float(body.mass) for body in list(crane.model.inertias)[crane.layout.index("phi") + 1 :]
+        )
+        * crane.gravity
+    )
     blown, missing = _blown(crane, engine)
     return Control(
         relative,
@@ -118,7 +136,9 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
 
 
 def swing_left(crane: Crane, goal: State, run: Trajectory, since: float | None = None) -> float:
-    """Largest swing that the modes about a rest can still make together in any swing joint [rad], at a time or at the end."""
+    """Largest swing that the modes about a rest can still make together in any swing joint [rad],
+    at a time or at the end.
+    """
     modes = free_modes(crane, goal)
     row = len(run) - 1 if since is None else int(np.searchsorted(run.t, since - 1e-9))
     reach = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)])
@@ -130,24 +150,34 @@ def _least_time(relative: Relative, crane: Crane, engine: EngineName) -> tuple[M
     x = float(crane.start.q[crane.layout.index("x")])
     goal = rest_at(crane, x=x + WAY)
     still = [joint.symbol for joint in crane.layout.driven if joint.symbol != "x"]
-    motion = optimal(crane, crane.start, goal, relative.limits, ramp=1.0, still=still, period=_PERIOD)
+    motion = optimal(
+        crane, crane.start, goal, relative.limits, ramp=1.0, still=still, period=_PERIOD
+    )
     tracking = lqr(crane, motion, dt=_DT)
     duration = _PERIOD * round((motion.arrival + 1.0) / _PERIOD)
-    return motion, simulate(crane, tracking, motion, duration=duration, dt=_DT, control_period=_PERIOD, engine=engine)
+    return motion, simulate(
+        crane, tracking, motion, duration=duration, dt=_DT, control_period=_PERIOD, engine=engine
+    )
 
 
 def _sampling(crane: Crane, goal: State, motion: Motion) -> float:
     """By the fastest mode that swings, as if all the swing were its own."""
     modes = free_modes(crane, goal)
-    swinging = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)]).max(axis=0) > 0.01 * np.abs(modes.shapes).max(axis=0)
+    swinging = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)]).max(
+        axis=0
+    ) > 0.01 * np.abs(modes.shapes).max(axis=0)
     length = crane.gravity / float(modes.frequencies[swinging].max()) ** 2
-    return of_sampling(crane.gravity, length, _PERIOD, float(np.abs(motion.q[:, crane.swings]).max()))
+    return of_sampling(
+        crane.gravity, length, _PERIOD, float(np.abs(motion.q[:, crane.swings]).max())
+    )
 
 
 def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
     """Swing that the linear closed loop leaves at the end [rad]."""
     loop = sampled(crane, crane.start, dt=_DT, control_period=_PERIOD).closed(regulator.gain[-1])
-    z = np.linalg.matrix_power(loop, round(DURATION / _PERIOD)) @ np.concatenate([start.q - crane.start.q, start.v])
+    z = np.linalg.matrix_power(loop, round(DURATION / _PERIOD)) @ np.concatenate(
+        [start.q - crane.start.q, start.v]
+    )
     q, v = np.split(z, 2)
     modes = free_modes(crane, crane.start)
     reach = np.abs(modes.shapes[np.isin(modes.passive, crane.swings)])
@@ -155,13 +185,24 @@ def _predicted(crane: Crane, regulator: Tracking, start: State) -> float:
 
 
 def _blown(crane: Crane, engine: EngineName) -> tuple[float, float]:
-    """A steady wind across: how far the load goes, and the share of the wind's work that is missing from the ledger."""
+    """A steady wind across: how far the load goes, and the share of the wind's work that is missing
+    from the ledger.
+    """
     breeze = wind(crane, steady(GUST), direction=0.0, payload_area=AREA)
     run = simulate(
-        crane, hold_controller(crane), disturbance=breeze, duration=4.0, dt=_PERIOD, control_period=_PERIOD, integrator=rk4, engine=engine
+        crane,
+        hold_controller(crane),
+        disturbance=breeze,
+        duration=4.0,
+        dt=_PERIOD,
+        control_period=_PERIOD,
+        integrator=rk4,
+        engine=engine,
     )
     away = point_positions(crane, run.q[-1])[0] - point_positions(crane, run.q[0])[0]
-    return float(np.linalg.norm(away)), float(np.abs(run.unexplained).max() / np.abs(run["W_force_J"]).max())
+    return float(np.linalg.norm(away)), float(
+        np.abs(run.unexplained).max() / np.abs(run["W_force_J"]).max()
+    )
 
 
 def _lanes(crane: Crane, regulator: Controller, motion: Motion, start: State) -> float:
@@ -174,6 +215,10 @@ def _lanes(crane: Crane, regulator: Controller, motion: Motion, start: State) ->
     for i in (0, _COPIES - 1):
         alone = simulate(crane, regulator, motion, start=starts[i], engine="compiled", **times)  # type: ignore[arg-type]
         worst = max(
-            worst, *(float(np.abs(a - b[-1]).max()) for a, b in zip((many.end.q[i], many.end.v[i]), (alone.q, alone.v), strict=True))
+            worst,
+            *(
+                float(np.abs(a - b[-1]).max())
+                for a, b in zip((many.end.q[i], many.end.v[i]), (alone.q, alone.v), strict=True)
+            ),
         )
     return worst

@@ -1,4 +1,6 @@
-"""Frequencies: the closed form, the linearisation of the multibody crane, and small swings of a run."""
+"""Frequencies: the closed form, the linearisation of the multibody crane, and small swings of a
+run.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +22,12 @@ from experiments.oracles.reading import locked
 from experiments.relatives.catalogue import BEND, BRIDGE, HOOK, JIB, POINT, ROPE, TWIST, moved
 
 EXACT = 1e-8
-"""How far linearisation and closed form, and run and linearisation with the step's error, may be apart [rad/s]."""
+"""How far linearisation and closed form, and run and linearisation with the step's error, may be
+apart [rad/s]."""
 
 _SMALL = 1e-5
-"""Amplitude of the small swings [rad or m]; what is not linear in them goes with its square, some 1e-10 of the frequency."""
+"""Amplitude of the small swings [rad or m]; what is not linear in them goes with its square, some
+1e-10 of the frequency."""
 
 _DT, _PERIOD, _ROWS = 5e-3, 0.04, 100
 
@@ -37,8 +41,10 @@ class Frequency(NamedTuple):
         closed: By a closed form.
         linear: By the linearisation of the crane.
         simulated: Of a small swing in a run.
-        stepped: What the step makes of `linear`: sin(ω' dt/2) = ω dt/2, exact for semi-implicit Euler.
-        allowed: Between `closed` and `linear`; where a structure leans at rest, the square of that angle times the frequency.
+        stepped: What the step makes of `linear`: sin(ω' dt/2) = ω dt/2, exact for semi-implicit
+            Euler.
+        allowed: Between `closed` and `linear`; where a structure leans at rest, the square of that
+            angle times the frequency.
     """
 
     crane: str
@@ -52,7 +58,10 @@ class Frequency(NamedTuple):
     @property
     def holds(self) -> bool:
         """Whether all three agree."""
-        return abs(self.linear - self.closed) < self.allowed and abs(self.simulated - self.stepped) < EXACT
+        return (
+            abs(self.linear - self.closed) < self.allowed
+            and abs(self.simulated - self.stepped) < EXACT
+        )
 
 
 Measured = Callable[..., Frequency]
@@ -61,24 +70,44 @@ Measured = Callable[..., Frequency]
 
 def frequencies(engine: EngineName = "pinocchio") -> list[Frequency]:
     """All frequencies, the runs by an engine."""
-    return [made(engine=engine) for part in (_hooks, _ropes, _twists, _bends, _bridges) for made in part()]
+    return [
+        made(engine=engine)
+        for part in (_hooks, _ropes, _twists, _bends, _bridges)
+        for made in part()
+    ]
 
 
 def _hooks() -> Iterator[Measured]:
     cases = [(15.0, 5.0, 300.0, 2000.0), (40.0, 4.0, 500.0, 5000.0), (20.0, 10.0, 1000.0, 1000.0)]
     for cable, sling, hook, load in cases:
         crane = HOOK.crane(
-            hook_mass=hook, sling_length=sling, payload_mass=load, hoist_init=cable, hoist_max=60.0, pivot_height=90.0, hoist_effort=1e6
+            hook_mass=hook,
+            sling_length=sling,
+            payload_mass=load,
+            hoist_init=cable,
+            hoist_max=60.0,
+            pivot_height=90.0,
+            hoist_effort=1e6,
         )
         name = f"hook: l = {cable:g} + {sling:g} m, {hook:g} + {load:g} kg"
-        for mode, closed in zip(("slow", "fast"), theory.double_pendulum(cable, sling, hook, load, crane.gravity), strict=True):
+        for mode, closed in zip(
+            ("slow", "fast"),
+            theory.double_pendulum(cable, sling, hook, load, crane.gravity),
+            strict=True,
+        ):
             yield partial(_locked, name, mode, crane, closed)
 
 
 def _ropes() -> Iterator[Measured]:
     crane = ROPE.crane(**POINT)
     length = float(crane.start.q[crane.layout.index("l")])
-    yield partial(_locked, ROPE.name, "bounce", crane, theory.rope_bounce(crane_ea(crane), length, crane.payload_mass))
+    yield partial(
+        _locked,
+        ROPE.name,
+        "bounce",
+        crane,
+        theory.rope_bounce(crane_ea(crane), length, crane.payload_mass),
+    )
 
 
 def crane_ea(crane: Crane) -> float:
@@ -88,10 +117,21 @@ def crane_ea(crane: Crane) -> float:
 
 
 def _twists() -> Iterator[Measured]:
-    """By the 2 × 2 model: with a trolley whose mass counts in the 1e6 kg m², and with one that comes on top of them."""
-    at: dict[str, float] = {"trolley_init": 20.0, "hoist_init": 15.0, "payload_mass": 2000.0, "trolley_inertia": 0.0, **POINT}
+    """By the 2 × 2 model: with a trolley whose mass counts in the 1e6 kg m², and with one that
+    comes on top of them.
+    """
+    at: dict[str, float] = {
+        "trolley_init": 20.0,
+        "hoist_init": 15.0,
+        "payload_mass": 2000.0,
+        "trolley_inertia": 0.0,
+        **POINT,
+    }
     inertia, trolley, radius = 1e6, 500.0, 20.0
-    for name, own in (("trolley within J", inertia - trolley * radius**2), ("and a trolley of 500 kg", inertia)):
+    for name, own in (
+        ("trolley within J", inertia - trolley * radius**2),
+        ("and a trolley of 500 kg", inertia),
+    ):
         crane = TWIST.crane(slewing_inertia=own, trolley_mass=trolley, **at)
         forms = theory.twisting_tower(own, 2e7, radius, 15.0, 2000.0, crane.gravity, trolley)
         for mode, closed in zip(("slow", "fast"), forms, strict=True):
@@ -106,7 +146,9 @@ def _bends() -> Iterator[Measured]:
     forms = theory.bending_tower(inertia, 1e8, above * height, height, length, mass, crane.gravity)
     lean = float(crane.start.q[crane.layout.index("tower_bend_x")])
     for mode, closed in zip(("slow", "fast"), forms, strict=True):
-        yield partial(_locked, BEND.name, f"across the jib, {mode}", crane, closed, closed * lean**2)
+        yield partial(
+            _locked, BEND.name, f"across the jib, {mode}", crane, closed, closed * lean**2
+        )
     crane = JIB.crane(trolley_inertia=0.0, **POINT)
     droop = float(crane.start.q[crane.layout.index("jib_bend")])
     closed = theory.bending_jib(4e7, 4e5, 10.0, mass + crane.trolley_mass)
@@ -117,12 +159,21 @@ def _bridges() -> Iterator[Measured]:
     crane = BRIDGE.crane(**POINT)
     length = float(crane.start.q[crane.layout.index("l")])
     yield partial(_locked, BRIDGE.name, "drives locked", crane, math.sqrt(crane.gravity / length))
-    for symbol, what, carried in (("phi", "trolley rolls freely", 1500.0), ("theta", "bridge rolls freely", 13500.0)):
-        closed = 2.0 * math.pi / theory.rolling_period(length, crane.gravity, crane.payload_mass, carried)
+    for symbol, what, carried in (
+        ("phi", "trolley rolls freely", 1500.0),
+        ("theta", "bridge rolls freely", 13500.0),
+    ):
+        closed = (
+            2.0
+            * math.pi
+            / theory.rolling_period(length, crane.gravity, crane.payload_mass, carried)
+        )
         yield partial(_rolling, crane, symbol, what, closed)
 
 
-def _locked(name: str, mode: str, crane: Crane, closed: float, allowed: float = EXACT, *, engine: EngineName) -> Frequency:
+def _locked(
+    name: str, mode: str, crane: Crane, closed: float, allowed: float = EXACT, *, engine: EngineName
+) -> Frequency:
     """A mode with the drives locked, that whose frequency is nearest to the closed form."""
     modes = free_modes(crane, crane.start)
     k = int(np.argmin(np.abs(modes.frequencies - closed)))
@@ -140,7 +191,9 @@ def _locked(name: str, mode: str, crane: Crane, closed: float, allowed: float = 
     return Frequency(name, mode, closed, linear, _frequency(signal), _stepped(linear), allowed)
 
 
-def _rolling(crane: Crane, symbol: str, what: str, closed: float, *, engine: EngineName) -> Frequency:
+def _rolling(
+    crane: Crane, symbol: str, what: str, closed: float, *, engine: EngineName
+) -> Frequency:
     """A swing while no drive is held but the hoist's load."""
     holding = holding_effort(crane, crane.start.q)
     by_q = linearise(crane, crane.start, holding)[0][:, : crane.layout.n]
@@ -148,12 +201,19 @@ def _rolling(crane: Crane, symbol: str, what: str, closed: float, *, engine: Eng
     linear = float(np.sqrt(squares[np.argmin(np.abs(squares - closed**2))]))
     none, i = np.zeros(crane.layout.m), crane.layout.index(symbol)
     free = Hold(crane, none, none, holding)
-    signal = _signal(crane, free, moved(crane, **{symbol: _SMALL}), "effort", lambda rows: rows[:, i], engine)
+    signal = _signal(
+        crane, free, moved(crane, **{symbol: _SMALL}), "effort", lambda rows: rows[:, i], engine
+    )
     return Frequency(BRIDGE.name, what, closed, linear, _frequency(signal), _stepped(linear))
 
 
 def _signal(
-    crane: Crane, controller: Hold, start: State, drive: Drive, read: Callable[[np.ndarray], np.ndarray], engine: EngineName
+    crane: Crane,
+    controller: Hold,
+    start: State,
+    drive: Drive,
+    read: Callable[[np.ndarray], np.ndarray],
+    engine: EngineName,
 ) -> np.ndarray:
     run = simulate(
         crane,

@@ -1,4 +1,6 @@
-"""The double pendulum: what moves leave in each of its two modes, with designs that know the hook and with one that does not."""
+"""The double pendulum: what moves leave in each of its two modes, with designs that know the hook
+and with one that does not.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,8 @@ WAY, LASTS = 4.0, 9.0
 """Of the trolley in the moves [m], and time for those that are given one [s]."""
 
 NUDGE = 0.05
-"""Speed of the operator's moves that are shaped [m/s]: slow, since the closed form is that of a small swing."""
+"""Speed of the operator's moves that are shaped [m/s]: slow, since the closed form is that of a
+small swing."""
 
 _DT, _PERIOD, _AFTER = 1e-3, 5e-3, 10.0
 
@@ -59,7 +62,8 @@ class Left(NamedTuple):
     Attributes:
         strategy: How it is made.
         arrival: When the drives are there [s].
-        slow, fast: Amplitude of the load's sling, or of the cable, in each mode, whichever is larger [rad].
+        slow, fast: Amplitude of the load's sling, or of the cable, in each mode, whichever is
+            larger [rad].
         closed_slow, closed_fast: By a closed form; None without one.
         run: What happened.
     """
@@ -74,15 +78,22 @@ class Left(NamedTuple):
 
 
 def left(crane: Crane, goal: State, run: Trajectory, at: float) -> tuple[float, float]:
-    """Amplitude of the slow and of the fast mode at a time [rad], radial and tangential together."""
+    """Amplitude of the slow and of the fast mode at a time [rad], radial and tangential
+    together.
+    """
     modes = free_modes(crane, goal)
     row = int(np.searchsorted(run.t, at - 1e-9))
-    sizes = np.abs(modes.shapes).max(axis=0) * modes.amplitudes(run.q[row : row + 1], run.v[row : row + 1])[0]
+    sizes = (
+        np.abs(modes.shapes).max(axis=0)
+        * modes.amplitudes(run.q[row : row + 1], run.v[row : row + 1])[0]
+    )
     return float(np.hypot(*sizes[:2])), float(np.hypot(*sizes[2:]))
 
 
 def sampling(run: Trajectory) -> float:
-    """Swing that a move may leave since efforts are held for a control period [rad], by the fast mode."""
+    """Swing that a move may leave since efforts are held for a control period [rad], by the fast
+    mode.
+    """
     crane = crane_of(HOOK)
     length = crane.gravity / float(free_modes(crane, crane.start).frequencies[-1]) ** 2
     return of_sampling(crane.gravity, length, _PERIOD, float(np.abs(run.q[:, crane.swings]).max()))
@@ -92,7 +103,9 @@ def shaping(engine: EngineName = "pinocchio") -> list[Left]:
     """An operator's slow move of the trolley as it is, and shaped for no, one or both modes."""
     crane = crane_of(HOOK)
     slow, fast = theory.double_pendulum(_at(crane, "l"), 5.0, 300.0, 2000.0, crane.gravity)
-    base = operator(crane, crane.start, [JoystickPulse("x", NUDGE, 0.0, 3.0)], accelerations=(0.05, 0.5, 0.3))
+    base = operator(
+        crane, crane.start, [JoystickPulse("x", NUDGE, 0.0, 3.0)], accelerations=(0.05, 0.5, 0.3)
+    )
     one_cable = 2.0 * np.pi / float(theory.point_period(_at(crane, "l") + 5.0, crane.gravity))
     plans: dict[str, tuple[float, ...]] = {
         "operator": (),
@@ -104,12 +117,22 @@ def shaping(engine: EngineName = "pinocchio") -> list[Left]:
     for name, modes in plans.items():
         reference = shaped(base, zv(), [2.0 * np.pi / mode for mode in modes]) if modes else base
         end = _whole(3.0 + NUDGE / 0.5 + sum(np.pi / mode for mode in modes))
-        run = _run(crane, follow(crane, reference, _PERIOD), reference, end + 0.5, drive="motion", engine=engine)
+        run = _run(
+            crane,
+            follow(crane, reference, _PERIOD),
+            reference,
+            end + 0.5,
+            drive="motion",
+            engine=engine,
+        )
         goal = rest_at(crane, x=float(run["x_m"][-1]))
         amounts = left(crane, goal, run, end)
         closed: list[float | None] = [None, None]
         if found:
-            closed = [theory.convolved_zv(mode, modes) * alone for mode, alone in zip((slow, fast), found[0][2:4], strict=True)]
+            closed = [
+                theory.convolved_zv(mode, modes) * alone
+                for mode, alone in zip((slow, fast), found[0][2:4], strict=True)
+            ]
         found.append(Left(name, end, amounts[0], amounts[1], closed[0], closed[1], run))
     return found
 
@@ -126,35 +149,56 @@ def moves(engine: EngineName = "pinocchio") -> Iterator[Left]:
     ):
         tracking = lqr(of, motion, dt=_DT)
         controller = tracking if of is crane else Unaware(tracking, known)
-        setpoints = motion.__call__  # of the drives, which both cranes have; the motion itself is of one crane
+        # Of the drives, which both cranes have; the motion itself is of one crane.
+        setpoints = motion.__call__
         run = _run(crane, controller, setpoints, _whole(motion.arrival + _AFTER), engine=engine)
         slow, fast = left(crane, rest_at(crane, x=_at(crane, "x") + WAY), run, motion.arrival)
         yield Left(name, motion.arrival, slow, fast, None, None, run)
 
 
 def one_pendulum() -> Crane:
-    """The tower crane as a designer sees it who knows nothing of the hook: all the mass at the hoist's end."""
+    """The tower crane as a designer sees it who knows nothing of the hook: all the mass at the
+    hoist's end.
+    """
     return load_crane(payload_mass=2300.0, **POINT)
 
 
 def growth() -> tuple[float, float]:
-    """Largest growth rate of the closed loops at rest [1/s]: LQR of the whole model, and of five joints on the crane with the hook."""
+    """Largest growth rate of the closed loops at rest [1/s]: LQR of the whole model, and of five
+    joints on the crane with the hook.
+    """
     crane, simple = crane_of(HOOK), one_pendulum()
-    loop, known = sampled(crane, crane.start, dt=_DT, control_period=_PERIOD), [crane.layout.index(s) for s in simple.layout.symbols]
+    loop, known = (
+        sampled(crane, crane.start, dt=_DT, control_period=_PERIOD),
+        [crane.layout.index(s) for s in simple.layout.symbols],
+    )
     n = crane.layout.n
     gain = np.zeros((crane.layout.m, 2 * n))
     gain[:, [*known, *(n + i for i in known)]] = _regulator(simple).gain[-1]
-    radii = (np.abs(np.linalg.eigvals(loop.closed(each))).max() for each in (_regulator(crane).gain[-1], gain))
+    radii = (
+        np.abs(np.linalg.eigvals(loop.closed(each))).max()
+        for each in (_regulator(crane).gain[-1], gain)
+    )
     aware, unaware = (float(np.log(radius) / _PERIOD) for radius in radii)
     return aware, unaware
 
 
 def stirred(engine: EngineName = "pinocchio") -> float:
-    """Growth rate of the fast mode in a run under the LQR of five joints [1/s], from a small swing of the sling across the jib."""
+    """Growth rate of the fast mode in a run under the LQR of five joints [1/s], from a small swing
+    of the sling across the jib.
+    """
     crane, simple = crane_of(HOOK), one_pendulum()
     known = [crane.layout.index(symbol) for symbol in simple.layout.symbols]
     start = moved(crane, sling_tangential=1e-3)
-    run = simulate(crane, Unaware(_regulator(simple), known), start=start, duration=30.0, dt=_DT, control_period=_PERIOD, engine=engine)
+    run = simulate(
+        crane,
+        Unaware(_regulator(simple), known),
+        start=start,
+        duration=30.0,
+        dt=_DT,
+        control_period=_PERIOD,
+        engine=engine,
+    )
     later = run.since(15.0)
     fast = np.hypot(*free_modes(crane, crane.start).amplitudes(later.q, later.v)[:, 2:].T)
     return float(np.polyfit(later.t, np.log(fast), 1)[0])
@@ -171,11 +215,17 @@ def _spline(crane: Crane) -> Motion:
 
 def _fastest(crane: Crane) -> Motion:
     goal = rest_at(crane, x=_at(crane, "x") + WAY)
-    return optimal(crane, crane.start, goal, HOOK.limits, ramp=1.0, still=["gamma", "l"], period=_PERIOD)
+    return optimal(
+        crane, crane.start, goal, HOOK.limits, ramp=1.0, still=["gamma", "l"], period=_PERIOD
+    )
 
 
-def _run(crane: Crane, controller: Controller, reference: Reference, duration: float, **how: Any) -> Trajectory:
-    return simulate(crane, controller, reference, duration=duration, dt=_DT, control_period=_PERIOD, **how)
+def _run(
+    crane: Crane, controller: Controller, reference: Reference, duration: float, **how: Any
+) -> Trajectory:
+    return simulate(
+        crane, controller, reference, duration=duration, dt=_DT, control_period=_PERIOD, **how
+    )
 
 
 def _at(crane: Crane, symbol: str) -> float:

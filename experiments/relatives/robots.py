@@ -1,4 +1,6 @@
-"""Robots of example-robot-data loaded as cranes: the same integrators and the same compiled engine move them."""
+"""Robots of example-robot-data loaded as cranes: the same integrators and the same compiled engine
+move them.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +26,16 @@ ROBOTS = {
     "finger_edu.urdf": ("finger_middle_to_lower_joint", 2),
     "bolt.urdf": ("FR_KFE", 3),
 }
-"""Files, the joint that carries the last body, and how many of the joints, the first, are driven; the others hang."""
+"""Files, the joint that carries the last body, and how many of the joints, the first, are driven;
+the others hang."""
 
 ROUNDING = 1e-12
-"""Between engines in half a second [rad, per second]: light links amplify rounding of 1e-16 by their mass matrix's condition, some 1e3."""
+"""Between engines in half a second [rad, per second]: light links amplify rounding of 1e-16 by
+their mass matrix's condition, some 1e3."""
 
 ORDER = 0.1
-"""How far a measured order may be from 1 of semi-implicit Euler and 4 of RK4: what the next power of a step of 1 ms changes."""
+"""How far a measured order may be from 1 of semi-implicit Euler and 4 of RK4: what the next power
+of a step of 1 ms changes."""
 
 STEP = 1e-3
 """The coarser of two steps [s]."""
@@ -43,8 +48,10 @@ class Robot(NamedTuple):
         name: Which.
         joints: How many.
         driven: How many of them are driven.
-        engines: Largest difference of compiled code and Pinocchio, by stepping rule [rad, per second].
-        open: Energy that the ledger leaves open at a step and at half of it, by stepping rule, at most [J].
+        engines: Largest difference of compiled code and Pinocchio, by stepping rule [rad, per
+            second].
+        open: Energy that the ledger leaves open at a step and at half of it, by stepping rule, at
+            most [J].
     """
 
     name: str
@@ -66,7 +73,13 @@ def robots() -> list[Robot]:
 
 def robot(name: str) -> Path:
     """Where the URDF of a robot is."""
-    return Path(str(next(file for file in metadata.files("example-robot-data") or [] if file.name == name).locate()))
+    return Path(
+        str(
+            next(
+                file for file in metadata.files("example-robot-data") or [] if file.name == name
+            ).locate()
+        )
+    )
 
 
 def _robot(name: str, payload: str, driven: int) -> Robot:
@@ -75,7 +88,10 @@ def _robot(name: str, payload: str, driven: int) -> Robot:
     engines, left = dict[str, float](), dict[str, tuple[float, float]]()
     for rule in (semi_implicit_euler, rk4):
         runs = [_moved(crane, rule, engine, STEP) for engine in ("pinocchio", "compiled")]
-        engines[rule.name] = max(float(np.abs(a - b).max()) for a, b in zip(*((run.q, run.v) for run in runs), strict=True))
+        engines[rule.name] = max(
+            float(np.abs(a - b).max())
+            for a, b in zip(*((run.q, run.v) for run in runs), strict=True)
+        )
         left[rule.name] = _open(runs[1]), _open(_moved(crane, rule, "compiled", STEP / 2.0))
     return Robot(name.removesuffix(".urdf"), crane.layout.n, driven, engines, left)
 
@@ -94,5 +110,14 @@ def _moved(crane: Crane, rule: Integrator, engine: EngineName, dt: float) -> Tra
     start = State(crane.start.q, rng.normal(size=crane.layout.n))
     brake, reference = hold_controller(crane), hold(crane, crane.start)
     return simulate(
-        crane, brake, reference, start=start, duration=0.5, dt=dt, control_period=5e-3, validity="mark", integrator=rule, engine=engine
+        crane,
+        brake,
+        reference,
+        start=start,
+        duration=0.5,
+        dt=dt,
+        control_period=5e-3,
+        validity="mark",
+        integrator=rule,
+        engine=engine,
     )

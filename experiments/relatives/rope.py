@@ -50,7 +50,9 @@ def jumps(engine: EngineName = "pinocchio") -> list[Jump]:
 
 
 def _pickups(engine: EngineName) -> Iterator[Jump]:
-    """The load still stands, the rope just carries it, the drum already turns: the load rises by what the rope is too short."""
+    """The load still stands, the rope just carries it, the drum already turns: the load rises by
+    what the rope is too short.
+    """
     crane = ROPE.crane(**POINT)
     length, omega = _length(crane), _bounce(crane)
     for speed in (0.05, 0.2, 0.5):
@@ -70,10 +72,21 @@ def _pickups(engine: EngineName) -> Iterator[Jump]:
             engine=engine,
         )
         assert float(np.ptp(run["l_dot_m_s"])) < 1e-6, "the drum turns evenly"
-        found = float(_tension(crane, run["rope_stretch_m"], run["l_m"]).max()) / (crane.payload_mass * crane.gravity)
-        strain, shorter = crane.payload_mass * crane.gravity / crane_ea(crane), math.pi / 2.0 * speed / (omega * length)
+        found = float(_tension(crane, run["rope_stretch_m"], run["l_m"]).max()) / (
+            crane.payload_mass * crane.gravity
+        )
+        strain, shorter = (
+            crane.payload_mass * crane.gravity / crane_ea(crane),
+            math.pi / 2.0 * speed / (omega * length),
+        )
         allowed = (closed - 1.0) * (strain + shorter) + (omega * _DT) ** 2
-        yield Jump(f"picked up at {speed:g} m/s", closed, found, allowed, "strain at rest; shorter cable at the peak; (ω dt)²")
+        yield Jump(
+            f"picked up at {speed:g} m/s",
+            closed,
+            found,
+            allowed,
+            "strain at rest; shorter cable at the peak; (ω dt)²",
+        )
 
 
 def _drops(engine: EngineName) -> Iterator[Jump]:
@@ -81,10 +94,21 @@ def _drops(engine: EngineName) -> Iterator[Jump]:
         before, after = (ROPE.crane(payload_mass=mass, **POINT) for mass in (whole, left))
         start = moved(
             after,
-            rope_stretch=float(before.start.q[before.layout.index("rope_stretch")] - after.start.q[after.layout.index("rope_stretch")]),
+            rope_stretch=float(
+                before.start.q[before.layout.index("rope_stretch")]
+                - after.start.q[after.layout.index("rope_stretch")]
+            ),
         )
         run = simulate(
-            after, locked(after), start=start, duration=1.0, dt=_DT, control_period=_DT, drive="motion", validity="mark", engine=engine
+            after,
+            locked(after),
+            start=start,
+            duration=1.0,
+            dt=_DT,
+            control_period=_DT,
+            drive="motion",
+            validity="mark",
+            engine=engine,
         )
         tension = _tension(after, run["rope_stretch_m"], run["l_m"]) / (left * after.gravity)
         closed, allowed = theory.drop_factor(whole - left, left), (_bounce(after) * _DT) ** 2

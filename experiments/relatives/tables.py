@@ -26,20 +26,39 @@ def frequencies(found: Sequence[modes.Frequency]) -> harness.Table:
         ("rest", "+.0e"),
     ]
     rows = [
-        (f.crane, f.mode, f.closed, f.linear, f.linear - f.closed, f.simulated, f.stepped - f.linear, f.simulated - f.stepped)
+        (
+            f.crane,
+            f.mode,
+            f.closed,
+            f.linear,
+            f.linear - f.closed,
+            f.simulated,
+            f.stepped - f.linear,
+            f.simulated - f.stepped,
+        )
         for f in found
     ]
     note = (
-        "Drives locked but where they roll. The tower that twists is that of a hand-derived 2 × 2 model without the trolley, "
-        "0.79786094 and 4.53213150 rad/s: the multibody agrees when the trolley's m x² is counted within the 1e6 kg m², and is "
-        "slower by what the trolley adds when it is not. A structure that leans at rest is held to the square of that angle."
+        "Drives locked but where they roll. The tower that twists is that of a hand-derived 2 × 2 "
+        "model without the trolley, "
+        "0.79786094 and 4.53213150 rad/s: the multibody agrees when the trolley's m x² is counted "
+        "within the 1e6 kg m², and is "
+        "slower by what the trolley adds when it is not. A structure that leans at rest is held to "
+        "the square of that angle."
     )
     return harness.Table("Frequencies", columns, rows, note)
 
 
 def jumps(found: Sequence[rope.Jump]) -> harness.Table:
     """A rope that stretches."""
-    columns = [("what happens", ""), ("closed form", ".4f"), ("run", ".4f"), ("off", "+.1e"), ("allowed", ".1e"), ("because of", "")]
+    columns = [
+        ("what happens", ""),
+        ("closed form", ".4f"),
+        ("run", ".4f"),
+        ("off", "+.1e"),
+        ("allowed", ".1e"),
+        ("because of", ""),
+    ]
     rows = [(j.what, j.closed, j.found, j.found - j.closed, j.allowed, j.why) for j in found]
     return harness.Table("Rope that stretches: tension over the weight that hangs", columns, rows)
 
@@ -54,12 +73,20 @@ def agreement(found: Sequence[Agreement]) -> harness.Table:
         ("energy [J]", ".0f"),
         ("open [J]", ".0e"),
     ]
-    rows = [(a.relative.name, crane_of(a.relative).layout.n, a.engines, a.mujoco, a.energy, a.left_open) for a in found]
+    rows = [
+        (a.relative.name, crane_of(a.relative).layout.n, a.engines, a.mujoco, a.energy, a.left_open)
+        for a in found
+    ]
     note = (
         "Largest difference of any coordinate or rate [rad, m, per second]. "
         "Ledger by RK4: what the energy changes by, and what is left open."
     )
-    return harness.Table(f"Three engines, {DURATION:g} s with all drives moving and the load swinging", columns, rows, note)
+    return harness.Table(
+        f"Three engines, {DURATION:g} s with all drives moving and the load swinging",
+        columns,
+        rows,
+        note,
+    )
 
 
 def control(found: Sequence[Control]) -> harness.Table:
@@ -81,7 +108,10 @@ def control(found: Sequence[Control]) -> harness.Table:
         (
             c.relative.name,
             1e3 * c.held,
-            *(1e3 * swing for swing in (c.left_by_hold, c.left_by_lqr, c.left_by_observer, c.left_by_mpc)),
+            *(
+                1e3 * swing
+                for swing in (c.left_by_hold, c.left_by_lqr, c.left_by_observer, c.left_by_mpc)
+            ),
             c.arrival,
             1e3 * c.rest,
             100.0 * c.limits,
@@ -91,9 +121,12 @@ def control(found: Sequence[Control]) -> harness.Table:
         for c in found
     ]
     note = (
-        f"From {1e3 * SWING:g} mrad in each swing joint: how far the trolley gives way under the hold controller, and the swing left "
-        f"after 10 s by each controller. Then the trolley's move of {WAY:g} m in least time: how long, swing left, largest share of a "
-        f"limit. Wind of {GUST:g} m/s on {AREA:g} m² for 4 s: where the load goes. Batch: eight cranes at once beside runs one by one "
+        f"From {1e3 * SWING:g} mrad in each swing joint: how far the trolley gives way under the "
+        "hold controller, and the swing left "
+        f"after 10 s by each controller. Then the trolley's move of {WAY:g} m in least time: how "
+        "long, swing left, largest share of a "
+        f"limit. Wind of {GUST:g} m/s on {AREA:g} m² for 4 s: where the load goes. Batch: eight "
+        "cranes at once beside runs one by one "
         "[rad, m, per second]."
     )
     return harness.Table("Control", columns, rows, note)
@@ -114,8 +147,21 @@ def left(title: str, found: Sequence[pendulum.Left], note: str) -> harness.Table
     rows: list[tuple[float | str | None, ...]] = []
     for each in found:
         later = _later(each)
-        closed = [None if form is None else 1e3 * form for form in (each.closed_slow, each.closed_fast)]
-        rows.append((each.strategy, each.arrival, 1e3 * each.slow, closed[0], 1e3 * each.fast, closed[1], 1e3 * later[0], 1e3 * later[1]))
+        closed = [
+            None if form is None else 1e3 * form for form in (each.closed_slow, each.closed_fast)
+        ]
+        rows.append(
+            (
+                each.strategy,
+                each.arrival,
+                1e3 * each.slow,
+                closed[0],
+                1e3 * each.fast,
+                closed[1],
+                1e3 * later[0],
+                1e3 * later[1],
+            )
+        )
     return harness.Table(title, columns, rows, note)
 
 
@@ -127,12 +173,20 @@ def _later(found: pendulum.Left) -> tuple[float, float]:
 
 
 def unaware(growth: tuple[float, float]) -> str:
-    """What to know of designs that do not know of the hook, with the growth rates of the closed loops [1/s]."""
+    """What to know of designs that do not know of the hook, with the growth rates of the closed
+    loops [1/s].
+    """
     return (
-        f"At the arrival, and {pendulum.LASTS + 1:g} s later. The five-joint designs take hook and load for one load of 2300 kg at the "
-        "hoist's end, and see slew, trolley, cable and its two swings. At rest every motion under the LQR of the whole model goes with "
+        f"At the arrival, and {pendulum.LASTS + 1:g} s later. The five-joint designs take hook and "
+        "load for one load of 2300 kg at the "
+        "hoist's end, and see slew, trolley, cable and its two swings. At rest every motion under "
+        "the LQR of the whole model goes with "
         f"{growth[0]:+.4f} 1/s or faster; under that of five joints one has {growth[1]:+.4f} 1/s"
-        + (": through the slew it stirs up the fast mode across the jib, which it does not see." if growth[1] > 0.0 else ".")
+        + (
+            ": through the slew it stirs up the fast mode across the jib, which it does not see."
+            if growth[1] > 0.0
+            else "."
+        )
     )
 
 
@@ -150,11 +204,18 @@ def robots(found: Sequence[Robot]) -> harness.Table:
     ]
     rules = (semi_implicit_euler, rk4)
     rows: list[tuple[float | str | None, ...]] = [
-        (r.name, r.joints, r.driven, max(r.engines.values()), *(part for rule in rules for part in (r.open[rule.name][0], r.order(rule))))
+        (
+            r.name,
+            r.joints,
+            r.driven,
+            max(r.engines.values()),
+            *(part for rule in rules for part in (r.open[rule.name][0], r.order(rule))),
+        )
         for r in found
     ]
     note = (
-        f"Half a second under hold in steps of {1e3 * STEP:g} ms; what the ledger leaves open, and the power of the step with which "
+        f"Half a second under hold in steps of {1e3 * STEP:g} ms; what the ledger leaves open, and "
+        "the power of the step with which "
         "that falls."
     )
     return harness.Table("Robots of example-robot-data, loaded as cranes", columns, rows, note)

@@ -1,4 +1,6 @@
-"""A crane in MuJoCo: its exported URDF, and what a URDF's parser does not read: springs, inertia of motors, a rope that stretches."""
+"""A crane in MuJoCo: its exported URDF, and what a URDF's parser does not read: springs, inertia of
+motors, a rope that stretches.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +24,23 @@ def missing() -> bool:
 
 
 def model(crane: Crane, dt: float) -> Any:
-    """The MjModel of a crane that steps as `simulate` does: semi-implicit Euler, no joint ranges, springs and damping before the step."""
+    """The MjModel of a crane that steps as `simulate` does: semi-implicit Euler, no joint ranges,
+    springs and damping before the step.
+    """
     import mujoco
 
     spec = mujoco.MjSpec.from_string(crane.urdf)
     spec.compiler.boundmass = spec.compiler.boundinertia = _LEAST
-    with warnings.catch_warnings():  # it looks at a cable of no length, where a point load has no inertia against swing
+    # It looks at a cable of no length, where a point load has no inertia against swing.
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         made = spec.compile()
     off, option = mujoco.mjtDisableBit, made.opt
-    option.integrator, option.timestep, option.gravity[:] = mujoco.mjtIntegrator.mjINT_EULER, dt, [0.0, 0.0, -crane.gravity]
+    option.integrator, option.timestep, option.gravity[:] = (
+        mujoco.mjtIntegrator.mjINT_EULER,
+        dt,
+        [0.0, 0.0, -crane.gravity],
+    )
     option.disableflags |= off.mjDSBL_CONSTRAINT | off.mjDSBL_EULERDAMP
     made.dof_armature[:] = crane.model.armature
     made.jnt_stiffness[:], made.qpos_spring[:] = crane.springs.stiffness, crane.springs.rest
@@ -39,7 +48,9 @@ def model(crane: Crane, dt: float) -> Any:
 
 
 def deviation(crane: Crane, run: Trajectory) -> float:
-    """How far MuJoCo goes from a run whose efforts it repeats, at most in any coordinate or rate [rad, m, per second]."""
+    """How far MuJoCo goes from a run whose efforts it repeats, at most in any coordinate or rate
+    [rad, m, per second].
+    """
     import mujoco
 
     dt = float(run.parameters["dt_s"])
@@ -48,7 +59,11 @@ def deviation(crane: Crane, run: Trajectory) -> float:
     data.qpos[:], data.qvel[:] = run.state(0)
     steps, worst = round(float(run.parameters["control_period_s"]) / dt), 0.0
     for k in range(len(run)):
-        worst = max(worst, float(np.abs(data.qpos - run.q[k]).max()), float(np.abs(data.qvel - run.v[k]).max()))
+        worst = max(
+            worst,
+            float(np.abs(data.qpos - run.q[k]).max()),
+            float(np.abs(data.qvel - run.v[k]).max()),
+        )
         acting = full(crane, run.effort[k])
         if rope is None:
             data.qfrc_applied[:] = acting

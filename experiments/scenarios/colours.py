@@ -15,6 +15,8 @@ _ORDER = (*_FIRST, *(strategy for strategy in STRATEGIES if strategy not in _FIR
 
 
 def strategy_colour(strategy: str) -> str:
-    """The hex colour of a strategy by its name; one that is not known has the last of the first eight."""
+    """The hex colour of a strategy by its name; one that is not known has the last of the first
+    eight.
+    """
     name = _SHAPED.get(strategy, strategy)
     return run_colour(_ORDER.index(name) if name in _ORDER else len(_FIRST) - 1)

@@ -1,4 +1,6 @@
-"""Moves from rest to rest, and what is left of a swing after them; shared by the control experiments."""
+"""Moves from rest to rest, and what is left of a swing after them; shared by the control
+experiments.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ AFTER = 20.0
 """How long a move is watched after the arrival [s]."""
 
 LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
-"""What the drives may do: slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of hoisting; accelerations ours."""
+"""What the drives may do: slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of
+hoisting; accelerations ours."""
 
 TOUR_LIMITS = Limits(rates=(0.08, 0.8, 0.8), accelerations=LIMITS.accelerations)
 """The same in a tour: rates of the article's demonstration are not published, these are ours."""
@@ -51,7 +54,9 @@ class Move:
 
     def ends(self, crane: Crane) -> tuple[State, State]:
         """Start and goal as states at rest with the load plumb."""
-        first, last = (crane.state(gamma=end[0], x=end[1], l=end[2]) for end in (self.start, self.goal))
+        first, last = (
+            crane.state(gamma=end[0], x=end[1], l=end[2]) for end in (self.start, self.goal)
+        )
         return first, last
 
 
@@ -62,7 +67,13 @@ MOVES = (
 )
 """Single axes and all three together."""
 
-SWINGING = Move("combined, with a swing at the start", (0.0, 10.0, 15.0), (0.6, 20.0, 10.0), 20.0, swing=(0.1, 0.05))
+SWINGING = Move(
+    "combined, with a swing at the start",
+    (0.0, 10.0, 15.0),
+    (0.6, 20.0, 10.0),
+    20.0,
+    swing=(0.1, 0.05),
+)
 """The combined move of a load that swings already."""
 
 
@@ -75,13 +86,16 @@ class Score:
         peak: Largest swing on the way [rad], radial and tangential together.
         arrival: Amplitude of the swing at the arrival [rad].
         later: Amplitude of the swing 20 s after it [rad].
-        settled: Time after the arrival from which the payload stays within 10 mm of its goal [s]; inf if it does not.
+        settled: Time after the arrival from which the payload stays within 10 mm of its goal [s];
+            inf if it does not.
         length: Cable length at the end [m].
-        tracking: Largest distance of the drives from their reference: slew [mrad], trolley [mm], hoist [mm].
+        tracking: Largest distance of the drives from their reference: slew [mrad], trolley [mm],
+            hoist [mm].
         effort: Largest effort of the drives beyond holding the load at rest [N m, N, N].
         rms: Root mean square of the same.
         rate: Largest rate of a drive as a share of its limit.
-        acceleration: Largest acceleration of a drive as a share of its limit, between control instants.
+        acceleration: Largest acceleration of a drive as a share of its limit, between control
+            instants.
         work: What the drives put in, not counting what they took back [J].
     """
 
@@ -105,7 +119,8 @@ class Score:
 
 
 def of_sampling(gravity: float, length: float, control_period: float, peak: float) -> float:
-    """Swing that a plan which leaves none may leave [rad], because efforts are held for a control period and so come half of it late.
+    """Swing that a plan which leaves none may leave [rad], because efforts are held for a control
+    period and so come half of it late.
 
     Args:
         gravity: [m/s²].
@@ -117,13 +132,18 @@ def of_sampling(gravity: float, length: float, control_period: float, peak: floa
 
 
 def residual(trajectory: Trajectory) -> float:
-    """Amplitude of the swing over a stretch without drive motion [rad]: half the longest way across, radial and tangential together.
+    """Amplitude of the swing over a stretch without drive motion [rad]: half the longest way
+    across, radial and tangential together.
 
     Raises:
         OutOfRange: If the stretch has less than two rows.
     """
     if len(trajectory) < 2:
-        raise OutOfRange("number of control instants in a dwell", len(trajectory), "2 or more: a shorter control period, a longer dwell")
+        raise OutOfRange(
+            "number of control instants in a dwell",
+            len(trajectory),
+            "2 or more: a shorter control period, a longer dwell",
+        )
     return float(math.hypot(*(np.ptp(trajectory.coordinates("phi", "theta"), axis=0) / 2.0)))
 
 
@@ -146,6 +166,12 @@ def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
         effort=np.abs(beyond).max(axis=0),
         rms=np.sqrt(np.mean(beyond**2, axis=0)),
         rate=float((np.abs(run.v[:, run.drives]) / LIMITS.rates).max()),
-        acceleration=float((np.abs(np.diff(run.v[:, run.drives], axis=0)) / np.diff(run.t)[:, None] / LIMITS.accelerations).max()),
+        acceleration=float(
+            (
+                np.abs(np.diff(run.v[:, run.drives], axis=0))
+                / np.diff(run.t)[:, None]
+                / LIMITS.accelerations
+            ).max()
+        ),
         work=float(np.maximum(np.diff(run.work, axis=0), 0.0).sum()),
     )

@@ -50,8 +50,15 @@ class Perturbation:
 
 
 def _gust(crane: Crane, arrives: float) -> Disturbance:
-    """A gust of 12 m/s square to the jib at zero slew, in the last ten seconds before the arrival, on 5 m² of load."""
-    return wind(crane, cosine_gust(steady(0.0), 12.0, at=arrives - 10.0, lasts=10.0), direction=0.0, payload_area=5.0)
+    """A gust of 12 m/s square to the jib at zero slew, in the last ten seconds before the arrival,
+    on 5 m² of load.
+    """
+    return wind(
+        crane,
+        cosine_gust(steady(0.0), 12.0, at=arrives - 10.0, lasts=10.0),
+        direction=0.0,
+        payload_area=5.0,
+    )
 
 
 NOMINAL = Perturbation("as planned")
@@ -72,25 +79,41 @@ PERTURBATIONS = (
 
 
 def make(
-    setup: harness.Setup, move: Move, plan: Plan, perturbation: Perturbation = NOMINAL, *, label: str = ""
+    setup: harness.Setup,
+    move: Move,
+    plan: Plan,
+    perturbation: Perturbation = NOMINAL,
+    *,
+    label: str = "",
 ) -> tuple[Trajectory, Score]:
     """Make a planned move under a case and watch what is left.
 
     Raises:
         CraneError: If the run breaks off, or the plan has no motion that an observer could go by.
     """
-    values = {**perturbation.values, **({} if perturbation.load == 1.0 else {"payload_mass": perturbation.load * setup.crane.payload_mass})}
+    values = {
+        **perturbation.values,
+        **(
+            {}
+            if perturbation.load == 1.0
+            else {"payload_mass": perturbation.load * setup.crane.payload_mass}
+        ),
+    }
     crane = setup.variant(**values) if values else setup.crane
     first, last = (_stretched(crane, end, perturbation.cable) for end in move.ends(setup.crane))
     first.q[crane.swings] = move.swing
     controller = plan.controller()
     if perturbation.observer:
         if plan.motion is None:
-            raise CraneError("Without a planned motion there is nothing to linearise an observer about.")
+            raise CraneError(
+                "Without a planned motion there is nothing to linearise an observer about."
+            )
         controller = observed(controller, setup.crane, plan.motion, dt=setup.dt)
     if perturbation.noise or perturbation.delay:
         noise = perturbation.noise * noise_of(crane)
-        controller = sensed(crane, controller, delay=perturbation.delay, noise=noise, rng=np.random.default_rng(1))
+        controller = sensed(
+            crane, controller, delay=perturbation.delay, noise=noise, rng=np.random.default_rng(1)
+        )
     if perturbation.cable:
         controller = _misread(crane, controller, perturbation.cable)
     duration = instant(setup, plan.arrives + AFTER)
@@ -102,7 +125,9 @@ def make(
         duration=duration,
         label=label,
         drive=plan.drive,
-        disturbance=perturbation.disturbance(crane, plan.arrives) if perturbation.disturbance else None,
+        disturbance=perturbation.disturbance(crane, plan.arrives)
+        if perturbation.disturbance
+        else None,
     )
     return run, score(crane, last, run, plan.arrives)
 

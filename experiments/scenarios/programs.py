@@ -12,7 +12,8 @@ from experiments.scenarios.moves import AFTER, MOVES
 from experiments.scenarios.strategies import FLAT, STRATEGIES
 
 RUNS = ("a1", "a2", "a3", "swing", "move")
-"""Free swing, hoisting, slewing, the swing of the energy ledger, and the combined move of the control experiments."""
+"""Free swing, hoisting, slewing, the swing of the energy ledger, and the combined move of the
+control experiments."""
 
 _LENGTH = 15.0
 
@@ -29,11 +30,33 @@ class _Asked(Exception):
 class _Asking(harness.Setup):
     """A setup in which an experiment gets no further than to say what it wants to run."""
 
-    def simulate(self, crane: Any, controller: Any, reference: Any, *, start: Any, duration: float, **others: Any) -> NoReturn:
-        raise _Asked(Program(crane, controller, reference, start, duration, self.dt, self.control_period, others.get("drive", "effort")))
+    def simulate(
+        self,
+        crane: Any,
+        controller: Any,
+        reference: Any,
+        *,
+        start: Any,
+        duration: float,
+        **others: Any,
+    ) -> NoReturn:
+        raise _Asked(
+            Program(
+                crane,
+                controller,
+                reference,
+                start,
+                duration,
+                self.dt,
+                self.control_period,
+                others.get("drive", "effort"),
+            )
+        )
 
 
-def program(name: str, setup: harness.Setup, *, length: float | None = None, strategy: str | None = None) -> Program:
+def program(
+    name: str, setup: harness.Setup, *, length: float | None = None, strategy: str | None = None
+) -> Program:
     """A run of the experiments by its name.
 
     Args:
@@ -48,7 +71,10 @@ def program(name: str, setup: harness.Setup, *, length: float | None = None, str
     """
     if name not in RUNS:
         raise UnknownName("run", name, RUNS)
-    for what, value, users in (("--length", length, ("a1", "swing")), ("--strategy", strategy, ("move",))):
+    for what, value, users in (
+        ("--length", length, ("a1", "swing")),
+        ("--strategy", strategy, ("move",)),
+    ):
         if value is not None and name not in users:
             raise DataError(f"{what} has no effect on the run {name}; leave it out.")
     if name == "move":
@@ -76,4 +102,13 @@ def _move(setup: harness.Setup, strategy: str) -> Program:
     plan = STRATEGIES[strategy](setup, move)
     start = move.ends(setup.crane)[0]
     duration = setup.control_period * round((plan.arrives + AFTER) / setup.control_period)
-    return Program(setup.crane, plan.controller(), plan.reference, start, duration, setup.dt, setup.control_period, plan.drive)
+    return Program(
+        setup.crane,
+        plan.controller(),
+        plan.reference,
+        start,
+        duration,
+        setup.dt,
+        setup.control_period,
+        plan.drive,
+    )

@@ -1,4 +1,6 @@
-"""What a chunk of the sweep is: one strategy for the combined move, planned once, by many cranes that are not quite those planned for."""
+"""What a chunk of the sweep is: one strategy for the combined move, planned once, by many cranes
+that are not quite those planned for.
+"""
 
 from __future__ import annotations
 
@@ -30,14 +32,25 @@ CLOCKS = ("gravity_m_s2", "dt_s", "control_period_s")
 
 
 def _shaped_spline(shaper: Shaper) -> Callable[[Setup, Move], strategies.Plan]:
-    """The spline in less time, shaped for the mean cable length, so that it ends when the move should."""
+    """The spline in less time, shaped for the mean cable length, so that it ends when the move
+    should.
+    """
 
     def plan(setup: Setup, move: Move) -> strategies.Plan:
         period = strategies.mean_period(setup, move)
-        base = spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [move.duration - period * float(shaper.fractions[-1])])
+        base = spline(
+            setup.crane,
+            move.ends(setup.crane)[0],
+            [move.goal],
+            [move.duration - period * float(shaper.fractions[-1])],
+        )
         reference = shaped(base, shaper, period)
         return strategies.Plan(
-            lambda: follow(setup.crane, reference, setup.control_period), reference, "motion", move.duration, uses_swing_sensor=False
+            lambda: follow(setup.crane, reference, setup.control_period),
+            reference,
+            "motion",
+            move.duration,
+            uses_swing_sensor=False,
         )
 
     return plan
@@ -49,7 +62,11 @@ def _shaped_for_moving_cable(setup: Setup, move: Move) -> strategies.Plan:
     base = spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [shorter])
     reference = shaped_hoisting(setup.crane, base, zv(), shorter, step=setup.control_period)
     return strategies.Plan(
-        lambda: follow(setup.crane, reference, setup.control_period), reference, "motion", move.duration, uses_swing_sensor=False
+        lambda: follow(setup.crane, reference, setup.control_period),
+        reference,
+        "motion",
+        move.duration,
+        uses_swing_sensor=False,
     )
 
 
@@ -63,19 +80,22 @@ STRATEGIES: dict[str, Callable[[Setup, Move], strategies.Plan]] = {
     strategies.LQR: strategies.STRATEGIES[strategies.LQR],
     strategies.FLAT: strategies.STRATEGIES[strategies.FLAT],
 }
-"""Plans by name. Those without a controller in their name have drives that follow exactly, as stiff velocity-controlled drives do."""
+"""Plans by name. Those without a controller in their name have drives that follow exactly, as stiff
+velocity-controlled drives do."""
 
 
 def robustness(cases: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Make moves and see what is left of them; a study for `cranedyn.sweep`.
 
     Args:
-        cases: Columns ``strategy``; ``duration_s`` planned for the move; ``load``, mass of the payload over that planned for;
-            ``cable_error_m``, by how much the cable is longer than measured; and those of `CLOCKS`.
+        cases: Columns ``strategy``; ``duration_s`` planned for the move; ``load``, mass of the
+            payload over that planned for; ``cable_error_m``, by how much the cable is longer than
+            measured; and those of `CLOCKS`.
 
     Returns:
-        Columns: largest swing and amplitude of the swing 10 s after the arrival [rad]; distance of the payload from its goal then [m];
-        largest efforts over those of the drives; time at which the model ceased to hold [s], masked where it held.
+        Columns: largest swing and amplitude of the swing 10 s after the arrival [rad]; distance of
+        the payload from its goal then [m]; largest efforts over those of the drives; time at which
+        the model ceased to hold [s], masked where it held.
     """
     gravity, dt, control_period = (float(cases[name][0]) for name in CLOCKS)
     setup = Setup(gravity, dt=dt, control_period=control_period)
@@ -89,7 +109,9 @@ def robustness(cases: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return found
 
 
-def _made(setup: Setup, strategy: str, duration: float, loads: np.ndarray, errors: np.ndarray) -> dict[str, np.ndarray]:
+def _made(
+    setup: Setup, strategy: str, duration: float, loads: np.ndarray, errors: np.ndarray
+) -> dict[str, np.ndarray]:
     move = replace(COMBINED, duration=duration)
     plan = STRATEGIES[strategy](setup, move)
     cranes = [_crane(setup.gravity, float(load) * setup.crane.payload_mass) for load in loads]
@@ -111,13 +133,19 @@ def _made(setup: Setup, strategy: str, duration: float, loads: np.ndarray, error
         threads=1,
     )
     places = zip(cranes, batch.end.q, goal.q, strict=True)
-    away = [np.linalg.norm(payload_position(crane, q) - payload_position(crane, aim)) for crane, q, aim in places]
+    away = [
+        np.linalg.norm(payload_position(crane, q) - payload_position(crane, aim))
+        for crane, q, aim in places
+    ]
     shares = batch.largest_effort / setup.crane.effort_limit
     return {
         "peak_swing_rad": batch.peak_swing,
         "residual_swing_rad": batch.residual_swing,
         "off_goal_m": np.array(away),
-        **{f"{drive}_effort_share": shares[:, i] for i, drive in enumerate(("slew", "trolley", "hoist"))},
+        **{
+            f"{drive}_effort_share": shares[:, i]
+            for i, drive in enumerate(("slew", "trolley", "hoist"))
+        },
         "valid_until_s": np.ma.masked_invalid(batch.valid_until),
     }
 

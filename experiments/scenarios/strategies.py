@@ -53,11 +53,23 @@ def _spline(setup: harness.Setup, move: Move) -> Spline:
 
 def _alone(setup: harness.Setup, move: Move) -> Plan:
     reference = _spline(setup, move)
-    return Plan(lambda: follow(setup.crane, reference, setup.control_period), reference, "motion", move.duration, uses_swing_sensor=False)
+    return Plan(
+        lambda: follow(setup.crane, reference, setup.control_period),
+        reference,
+        "motion",
+        move.duration,
+        uses_swing_sensor=False,
+    )
 
 
 def _spline_pd(setup: harness.Setup, move: Move) -> Plan:
-    return Plan(lambda: hold_controller(setup.crane), _spline(setup, move), "effort", move.duration, uses_swing_sensor=False)
+    return Plan(
+        lambda: hold_controller(setup.crane),
+        _spline(setup, move),
+        "effort",
+        move.duration,
+        uses_swing_sensor=False,
+    )
 
 
 def _paper(setup: harness.Setup, move: Move) -> Plan:
@@ -68,11 +80,16 @@ def _paper(setup: harness.Setup, move: Move) -> Plan:
 
 
 def _lqr(setup: harness.Setup, move: Move) -> Plan:
-    return _tracked(setup, plumb(setup.crane, _spline(setup, move), move.duration, setup.control_period))
+    return _tracked(
+        setup, plumb(setup.crane, _spline(setup, move), move.duration, setup.control_period)
+    )
 
 
 def _flat(setup: harness.Setup, move: Move) -> Plan:
-    return _tracked(setup, flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period))
+    return _tracked(
+        setup,
+        flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period),
+    )
 
 
 def _fastest_flat(setup: harness.Setup, move: Move) -> Plan:
@@ -89,11 +106,18 @@ def _tracked(setup: harness.Setup, motion: Motion) -> Plan:
 
 def with_integral(setup: harness.Setup, motion: Motion) -> HoistIntegral:
     """The full-model LQR about a motion with an integrator on the hoist."""
-    return HoistIntegral(setup.crane, lqr(setup.crane, motion, dt=setup.dt), HOIST_INTEGRAL, float(setup.crane.effort_limit[2]))
+    return HoistIntegral(
+        setup.crane,
+        lqr(setup.crane, motion, dt=setup.dt),
+        HOIST_INTEGRAL,
+        float(setup.crane.effort_limit[2]),
+    )
 
 
 def joystick(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
-    """What an operator who knows the way does: full rate at once in every drive, and back to rest in time; with its end [s]."""
+    """What an operator who knows the way does: full rate at once in every drive, and back to rest
+    in time; with its end [s].
+    """
     pulses, end = [], 0.0
     for drive, first, last, rate, acceleration in zip(
         ("gamma", "x", "l"), move.start, move.goal, LIMITS.rates, LIMITS.accelerations, strict=True
@@ -101,15 +125,23 @@ def joystick(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
         distance = abs(last - first)
         if distance > 0.0:
             speed = min(rate, math.sqrt(distance * acceleration))
-            pulses.append(JoystickPulse(drive, math.copysign(speed, last - first), 0.0, distance / speed))
+            pulses.append(
+                JoystickPulse(drive, math.copysign(speed, last - first), 0.0, distance / speed)
+            )
             end = max(end, distance / speed + speed / acceleration)
-    return operator(setup.crane, move.ends(setup.crane)[0], pulses, accelerations=LIMITS.accelerations), end
+    return operator(
+        setup.crane, move.ends(setup.crane)[0], pulses, accelerations=LIMITS.accelerations
+    ), end
 
 
 def _operator(setup: harness.Setup, move: Move) -> Plan:
     reference, end = joystick(setup, move)
     return Plan(
-        lambda: follow(setup.crane, reference, setup.control_period), reference, "motion", instant(setup, end), uses_swing_sensor=False
+        lambda: follow(setup.crane, reference, setup.control_period),
+        reference,
+        "motion",
+        instant(setup, end),
+        uses_swing_sensor=False,
     )
 
 
@@ -119,7 +151,13 @@ def _shaped(shaper: Shaper) -> Callable[[harness.Setup, Move], Plan]:
         period = mean_period(setup, move)
         reference = shaped(base, shaper, period)
         arrives = instant(setup, end + period * float(shaper.fractions[-1]))
-        return Plan(lambda: follow(setup.crane, reference, setup.control_period), reference, "motion", arrives, uses_swing_sensor=False)
+        return Plan(
+            lambda: follow(setup.crane, reference, setup.control_period),
+            reference,
+            "motion",
+            arrives,
+            uses_swing_sensor=False,
+        )
 
     return plan
 
@@ -128,12 +166,20 @@ def _shaped_hoisting(setup: harness.Setup, move: Move) -> Plan:
     base, end = joystick(setup, move)
     reference = shaped_hoisting(setup.crane, base, zv(), end, step=setup.control_period)
     arrives = instant(setup, end + float(point_period(move.goal[2], setup.crane.gravity)) / 2.0)
-    return Plan(lambda: follow(setup.crane, reference, setup.control_period), reference, "motion", arrives, uses_swing_sensor=False)
+    return Plan(
+        lambda: follow(setup.crane, reference, setup.control_period),
+        reference,
+        "motion",
+        arrives,
+        uses_swing_sensor=False,
+    )
 
 
 def _damped(setup: harness.Setup, move: Move) -> Plan:
     reference, end = joystick(setup, move)
-    controller = damped(setup.crane, reference, limits=LIMITS, recovery=0.3, control_period=setup.control_period)
+    controller = damped(
+        setup.crane, reference, limits=LIMITS, recovery=0.3, control_period=setup.control_period
+    )
     return Plan(lambda: controller, reference, "motion", instant(setup, end))
 
 
@@ -150,7 +196,9 @@ def instant(setup: harness.Setup, t: float) -> float:
 def _mpc(setup: harness.Setup, move: Move) -> Plan:
     motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
     return Plan(
-        lambda: mpc(setup.crane, motion, dt=setup.dt, period=mpc_period(setup), rate_limit=LIMITS.rates),
+        lambda: mpc(
+            setup.crane, motion, dt=setup.dt, period=mpc_period(setup), rate_limit=LIMITS.rates
+        ),
         motion,
         "effort",
         motion.arrival,
@@ -161,22 +209,42 @@ def _mpc(setup: harness.Setup, move: Move) -> Plan:
 def _least_time(setup: harness.Setup, move: Move) -> Plan:
     from cranedyn.planning.optimal import optimal
 
-    return _tracked(setup, optimal(setup.crane, *move.ends(setup.crane), LIMITS, period=setup.control_period))
+    return _tracked(
+        setup, optimal(setup.crane, *move.ends(setup.crane), LIMITS, period=setup.control_period)
+    )
 
 
 def _least_swing(setup: harness.Setup, move: Move) -> Plan:
     from cranedyn.planning.optimal import optimal
 
-    return _tracked(setup, optimal(setup.crane, *move.ends(setup.crane), LIMITS, duration=move.duration, period=setup.control_period))
+    return _tracked(
+        setup,
+        optimal(
+            setup.crane,
+            *move.ends(setup.crane),
+            LIMITS,
+            duration=move.duration,
+            period=setup.control_period,
+        ),
+    )
 
 
-PAPER, PD, LQR, FLAT, MPC = "paper's LQR + PID", "spline + PD", "full-model LQR", "flat + LQR", "flat + MPC"
+PAPER, PD, LQR, FLAT, MPC = (
+    "paper's LQR + PID",
+    "spline + PD",
+    "full-model LQR",
+    "flat + LQR",
+    "flat + MPC",
+)
 HOIST_INTEGRAL = 4.0e3
-"""k_i of the hoist beside the LQR [N/(m s)], ours: with the LQR's k_p of about 1e4 N/m it takes 2.5 s."""
+"""k_i of the hoist beside the LQR [N/(m s)], ours: with the LQR's k_p of about 1e4 N/m it takes 2.5
+s."""
 
 
 def mpc_period(setup: harness.Setup) -> float:
-    """Time between optimisations of the MPC [s], 50 ms or the multiple of the control period that is nearest."""
+    """Time between optimisations of the MPC [s], 50 ms or the multiple of the control period that
+    is nearest.
+    """
     return setup.control_period * max(1, round(0.05 / setup.control_period))
 
 
@@ -199,4 +267,5 @@ STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
     "operator, ZV for a moving cable": _shaped_hoisting,
     "operator, drives yield": _damped,
 }
-"""Plans by name. The spline alone and the operator have drives that follow exactly, as stiff velocity-controlled drives do."""
+"""Plans by name. The spline alone and the operator have drives that follow exactly, as stiff
+velocity-controlled drives do."""

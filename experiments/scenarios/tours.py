@@ -9,7 +9,15 @@ import numpy as np
 from cranedyn.controllers import hold_controller, paper_controller
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, State
-from cranedyn.references import ARTICLE_TOUR, itinerary, plumb, shaped_hoisting, shortest, spline, zv
+from cranedyn.references import (
+    ARTICLE_TOUR,
+    itinerary,
+    plumb,
+    shaped_hoisting,
+    shortest,
+    spline,
+    zv,
+)
 from cranedyn.references.flat import flat
 from cranedyn.references.itinerary import Timetable
 from cranedyn.references.limits import Limits, fastest, use
@@ -25,7 +33,8 @@ Way = tuple[Timetable, Controller]
 def _none(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
     made = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=limits.rates, dwell=dwell)
     for stage in made.stages:
-        setup.crane.state(**dict(zip(("gamma", "x", "l"), stage.target, strict=True)))  # refuses a target out of range
+        # Refuses a target out of range.
+        setup.crane.state(**dict(zip(("gamma", "x", "l"), stage.target, strict=True)))
     return made, hold_controller(setup.crane)
 
 
@@ -33,12 +42,18 @@ def _shaped(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
     bare, brake = _none(setup, limits, dwell)
     reference = shaped_hoisting(setup.crane, bare, zv(), bare.duration, step=setup.control_period)
     hoist = setup.crane.layout.along("l")
-    later = [float(np.pi * np.sqrt(stage.target @ hoist / setup.crane.gravity)) for stage in bare.stages]
+    later = [
+        float(np.pi * np.sqrt(stage.target @ hoist / setup.crane.gravity)) for stage in bare.stages
+    ]
     if dwell < max(later):
         raise CraneError(
-            f"The dwell is {dwell:g} s; shaped legs take {max(later):.2f} s longer than bare ones, so it must be that at least."
+            f"The dwell is {dwell:g} s; shaped legs take {max(later):.2f} s longer than bare ones, "
+            "so it must be that at least."
         )
-    stages = tuple(stage._replace(arrival=stage.arrival + by) for stage, by in zip(bare.stages, later, strict=True))
+    stages = tuple(
+        stage._replace(arrival=stage.arrival + by)
+        for stage, by in zip(bare.stages, later, strict=True)
+    )
     plan = plumb(setup.crane, reference, bare.duration, setup.control_period)
     return Tour(stages, plan), brake
 
@@ -46,9 +61,13 @@ def _shaped(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
 def _spline(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
     def plan(start: State, goal: State) -> Motion:
         aim = [goal.q[setup.crane.layout.drives]]
-        (duration,) = shortest(setup.crane, start, aim, rates=limits.rates, accelerations=limits.accelerations)
+        (duration,) = shortest(
+            setup.crane, start, aim, rates=limits.rates, accelerations=limits.accelerations
+        )
         duration = setup.control_period * np.ceil(duration / setup.control_period)
-        return plumb(setup.crane, spline(setup.crane, start, aim, [duration]), duration, setup.control_period)
+        return plumb(
+            setup.crane, spline(setup.crane, start, aim, [duration]), duration, setup.control_period
+        )
 
     return tour(setup.crane, ARTICLE_TOUR, plan, dwell=dwell)
 
@@ -60,10 +79,18 @@ def _flat(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
         ramp = float(gaining[(goal.q != start.q)[setup.crane.layout.drives]].max(initial=0.0))
 
         def lasting(duration: float, period: float = 10.0 * setup.control_period) -> Motion:
-            return flat(setup.crane, start, goal, duration, ramp=max(period, min(ramp, duration / 2.0)), period=period)
+            return flat(
+                setup.crane,
+                start,
+                goal,
+                duration,
+                ramp=max(period, min(ramp, duration / 2.0)),
+                period=period,
+            )
 
         duration = fastest(setup.crane, lasting, limits)
-        beyond = max(use(setup.crane, lasting(duration, setup.control_period), limits).values())  # between the samples of the search
+        # Between the samples of the search.
+        beyond = max(use(setup.crane, lasting(duration, setup.control_period), limits).values())
         return lasting(duration * max(1.0, beyond), setup.control_period)
 
     return tour(setup.crane, ARTICLE_TOUR, plan, dwell=dwell)
@@ -81,8 +108,15 @@ def _tracked(made: Tour, controller: Controller) -> Way:
 CONTROLS: dict[str, Callable[[harness.Setup, Limits, float], Way]] = {
     "none": _none,
     "shaped": _shaped,
-    "paper": lambda setup, limits, dwell: _tracked(made := _spline(setup, limits, dwell), paper_controller(setup.crane, made.motion)),
-    "lqr": lambda setup, limits, dwell: _tracked(made := _spline(setup, limits, dwell), with_integral(setup, made.motion)),
-    "flat": lambda setup, limits, dwell: _tracked(made := _flat(setup, limits, dwell), with_integral(setup, made.motion)),
+    "paper": lambda setup, limits, dwell: _tracked(
+        made := _spline(setup, limits, dwell), paper_controller(setup.crane, made.motion)
+    ),
+    "lqr": lambda setup, limits, dwell: _tracked(
+        made := _spline(setup, limits, dwell), with_integral(setup, made.motion)
+    ),
+    "flat": lambda setup, limits, dwell: _tracked(
+        made := _flat(setup, limits, dwell), with_integral(setup, made.motion)
+    ),
 }
-"""By name: PD without swing control; the same with shaped commands; splines with the paper's control or the full-model LQR; flat paths."""
+"""By name: PD without swing control; the same with shaped commands; splines with the paper's
+control or the full-model LQR; flat paths."""

@@ -41,8 +41,12 @@ def cosimulation(out: Path) -> None:
 
 
 def learn_to_stop_the_swing(out: Path) -> None:
-    pytest.importorskip("stable_baselines3", reason="extra learning (stable-baselines3) is not installed")
-    learned = main("learn_to_stop_the_swing")(["--steps", "9700", "--cranes", "32", "--beside", "spline alone", "--out", str(out)])
+    pytest.importorskip(
+        "stable_baselines3", reason="extra learning (stable-baselines3) is not installed"
+    )
+    learned = main("learn_to_stop_the_swing")(
+        ["--steps", "9700", "--cranes", "32", "--beside", "spline alone", "--out", str(out)]
+    )
     assert (out / "model.zip").exists() and (out / "curve.png").exists()
     assert len(learned.curve) >= 1 and np.isfinite(learned.curve).all()
     assert set(learned.scores) > {"spline alone", "learned"}
@@ -60,6 +64,8 @@ def test_every_example_has_a_test() -> None:
 
 
 @pytest.mark.parametrize("name", TESTS)
-def test_an_example_does_what_it_says(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_example_does_what_it_says(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     TESTS[name](tmp_path)

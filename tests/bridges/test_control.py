@@ -38,8 +38,16 @@ def test_with_the_drives_in_prescribed_motion_the_poles_are_those_of_a_compound_
     total = [1000.0 * 10.0**2 + inertia for inertia in (500.0, 450.0)]
     expected = [np.roots([one, 2e3, 1000.0 * G * 10.0]) for one in total]
     poles = plant.poles()
-    assert_allclose(np.sort_complex(poles[np.abs(poles) > 0.1]), np.sort_complex(np.concatenate(expected)), atol=1e-9)  # round-off
-    assert (plant.output_labels, plant.input_labels) == (["phi", "theta"], ["gamma_ddot", "x_ddot", "l_ddot"])
+    # round-off.
+    assert_allclose(
+        np.sort_complex(poles[np.abs(poles) > 0.1]),
+        np.sort_complex(np.concatenate(expected)),
+        atol=1e-9,
+    )
+    assert (plant.output_labels, plant.input_labels) == (
+        ["phi", "theta"],
+        ["gamma_ddot", "x_ddot", "l_ddot"],
+    )
     # At a constant acceleration the load hangs back by a/g.
     slowly = to_control(c, c.state(l=10.0), drive="motion")["phi", "x_ddot"](1e-5j)
     assert abs(slowly) == pytest.approx(1.0 / G, rel=1e-6)
@@ -54,45 +62,79 @@ def test_the_sampled_system_answers_a_small_step_as_the_nonlinear_crane_does(dri
     steps = 100
     found = ct.forced_response(plant, U=np.repeat(small[:, None], steps + 1, axis=1)).outputs
     holding = holding_effort(c, rest.q) if drive == "effort" else np.zeros(3)
-    run = simulate(c, constant(*(holding + small)), start=rest, duration=steps * PERIOD, drive=drive, engine=FAST, **CLOCKS)
+    run = simulate(
+        c,
+        constant(*(holding + small)),
+        start=rest,
+        duration=steps * PERIOD,
+        drive=drive,
+        engine=FAST,
+        **CLOCKS,
+    )
     off = np.abs(found - deviation(run, rest)).max(axis=1)
-    assert (off <= 2e-3 * np.abs(found).max(axis=1) + 1e-7).all(), off  # second order: deviations of about 1e-3
+    # Second order: deviations of about 1e-3.
+    assert (off <= 2e-3 * np.abs(found).max(axis=1) + 1e-7).all(), off
 
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 @pytest.mark.parametrize("relative", [HOOK, ROPE, BRIDGE], ids=lambda relative: relative.name)
-def test_the_system_of_a_crane_of_other_topology_answers_a_small_step_as_that_crane_does(relative: Relative, drive: Drive) -> None:
+def test_the_system_of_a_crane_of_other_topology_answers_a_small_step_as_that_crane_does(
+    relative: Relative, drive: Drive
+) -> None:
     c = relative.crane()
     rest, efforts = c.start, {"rad": 20.0, "m": 0.5}
-    small = np.array([efforts[joint.unit] if drive == "effort" else 1e-4 for joint in c.layout.driven])
+    small = np.array(
+        [efforts[joint.unit] if drive == "effort" else 1e-4 for joint in c.layout.driven]
+    )
     plant = to_control(c, rest, drive=drive, **CLOCKS)
-    assert plant.state_labels == [*c.layout.symbols, *(f"{symbol}_dot" for symbol in c.layout.symbols)]
+    assert plant.state_labels == [
+        *c.layout.symbols,
+        *(f"{symbol}_dot" for symbol in c.layout.symbols),
+    ]
     steps = 50
     found = ct.forced_response(plant, U=np.repeat(small[:, None], steps + 1, axis=1)).outputs
     holding = holding_effort(c, rest.q) if drive == "effort" else np.zeros(c.layout.m)
-    run = simulate(c, constant(*(holding + small)), start=rest, duration=steps * PERIOD, drive=drive, engine=FAST, **CLOCKS)
+    run = simulate(
+        c,
+        constant(*(holding + small)),
+        start=rest,
+        duration=steps * PERIOD,
+        drive=drive,
+        engine=FAST,
+        **CLOCKS,
+    )
     off = np.abs(found - deviation(run, rest)).max(axis=1)
-    assert (off <= 2e-3 * np.abs(found).max(axis=1) + 1e-7).all(), off  # second order: deviations of about 1e-3
+    # Second order: deviations of about 1e-3.
+    assert (off <= 2e-3 * np.abs(found).max(axis=1) + 1e-7).all(), off
 
 
-def test_a_gain_of_dlqr_runs_compiled_and_the_nonlinear_crane_moves_as_the_closed_linear_loop() -> None:
+def test_a_gain_of_dlqr_runs_compiled_and_the_nonlinear_crane_moves_as_the_closed_linear_loop() -> (
+    None
+):
     pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
     c = crane()
     rest = c.state(x=12.0, l=15.0)
     plant = to_control(c, rest, **CLOCKS)
     gain, _, _ = ct.dlqr(plant, state_weight_of(c), effort_weight_of(c))
     controller = from_control(c, gain, rest)
-    assert form(controller, np.arange(3.0), np.zeros((3, 3)), 10) is not None  # what runs without Python
+    # What runs without Python.
+    assert form(controller, np.arange(3.0), np.zeros((3, 3)), 10) is not None
     closed = ct.ss(plant.A - plant.B @ gain, plant.B, plant.C, 0, dt=PERIOD)
 
     def off(size: float) -> float:
         start = State(rest.q + size * np.array([0.1, 2.0, 1.0, -1.0, 1.0]), rest.v)
-        run, same = (simulate(c, controller, start=start, duration=10.0, engine=name, **CLOCKS) for name in ("compiled", "pinocchio"))
+        run, same = (
+            simulate(c, controller, start=start, duration=10.0, engine=name, **CLOCKS)
+            for name in ("compiled", "pinocchio")
+        )
         assert_allclose(run.q, same.q, atol=1e-11)  # round-off
-        linear = ct.initial_response(closed, T=run.t, X0=np.concatenate([start.q - rest.q, start.v])).outputs
+        linear = ct.initial_response(
+            closed, T=run.t, X0=np.concatenate([start.q - rest.q, start.v])
+        ).outputs
         return float(np.abs(linear - deviation(run, rest)).max())
 
-    # The first order is the same: what is left is of the second, by which a tenth of the deviation leaves a hundredth.
+    # The first order is the same: what is left is of the second, by which a tenth of the deviation
+    # leaves a hundredth.
     assert off(1e-3) < 2e-5
     assert off(1e-4) == pytest.approx(off(1e-3) / 100.0, rel=0.05)
 
@@ -124,9 +166,13 @@ def test_about_a_motion_the_gain_keeps_the_load_on_it(drive: Drive) -> None:
     gain, _, _ = ct.dlqr(plant, state_weight_of(c), weight)
     controller = from_control(c, gain, motion, drive=drive, dt=2e-3)
     off = c.state(x=12.0, l=12.0, phi=0.05, theta=0.05)
-    run = simulate(c, controller, motion, start=off, duration=40.0, drive=drive, engine=FAST, **CLOCKS)
+    run = simulate(
+        c, controller, motion, start=off, duration=40.0, drive=drive, engine=FAST, **CLOCKS
+    )
     assert_allclose(run.q[-1], goal.q, atol=2e-3)  # 50 mrad of swing at the start, damped for 40 s
-    undisturbed = simulate(c, controller, motion, start=start, duration=12.0, drive=drive, engine=FAST, **CLOCKS)
+    undisturbed = simulate(
+        c, controller, motion, start=start, duration=12.0, drive=drive, engine=FAST, **CLOCKS
+    )
     assert np.abs(undisturbed.q - motion.q).max() < 5e-3
 
 
@@ -136,7 +182,12 @@ def test_about_a_motion_the_gain_keeps_the_load_on_it(drive: Drive) -> None:
         (np.zeros((3, 9)), r"gain.*\(3, 9\).*\(3, 10\)"),
         (np.full((3, 10), np.nan), "gain is nan; allowed is finite"),
         ("K", "feedback is 'K'"),
-        (ct.ss(np.eye(2) * 0.5, np.zeros((2, 10)), np.zeros((3, 2)), np.zeros((3, 10)), dt=PERIOD), "2 states of its own"),
+        (
+            ct.ss(
+                np.eye(2) * 0.5, np.zeros((2, 10)), np.zeros((3, 2)), np.zeros((3, 10)), dt=PERIOD
+            ),
+            "2 states of its own",
+        ),
         (ct.ss([], [], [], np.zeros((3, 11)), dt=PERIOD), "no input gamma"),
     ],
 )
@@ -152,7 +203,9 @@ def test_what_to_control_is_asked_for_wrongly_is_refused_in_a_sentence() -> None
         to_control(c, outputs=["swing"])
     with pytest.raises(OutOfRange, match="drive is torque; allowed is effort or motion"):
         to_control(c, drive="torque")  # type: ignore[arg-type]
-    with pytest.raises(OutOfRange, match=r"control_period is 0\.0007 s; allowed is a multiple of dt"):
+    with pytest.raises(
+        OutOfRange, match=r"control_period is 0\.0007 s; allowed is a multiple of dt"
+    ):
         to_control(c, control_period=7e-4)
     with pytest.raises(OutOfRange, match="rates of the rest"):
         from_control(c, np.zeros((3, 10)), c.state(x_dot=1.0))

@@ -33,7 +33,9 @@ from fmpy.fmi1 import FMICallException  # noqa: E402
 from fmpy.fmi3 import FMU3Slave  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
-pytestmark = pytest.mark.skipif(not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="no C compiler is installed")
+pytestmark = pytest.mark.skipif(
+    not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="no C compiler is installed"
+)
 
 PERIOD = 5e-3
 START = {"x_start": 12.0, "l_start": 11.0, "phi_start": 0.1, "theta_dot_start": 0.05}
@@ -57,11 +59,22 @@ class Unit:
 
     def __init__(self, path: Path, folder: Path) -> None:
         self.description = fmpy.read_model_description(path)
-        self.reference = {variable.name: variable.valueReference for variable in self.description.modelVariables}
+        self.reference = {
+            variable.name: variable.valueReference for variable in self.description.modelVariables
+        }
         fmpy.extract(path, folder)
         self.told: list[str] = []
-        self.slave = FMU3Slave(guid=self.description.guid, unzipDirectory=str(folder), modelIdentifier=fmi.NAME, instanceName="one")
-        self.slave.instantiate(logMessage=lambda environment, status, category, message: self.told.append(message.decode()))
+        self.slave = FMU3Slave(
+            guid=self.description.guid,
+            unzipDirectory=str(folder),
+            modelIdentifier=fmi.NAME,
+            instanceName="one",
+        )
+        self.slave.instantiate(
+            logMessage=lambda environment, status, category, message: self.told.append(
+                message.decode()
+            )
+        )
 
     def begin(self, **values: float) -> Unit:
         """Initialize with values."""
@@ -100,7 +113,9 @@ def test_fmpy_finds_no_fault_with_a_unit(units: dict[str, Path], drive: Drive) -
 
 @pytest.mark.parametrize("engine", ["compiled", "pinocchio"])
 @pytest.mark.parametrize("drive", DRIVES)
-def test_a_unit_moves_as_simulate_does(units: dict[str, Path], tmp_path: Path, drive: Drive, engine: Any) -> None:
+def test_a_unit_moves_as_simulate_does(
+    units: dict[str, Path], tmp_path: Path, drive: Drive, engine: Any
+) -> None:
     c, steps = damped(), 1000 if engine == "compiled" else 200
     rng = np.random.default_rng(1)
     scale = np.array([2e4, 1.5e3, 500.0]) if drive == "effort" else np.array([0.02, 0.3, 0.2])
@@ -135,14 +150,21 @@ def test_a_unit_moves_as_simulate_does(units: dict[str, Path], tmp_path: Path, d
 
 
 @pytest.mark.parametrize("relative", [HOOK, BRIDGE], ids=lambda relative: relative.name)
-def test_a_unit_of_a_crane_of_other_topology_moves_as_simulate_does(tmp_path: Path, relative: Relative) -> None:
+def test_a_unit_of_a_crane_of_other_topology_moves_as_simulate_does(
+    tmp_path: Path, relative: Relative
+) -> None:
     c, steps = relative.crane(), 200
     path = fmi.export(c, tmp_path / "crane.fmu", drive="motion")
     assert validate_fmu(path) == []
     push = np.random.default_rng(2).uniform(-100.0, 100.0, (len(c.points), 3))
     start = c.state(**{c.layout.symbols[i]: 0.1 for i in c.layout.passive.tolist()})
-    began = {f"{name}_start": value for name, value in zip(state_names(c), np.concatenate(start).tolist(), strict=True)}
-    unit = Unit(path, tmp_path / "unit").begin(**began, **dict(zip(force_names(c), push.ravel().tolist(), strict=True)))
+    began = {
+        f"{name}_start": value
+        for name, value in zip(state_names(c), np.concatenate(start).tolist(), strict=True)
+    }
+    unit = Unit(path, tmp_path / "unit").begin(
+        **began, **dict(zip(force_names(c), push.ravel().tolist(), strict=True))
+    )
     unit.set(**{f"{name}_command": 0.1 for name in input_names(c, "motion")})
     rows = []
     for k in range(steps):
@@ -159,8 +181,11 @@ def test_a_unit_of_a_crane_of_other_topology_moves_as_simulate_does(tmp_path: Pa
         disturbance=lambda t, state: push,
         validity="mark",
     )
-    assert_allclose(np.array(rows)[:, : 2 * c.layout.n], np.hstack([run.q, run.v])[:-1], rtol=0.0, atol=1e-12)
-    assert_allclose(np.array(rows)[:, 2 * c.layout.n : -1], run.effort[:-1], rtol=1e-9, atol=1e-6)  # of 1e4 N
+    assert_allclose(
+        np.array(rows)[:, : 2 * c.layout.n], np.hstack([run.q, run.v])[:-1], rtol=0.0, atol=1e-12
+    )
+    # Of 1e4 N.
+    assert_allclose(np.array(rows)[:, 2 * c.layout.n : -1], run.effort[:-1], rtol=1e-9, atol=1e-6)
     assert_allclose(np.array(rows)[:, -1], run.energy[:-1], rtol=1e-11)
 
 
@@ -187,7 +212,9 @@ def test_two_variables_of_one_name_are_refused_in_a_sentence(tmp_path: Path) -> 
         fmi.export(renamed(tmp_path, "energy"), tmp_path / "crane.fmu")
 
 
-def test_a_step_of_another_length_is_the_same_motion_and_one_between_physics_steps_is_refused(unit: Unit) -> None:
+def test_a_step_of_another_length_is_the_same_motion_and_one_between_physics_steps_is_refused(
+    unit: Unit,
+) -> None:
     unit.begin(**START)
     for k in range(40):
         unit.step(k)
@@ -197,14 +224,19 @@ def test_a_step_of_another_length_is_the_same_motion_and_one_between_physics_ste
     assert unit.get(*state_names(crane())) == fine
     with pytest.raises(FMICallException):
         unit.slave.doStep(currentCommunicationPoint=0.2, communicationStepSize=7e-4)
-    assert unit.told == ["The communication step is 0.00069999999999999999 s; allowed is a multiple of the physics step of 0.0005 s."]
+    assert unit.told == [
+        "The communication step is 0.00069999999999999999 s; allowed is a multiple of the physics "
+        "step of 0.0005 s."
+    ]
     with pytest.raises(FMICallException):
         unit.slave.doStep(currentCommunicationPoint=5.0, communicationStepSize=PERIOD)
     assert "The communication point is 5 s; the unit is at 0.2" in unit.told[-1]
     assert unit.get(*state_names(crane())) == fine
 
 
-def test_a_state_is_saved_restored_and_sent_to_another_instance(unit: Unit, units: dict[str, Path], tmp_path: Path) -> None:
+def test_a_state_is_saved_restored_and_sent_to_another_instance(
+    unit: Unit, units: dict[str, Path], tmp_path: Path
+) -> None:
     names = state_names(crane())
     unit.begin(**START)
     unit.set(F_x_command=300.0)
@@ -268,7 +300,10 @@ def test_a_unit_says_once_the_model_no_longer_holds(unit: Unit) -> None:
 
 def test_a_unit_is_a_hundred_times_as_quick_as_the_real_crane(unit: Unit) -> None:
     unit.begin(**START)
-    step, names = unit.slave.fmi3DoStep, (ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool(), ctypes.c_double())
+    step, names = (
+        unit.slave.fmi3DoStep,
+        (ctypes.c_bool(), ctypes.c_bool(), ctypes.c_bool(), ctypes.c_double()),
+    )
     began = time.process_time()
     for k in range(2000):
         step(unit.slave.component, k * PERIOD, PERIOD, True, *map(ctypes.byref, names))
@@ -276,7 +311,10 @@ def test_a_unit_is_a_hundred_times_as_quick_as_the_real_crane(unit: Unit) -> Non
 
 
 def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
-    units: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    units: dict[str, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(DataError, match="it is there already; name another"):
         fmi.export(crane(), units["effort"])
@@ -300,9 +338,26 @@ def test_the_same_crane_makes_the_same_unit(units: dict[str, Path], tmp_path: Pa
     assert again.read_bytes() == units["effort"].read_bytes()
 
 
-def test_the_command_line_writes_a_unit_of_the_crane_that_it_describes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_writes_a_unit_of_the_crane_that_it_describes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "heavy.fmu"
-    assert main(["fmu", str(path), "--set", "payload_mass:=2000", "--gravity", "9.8", "--drive", "effort"]) == 0
+    assert (
+        main(
+            [
+                "fmu",
+                str(path),
+                "--set",
+                "payload_mass:=2000",
+                "--gravity",
+                "9.8",
+                "--drive",
+                "effort",
+            ]
+        )
+        == 0
+    )
     assert capsys.readouterr().out == f"Written to {path}.\n"
     start = {v.name: v.start for v in fmpy.read_model_description(path).modelVariables}
-    assert float(start["F_l_command"]) == pytest.approx(-2000.0 * 9.8, rel=1e-12)  # what holds the load
+    # What holds the load.
+    assert float(start["F_l_command"]) == pytest.approx(-2000.0 * 9.8, rel=1e-12)

@@ -1,4 +1,6 @@
-"""The crane as an environment of Gymnasium: its own checker, and every number against `simulate`."""
+"""The crane as an environment of Gymnasium: its own checker, and every number against
+`simulate`.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def many(count: int, **how: Any) -> TowerCraneVectorEnv:
 
 
 def rollout(env: TowerCraneVectorEnv, steps: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """States before and after steps of random actions, shape (steps + 1, 10, n), and the accelerations, shape (steps, 3, n)."""
+    """States before and after steps of random actions, shape (steps + 1, 10, n), and the
+    accelerations, shape (steps, 3, n).
+    """
     rng, task = np.random.default_rng(seed), env.task
     states, commands = [task.fleet.z.copy()], []
     for _ in range(steps):
@@ -62,19 +66,25 @@ def test_gymnasium_makes_many_by_name_and_they_keep_to_their_spaces() -> None:
     for _ in range(70):
         assert seen in env.observation_space
         seen, reward, terminated, truncated, infos = env.step(env.action_space.sample())
-        assert reward.shape == terminated.shape == truncated.shape == infos["distance"].shape == (40,)
+        assert (
+            reward.shape == terminated.shape == truncated.shape == infos["distance"].shape == (40,)
+        )
         assert np.isfinite(seen).all() and np.isfinite(reward).all()
 
 
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 @pytest.mark.parametrize("action", ["velocity", "acceleration"])
-def test_each_crane_moves_as_in_simulate_whatever_its_load_wind_and_neighbours(engine: Any, action: str) -> None:
+def test_each_crane_moves_as_in_simulate_whatever_its_load_wind_and_neighbours(
+    engine: Any, action: str
+) -> None:
     cranes = [crane(), crane(payload_mass=2500.0)]
     env = many(21, crane=cranes, action=action, wind=12.0, control_period=0.1)
     env.reset(seed=5)
     steps = 20 if engine == "pinocchio" else 100
     states, commands = rollout(env, steps)
-    for i in (next(i for i in range(20, -1, -1) if env.task.crane_of(i) is kind) for kind in cranes):
+    for i in (
+        next(i for i in range(20, -1, -1) if env.task.crane_of(i) is kind) for kind in cranes
+    ):
         force, z = env.task.force_on(i), states[0, :, i]
         assert np.hypot(*force[:2]) > 1.0
         run = simulate(
@@ -104,13 +114,20 @@ def test_drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges() -> 
             q, v = task.fleet.z[:5], task.fleet.z[5:]
             assert (np.abs(a) <= np.array(limits.accelerations)[:, None] * (1.0 + 1e-9)).all()
             assert (np.abs(v[DRIVES]) <= np.array(limits.rates)[:, None] * (1.0 + 1e-9)).all()
-            assert (q[DRIVES] >= c.lower[DRIVES][:, None]).all() and (q[DRIVES] <= c.upper[DRIVES][:, None]).all()
+            assert (q[DRIVES] >= c.lower[DRIVES][:, None]).all() and (
+                q[DRIVES] <= c.upper[DRIVES][:, None]
+            ).all()
         gap = np.minimum(q[DRIVES] - c.lower[DRIVES][:, None], c.upper[DRIVES][:, None] - q[DRIVES])
         assert (gap[1:] < 0.06).all()  # pushed there and stopped, 5 cm before
 
 
 def test_starts_goals_and_drives_keep_to_the_ranges_that_all_cranes_have() -> None:
-    env = many(50, crane=[crane(), crane(trolley_max=12.0)], reach=(1.0, 20.0, 20.0), max_episode_steps=10_000)
+    env = many(
+        50,
+        crane=[crane(), crane(trolley_max=12.0)],
+        reach=(1.0, 20.0, 20.0),
+        max_episode_steps=10_000,
+    )
     env.reset(seed=0)
     assert env.task.goal[1].max() < 12.0
     for _ in range(100):
@@ -132,7 +149,12 @@ def test_the_reward_is_that_of_the_distance_the_load_would_have_from_its_goal() 
     assert reward[0] == pytest.approx(-0.1 * np.log10(1.0 + expected / 0.01), rel=1e-12)
     named = dict(zip(OBSERVED, seen[0].tolist(), strict=True))
     assert named["gamma_to_go"] == pytest.approx(0.1) and named["x"] == 12.0 and named["l"] == 10.0
-    env.reset(options={"start": crane().state(x=12.0, l=10.0, phi=0.03, theta=0.04), "goal": (0.0, 12.0, 10.0)})
+    env.reset(
+        options={
+            "start": crane().state(x=12.0, l=10.0, phi=0.03, theta=0.04),
+            "goal": (0.0, 12.0, 10.0),
+        }
+    )
     assert env.task.far[0] == pytest.approx(10.0 * 0.05, rel=1e-12)
 
 
@@ -144,7 +166,12 @@ def test_too_much_swing_ends_an_episode() -> None:
     with pytest.raises(OutOfRange, match="call reset"):
         env.step(np.zeros((2, 3)))
     env.reset(options={"reset_mask": np.array([True, False])})
-    assert np.hypot(*env.task.fleet.z[PASSIVE, 0]) < 1e-12 < 0.19 < np.hypot(*env.task.fleet.z[PASSIVE, 1])
+    assert (
+        np.hypot(*env.task.fleet.z[PASSIVE, 0])
+        < 1e-12
+        < 0.19
+        < np.hypot(*env.task.fleet.z[PASSIVE, 1])
+    )
 
 
 def test_next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_says() -> None:
@@ -156,17 +183,25 @@ def test_next_step_and_same_step_are_followed_by_the_next_episode_as_gymnasium_s
         third = env.step(np.zeros((3, 3)))
         return env, third, env.task.fleet.z.copy(), env.step(np.ones((3, 3)))
 
-    env, (last, reward, _, truncated, infos), _, (first, after, _, again, _) = third_and_fourth(AutoresetMode.NEXT_STEP)
+    env, (last, reward, _, truncated, infos), _, (first, after, _, again, _) = third_and_fourth(
+        AutoresetMode.NEXT_STEP
+    )
     assert truncated.all() and "final_obs" not in infos and (reward < 0.0).all()
     assert not again.any() and (after == 0.0).all()  # the action of this step was for nobody
     assert (first[:, 3:6] == 0.0).all() and not np.array_equal(first, last)
-    same, (begun, reward_2, _, truncated, infos), z, (_, after, *_) = third_and_fourth(AutoresetMode.SAME_STEP)
+    same, (begun, reward_2, _, truncated, infos), z, (_, after, *_) = third_and_fourth(
+        AutoresetMode.SAME_STEP
+    )
     assert truncated.all() and infos["_final_obs"].all() and (reward_2 == reward).all()
     assert_allclose(infos["final_obs"], last)
     assert_allclose(begun, first)  # the same seed draws the same starts
     assert_allclose(begun[:, 10], z[1].astype(np.float32))
     assert (after < 0.0).all()
-    assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP is not same.metadata["autoreset_mode"]
+    assert (
+        env.metadata["autoreset_mode"]
+        is AutoresetMode.NEXT_STEP
+        is not same.metadata["autoreset_mode"]
+    )
 
 
 def test_a_seed_draws_the_same_episodes_and_starts_lie_in_reach() -> None:
@@ -174,9 +209,13 @@ def test_a_seed_draws_the_same_episodes_and_starts_lie_in_reach() -> None:
     tasks = [Task(crane(), 500, rules, 0.1, 5e-4, 1) for _ in range(2)]
     for task in tasks:
         task.begin(np.random.default_rng(7), np.arange(500))
-    assert np.array_equal(tasks[0].fleet.z, tasks[1].fleet.z) and np.array_equal(tasks[0].goal, tasks[1].goal)
+    assert np.array_equal(tasks[0].fleet.z, tasks[1].fleet.z) and np.array_equal(
+        tasks[0].goal, tasks[1].goal
+    )
     z, way = tasks[0].fleet.z, np.abs(tasks[0].goal - tasks[0].fleet.z[DRIVES])
-    assert (way.max(axis=1) <= rules.reach).all() and (way.max(axis=1) > 0.9 * np.array(rules.reach)).all()
+    assert (way.max(axis=1) <= rules.reach).all() and (
+        way.max(axis=1) > 0.9 * np.array(rules.reach)
+    ).all()
     swing = np.sqrt((z[PASSIVE] ** 2 + z[5 + PASSIVE] ** 2 * z[4] / crane().gravity).sum(axis=0))
     assert 0.045 < swing.max() <= 0.05 + 1e-12
 
@@ -202,12 +241,18 @@ def test_an_episode_is_drawn_by_rerun_and_is_the_one_that_was_seen(tmp_path: Pat
         ({"swing_limit": 2.0}, "swing_limit is 2.0 rad"),
         ({"wind": -1.0}, "wind is -1.0 m/s; allowed is >= 0"),
         ({"winds": 1.0}, "There is no rule of the task 'winds'; there are action"),
-        ({"autoreset_mode": "Never"}, "autoreset_mode is 'Never'; allowed is one of NextStep, SameStep, Disabled"),
+        (
+            {"autoreset_mode": "Never"},
+            "autoreset_mode is 'Never'; allowed is one of NextStep, SameStep, Disabled",
+        ),
         ({"num_envs": 0}, "num_envs is 0"),
         ({"max_episode_steps": 0}, "max_episode_steps is 0"),
         ({"render_mode": "human"}, "render_mode is 'human'"),
         ({"control_period": 0.0007}, "control_period is 0.0007 s; allowed is a multiple of dt"),
-        ({"control_period": 100.0}, "steps in a control period is 200000; allowed is 100000 or less"),
+        (
+            {"control_period": 100.0},
+            "steps in a control period is 200000; allowed is 100000 or less",
+        ),
         ({"crane": []}, "number of cranes to choose from is 0"),
     ],
 )
@@ -217,7 +262,11 @@ def test_what_cannot_be_is_refused_in_a_sentence(how: dict[str, Any], sentence: 
 
 
 def test_a_crane_for_which_the_task_is_not_made_is_refused_in_a_sentence() -> None:
-    with pytest.raises(ModelError, match="The task of moving a load without swing is made for a tower crane of five joints; this one also"):
+    with pytest.raises(
+        ModelError,
+        match="The task of moving a load without swing is made for a tower crane of five joints; "
+        "this one also",
+    ):
         many(2, crane=HOOK.crane())
     with pytest.raises(OutOfRange, match=r"rate limit is \(1.0, 1.0\); allowed is three numbers"):
         many(2, limits=Limits(rates=(1.0, 1.0), accelerations=(1.0, 1.0)))
@@ -231,7 +280,13 @@ def test_actions_and_options_that_are_none_are_refused_in_a_sentence() -> None:
     with pytest.raises(OutOfRange, match="call reset"):
         env.step(np.zeros((2, 3)))
     env.reset(seed=0)
-    for wrong in (np.zeros((3, 2)), np.zeros(3), np.full((2, 3), np.nan), np.full((2, 3), 1.5), np.zeros((2, 3), dtype=complex)):
+    for wrong in (
+        np.zeros((3, 2)),
+        np.zeros(3),
+        np.full((2, 3), np.nan),
+        np.full((2, 3), 1.5),
+        np.zeros((2, 3), dtype=complex),
+    ):
         before = env.task.fleet.z.copy()
         with pytest.raises(OutOfRange):
             env.step(wrong)
@@ -248,12 +303,17 @@ def test_the_benchmark_counts_steps(capsys: pytest.CaptureFixture[str]) -> None:
     assert environment.main(["--counts", "64", "--rounds", "1", "--seconds", "0"]) == 0
     count, *rates = capsys.readouterr().out.splitlines()[1].split()
     assert count == "64" and all(float(rate) > 0.0 for rate in rates)
-    assert environment.main(["--counts", "8", "--rounds", "1", "--seconds", "0", "--least", "1e6"]) == 1
+    assert (
+        environment.main(["--counts", "8", "--rounds", "1", "--seconds", "0", "--least", "1e6"])
+        == 1
+    )
 
 
 def test_cranes_can_be_drawn_between_two_ends() -> None:
     found = cranes_between(3, seed=1, payload_mass=(500.0, 3000.0))
-    assert len({c.payload_mass for c in found}) == 3 and all(500.0 <= c.payload_mass <= 3000.0 for c in found)
+    assert len({c.payload_mass for c in found}) == 3 and all(
+        500.0 <= c.payload_mass <= 3000.0 for c in found
+    )
     with pytest.raises(UnknownName):
         cranes_between(1, loads=(1.0, 2.0))
     with pytest.raises(OutOfRange, match="range of payload_mass is 5; allowed is two numbers"):

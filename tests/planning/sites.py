@@ -28,7 +28,11 @@ def crane() -> Crane:
 
 
 def corners(*size: float) -> np.ndarray:
-    return np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * np.array(size) / 2.0
+    return (
+        np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        * np.array(size)
+        / 2.0
+    )
 
 
 LOAD = corners(1.0, 1.0, 1.0)
@@ -36,7 +40,12 @@ LOAD = corners(1.0, 1.0, 1.0)
 
 def site(*solids: Any, **changes: Any) -> Site:
     """A lift of a cubic metre along the +X side of the crane, from y = -12 to y = 12 m."""
-    given = {"load": LOAD, "start": np.array([6.0, -12.0, 4.0]), "goal": np.array([6.0, 12.0, 4.0]), **changes}
+    given = {
+        "load": LOAD,
+        "start": np.array([6.0, -12.0, 4.0]),
+        "goal": np.array([6.0, 12.0, 4.0]),
+        **changes,
+    }
     return Site("test", solids, **given)
 
 
@@ -61,4 +70,9 @@ def certificate() -> Certificate:
 
 def with_wall(by: float) -> Clearance:
     """The site of the lift with its wall higher by so much [m]."""
-    return Clearance(crane(), replace(lift().clearance.site, solids=(box("wall", (14.0, 0.0), (14.0, 1.0, 8.0 + by), 0.0),)))
+    return Clearance(
+        crane(),
+        replace(
+            lift().clearance.site, solids=(box("wall", (14.0, 0.0), (14.0, 1.0, 8.0 + by), 0.0),)
+        ),
+    )

@@ -10,11 +10,23 @@ import pytest
 from experiments import lift_benchmark
 
 
-def test_a_random_site_is_planned_certified_and_set_beside_other_means(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert lift_benchmark.main(["--sites", "1", "--out", str(tmp_path / "out")]) == 0, capsys.readouterr().out
-    tables = {table["title"]: table["rows"] for table in json.loads((tmp_path / "out" / "result.json").read_text())["tables"]}
+def test_a_random_site_is_planned_certified_and_set_beside_other_means(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert lift_benchmark.main(["--sites", "1", "--out", str(tmp_path / "out")]) == 0, (
+        capsys.readouterr().out
+    )
+    tables = {
+        table["title"]: table["rows"]
+        for table in json.loads((tmp_path / "out" / "result.json").read_text())["tables"]
+    }
     assert tables["Sites without a certified lift"] == []
-    assert [row[0] for row in tables["Beside it"]] == ["planned", "stop at corners", "spline + PD", "operator"]
+    assert [row[0] for row in tables["Beside it"]] == [
+        "planned",
+        "stop at corners",
+        "spline + PD",
+        "operator",
+    ]
     swings = [row[-1] for row in tables["Beside it"]]
     assert min(swings[1:]) > 0.5 > swings[0]
 

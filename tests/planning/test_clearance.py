@@ -22,7 +22,8 @@ def test_a_cube_beside_a_wall_and_above_the_ground_is_as_far_as_by_hand() -> Non
     asked = Clearance(crane(), site(WALL, load=corners(2.0, 2.0, 2.0)))
     place = asked.place(np.array([10.0, -6.0, 3.5]))
     q = asked.q(place)
-    turned = np.abs(np.sin(place[0])) + np.abs(np.cos(place[0]))  # half the width of a turned cube along Y
+    # Half the width of a turned cube along Y.
+    turned = np.abs(np.sin(place[0])) + np.abs(np.cos(place[0]))
     found = asked.distances(q)
     assert found["wall"].distance == pytest.approx(5.5 - turned, abs=1e-6)
     assert found[GROUND].distance == pytest.approx(2.5, abs=1e-6)
@@ -44,7 +45,10 @@ def test_a_place_is_where_pinocchio_has_the_load_in_any_frame_of_a_site() -> Non
 def test_the_broad_phase_gives_the_distances_of_brute_force_for_inflated_bodies() -> None:
     """What coal's margins get wrong (its issue 625), shapes inflated by a metre get right."""
     rng = np.random.default_rng(1)
-    named = [(str(i), (coal.Box(*rng.uniform(1, 6, 3)), np.eye(3), rng.uniform(-15, 15, 3))) for i in range(25)]
+    named = [
+        (str(i), (coal.Box(*rng.uniform(1, 6, 3)), np.eye(3), rng.uniform(-15, 15, 3)))
+        for i in range(25)
+    ]
     mesh = body("mesh", *_cube_of_triangles(2.0)).moved(np.eye(3), np.array([0.0, 0.0, 20.0]))
     field = Field([*named, ("mesh", (mesh.geometries()[0], np.eye(3), np.zeros(3)))])
     moving = Body((hull(corners(1.0, 2.0, 3.0)), np.eye(3), np.zeros(3)), 1.0)
@@ -66,7 +70,11 @@ def test_inflating_takes_exactly_as_much_off_a_distance_from_hulls_and_meshes() 
     for solid in (body("cube", vertices, triangles), body("dented", dented, triangles)):
         field = Field([("it", (one, np.eye(3), np.zeros(3))) for one in solid.geometries()])
         found = [
-            field.least(Body((hull(corners(1.0, 1.0, 1.0)), np.eye(3), np.zeros(3)), by).put(np.eye(3), np.array([0.0, 0.0, 5.0])))
+            field.least(
+                Body((hull(corners(1.0, 1.0, 1.0)), np.eye(3), np.zeros(3)), by).put(
+                    np.eye(3), np.array([0.0, 0.0, 5.0])
+                )
+            )
             for by in (0.0, 1.5)
         ]
         assert found == pytest.approx([3.5, 2.0], abs=1e-6)
@@ -80,7 +88,9 @@ def test_room_changes_by_no_more_than_travel(place: np.ndarray, step: np.ndarray
 
 
 @given(PLACES, st.floats(0.0, 1.0), st.floats(-np.pi, np.pi))
-def test_the_envelope_holds_the_load_at_every_swing_that_the_site_allows(place: np.ndarray, share: float, towards: float) -> None:
+def test_the_envelope_holds_the_load_at_every_swing_that_the_site_allows(
+    place: np.ndarray, share: float, towards: float
+) -> None:
     asked = clearance(WALL)
     q = asked.q(place)
     q[2:4] = share * asked.site.swing * np.array([np.cos(towards), np.sin(towards)])
@@ -88,7 +98,9 @@ def test_the_envelope_holds_the_load_at_every_swing_that_the_site_allows(place: 
 
 
 @given(PLACES, SMALL, st.tuples(*[st.floats(-0.2, 0.2)] * 4).map(np.array))
-def test_no_point_of_the_load_moves_farther_than_said(place: np.ndarray, step: np.ndarray, swings: np.ndarray) -> None:
+def test_no_point_of_the_load_moves_farther_than_said(
+    place: np.ndarray, step: np.ndarray, swings: np.ndarray
+) -> None:
     asked = clearance(WALL)
     points = []
     for where, swing in ((place, swings[:2]), (place + step, swings[2:])):
@@ -102,12 +114,16 @@ def test_no_point_of_the_load_moves_farther_than_said(place: np.ndarray, step: n
 
 
 def test_a_concave_prism_is_hollow_where_its_outline_is() -> None:
-    outline = np.array([[0, 0], [10, 0], [10, 10], [6, 10], [6, 4], [4, 4], [4, 10], [0, 10]], dtype=float)
+    outline = np.array(
+        [[0, 0], [10, 0], [10, 10], [6, 10], [6, 4], [4, 4], [4, 10], [0, 10]], dtype=float
+    )
     outline += np.array([5.0, -5.0])
     solid = prism("u", outline, 0.0, 10.0)
     field = Field([("u", (one, np.eye(3), np.zeros(3))) for one in solid.geometries()])
     moving = Body((coal.Sphere(0.25), np.eye(3), np.zeros(3)), 0.0)
-    assert field.least(moving.put(np.eye(3), np.array([10.0, 3.0, 5.0]))) == pytest.approx(0.75, abs=1e-6)
+    assert field.least(moving.put(np.eye(3), np.array([10.0, 3.0, 5.0]))) == pytest.approx(
+        0.75, abs=1e-6
+    )
     assert field.least(moving.put(np.eye(3), np.array([7.0, 3.0, 5.0]))) < 0.0
 
 

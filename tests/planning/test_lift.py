@@ -21,14 +21,32 @@ from cranedyn.planning.certificate import ARRIVAL_SWING, Certificate, certify, c
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.lift import NoWay, plan_lift
 from cranedyn.planning.neighbour import neighbour
-from cranedyn.planning.perturbed import HOIST_INTEGRAL, Perturbed, Spread, _batch, _crane, late, perturb
+from cranedyn.planning.perturbed import (
+    HOIST_INTEGRAL,
+    Perturbed,
+    Spread,
+    _batch,
+    _crane,
+    late,
+    perturb,
+)
 from cranedyn.planning.proof import Line, unproven
 from cranedyn.planning.solids import body, box
 from cranedyn.planning.timing import STEP
 from cranedyn.references.limits import use
 from cranedyn.simulation.simulate import simulate
 from experiments import lift as experiment
-from tests.planning.sites import LIMITS, RATES, WALL, certificate, corners, crane, lift, site, with_wall
+from tests.planning.sites import (
+    LIMITS,
+    RATES,
+    WALL,
+    certificate,
+    corners,
+    crane,
+    lift,
+    site,
+    with_wall,
+)
 
 
 def red(certified: Certificate) -> list[str]:
@@ -39,12 +57,16 @@ def test_a_lift_over_a_wall_is_certified() -> None:
     assert red(certificate()) == []
     assert certificate().holds
     assert certificate().nearest.distance >= 0.5
-    assert lift().clearance.point(lift().timed.places)[:, 2].max() > 8.0 + 0.5 + 0.5  # over it, not through it
+    # Over it, not through it.
+    assert lift().clearance.point(lift().timed.places)[:, 2].max() > 8.0 + 0.5 + 0.5
 
 
 def test_every_leg_curve_and_motion_of_a_lift_is_proven() -> None:
     asked, made = lift().clearance, lift()
-    assert all(unproven(asked, Line(one, other), 0.0, 1.0) is None for one, other in zip(made.points, made.points[1:], strict=False))
+    assert all(
+        unproven(asked, Line(one, other), 0.0, 1.0) is None
+        for one, other in zip(made.points, made.points[1:], strict=False)
+    )
     assert unproven(asked, made.path, 0.0, made.path.duration) is None
     assert unproven(asked, made.timed, 0.0, len(made.timed.places) - 1.0) is None
 
@@ -54,7 +76,8 @@ def test_the_motion_is_fast_and_exceeds_no_limit() -> None:
     assert timed.bound <= timed.motion.arrival <= 1.25 * timed.bound
     assert lift().path.duration <= timed.bound
     assert max(timed.shares.values()) <= 1.0 + 1e-6
-    assert max(use(crane(), timed.motion, LIMITS).values()) <= 1.0 + 1e-3  # rows four times as dense
+    # Rows four times as dense.
+    assert max(use(crane(), timed.motion, LIMITS).values()) <= 1.0 + 1e-3
     swing = np.hypot(*timed.motion.q[:, 2:4].T).max()
     assert 0.7 * lift().clearance.site.swing < swing <= lift().clearance.site.swing * (1.0 + 1e-3)
 
@@ -74,10 +97,15 @@ def test_the_load_goes_where_the_plan_says_and_arrives_without_swing_in_pinocchi
     rows = np.searchsorted(run.t, STEP * np.arange(len(points) - 1) - 1e-9)
     # hoisting is right to first order
     assert (
-        max(np.linalg.norm(payload_position(crane(), run.q[row]) - point) for row, point in zip(rows[::50], points[::50], strict=False))
+        max(
+            np.linalg.norm(payload_position(crane(), run.q[row]) - point)
+            for row, point in zip(rows[::50], points[::50], strict=False)
+        )
         < 0.02
     )
-    swing = swing_amplitude(other.q[-1:, 2:4], other.v[-1:, 2:4], float(other.q[-1, 4]), crane().gravity)
+    swing = swing_amplitude(
+        other.q[-1:, 2:4], other.v[-1:, 2:4], float(other.q[-1, 4]), crane().gravity
+    )
     assert float(swing[0]) < ARRIVAL_SWING
 
 
@@ -92,18 +120,29 @@ def test_a_wall_moved_by_a_metre_into_the_plan_turns_its_certificate_red() -> No
 def test_a_tower_put_into_the_way_of_the_jib_turns_the_certificate_red() -> None:
     tower = box("tower", (22.0, 0.0), (4.0, 4.0, 40.0), 0.0)
     there = replace(lift().clearance.site, solids=(*lift().clearance.site.solids, tower))
-    assert any("the jib comes too near to tower" in sentence for sentence in red(certify(lift(), Clearance(crane(), there))))
+    assert any(
+        "the jib comes too near to tower" in sentence
+        for sentence in red(certify(lift(), Clearance(crane(), there)))
+    )
 
 
 def test_a_swing_at_the_arrival_turns_the_certificate_red() -> None:
     weak = controller_of(lift())
     off = replace(
-        weak, tracking=replace(weak.tracking, gain=0.3 * weak.tracking.gain, setpoint=weak.tracking.setpoint + 0.05 * np.eye(10)[1])
+        weak,
+        tracking=replace(
+            weak.tracking,
+            gain=0.3 * weak.tracking.gain,
+            setpoint=weak.tracking.setpoint + 0.05 * np.eye(10)[1],
+        ),
     )
-    assert any("At the arrival it swings" in sentence for sentence in red(certify(lift(), controller=off)))
+    assert any(
+        "At the arrival it swings" in sentence for sentence in red(certify(lift(), controller=off))
+    )
 
 
-# ------------------------------------------------------------------------------------------------------------------ no way
+# --------------------------------------------------------------------------------------------------
+# ---------------- no way
 
 
 @pytest.mark.parametrize(
@@ -111,15 +150,27 @@ def test_a_swing_at_the_arrival_turns_the_certificate_red() -> None:
     [
         (
             {"start": np.array([6.0, -12.0, 1.7])},
-            r"At the start the load is 1\.20 m from ground; required are 0\.5 m, and 0\.\d\d m for a swing of 2°",
+            r"At the start the load is 1\.20 m from ground; required are 0\.5 m, and 0\.\d\d m for "
+            r"a swing of 2°",
         ),
-        ({"goal": np.array([14.0, 0.5, 4.0])}, "At the goal the (load|hook) is 0.00 m from wall; required are 0.5 m"),
-        ({"goal": np.array([30.0, 0.0, 4.0])}, r"trolley radius for the goal .* is 30\.0 m; allowed is 2 to 22"),
-        ({"goal": np.array([10.0, 10.0, 27.0])}, r"cable length for the goal .* allowed is 3\.4 to 26\.4"),
+        (
+            {"goal": np.array([14.0, 0.5, 4.0])},
+            "At the goal the (load|hook) is 0.00 m from wall; required are 0.5 m",
+        ),
+        (
+            {"goal": np.array([30.0, 0.0, 4.0])},
+            r"trolley radius for the goal .* is 30\.0 m; allowed is 2 to 22",
+        ),
+        (
+            {"goal": np.array([10.0, 10.0, 27.0])},
+            r"cable length for the goal .* allowed is 3\.4 to 26\.4",
+        ),
         ({"start": None}, "does not say where the start of the lift is"),
     ],
 )
-def test_what_is_no_lift_is_refused_in_a_sentence(changes: dict[str, object], sentence: str) -> None:
+def test_what_is_no_lift_is_refused_in_a_sentence(
+    changes: dict[str, object], sentence: str
+) -> None:
     with pytest.raises(CraneError, match=sentence):
         plan_lift(site(WALL, **changes), LIMITS, crane=crane())
 
@@ -128,76 +179,134 @@ def test_a_load_inside_of_a_mesh_is_refused() -> None:
     import trimesh
 
     torus = trimesh.creation.torus(6.0, 4.0)
-    mesh = body("torus", np.array(torus.vertices) + np.array([14.0, 6.0, 8.0]), np.array(torus.faces))
+    mesh = body(
+        "torus", np.array(torus.vertices) + np.array([14.0, 6.0, 8.0]), np.array(torus.faces)
+    )
     with pytest.raises(NoWay, match=r"At the goal the load is inside of torus"):
         plan_lift(site(mesh, goal=np.array([14.0, 12.0, 8.0])), LIMITS, crane=crane())
 
 
 def test_a_load_wider_than_every_gap_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A shaft up to the jib with a gate of 3.7 m: wide enough for a hook of 1.8 m with 0.5 m on both sides, not for a load of 2.6 m."""
+    """A shaft up to the jib with a gate of 3.7 m: wide enough for a hook of 1.8 m with 0.5 m on
+    both sides, not for a load of 2.6 m.
+    """
     monkeypatch.setattr(search, "LONGEST", 0.1)
-    walls = [("inner", (8.0, -11.0), (0.5, 10.0)), ("outer", (17.0, -11.0), (0.5, 10.0)), ("back", (12.5, -16.5), (9.0, 0.5))]
-    gates = [("left of the gate", (9.1, -5.5), (2.5, 0.5)), ("right of the gate", (15.7, -5.5), (3.2, 0.5))]
+    walls = [
+        ("inner", (8.0, -11.0), (0.5, 10.0)),
+        ("outer", (17.0, -11.0), (0.5, 10.0)),
+        ("back", (12.5, -16.5), (9.0, 0.5)),
+    ]
+    gates = [
+        ("left of the gate", (9.1, -5.5), (2.5, 0.5)),
+        ("right of the gate", (15.7, -5.5), (3.2, 0.5)),
+    ]
     shaft = [box(name, centre, (*size, 26.0), 0.0) for name, centre, size in (*walls, *gates)]
     ends = {"start": np.array([12.3, -11.0, 4.0]), "goal": np.array([12.3, 6.0, 4.0])}
     here = site(*shaft, load=corners(2.6, 2.6, 2.6), swing=0.003, **ends)
     with pytest.raises(
-        NoWay, match=r"the start is enclosed by .*gate.* cells of 1 s can be reached from it\. The hook without a load could"
+        NoWay,
+        match=r"the start is enclosed by .*gate.* cells of 1 s can be reached from it\. The hook "
+        r"without a load could",
     ):
         plan_lift(here, LIMITS, crane=crane())
 
 
 def test_a_load_too_tall_for_the_crane_is_refused_where_its_hook_would_be_in_the_trolley() -> None:
-    with pytest.raises(CraneError, match=r"cable length for the goal .* is 8\.0 m; allowed is 12\.\d* to 26\.4"):
+    with pytest.raises(
+        CraneError, match=r"cable length for the goal .* is 8\.0 m; allowed is 12\.\d* to 26\.4"
+    ):
         plan_lift(
-            site(load=corners(1.0, 1.0, 21.0), goal=np.array([6.0, 12.0, 20.0]), start=np.array([6.0, -12.0, 14.0])), LIMITS, crane=crane()
+            site(
+                load=corners(1.0, 1.0, 21.0),
+                goal=np.array([6.0, 12.0, 20.0]),
+                start=np.array([6.0, -12.0, 14.0]),
+            ),
+            LIMITS,
+            crane=crane(),
         )
 
 
 def test_a_goal_behind_the_neighbours_jib_names_it() -> None:
-    towers = [box(name, (x, y), (3.0, 3.0, 40.0), 0.0) for name, x, y in (("east", 20.0, 0.0), ("west", -20.0, 0.0))]
-    with pytest.raises(NoWay, match=r"The jib cannot turn to the goal: west and east is in its way on both sides|east and west"):
+    towers = [
+        box(name, (x, y), (3.0, 3.0, 40.0), 0.0)
+        for name, x, y in (("east", 20.0, 0.0), ("west", -20.0, 0.0))
+    ]
+    with pytest.raises(
+        NoWay,
+        match=r"The jib cannot turn to the goal: west and east is in its way on both sides|east "
+        r"and west",
+    ):
         plan_lift(site(*towers), LIMITS, crane=crane())
 
 
 @pytest.mark.parametrize(
     ("other", "sentence"),
     [
-        ({"hook_mass": 300.0}, r"A planned lift is made for a tower crane of five joints; this one also moves in "),
-        ({"rope_stiffness": 1e7}, r"A planned lift is made for a tower crane of five joints; this one also moves in rope_stretch_joint"),
+        (
+            {"hook_mass": 300.0},
+            r"A planned lift is made for a tower crane of five joints; this one also moves in ",
+        ),
+        (
+            {"rope_stiffness": 1e7},
+            r"A planned lift is made for a tower crane of five joints; this one also moves in "
+            r"rope_stretch_joint",
+        ),
     ],
 )
-def test_a_crane_of_other_joints_is_refused_in_a_sentence(other: dict[str, float], sentence: str) -> None:
+def test_a_crane_of_other_joints_is_refused_in_a_sentence(
+    other: dict[str, float], sentence: str
+) -> None:
     with pytest.raises(ModelError, match=sentence):
         plan_lift(site(WALL), LIMITS, crane=load_crane(**other))  # type: ignore[arg-type]
     with pytest.raises(ModelError, match=sentence.replace("planned lift", "parked neighbour")):
         neighbour("n", np.zeros(3), 0.0, {"slew": 0.0, "trolley": 0.0, "cable": 0.0}, other)
 
 
-# ------------------------------------------------------------------------------------------------------------------ perturbed
+# --------------------------------------------------------------------------------------------------
+# ---------------- perturbed
 
 
 def test_lifts_that_are_as_planned_are_as_near_as_planned() -> None:
     same = perturb(certificate(), 9, spread=Spread(0.0, 0.0, 0.0, 0.0, late=(0.0,)))
     assert same.nearer == 0
-    # a load that moves through still air is held back a little; between rows it is taken to be nearer by half of its way of 0.1 s
+    # a load that moves through still air is held back a little; between rows it is taken to be
+    # nearer by half of its way of 0.1 s
     assert np.ptp(same.least) < 1e-6
-    assert certificate().nearest.distance - 0.25 < same.least[0] <= certificate().nearest.distance + 1e-3
+    assert (
+        certificate().nearest.distance - 0.25
+        < same.least[0]
+        <= certificate().nearest.distance + 1e-3
+    )
 
 
 def test_perturbed_lifts_are_repeatable_and_a_storm_is_not_survived() -> None:
     calm, again = (perturb(certificate(), 40, seed=3) for _ in range(2))
     np.testing.assert_array_equal(calm.least, again.least)
-    assert set(calm.drawn) == {"load", "cable_m", "wind_m_s", "gust_m_s", "gust_at_s", "gust_lasts_s", "direction_rad", "late_s"}
+    assert set(calm.drawn) == {
+        "load",
+        "cable_m",
+        "wind_m_s",
+        "gust_m_s",
+        "gust_at_s",
+        "gust_lasts_s",
+        "direction_rad",
+        "late_s",
+    }
     storm = perturb(certificate(), 40, seed=3, spread=Spread(wind=15.0, gust=40.0))
     assert storm.nearer > calm.nearer
     assert storm.interval()[1] > calm.interval()[1]
 
 
 def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
-    """One with a heavy load, a long cable and late sensors, beside the plain loop with sensors that are really late."""
+    """One with a heavy load, a long cable and late sensors, beside the plain loop with sensors that
+    are really late.
+    """
     made, load, cable, delay = lift(), 1.3, 0.4, 4
-    heavy, motion, control = _crane(crane(), load), made.timed.motion, controller_of(lift(), dt=1e-3)
+    heavy, motion, control = (
+        _crane(crane(), load),
+        made.timed.motion,
+        controller_of(lift(), dt=1e-3),
+    )
     weight = (load - 1.0) * crane().payload_mass * crane().gravity
     remembered = replace(control, integral=-weight / HOIST_INTEGRAL)
 
@@ -208,13 +317,29 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
 
     q = made.states()[0].q.copy()
     q[made.clearance.joints.hoist] += cable
-    behind = sensed(made.crane, misread, delay=delay, noise=np.zeros(10), rng=np.random.default_rng(0))
+    behind = sensed(
+        made.crane, misread, delay=delay, noise=np.zeros(10), rng=np.random.default_rng(0)
+    )
     duration = motion.arrival + 5.0
-    run = simulate(heavy, behind, motion, start=State(q, np.zeros(5)), duration=duration, dt=1e-3, engine="compiled")
+    run = simulate(
+        heavy,
+        behind,
+        motion,
+        start=State(q, np.zeros(5)),
+        duration=duration,
+        dt=1e-3,
+        engine="compiled",
+    )
     off = []
     for seconds in (delay * motion.period, 0.0):
         alone = dict.fromkeys(("wind_m_s", "gust_m_s", "gust_at_s", "direction_rad"), np.zeros(1))
-        drawn = {**alone, "load": np.array([load]), "cable_m": np.array([cable]), "late_s": np.array([seconds]), "gust_lasts_s": np.ones(1)}
+        drawn = {
+            **alone,
+            "load": np.array([load]),
+            "cable_m": np.array([cable]),
+            "late_s": np.array([seconds]),
+            "gust_lasts_s": np.ones(1),
+        }
         batch = _batch(made, control, drawn, {load: heavy}, 1e-3, 1)
         rows = np.searchsorted(run.t, batch.t - 1e-9)
         off.append(float(made.clearance.moved(batch.q[0], run.q[rows]).max()))
@@ -236,7 +361,8 @@ def test_the_interval_of_no_case_in_many_is_that_of_the_closed_form() -> None:
     assert Perturbed(np.array([1.0, math.nan, 0.4]), 0.5, {}, np.zeros(3)).nearer == 2
 
 
-# ------------------------------------------------------------------------------------------------------------------ the experiment
+# --------------------------------------------------------------------------------------------------
+# ---------------- the experiment
 
 
 SITE = """
@@ -264,7 +390,9 @@ def test_the_experiment_leaves_tables_figures_runs_and_a_recording_with_the_site
 
     (tmp_path / "yard.toml").write_text(SITE)
     out = tmp_path / "out"
-    code = experiment.main(["--site", str(tmp_path / "yard.toml"), "--lifts", "16", "--out", str(out)])
+    code = experiment.main(
+        ["--site", str(tmp_path / "yard.toml"), "--lifts", "16", "--out", str(out)]
+    )
     text = capsys.readouterr().out
     assert code == 0, text
     assert {path.name for path in out.iterdir()} == {
@@ -278,7 +406,9 @@ def test_the_experiment_leaves_tables_figures_runs_and_a_recording_with_the_site
         "How long it took on this machine",
     ]
     assert all(claim["holds"] for claim in result["claims"])
-    entities = {str(chunk.entity_path) for chunk in rerun.chunk.RrdReader(out / "lift.rrd").stream()}
+    entities = {
+        str(chunk.entity_path) for chunk in rerun.chunk.RrdReader(out / "lift.rrd").stream()
+    }
     assert {f"/yard/scene/{part}" for part in ("site/0", "site/1", "planned", "swept")} <= entities
 
 
@@ -297,15 +427,26 @@ def test_the_experiment_refuses_in_a_sentence(
     assert sentence in capsys.readouterr().err
 
 
-def test_an_experiment_whose_load_cannot_start_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_experiment_whose_load_cannot_start_leaves_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "yard.toml").write_text(SITE)
     out = tmp_path / "out"
-    assert experiment.main(["--site", str(tmp_path / "yard.toml"), "--from", "14", "-2", "4", "--out", str(out)]) == 2
+    assert (
+        experiment.main(
+            ["--site", str(tmp_path / "yard.toml"), "--from", "14", "-2", "4", "--out", str(out)]
+        )
+        == 2
+    )
     assert "is 0.00 m from wall" in capsys.readouterr().err
     assert not out.exists()
 
 
 def test_lengths_of_places_are_those_of_the_plan() -> None:
     assert lift().crane.layout.symbols[lift().clearance.joints.hoist] == "l"
-    assert [lift().crane.layout.symbols[i] for i in lift().clearance.place_of] == ["gamma", "x", "l"]
+    assert [lift().crane.layout.symbols[i] for i in lift().clearance.place_of] == [
+        "gamma",
+        "x",
+        "l",
+    ]
     assert corners(2.0, 4.0, 6.0).max(axis=0).tolist() == [1.0, 2.0, 3.0]

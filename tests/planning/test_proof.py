@@ -1,4 +1,6 @@
-"""Proofs: what they say is free is free, what they do not is not, and sampling would not have done."""
+"""Proofs: what they say is free is free, what they do not is not, and sampling would not have
+done.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ PLATE = box("plate", (13.4, 0.0), (6.0, 0.02, 20.0), 0.0)
 
 
 def sampled(asked: Clearance, line: Curve, first: float, last: float) -> float | None:
-    """What a library does if one does not say otherwise: look at places a hundredth of the way apart, each without its envelope."""
+    """What a library does if one does not say otherwise: look at places a hundredth of the way
+    apart, each without its envelope.
+    """
     bare = Clearance(asked.crane, asked.site)
     places = (s for s in np.linspace(first, last, 8) if not _free(bare, line.at(s)))
     return next(places, None)
@@ -38,7 +42,9 @@ def _free(asked: Clearance, place: np.ndarray) -> bool:
 @given(st.integers(0, 10_000))
 def test_what_is_proven_is_free_wherever_one_looks(seed: int) -> None:
     rng, asked = np.random.default_rng(seed), clearance(WALL)
-    one, other = (np.array([rng.uniform(0.2, 2.8), rng.uniform(5, 21), rng.uniform(5, 23)]) for _ in range(2))
+    one, other = (
+        np.array([rng.uniform(0.2, 2.8), rng.uniform(5, 21), rng.uniform(5, 23)]) for _ in range(2)
+    )
     where = unproven(asked, Line(one, other), 0.0, 1.0)
     rooms = [asked.room(one + s * (other - one)) for s in np.linspace(0.0, 1.0, 60)]
     if where is None:
@@ -55,9 +61,16 @@ def test_a_plate_between_two_samples_is_met_by_proof_and_missed_by_sampling() ->
     assert where == pytest.approx(0.5, abs=0.03)
 
 
-def test_a_sampling_validator_in_the_place_of_the_proving_one_gets_no_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sampling_validator_in_the_place_of_the_proving_one_gets_no_certificate(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     here = site(
-        PLATE, start=np.array([6.0, -12.0, 8.0]), goal=np.array([6.0, 12.0, 8.0]), load=corners(0.3, 0.3, 0.3), distance=0.05, swing=0.03
+        PLATE,
+        start=np.array([6.0, -12.0, 8.0]),
+        goal=np.array([6.0, 12.0, 8.0]),
+        load=corners(0.3, 0.3, 0.3),
+        distance=0.05,
+        swing=0.03,
     )
     assert certify(plan_lift(here, LIMITS, crane=crane())).holds
     for module in (search, curve, planned):
@@ -69,7 +82,9 @@ def test_a_sampling_validator_in_the_place_of_the_proving_one_gets_no_certificat
 
 
 @given(st.integers(0, 1000), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_a_rounded_path_stays_within_the_reach_that_proofs_count_on(seed: int, a: float, b: float, share: float) -> None:
+def test_a_rounded_path_stays_within_the_reach_that_proofs_count_on(
+    seed: int, a: float, b: float, share: float
+) -> None:
     rng = np.random.default_rng(seed)
     points = np.column_stack([rng.uniform(0, 2, 4), rng.uniform(5, 20, 4), rng.uniform(5, 20, 4)])
     legs = (np.abs(np.diff(points, axis=0)) / RATES).max(axis=1)
@@ -86,8 +101,12 @@ def test_derivatives_of_a_path_are_those_of_its_places() -> None:
     place, first, second = path.derivatives(s)
     before, after = path.derivatives(s - h)[0], path.derivatives(s + h)[0]
     np.testing.assert_allclose(first, (after - before) / (2 * h), atol=1e-6)
-    np.testing.assert_allclose(second, (path.derivatives(s + h)[1] - path.derivatives(s - h)[1]) / (2 * h), atol=1e-5)
-    np.testing.assert_allclose(path.derivatives(np.array([0.0, path.duration]))[0], points[[0, -1]], atol=1e-12)
+    np.testing.assert_allclose(
+        second, (path.derivatives(s + h)[1] - path.derivatives(s - h)[1]) / (2 * h), atol=1e-5
+    )
+    np.testing.assert_allclose(
+        path.derivatives(np.array([0.0, path.duration]))[0], points[[0, -1]], atol=1e-12
+    )
     assert place.shape == (50, 3)
 
 
@@ -105,26 +124,35 @@ def test_rounding_a_corner_over_a_wall_is_proven_and_sharper_where_there_is_less
 
 
 def test_the_jib_is_stopped_by_a_tower_at_the_angle_that_its_tip_has_there() -> None:
-    """The jib reaches to 23.5 m and stands 2.8 to 4 m below the top of a tower whose edge is at y = -10 m."""
+    """The jib reaches to 23.5 m and stands 2.8 to 4 m below the top of a tower whose edge is at y =
+    -10 m.
+    """
     tower = box("tower", (25.0, 0.0), (12.0, 20.0, 40.0), 0.0)
     asked = Clearance(crane(), site(tower))
     found = slew_range(asked, 0.0, -math.pi / 2.0, 3.0)
     assert found.above == "tower"
     assert found.below == ""
-    # the tower's corner (19, -10) is 21.47 m from the axis, less than the jib is long, at atan(19/10) = 1.087 rad
+    # the tower's corner (19, -10) is 21.47 m from the axis, less than the jib is long, at
+    # atan(19/10) = 1.087 rad
     assert 1.087 - (0.5 + 1.0 + 0.2) / 21.47 < found.high < 1.087 - 0.5 / 21.47
     assert asked.slewing_room(found.high + 0.01) < asked.slewing_room(found.high - 0.2)
 
 
 def test_a_grid_finds_the_way_through_the_only_gap_and_says_when_there_is_none() -> None:
-    gap = clearance(box("left", (4.0, 0.0), (6.0, 1.0, 30.0), 0.0), box("right", (19.0, 0.0), (8.0, 1.0, 30.0), 0.0))
+    gap = clearance(
+        box("left", (4.0, 0.0), (6.0, 1.0, 30.0), 0.0),
+        box("right", (19.0, 0.0), (8.0, 1.0, 30.0), 0.0),
+    )
     ends = np.array([gap.place(np.array([11.0, y, 6.0])) for y in (-10.0, 10.0)])
     bounds = np.array([[ends[0, 0] - 0.5, 2.0, 3.4], [ends[1, 0] + 0.5, 22.0, 26.4]])
     found = best_on_grid(gap, ends, bounds, RATES, cell=1.5)
     assert found.points is not None
     at_wall = found.points[np.argmin(np.abs(gap.point(found.points)[:, 1]))]
     assert 8.0 < gap.point(at_wall)[0] < 14.0
-    assert all(unproven(gap, Line(one, other), 0.0, 1.0) is None for one, other in zip(found.points, found.points[1:], strict=False))
+    assert all(
+        unproven(gap, Line(one, other), 0.0, 1.0) is None
+        for one, other in zip(found.points, found.points[1:], strict=False)
+    )
     shut = clearance(box("all", (12.0, 0.0), (24.0, 1.0, 30.0), 0.0))
     none = best_on_grid(shut, ends, bounds, RATES, cell=2.0)
     assert (none.points, none.duration, none.blocked) == (None, math.inf, ["all"])

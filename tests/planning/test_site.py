@@ -1,4 +1,6 @@
-"""Site files: examples that can be read, and what is wrong in one said with its line and field; IFC models of our own making."""
+"""Site files: examples that can be read, and what is wrong in one said with its line and field; IFC
+models of our own making.
+"""
 
 from __future__ import annotations
 
@@ -59,10 +61,18 @@ def test_the_examples_can_be_read_and_their_lifts_begin_and_end_free(name: str) 
 def test_a_site_is_what_its_file_says(tmp_path: Path) -> None:
     (tmp_path / "yard.toml").write_text(WHOLE)
     here = read_site(tmp_path / "yard.toml")
-    assert (here.name, here.ground, here.foot.tolist(), here.goal) == ("yard", 1.0, [0.0, 0.0, 1.0], None)
+    assert (here.name, here.ground, here.foot.tolist(), here.goal) == (
+        "yard",
+        1.0,
+        [0.0, 0.0, 1.0],
+        None,
+    )
     assert here.heading == pytest.approx(np.pi / 2)
     a, b = here.solids
-    assert (a.vertices.min(axis=0).tolist(), a.vertices.max(axis=0).tolist()) == ([4.5, 5.0, 1.0], [5.5, 7.0, 4.0])
+    assert (a.vertices.min(axis=0).tolist(), a.vertices.max(axis=0).tolist()) == (
+        [4.5, 5.0, 1.0],
+        [5.5, 7.0, 4.0],
+    )
     np.testing.assert_allclose(np.ptp(b.vertices, axis=0), [2.0, 1.0, 3.0])
     assert here.load is not None and np.ptp(here.load, axis=0).tolist() == [1.0, 2.0, 3.0]
 
@@ -70,22 +80,52 @@ def test_a_site_is_what_its_file_says(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("[ground]\nheight = 1.0\n", "", "[site] ground: there is none; a site needs a table [ground]"),
-        ("height = 1.0", "height = nan", "line 5, [ground] height: height is nan m; allowed is a finite number"),
-        ("height = 1.0", 'height = "low"', "line 5, [ground] height: height is low m; allowed is a number"),
-        ("centre = [5.0, 6.0]", "centre = [5.0]", "line 12, [box] centre: centre is '[5.0]' m; allowed is 2 numbers"),
-        ("centre = [9.0, 6.0]", "center = [9.0, 6.0]", "line 16, [box] center: There is no field 'center'; there are name, centre"),
-        ("size = [1.0, 2.0, 3.0]\nyaw", "size = [1.0, 0.0, 3.0]\nyaw", "line 17, [box] size: one of size is 0.0 m; allowed is > 0"),
+        (
+            "[ground]\nheight = 1.0\n",
+            "",
+            "[site] ground: there is none; a site needs a table [ground]",
+        ),
+        (
+            "height = 1.0",
+            "height = nan",
+            "line 5, [ground] height: height is nan m; allowed is a finite number",
+        ),
+        (
+            "height = 1.0",
+            'height = "low"',
+            "line 5, [ground] height: height is low m; allowed is a number",
+        ),
+        (
+            "centre = [5.0, 6.0]",
+            "centre = [5.0]",
+            "line 12, [box] centre: centre is '[5.0]' m; allowed is 2 numbers",
+        ),
+        (
+            "centre = [9.0, 6.0]",
+            "center = [9.0, 6.0]",
+            "line 16, [box] center: There is no field 'center'; there are name, centre",
+        ),
+        (
+            "size = [1.0, 2.0, 3.0]\nyaw",
+            "size = [1.0, 0.0, 3.0]\nyaw",
+            "line 17, [box] size: one of size is 0.0 m; allowed is > 0",
+        ),
         ("size = [1.0, 2.0, 3.0]\nyaw", "yaw", "line 14, [box] size: it is missing"),
         ('name = "b"', 'name = "a"', "two obstacles are called a"),
         ("heading = 90.0", "heading = true", "line 3, [crane] heading: heading is"),
         ("[[box]]", "[[bok]]", "[site] bok: There is no field 'bok'"),
         ("heading = 90.0", "heading = ", "is not TOML: Invalid value (at line 3"),
         ("heading = 90.0", "values = {mass = 1e999}", "line 3, [crane] values: mass is inf"),
-        ("from = [1.0, 2.0, 3.0]", "distance = -1.0", "line 9, [lift] distance: distance is -1.0 m; allowed is > 0"),
+        (
+            "from = [1.0, 2.0, 3.0]",
+            "distance = -1.0",
+            "line 9, [lift] distance: distance is -1.0 m; allowed is > 0",
+        ),
     ],
 )
-def test_what_is_wrong_in_a_site_is_said_with_its_line_and_field(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+def test_what_is_wrong_in_a_site_is_said_with_its_line_and_field(
+    tmp_path: Path, old: str, new: str, sentence: str
+) -> None:
     file = tmp_path / "yard.toml"
     file.write_text(WHOLE.replace(old, new))
     with pytest.raises(DataError) as refusal:
@@ -97,26 +137,41 @@ def test_what_is_wrong_in_a_site_is_said_with_its_line_and_field(tmp_path: Path,
 @pytest.mark.parametrize(
     ("entry", "sentence"),
     [
-        ('[[mesh]]\nname = "m"\nfile = "open.stl"\n', "line 21, [mesh] name: the mesh is not closed"),
-        ('[[mesh]]\nname = "m"\nfile = "../cube.stl"\n', "line 22, [mesh] file: ../cube.stl lies outside of the folder"),
+        (
+            '[[mesh]]\nname = "m"\nfile = "open.stl"\n',
+            "line 21, [mesh] name: the mesh is not closed",
+        ),
+        (
+            '[[mesh]]\nname = "m"\nfile = "../cube.stl"\n',
+            "line 22, [mesh] file: ../cube.stl lies outside of the folder",
+        ),
         ('[[mesh]]\nname = "m"\nfile = "broken.stl"\n', "broken.stl: it holds no mesh"),
         ('[[mesh]]\nname = "m"\nfile = "cube.exe"\n', "a mesh ends in .stl, .ply, .off, .obj"),
         (
             '[[prism]]\nname = "p"\noutline = [[0, 0], [2, 2], [2, 0], [0, 2]]\nheight = 1.0\n',
             "line 21, [prism] name: an outline must enclose an area",
         ),
-        ('[[prism]]\nname = "p"\noutline = [[0, 0], [2, 2]]\nheight = 1.0\n', "line 22, [prism] outline: outline is"),
+        (
+            '[[prism]]\nname = "p"\noutline = [[0, 0], [2, 2]]\nheight = 1.0\n',
+            "line 22, [prism] outline: outline is",
+        ),
         ('[[ifc]]\nfile = "cube.stl"\n', "an IFC file ends in .ifc"),
         ('[[ifc]]\nfile = "not.ifc"\n', "it does not begin as an IFC file does"),
-        pytest.param('[[ifc]]\nfile = "cut.ifc"\n', "cut.ifc: it is no whole IFC file", marks=NEEDS_BIM),
+        pytest.param(
+            '[[ifc]]\nfile = "cut.ifc"\n', "cut.ifc: it is no whole IFC file", marks=NEEDS_BIM
+        ),
         ('[[ifc]]\nfile = "huge.ifc"\n', "it has 1000 MB; allowed are 200 MB"),
         ('[[neighbour]]\nname = "n"\nvalues = {masst = 1}\n', "There is no argument 'masst'"),
     ],
 )
-def test_meshes_models_and_neighbours_that_are_none_are_refused(tmp_path: Path, entry: str, sentence: str) -> None:
+def test_meshes_models_and_neighbours_that_are_none_are_refused(
+    tmp_path: Path, entry: str, sentence: str
+) -> None:
     cube = trimesh.creation.box([1.0, 1.0, 1.0])
     (tmp_path / "cube.stl").write_bytes(cube.export(file_type="stl"))
-    (tmp_path / "open.stl").write_bytes(trimesh.Trimesh(cube.vertices, cube.faces[:-1]).export(file_type="stl"))
+    (tmp_path / "open.stl").write_bytes(
+        trimesh.Trimesh(cube.vertices, cube.faces[:-1]).export(file_type="stl")
+    )
     (tmp_path / "broken.stl").write_bytes(b"solid of nothing")
     (tmp_path / "not.ifc").write_text("hello")
     (tmp_path / "cut.ifc").write_text("ISO-10303-21;\nHEADER;\nFILE_DESC")
@@ -131,10 +186,17 @@ def test_meshes_models_and_neighbours_that_are_none_are_refused(tmp_path: Path, 
 
 
 def test_a_mesh_stands_where_it_is_put_and_its_hull_is_asked_for(tmp_path: Path) -> None:
-    bracket = trimesh.creation.extrude_polygon(__import__("shapely").Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)]), 2.0)
+    bracket = trimesh.creation.extrude_polygon(
+        __import__("shapely").Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)]), 2.0
+    )
     (tmp_path / "l.stl").write_bytes(bracket.export(file_type="stl"))
-    entry = '[[mesh]]\nname = "{}"\nfile = "l.stl"\nposition = [10.0, 0.0, 1.0]\nscale = 2.0\nhull = {}\n'
-    (tmp_path / "yard.toml").write_text(WHOLE + entry.format("exact", "false") + entry.format("hull", "true"))
+    entry = (
+        '[[mesh]]\nname = "{}"\nfile = "l.stl"\nposition = [10.0, 0.0, 1.0]\nscale = 2.0\nhull '
+        "= {}\n"
+    )
+    (tmp_path / "yard.toml").write_text(
+        WHOLE + entry.format("exact", "false") + entry.format("hull", "true")
+    )
     exact, as_hull = read_site(tmp_path / "yard.toml").solids[-2:]
     assert (len(exact.parts), len(as_hull.parts)) == (0, 1)
     np.testing.assert_allclose(exact.vertices.max(axis=0), [18.0, 8.0, 5.0])
@@ -143,7 +205,10 @@ def test_a_mesh_stands_where_it_is_put_and_its_hull_is_asked_for(tmp_path: Path)
 
 
 def test_a_neighbour_stands_turned_where_the_site_says_with_its_rope_down(tmp_path: Path) -> None:
-    entry = '[[neighbour]]\nname = "n"\nposition = [40.0, 0.0, 1.0]\nheading = 180.0\ntrolley = 20.0\ncable = 20.0\n'
+    entry = (
+        '[[neighbour]]\nname = "n"\nposition = [40.0, 0.0, 1.0]\nheading = 180.0\ntrolley = '
+        "20.0\ncable = 20.0\n"
+    )
     (tmp_path / "yard.toml").write_text(WHOLE + entry)
     points = np.vstack(read_site(tmp_path / "yard.toml").solids[-1].parts)
     assert points[:, 0].min() == pytest.approx(40.0 - 23.5, abs=0.2)  # the jib's end
@@ -152,7 +217,8 @@ def test_a_neighbour_stands_turned_where_the_site_says_with_its_rope_down(tmp_pa
     assert len(load) >= 8  # the load hangs 20 m below the pivot at 28 m
 
 
-# ------------------------------------------------------------------------------------------------------------------ IFC
+# --------------------------------------------------------------------------------------------------
+# ---------------- IFC
 
 
 def model(path: Path) -> Path:
@@ -170,18 +236,28 @@ def model(path: Path) -> Path:
     ifcopenshell.api.unit.assign_unit(file, length={"is_metric": True, "raw": "METERS"})
     whole = ifcopenshell.api.context.add_context(file, context_type="Model")
     shown = ifcopenshell.api.context.add_context(
-        file, context_type="Model", context_identifier="Body", target_view="MODEL_VIEW", parent=whole
+        file,
+        context_type="Model",
+        context_identifier="Body",
+        target_view="MODEL_VIEW",
+        parent=whole,
     )
 
-    def block(kind: str, name: str, corner: tuple[float, float, float], size: tuple[float, float, float]) -> object:
+    def block(
+        kind: str, name: str, corner: tuple[float, float, float], size: tuple[float, float, float]
+    ) -> object:
         product = ifcopenshell.api.root.create_entity(file, ifc_class=kind, name=name)
         matrix = np.eye(4)
         matrix[:3, 3] = corner
         ifcopenshell.api.geometry.edit_object_placement(file, product=product, matrix=matrix)
         points = [(0.0, 0.0), (size[0], 0.0), (size[0], size[1]), (0.0, size[1])]
-        outline = file.createIfcPolyline([file.createIfcCartesianPoint(point) for point in [*points, points[0]]])
+        outline = file.createIfcPolyline(
+            [file.createIfcCartesianPoint(point) for point in [*points, points[0]]]
+        )
         profile = file.createIfcArbitraryClosedProfileDef("AREA", None, outline)
-        shape = ifcopenshell.api.geometry.add_profile_representation(file, context=shown, profile=profile, depth=size[2])
+        shape = ifcopenshell.api.geometry.add_profile_representation(
+            file, context=shown, profile=profile, depth=size[2]
+        )
         ifcopenshell.api.geometry.assign_representation(file, product=product, representation=shape)
         return product
 
@@ -193,8 +269,12 @@ def model(path: Path) -> Path:
     return path
 
 
-def test_products_of_an_ifc_model_stand_where_they_are_with_openings_cut_out(tmp_path: Path) -> None:
-    solids = {solid.name.partition(" ")[0]: solid for solid in read_ifc(model(tmp_path / "model.ifc"))}
+def test_products_of_an_ifc_model_stand_where_they_are_with_openings_cut_out(
+    tmp_path: Path,
+) -> None:
+    solids = {
+        solid.name.partition(" ")[0]: solid for solid in read_ifc(model(tmp_path / "model.ifc"))
+    }
     assert set(solids) == {"deck", "column"}
     np.testing.assert_allclose(solids["column"].vertices.min(axis=0), [6.0, 0.0, 3.3], atol=1e-6)
     np.testing.assert_allclose(solids["deck"].vertices.max(axis=0), [15.0, 4.0, 3.3], atol=1e-6)
@@ -202,13 +282,17 @@ def test_products_of_an_ifc_model_stand_where_they_are_with_openings_cut_out(tmp
     assert not solids["deck"].holds(np.array([10.0, 0.0, 3.1]))
 
 
-def test_a_small_load_passes_through_the_opening_of_a_deck_but_not_of_its_hull(tmp_path: Path) -> None:
+def test_a_small_load_passes_through_the_opening_of_a_deck_but_not_of_its_hull(
+    tmp_path: Path,
+) -> None:
     path = model(tmp_path / "model.ifc")
     rooms = []
     for as_hulls in (False, True):
         here = site(
             *read_ifc(path, as_hulls=as_hulls),
-            load=np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.2, 0.2) for z in (-0.2, 0.2)]),
+            load=np.array(
+                [[x, y, z] for x in (-0.2, 0.2) for y in (-0.2, 0.2) for z in (-0.2, 0.2)]
+            ),
             distance=0.1,
             swing=0.0,
         )
@@ -217,7 +301,9 @@ def test_a_small_load_passes_through_the_opening_of_a_deck_but_not_of_its_hull(t
     assert rooms[0] > 0.0 > rooms[1]
 
 
-def test_without_ifcopenshell_a_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_ifcopenshell_a_sentence_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     import sys
 
     monkeypatch.setitem(sys.modules, "ifcopenshell", None)

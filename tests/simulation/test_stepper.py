@@ -16,15 +16,25 @@ from cranedyn.simulation.stepper import ENGINES, Stepper
 from tests.helpers import crane
 
 ENGINE = pytest.mark.parametrize("engine", sorted(ENGINES))
-VARIANTS: list[dict[str, Any]] = [{}, {"drive": "motion"}, {"buffers": True}, {"integrator": rk4, "dt": 5e-3}]
+VARIANTS: list[dict[str, Any]] = [
+    {},
+    {"drive": "motion"},
+    {"buffers": True},
+    {"integrator": rk4, "dt": 5e-3},
+]
 
 
 @ENGINE
 @pytest.mark.parametrize("variant", VARIANTS, ids=["effort", "motion", "buffers", "RK4"])
-def test_a_loop_of_ones_own_goes_through_the_states_of_simulate_to_the_bit(engine: Any, variant: dict[str, Any]) -> None:
+def test_a_loop_of_ones_own_goes_through_the_states_of_simulate_to_the_bit(
+    engine: Any, variant: dict[str, Any]
+) -> None:
     start = crane().state(phi=0.1, theta=-0.05, x=12.0)
     setpoint, controller = hold(crane(), start)(0.0), hold_controller(crane())
-    commands = {"effort": lambda t, state: controller(t, state, setpoint), "motion": lambda t, state: np.array([0.01, 0.1, -0.05])}
+    commands = {
+        "effort": lambda t, state: controller(t, state, setpoint),
+        "motion": lambda t, state: np.array([0.01, 0.1, -0.05]),
+    }
     command = commands[variant.get("drive", "effort")]
     stepper = Stepper(crane(), start=start, engine=engine, **variant)
     for _ in range(2):  # after a reset, too
@@ -33,8 +43,17 @@ def test_a_loop_of_ones_own_goes_through_the_states_of_simulate_to_the_bit(engin
         found = {**{name: value for name, value in variant.items() if name != "buffers"}}
         found |= {"validity": "buffers"} if "buffers" in variant else {}
         # a plain function as the controller: no block runs ahead
-        run = simulate(crane(), lambda t, state, _: command(t, state), start=start, duration=0.2, engine=engine, **found)
-        assert np.array_equal(run.q, [state.q for state in states]) and np.array_equal(run.v, [state.v for state in states])
+        run = simulate(
+            crane(),
+            lambda t, state, _: command(t, state),
+            start=start,
+            duration=0.2,
+            engine=engine,
+            **found,
+        )
+        assert np.array_equal(run.q, [state.q for state in states]) and np.array_equal(
+            run.v, [state.v for state in states]
+        )
         assert stepper.t == pytest.approx(0.2, rel=1e-12)
 
 
@@ -68,8 +87,14 @@ def test_it_starts_where_the_urdf_says_and_its_states_cannot_be_written_to() -> 
     ("call", "sentence"),
     [
         (lambda s: s.step([1.0, 2.0]), "command of the controller"),
-        (lambda s: s.step([1.0, 2.0, 3.0], np.zeros((2, 3))), "force is given; allowed is none, unless"),
-        (lambda s: s.reset((np.zeros(4), np.zeros(4))), "a state of 4 coordinates; allowed is one of 5: gamma, x, phi, theta, l"),
+        (
+            lambda s: s.step([1.0, 2.0, 3.0], np.zeros((2, 3))),
+            "force is given; allowed is none, unless",
+        ),
+        (
+            lambda s: s.reset((np.zeros(4), np.zeros(4))),
+            "a state of 4 coordinates; allowed is one of 5: gamma, x, phi, theta, l",
+        ),
         (lambda s: Stepper(s.crane, engine="gazebo"), "pinocchio or compiled"),
         (lambda s: Stepper(s.crane, drive="motion", buffers=True), "buffers"),
     ],

@@ -1,7 +1,9 @@
-"""Whatever strangers bring, from a shell, in a file or in Python: it works, or it is refused in one sentence, and nothing is lost.
+"""Whatever strangers bring, from a shell, in a file or in Python: it works, or it is refused in one
+sentence, and nothing is lost.
 
-`tests.system.fuzz` makes the input and judges what comes of it; here a bounded number is tried, the same every time. More of it, with
-other numbers: ``python -m tests.system.fuzz --count 1000000 --seed 1``.
+`tests.system.fuzz` makes the input and judges what comes of it; here a bounded number is tried, the
+same every time. More of it, with other numbers: ``python -m tests.system.fuzz --count 1000000
+--seed 1``.
 """
 
 from __future__ import annotations
@@ -26,10 +28,13 @@ from tests.system.fuzz.core import Broken, Case, drawn, judged, listed, smallest
 from tests.system.fuzz.generators import GENERATORS
 from tests.system.fuzz.pool import Block, Workers
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are watched by means of Linux")
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux", reason="processes are watched by means of Linux"
+)
 
 TRIED: Counter[str] = Counter()
-"""How many inputs were tried, by what they were and how they ended; printed at the end of the session."""
+"""How many inputs were tried, by what they were and how they ended; printed at the end of the
+session."""
 
 COUNTS = {
     "file URDF, bytes": 250,
@@ -64,11 +69,16 @@ def workers() -> Iterator[Workers]:
 
 
 def _cases() -> list[Any]:
-    return [pytest.param(name, COUNTS.get(name, _OTHERS.get(name.partition(" ")[0], 50)), id=name) for name in GENERATORS]
+    return [
+        pytest.param(name, COUNTS.get(name, _OTHERS.get(name.partition(" ")[0], 50)), id=name)
+        for name in GENERATORS
+    ]
 
 
 @pytest.mark.parametrize(("name", "count"), _cases())
-def test_generated_input_works_or_is_refused_in_a_sentence_and_loses_nothing(name: str, count: int, workers: Workers) -> None:
+def test_generated_input_works_or_is_refused_in_a_sentence_and_loses_nothing(
+    name: str, count: int, workers: Workers
+) -> None:
     found = workers.run([Block(name, 0, count)])
     TRIED.update({f"{one}, {word}": times for (one, word), times in found.tried.items()})
     assert found.tried.total() == count
@@ -80,14 +90,22 @@ def test_generated_input_works_or_is_refused_in_a_sentence_and_loses_nothing(nam
 def test_enough_was_tried_of_each_and_both_ends_were_met() -> None:
     if TRIED.total() < 1000:
         pytest.skip("the tests above were not run in this process")
-    for what in ("URDF, bytes", "URDF, elements", "URDF, recorded", "xacro, bytes", "CSV, bytes", "Parquet, bytes"):
+    for what in (
+        "URDF, bytes",
+        "URDF, elements",
+        "URDF, recorded",
+        "xacro, bytes",
+        "CSV, bytes",
+        "Parquet, bytes",
+    ):
         assert TRIED[f"file {what}, good"] > 0 and TRIED[f"file {what}, refused"] > 0, what
     assert TRIED["line world, code 0"] > 0 and TRIED["line world, code 2"] > 0
     for group in api.PUBLIC:
         assert TRIED[f"api {group}, good"] > 0, group
 
 
-# --- the generators cover what there is ------------------------------------------------------------------------------------------------
+# --- the generators cover what there is
+# ------------------------------------------------------------------------------------------------
 
 
 def test_every_module_is_fuzzed_or_said_to_be_internal() -> None:
@@ -95,7 +113,9 @@ def test_every_module_is_fuzzed_or_said_to_be_internal() -> None:
 
 
 @pytest.mark.parametrize("group", api.PUBLIC)
-def test_every_public_function_is_called_rightly_before_it_is_called_wrongly(group: str, tmp_path: Path) -> None:
+def test_every_public_function_is_called_rightly_before_it_is_called_wrongly(
+    group: str, tmp_path: Path
+) -> None:
     """A function that is refused its good arguments would only ever have its first check tried."""
     calls = next(one for one in api.GENERATORS if one.group == group)
     for i, name in enumerate(api.functions(group)):
@@ -113,7 +133,10 @@ def test_every_command_has_lines_of_its_own_parser() -> None:
         flags = {flag for action in lines.grammar(command) for flag in action.option_strings}
         assert flags, command
         said = {
-            word.partition("=")[0] for number in range(300) for part in drawn(GENERATORS[_line(command)], number).parts for word in part
+            word.partition("=")[0]
+            for number in range(300)
+            for part in drawn(GENERATORS[_line(command)], number).parts
+            for word in part
         }
         assert flags <= said, command
 
@@ -122,7 +145,8 @@ def _line(command: str) -> str:
     return f"line {command.rpartition('.')[2]}"
 
 
-# --- the engine ------------------------------------------------------------------------------------------------------------------------
+# --- the engine -----------------------------------------------------------------------------------
+# -------------------------------------
 
 
 class _Trial:
@@ -186,7 +210,9 @@ def _broken(case: Case, folder: Path) -> str:
         (lambda case, folder: _deaf(0.3), "Ctrl-C is not answered in"),
     ],
 )
-def test_each_kind_of_broken_promise_is_seen(do: Callable[[Case, Path], str], place: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_kind_of_broken_promise_is_seen(
+    do: Callable[[Case, Path], str], place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("tests.system.fuzz.core.BUDGET", 0.1)
     monkeypatch.setattr("tests.system.fuzz.core.PATIENCE", 0.1)
     handlers = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGPROF)
@@ -207,8 +233,13 @@ def test_the_same_number_makes_the_same_input() -> None:
         assert repr(drawn(generator, 7)) == repr(drawn(generator, 7)), name
 
 
-@given(parts=st.lists(st.integers(0, 20), max_size=12), bad=st.sets(st.integers(0, 20), min_size=1, max_size=3))
-def test_the_smallest_input_still_fails_and_has_nothing_left_to_leave_out(parts: list[int], bad: set[int]) -> None:
+@given(
+    parts=st.lists(st.integers(0, 20), max_size=12),
+    bad=st.sets(st.integers(0, 20), min_size=1, max_size=3),
+)
+def test_the_smallest_input_still_fails_and_has_nothing_left_to_leave_out(
+    parts: list[int], bad: set[int]
+) -> None:
     def fails(case: Case) -> bool:
         return bad <= set(case.parts)
 
@@ -217,7 +248,9 @@ def test_the_smallest_input_still_fails_and_has_nothing_left_to_leave_out(parts:
     assert sorted(small.parts) == sorted(bad)
 
 
-def test_the_command_counts_what_it_tried_and_repeats_a_case(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_counts_what_it_tried_and_repeats_a_case(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["--count", "20", "--jobs", "1", "--only", "file recording", "--seed", "100"]) == 0
     said = capsys.readouterr().out
     assert "file recording" in said and "in all                          20  0 places" in said

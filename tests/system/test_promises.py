@@ -10,7 +10,11 @@ from tests.helpers import ROOT
 from tests.system.fuzz.generators import GENERATORS
 
 PAGE = (ROOT / "docs" / "promises.md").read_text(encoding="utf-8")
-ROWS = [line for line in PAGE.splitlines() if line.startswith("| ") and not line.startswith(("| promise", "| ---"))]
+ROWS = [
+    line
+    for line in PAGE.splitlines()
+    if line.startswith("| ") and not line.startswith(("| promise", "| ---"))
+]
 NAMED = re.compile(r"`(?P<file>tests/[\w/]+\.py)::(?P<name>test_\w+)`")
 
 
@@ -19,7 +23,9 @@ def test_every_promise_names_a_test(row: str) -> None:
     assert NAMED.search(row)
 
 
-@pytest.mark.parametrize(("file", "name"), sorted({(one["file"], one["name"]) for one in NAMED.finditer(PAGE)}))
+@pytest.mark.parametrize(
+    ("file", "name"), sorted({(one["file"], one["name"]) for one in NAMED.finditer(PAGE)})
+)
 def test_every_test_that_is_named_is_there(file: str, name: str) -> None:
     assert re.search(rf"^def {name}\(", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
 

@@ -1,1 +1,3 @@
-"""Generated input for everything that strangers can reach; ``python -m tests.system.fuzz --help`` runs it for as long as one likes."""
+"""Generated input for everything that strangers can reach; ``python -m tests.system.fuzz --help``
+runs it for as long as one likes.
+"""

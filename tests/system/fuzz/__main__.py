@@ -1,7 +1,9 @@
-"""Fuzzing for as long as one likes: ``python -m tests.system.fuzz --count 1000000 --seed 0 [--only NAME ...] [--minutes M]``.
+"""Fuzzing for as long as one likes: ``python -m tests.system.fuzz --count 1000000 --seed 0 [--only
+NAME ...] [--minutes M]``.
 
-Prints for every generator how many inputs it tried and how they ended, and every place where a promise is broken with the number of the
-first case and the smallest input that was found for it. It goes on after a failure; Ctrl-C ends it with what it has.
+Prints for every generator how many inputs it tried and how they ended, and every place where a
+promise is broken with the number of the first case and the smallest input that was found for it. It
+goes on after a failure; Ctrl-C ends it with what it has.
 """
 
 from __future__ import annotations
@@ -21,11 +23,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Fuzz; 0 if every promise was kept, 1 if not, 2 for bad arguments."""
     options = _options(argv)
     names = [
-        name for name in GENERATORS if not options.only or any(word in (name, *name.replace(",", "").split()) for word in options.only)
+        name
+        for name in GENERATORS
+        if not options.only
+        or any(word in (name, *name.replace(",", "").split()) for word in options.only)
     ]
     if not names:
         print(
-            f"error: No generator has the word {' or '.join(options.only)} in its name; there are {', '.join(GENERATORS)}.", file=sys.stderr
+            f"error: No generator has the word {' or '.join(options.only)} in its name; there are "
+            f"{', '.join(GENERATORS)}.",
+            file=sys.stderr,
         )
         return 2
     workers = Workers(options.jobs)
@@ -33,8 +40,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.again:
             return _again(options.again, workers)
         weight = sum(GENERATORS[name].weight for name in names)
-        counts = {name: round(options.count * GENERATORS[name].weight / weight) or 1 for name in names}
-        count = workers.run(blocks(counts, options.seed), until=time.monotonic() + 60.0 * options.minutes, tell=_Teller())
+        counts = {
+            name: round(options.count * GENERATORS[name].weight / weight) or 1 for name in names
+        }
+        count = workers.run(
+            blocks(counts, options.seed),
+            until=time.monotonic() + 60.0 * options.minutes,
+            tell=_Teller(),
+        )
         print("Looking for the smallest inputs …", file=sys.stderr)
         try:
             workers.shrink(list(count.found.values()))
@@ -47,12 +60,42 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _options(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m tests.system.fuzz", description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--count", type=int, default=10_000, metavar="N", help="how many inputs in all (default 10,000)")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="number of the first case of each generator (default 0)")
-    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="generators that have one of these words in their names")
-    parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="end after so many minutes")
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="J", help="processes (default one a processor)")
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.system.fuzz",
+        description=__doc__,
+        formatter_class=argparse.RawTextHelpFormatter,
+    )
+    parser.add_argument(
+        "--count",
+        type=int,
+        default=10_000,
+        metavar="N",
+        help="how many inputs in all (default 10,000)",
+    )
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        metavar="S",
+        help="number of the first case of each generator (default 0)",
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="generators that have one of these words in their names",
+    )
+    parser.add_argument(
+        "--minutes", type=float, default=float("inf"), metavar="M", help="end after so many minutes"
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=len(os.sched_getaffinity(0)),
+        metavar="J",
+        help="processes (default one a processor)",
+    )
     parser.add_argument("--again", metavar="NAME/NUMBER", help="try one case and say all about it")
     return parser.parse_args(argv)
 
@@ -81,7 +124,11 @@ class _Teller:
             return
         self._said = now
         total = count.tried.total()
-        print(f"{now - self._began:7.0f} s  {total:,} tried, {len(count.found)} places", file=sys.stderr, flush=True)
+        print(
+            f"{now - self._began:7.0f} s  {total:,} tried, {len(count.found)} places",
+            file=sys.stderr,
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

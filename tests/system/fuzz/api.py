@@ -1,7 +1,9 @@
-"""The functions that people call from Python, found by inspection, with arguments of wrong types, shapes and sizes.
+"""The functions that people call from Python, found by inspection, with arguments of wrong types,
+shapes and sizes.
 
-An argument is an expression in the names of `namespace`, so that a case is a line to paste. What is right for a parameter is found by its
-name and its annotation in `RIGHT`; a function for which nothing is right there is told of by a test, and gets its line there.
+An argument is an expression in the names of `namespace`, so that a case is a line to paste. What is
+right for a parameter is found by its name and its annotation in `RIGHT`; a function for which
+nothing is right there is told of by a test, and gets its line there.
 """
 
 from __future__ import annotations
@@ -44,8 +46,17 @@ PUBLIC = {
     "simulate": ("cranedyn.simulation.simulate", "cranedyn.simulation.stepper"),
     "batch": ("cranedyn.compiled.batch",),
     "crane": ("cranedyn.model.crane", "cranedyn.model.description", "cranedyn.model.load"),
-    "controllers": ("cranedyn.controllers", "cranedyn.controllers.damped", "cranedyn.controllers.integral"),
-    "references": ("cranedyn.references", "cranedyn.references.limits", "cranedyn.planning.optimal", "cranedyn.references.tour"),
+    "controllers": (
+        "cranedyn.controllers",
+        "cranedyn.controllers.damped",
+        "cranedyn.controllers.integral",
+    ),
+    "references": (
+        "cranedyn.references",
+        "cranedyn.references.limits",
+        "cranedyn.planning.optimal",
+        "cranedyn.references.tour",
+    ),
     "linear": ("cranedyn.dynamics.linearisation", "cranedyn.analysis.prediction"),
     "analysis": ("cranedyn.analysis.swing", "cranedyn.dynamics.validity"),
     "theory": ("cranedyn.theory",),
@@ -53,26 +64,41 @@ PUBLIC = {
     "wind": ("cranedyn.disturbances.wind",),
     "sweep": ("cranedyn.sweep",),
     "recording": ("cranedyn.recording", "cranedyn.recording.snapshot"),
-    "planning": tuple(f"cranedyn.planning.{name}" for name in ("site_file", "lift", "certificate", "perturbed")),
+    "planning": tuple(
+        f"cranedyn.planning.{name}" for name in ("site_file", "lift", "certificate", "perturbed")
+    ),
 }
 """What people import from, by the name of a generator."""
 
 INTERNAL = tuple(
     f"cranedyn.{name}"
     for name in (
-        "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown data.tables dynamics errors interfaces"
+        "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown "
+        "data.tables dynamics errors interfaces"
         " model.layout model.shown model.springs model.urdf"
-        " planning.bim planning.bodies planning.clearance planning.curve planning.fields planning.grid planning.neighbour planning.proof"
+        " planning.bim planning.bodies planning.clearance planning.curve planning.fields "
+        "planning.grid planning.neighbour planning.proof"
         " planning.search planning.site planning.solids planning.timing planning.transcription"
         " plotting processes simulation.engine simulation.log simulation.record bridges"
     ).split()
 )
-"""What only our own code calls, in inner loops or with what was checked before; of the packages above, what they do not name as theirs."""
+"""What only our own code calls, in inner loops or with what was checked before; of the packages
+above, what they do not name as theirs."""
 
 NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
 """What would open a window or a port; their arguments are tried on the command line."""
 
-WITHIN = ("bounds", "hoisting", "columns_of", "started", "command_of", "force_of", "diverged", "late", "unproven_time")
+WITHIN = (
+    "bounds",
+    "hoisting",
+    "columns_of",
+    "started",
+    "command_of",
+    "force_of",
+    "diverged",
+    "late",
+    "unproven_time",
+)
 """What only our own code calls, of modules that people import from."""
 
 HEAVY = {
@@ -90,7 +116,8 @@ HEAVY = {
 """How often what takes its time is tried, beside the others."""
 
 
-# --- what is right -----------------------------------------------------------------------------------------------------------------
+# --- what is right --------------------------------------------------------------------------------
+# ---------------------------------
 
 RIGHT: dict[str, str] = {
     # by function and parameter
@@ -146,9 +173,23 @@ RIGHT: dict[str, str] = {
     "rows.last": "1",
     **{
         f"Crane.{name}": f"crane.{name}"
-        for name in ("layout", "written", "model", "damping", "springs", "lower", "upper", "effort_limit", "points", "record")
+        for name in (
+            "layout",
+            "written",
+            "model",
+            "damping",
+            "springs",
+            "lower",
+            "upper",
+            "effort_limit",
+            "points",
+            "record",
+        )
     },
-    **{f"Tracking.{name}": f"tracking.{name}" for name in ("period", "feed_forward", "gain", "setpoint")},
+    **{
+        f"Tracking.{name}": f"tracking.{name}"
+        for name in ("period", "feed_forward", "gain", "setpoint")
+    },
     **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a", "drives")},
     "HoistIntegral.tracking": "tracking",
     "Shaper.fractions": "(0.0, 0.5)",
@@ -254,8 +295,12 @@ class Mine(Exception):
     """What a function of the caller's own raises."""
 
 
-def raises(error: BaseException | None = None, answer: object = None, after: int = 0) -> Callable[..., Any]:
-    """A function that raises when it has been called some times, and gives an answer before; it takes anything."""
+def raises(
+    error: BaseException | None = None, answer: object = None, after: int = 0
+) -> Callable[..., Any]:
+    """A function that raises when it has been called some times, and gives an answer before; it
+    takes anything.
+    """
     calls = 0
 
     def function(*given: object) -> object:
@@ -279,7 +324,9 @@ def writes(part: str) -> Callable[..., Any]:
 
 
 class Malformed:
-    """An affine controller whose common form has one part replaced, and whose calls are those of a good one."""
+    """An affine controller whose common form has one part replaced, and whose calls are those of a
+    good one.
+    """
 
     def __init__(self, **replaced: Any) -> None:
         self._replaced = replaced
@@ -314,7 +361,11 @@ def namespace() -> dict[str, Any]:
     names: dict[str, Any] = {}
     for modules in PUBLIC.values():
         for module in modules:
-            names |= {name: thing for name, thing in vars(importlib.import_module(module)).items() if not name.startswith("_")}
+            names |= {
+                name: thing
+                for name, thing in vars(importlib.import_module(module)).items()
+                if not name.startswith("_")
+            }
     names |= {
         "np": np,
         "math": math,
@@ -347,20 +398,52 @@ def namespace() -> dict[str, Any]:
         "trajectory": "simulate(crane, law, duration=0.1)",
         "run": "Run('r', crane, trajectory)",
         "design": "grid(x=[1.0, 2.0])",
-        "loop": "linear.sampled(crane, crane.state(l=10.0)).closed(feedback_gain(crane, (5e5, 3e5, 3e4), (1e6, 5e4, 2e4)))",
+        "loop": "linear.sampled(crane, crane.state(l=10.0)).closed(feedback_gain(crane, (5e5, 3e5, "
+        "3e4), (1e6, 5e4, 2e4)))",
         "t": "np.linspace(0.0, 60.0, 1200)",
         "SITE": "Path(cranedyn.__file__).parent / 'planning' / 'sites' / 'open_yard.toml'",
-        "site": "read_site(Path(cranedyn.__file__).parent / 'planning' / 'sites' / 'open_yard.toml')",
+        "site": "read_site(Path(cranedyn.__file__).parent / 'planning' / 'sites' / "
+        "'open_yard.toml')",
     }.items():
         names[name] = eval(text, names | {"linear": linear, "cranedyn": cranedyn})
     return names
 
 
-# --- what is wrong -----------------------------------------------------------------------------------------------------------------
+# --- what is wrong --------------------------------------------------------------------------------
+# ---------------------------------
 
 ODD = [
-    *("None", "''", "'a\\0b'", "'\\udcff'", "object()", "[]", "{}", "()", "set()", "b'x'", "int", "...", "iter([1])", "range(3)", "1j"),
-    *("'crane'", "crane", "start", "law", "still", "motion", "trajectory", "[[1, 2], [3]]", "[None]", "lambda: 0", "{'a': 1}", "True"),
+    *(
+        "None",
+        "''",
+        "'a\\0b'",
+        "'\\udcff'",
+        "object()",
+        "[]",
+        "{}",
+        "()",
+        "set()",
+        "b'x'",
+        "int",
+        "...",
+        "iter([1])",
+        "range(3)",
+        "1j",
+    ),
+    *(
+        "'crane'",
+        "crane",
+        "start",
+        "law",
+        "still",
+        "motion",
+        "trajectory",
+        "[[1, 2], [3]]",
+        "[None]",
+        "lambda: 0",
+        "{'a': 1}",
+        "True",
+    ),
     *(
         "np.zeros(0)",
         "np.nan",
@@ -377,9 +460,46 @@ ODD = [
 """For any parameter."""
 
 NUMBERS = [
-    *("0", "-0.0", "-1", "1e300", "-1e300", "1e-300", "5e-324", "np.nan", "np.inf", "-np.inf", "10**5000", "-(10**5000)", "True", "'0.05'"),
-    *("b'1'", "1j", "np.float32(1)", "np.float64('nan')", "np.array(1.0)", "np.array([1.0])", "np.ma.masked", "Fraction(1, 3)", "2**63"),
-    *("Decimal('nan')", "Decimal('sNaN')", "1e15", "np.int64(-1)", "np.datetime64('2020')", "[1.0]", "None", "1.5", "0.1", "2", "1e-9"),
+    *(
+        "0",
+        "-0.0",
+        "-1",
+        "1e300",
+        "-1e300",
+        "1e-300",
+        "5e-324",
+        "np.nan",
+        "np.inf",
+        "-np.inf",
+        "10**5000",
+        "-(10**5000)",
+        "True",
+        "'0.05'",
+    ),
+    *(
+        "b'1'",
+        "1j",
+        "np.float32(1)",
+        "np.float64('nan')",
+        "np.array(1.0)",
+        "np.array([1.0])",
+        "np.ma.masked",
+        "Fraction(1, 3)",
+        "2**63",
+    ),
+    *(
+        "Decimal('nan')",
+        "Decimal('sNaN')",
+        "1e15",
+        "np.int64(-1)",
+        "np.datetime64('2020')",
+        "[1.0]",
+        "None",
+        "1.5",
+        "0.1",
+        "2",
+        "1e-9",
+    ),
 ]
 """Where a number is asked for."""
 
@@ -409,7 +529,13 @@ ARRAYS = [
         "np.zeros(3, dtype='>f8')",
         "np.zeros(3, dtype='f2')",
     ),
-    *("np.ma.masked_all(3)", "np.zeros((1,) * 32)", "np.arange(6.0)[::2]", "np.broadcast_to(1.0, (3,))", "np.zeros(3, dtype=bool)"),
+    *(
+        "np.ma.masked_all(3)",
+        "np.zeros((1,) * 32)",
+        "np.arange(6.0)[::2]",
+        "np.broadcast_to(1.0, (3,))",
+        "np.zeros(3, dtype=bool)",
+    ),
     *(
         "np.array(1.0)",
         "[1.0, 'a', 3.0]",
@@ -420,8 +546,23 @@ ARRAYS = [
         "-np.ones(3)",
         "np.ones(3) * 1e-9",
     ),
-    *("np.zeros((4, 5))", "np.zeros((1200, 2))", "np.zeros(1200)", "np.arange(1200.0)[::-1]", "np.zeros(3, dtype='M8[s]')", "3.0", "None"),
-    *("[[1.0] * 5] * 2", "np.full((3, 3), np.nan)", "np.float64(2.0)", "(1.0, 2.0)", "[10**5000] * 3", "np.ones((10, 10)) * np.nan"),
+    *(
+        "np.zeros((4, 5))",
+        "np.zeros((1200, 2))",
+        "np.zeros(1200)",
+        "np.arange(1200.0)[::-1]",
+        "np.zeros(3, dtype='M8[s]')",
+        "3.0",
+        "None",
+    ),
+    *(
+        "[[1.0] * 5] * 2",
+        "np.full((3, 3), np.nan)",
+        "np.float64(2.0)",
+        "(1.0, 2.0)",
+        "[10**5000] * 3",
+        "np.ones((10, 10)) * np.nan",
+    ),
 ]
 """Where an array or several numbers are asked for."""
 
@@ -435,7 +576,14 @@ _FORMS = [
     "None",
     "np.zeros((1, 3))",
 ]
-_FORMS += ["np.zeros((4000, 3))", "np.full((1, 3), np.nan)", "np.zeros((1, 10))", "np.zeros(4)", "np.zeros((2, 3), dtype=complex)", "'abc'"]
+_FORMS += [
+    "np.zeros((4000, 3))",
+    "np.full((1, 3), np.nan)",
+    "np.zeros((1, 10))",
+    "np.zeros(4)",
+    "np.zeros((2, 3), dtype=complex)",
+    "'abc'",
+]
 _FORMS += [
     "np.zeros((11, 3, 10), dtype='f4')",
     "np.zeros((2, 10))",
@@ -457,9 +605,28 @@ CALLABLES = [
         "raises(ValueError('x'), np.zeros(3), 1)",
         "raises(SystemExit(3), np.zeros(3), 1)",
     ),
-    *("lambda: None", "lambda t: None", "lambda t, s: np.zeros(3)", "lambda *a: None", "lambda *a: np.zeros(2)", "lambda *a: 'abc'"),
-    *("lambda *a: np.full(3, np.nan)", "lambda *a: [0.0, 0.0, None]", "lambda *a: np.zeros((3, 1))", "lambda *a: {}", "lambda *a: 1j"),
-    *("lambda *a: np.zeros(3, dtype='f4')", "lambda *a: [10**5000] * 3", "writes('q')", "writes('v')", "lambda *a, b: np.zeros(3)"),
+    *(
+        "lambda: None",
+        "lambda t: None",
+        "lambda t, s: np.zeros(3)",
+        "lambda *a: None",
+        "lambda *a: np.zeros(2)",
+        "lambda *a: 'abc'",
+    ),
+    *(
+        "lambda *a: np.full(3, np.nan)",
+        "lambda *a: [0.0, 0.0, None]",
+        "lambda *a: np.zeros((3, 1))",
+        "lambda *a: {}",
+        "lambda *a: 1j",
+    ),
+    *(
+        "lambda *a: np.zeros(3, dtype='f4')",
+        "lambda *a: [10**5000] * 3",
+        "writes('q')",
+        "writes('v')",
+        "lambda *a, b: np.zeros(3)",
+    ),
     *(
         "lambda *a: np.full(3, 1e300)",
         "lambda *a: np.ones((2, 3))",
@@ -531,7 +698,12 @@ CALLABLES = [
 """Where a function of the caller's own is asked for."""
 
 STATES = [
-    *("State(np.zeros(5), np.zeros(5))", "State(np.zeros(4), np.zeros(5))", "State(start.q, None)", "State(start.q, np.full(5, np.nan))"),
+    *(
+        "State(np.zeros(5), np.zeros(5))",
+        "State(np.zeros(4), np.zeros(5))",
+        "State(start.q, None)",
+        "State(start.q, np.full(5, np.nan))",
+    ),
     *(
         "State(start.q, np.full(5, 1e300))",
         "(start.q, start.v)",
@@ -599,12 +771,32 @@ def wrong_for(annotation: str, rng: Random) -> str:
     for words, more in (
         (("float", "int", "complex"), NUMBERS),
         (("ndarray", "Sequence", "tuple", "list", "Values"), ARRAYS),
-        (("Controller", "Reference", "Callable", "Motion", "Speed", "Disturbance", "Tracking", "Study"), CALLABLES),
+        (
+            (
+                "Controller",
+                "Reference",
+                "Callable",
+                "Motion",
+                "Speed",
+                "Disturbance",
+                "Tracking",
+                "Study",
+            ),
+            CALLABLES,
+        ),
         (("State",), STATES),
         (("str", "Path", "Name", "Drive", "Watch", "object"), WORDS),
         (
             ("Mapping", "values", "object"),
-            ["{'a': None}", "{'x': np.nan}", "{'x': 'a'}", "{'': 1.0}", "{'x': 10**5000}", "{'a\\0': 1}", "{'x': []}"],
+            [
+                "{'a': None}",
+                "{'x': np.nan}",
+                "{'x': 'a'}",
+                "{'': 1.0}",
+                "{'x': 10**5000}",
+                "{'a\\0': 1}",
+                "{'x': []}",
+            ],
         ),
     ):
         if any(word in annotation for word in words):
@@ -612,7 +804,8 @@ def wrong_for(annotation: str, rng: Random) -> str:
     return rng.choice(rng.choice(kinds))
 
 
-# --- functions ---------------------------------------------------------------------------------------------------------------------
+# --- functions ------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 class _Files:
@@ -628,8 +821,14 @@ class _Files:
                 run.write(Path(folder) / f"good{ending}")
             namespace()["record"](Path(folder) / "good.rrd", [namespace()["run"]], title="t")
             with cheap(cut=False):
-                namespace()["sweep"](squares, namespace()["design"], Path(folder) / "done", workers=1)
-            return {str(path.relative_to(folder)): path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
+                namespace()["sweep"](
+                    squares, namespace()["design"], Path(folder) / "done", workers=1
+                )
+            return {
+                str(path.relative_to(folder)): path.read_bytes()
+                for path in Path(folder).rglob("*")
+                if path.is_file()
+            }
 
     @classmethod
     def furnish(cls, folder: Path) -> None:
@@ -646,7 +845,9 @@ def functions(group: str) -> dict[str, Callable[..., Any]]:
     """The functions, classes and methods of a group of modules, by name."""
     found: dict[str, Callable[..., Any]] = {}
     for module in map(importlib.import_module, PUBLIC[group]):
-        for name in getattr(module, "__all__", None) or [name for name in vars(module) if not name.startswith("_")]:
+        for name in getattr(module, "__all__", None) or [
+            name for name in vars(module) if not name.startswith("_")
+        ]:
             thing = getattr(module, name)
             if (
                 not (inspect.isfunction(thing) or inspect.isclass(thing))
@@ -667,7 +868,12 @@ def functions(group: str) -> dict[str, Callable[..., Any]]:
     return found
 
 
-_INSTANCES = {"Crane": "crane", "Trajectory": "trajectory", "Design": "design", "Sampled": "Sampled(np.eye(10), np.zeros((10, 3)), 0.005)"}
+_INSTANCES = {
+    "Crane": "crane",
+    "Trajectory": "trajectory",
+    "Design": "design",
+    "Sampled": "Sampled(np.eye(10), np.zeros((10, 3)), 0.005)",
+}
 
 
 def _methods(name: str, thing: type) -> dict[str, Callable[..., Any]]:
@@ -676,7 +882,9 @@ def _methods(name: str, thing: type) -> dict[str, Callable[..., Any]]:
         return {}
     one = eval(_INSTANCES[name], namespace())
     return {
-        f"{name}.{key}": getattr(one, key) for key, value in vars(thing).items() if inspect.isfunction(value) and not key.startswith("_")
+        f"{name}.{key}": getattr(one, key)
+        for key, value in vars(thing).items()
+        if inspect.isfunction(value) and not key.startswith("_")
     }
 
 
@@ -684,7 +892,9 @@ def parameters(name: str, function: Callable[..., Any]) -> dict[str, str]:
     """Annotations of what a function takes, by name; that of `**values` is ``values``."""
     found = {}
     for key, parameter in inspect.signature(function).parameters.items():
-        found[key] = "values" if parameter.kind is parameter.VAR_KEYWORD else str(parameter.annotation)
+        found[key] = (
+            "values" if parameter.kind is parameter.VAR_KEYWORD else str(parameter.annotation)
+        )
     return found
 
 
@@ -692,21 +902,31 @@ def right_for(name: str, key: str, annotation: str) -> str | None:
     """A good argument, None if nobody knows one."""
     short = name.rpartition(".")[2]
     kinds = [part.strip() for part in annotation.split("|")]
-    for known in (f"{name}.{key}", f"{short}.{key}", key, *kinds, *(kind.replace("Sequence[", "").rstrip("]") for kind in kinds)):
+    for known in (
+        f"{name}.{key}",
+        f"{short}.{key}",
+        key,
+        *kinds,
+        *(kind.replace("Sequence[", "").rstrip("]") for kind in kinds),
+    ):
         if known in RIGHT:
             return RIGHT[known]
     return None
 
 
 def right(name: str, function: Callable[..., Any]) -> dict[str, str]:
-    """Good arguments for all that must be given, and for those that have a line of their own in `RIGHT`."""
+    """Good arguments for all that must be given, and for those that have a line of their own in
+    `RIGHT`.
+    """
     short, made = name.rpartition(".")[2], {}
     for key, parameter in inspect.signature(function).parameters.items():
         kind = parameters(name, function)[key]
         if parameter.kind is parameter.VAR_POSITIONAL:
             continue
         if parameter.default is parameter.empty or f"{short}.{key}" in RIGHT:
-            if (known := right_for(name, key, kind)) is not None and not (kind == "values" and f"{short}.{key}" not in RIGHT):
+            if (known := right_for(name, key, kind)) is not None and not (
+                kind == "values" and f"{short}.{key}" not in RIGHT
+            ):
                 made[key] = known
     return made
 
@@ -729,11 +949,17 @@ def called(function: Callable[..., Any], texts: dict[str, str]) -> Any:
             keyed |= given[key] if isinstance(given[key], dict) else {"x": given[key]}
         elif parameter.kind is not parameter.VAR_POSITIONAL:
             keyed[key] = given[key]
-    before = {key: value.copy() for key, value in given.items() if isinstance(value, np.ndarray) and value.dtype.kind == "f"}
+    before = {
+        key: value.copy()
+        for key, value in given.items()
+        if isinstance(value, np.ndarray) and value.dtype.kind == "f"
+    }
     answer = function(*positional, **keyed)
     for key, value in before.items():
         if not np.array_equal(value, given[key], equal_nan=True):
-            raise Broken(f"an argument is written to: {getattr(function, '__qualname__', function)}({key})")
+            raise Broken(
+                f"an argument is written to: {getattr(function, '__qualname__', function)}({key})"
+            )
     return answer
 
 
@@ -769,10 +995,23 @@ class Calls:
     def draw(self, rng: Random) -> Case:
         """A function, and what is wrong."""
         found = functions(self.group)
-        name = rng.choices(list(found), [HEAVY.get(name.rpartition(".")[2], 1.0) for name in found])[0]
+        name = rng.choices(
+            list(found), [HEAVY.get(name.rpartition(".")[2], 1.0) for name in found]
+        )[0]
         keys, needed = parameters(name, found[name]), right(name, found[name])
-        chosen = rng.choices(list(keys), [3.0 if key in needed else 1.0 for key in keys], k=rng.choice([1, 1, 1, 2, 3])) if keys else []
-        wrong = {key: wrong_for(f"{key} {keys[key]}" if keys[key] == "values" else keys[key], rng) for key in chosen}
+        chosen = (
+            rng.choices(
+                list(keys),
+                [3.0 if key in needed else 1.0 for key in keys],
+                k=rng.choice([1, 1, 1, 2, 3]),
+            )
+            if keys
+            else []
+        )
+        wrong = {
+            key: wrong_for(f"{key} {keys[key]}" if keys[key] == "values" else keys[key], rng)
+            for key in chosen
+        }
         return Case((name, rng.random() < 0.5), list(wrong.items()))
 
     def attempt(self, case: Case, folder: Path) -> str:
@@ -796,12 +1035,24 @@ class Calls:
                 answer = called(function, texts)
             except CraneError as error:
                 if not (str(error).isprintable() and str(error)):
-                    raise Broken("an error that is no printable sentence", repr(str(error))) from None
-                return "interrupted" if isinstance(error.__context__, KeyboardInterrupt) else "refused"
-            except (Mine, SystemExit) as error:  # whoever asks to end the program ends it, from a controller as from anywhere
-                theirs = () if isinstance(error, SystemExit) else ("controller", "reference", "disturbance")
+                    raise Broken(
+                        "an error that is no printable sentence", repr(str(error))
+                    ) from None
+                return (
+                    "interrupted" if isinstance(error.__context__, KeyboardInterrupt) else "refused"
+                )
+            # Whoever asks to end the program ends it, from a controller as from anywhere.
+            except (Mine, SystemExit) as error:
+                theirs = (
+                    ()
+                    if isinstance(error, SystemExit)
+                    else ("controller", "reference", "disturbance")
+                )
                 word = "SystemExit" if isinstance(error, SystemExit) else ""
-                if any(text.startswith("raises") and word in text and key not in theirs for key, text in case.parts):
+                if any(
+                    text.startswith("raises") and word in text and key not in theirs
+                    for key, text in case.parts
+                ):
                     return "own error"
                 raise
             _check(answer, str(inspect.signature(function).return_annotation))
@@ -827,27 +1078,42 @@ def _check(answer: Any, annotation: str) -> None:
                 checked_setpoint = answer(t)
             except CraneError:  # of the reference beneath, which is refused when it is asked
                 return
-            if not all(np.isfinite(part).all() and np.shape(part) == (3,) for part in checked_setpoint):
+            if not all(
+                np.isfinite(part).all() and np.shape(part) == (3,) for part in checked_setpoint
+            ):
                 raise Broken(
-                    f"a reference was accepted that says what is not finite, or not three numbers ({type(answer).__name__})",
+                    "a reference was accepted that says what is not finite, or not three numbers "
+                    f"({type(answer).__name__})",
                     f"t = {t}: {checked_setpoint}",
                 )
-    if annotation == "Trajectory" and isinstance(answer, Trajectory) and len(answer) > 1 and not np.isfinite(answer.q).all():
+    if (
+        annotation == "Trajectory"
+        and isinstance(answer, Trajectory)
+        and len(answer) > 1
+        and not np.isfinite(answer.q).all()
+    ):
         raise Broken("a trajectory that is not finite was returned as good")
     if annotation == "Crane":
         with suppress(CraneError):  # that it diverges is an answer
             simulate(answer, namespace()["law"], duration=0.005, validity="mark")
 
 
-_SHAPES = {"feed_forward": (3,), "gain": (3, 10), "setpoint": (10,), "integral_gain": None, "limit": None, "integral": None}
+_SHAPES = {
+    "feed_forward": (3,),
+    "gain": (3, 10),
+    "setpoint": (10,),
+    "integral_gain": None,
+    "limit": None,
+    "integral": None,
+}
 """Of a row of each part of the common form; None for those of three numbers that have no rows."""
 
 
 def _check_form(text: str, *, known: bool) -> None:
     """A common form that was accepted is one: what native code reads has the shape that it reads.
 
-    In a batch its numbers are known, too. A single run leaves a block that holds unknown ones undone and asks the controller itself; of a
-    limit they are refused.
+    In a batch its numbers are known, too. A single run leaves a block that holds unknown ones
+    undone and asks the controller itself; of a limit they are refused.
     """
     if not text.startswith("Malformed("):
         return
@@ -869,11 +1135,20 @@ def unlisted() -> list[str]:
     """Modules that are neither public nor internal."""
     found = pkgutil.walk_packages(cranedyn.__path__, "cranedyn.")
     # a package that names nothing as its own has nothing but its modules
-    modules = [module.name for module in found if not module.ispkg or hasattr(importlib.import_module(module.name), "__all__")]
+    modules = [
+        module.name
+        for module in found
+        if not module.ispkg or hasattr(importlib.import_module(module.name), "__all__")
+    ]
     public = [name for names in PUBLIC.values() for name in names]
     packages = [name for name in public if hasattr(importlib.import_module(name), "__all__")]
     known = {*public, *INTERNAL}
-    return [name for name in modules if name not in known and not any(name.startswith(f"{one}.") for one in (*INTERNAL, *packages))]
+    return [
+        name
+        for name in modules
+        if name not in known
+        and not any(name.startswith(f"{one}.") for one in (*INTERNAL, *packages))
+    ]
 
 
 GENERATORS = [Calls(group, 3.0 if group in ("simulate", "batch") else 1.0) for group in PUBLIC]

@@ -1,4 +1,6 @@
-"""One engine for all generators: a case is the name of a generator and a number; from these come its input and the verdict on it."""
+"""One engine for all generators: a case is the name of a generator and a number; from these come
+its input and the verdict on it.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,8 @@ class Generator(Protocol):
     Attributes:
         name: Of the kind.
         weight: How many are made of it, beside the others.
-        interruptible: Whether a case may run until it is interrupted; else taking longer than `BUDGET` breaks a promise.
+        interruptible: Whether a case may run until it is interrupted; else taking longer than
+            `BUDGET` breaks a promise.
     """
 
     @property
@@ -61,7 +64,9 @@ class Generator(Protocol):
         """Whether a case may take long."""
 
     def draw(self, rng: Random) -> Case:
-        """An input, the same for the same random numbers; made of plain values, so that it can go to another process."""
+        """An input, the same for the same random numbers; made of plain values, so that it can go
+        to another process.
+        """
 
     def attempt(self, case: Case, folder: Path) -> str:
         """Give the input to what it is meant for; how that ended, in a word.
@@ -100,7 +105,8 @@ class Verdict(NamedTuple):
 
     Attributes:
         word: How, in a word, for counting.
-        place: Where a promise is broken, the same for all cases that break it there; empty if none is.
+        place: Where a promise is broken, the same for all cases that break it there; empty if none
+            is.
         text: What happened there.
     """
 
@@ -172,7 +178,11 @@ def _trace(error: BaseException) -> str:
 def place_of(error: BaseException) -> str:
     """The kind of an exception, and the last line of ours through which it came."""
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if _ours(frame.filename)]
-    kind = type(error).__name__ if not isinstance(error, TooLong) else f"Ctrl-C is not answered in {PATIENCE:g} s"
+    kind = (
+        type(error).__name__
+        if not isinstance(error, TooLong)
+        else f"Ctrl-C is not answered in {PATIENCE:g} s"
+    )
     if not frames:
         return f"{kind} in the fuzzer"
     last = frames[-1]
@@ -194,7 +204,9 @@ def place_in_dump(text: str) -> str:
 
 @contextmanager
 def _limited(seconds: float) -> Iterator[None]:
-    """Interrupt as Ctrl-C does after so much processor time [s]; raise `TooLong` if that is not answered."""
+    """Interrupt as Ctrl-C does after so much processor time [s]; raise `TooLong` if that is not
+    answered.
+    """
     before = signal.signal(signal.SIGPROF, _over)
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.setitimer(signal.ITIMER_PROF, seconds)
@@ -216,13 +228,17 @@ def _over(number: int, frame: FrameType | None) -> None:
 
 
 def interrupt_after(seconds: float) -> None:
-    """Have Ctrl-C come after so much more processor time [s] instead of at the end of the budget."""
+    """Have Ctrl-C come after so much more processor time [s] instead of at the end of the
+    budget.
+    """
     signal.setitimer(signal.ITIMER_PROF, seconds)
 
 
 @contextmanager
 def _raw_words(folder: Path) -> Iterator[Any]:
-    """Keep what anybody writes to the file descriptors of standard output and error past Python's streams."""
+    """Keep what anybody writes to the file descriptors of standard output and error past Python's
+    streams.
+    """
     with (folder / "raw").open("w+b") as file:
         kept = [(number, os.dup(number)) for number in (1, 2)]
         for stream in (sys.stdout, sys.stderr):
@@ -261,7 +277,8 @@ def smallest(case: Case, fails: Any, tries: int = 60) -> Case:
 def listed(found: Sequence[Found], generators: dict[str, Generator]) -> str:
     """Broken promises as text, each with its smallest reproduction."""
     return "\n".join(
-        f"* {one.verdict.place}\n    {one.count} times; first {one.name}/{one.number}\n    {generators[one.name].shown(one.case)}\n"
+        f"* {one.verdict.place}\n    {one.count} times; first {one.name}/{one.number}\n    "
+        f"{generators[one.name].shown(one.case)}\n"
         + "".join(f"    | {line}\n" for line in one.verdict.text.strip().splitlines()[-4:])
         for one in found
     )

@@ -1,4 +1,6 @@
-"""Files of strangers and of tired disks: descriptions, tables, sweeps, results, recordings, documents, each with something changed."""
+"""Files of strangers and of tired disks: descriptions, tables, sweeps, results, recordings,
+documents, each with something changed.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,10 @@ from tests.studies import squares
 from tests.system.fuzz.core import Broken, Case, Generator
 from tests.system.fuzz.lines import inline_sweeps
 
-WORDS = "0 -1 1e308 -1e308 5e-324 1e-400 1e400 nan inf -inf 1e29 1e-20 x 1_0 0x10 1,5 --1 1e ${1} $(arg a) ١ 1. .5 fixed world".split()
+WORDS = (
+    "0 -1 1e308 -1e308 5e-324 1e-400 1e400 nan inf -inf 1e29 1e-20 x 1_0 0x10 1,5 --1 1e ${1} "
+    "$(arg a) ١ 1. .5 fixed world"
+).split()
 
 
 def ended(what: Callable[[], object]) -> str:
@@ -53,7 +58,8 @@ def ended(what: Callable[[], object]) -> str:
     return "good"
 
 
-# --- what is done to bytes ---------------------------------------------------------------------------------------------------------
+# --- what is done to bytes ------------------------------------------------------------------------
+# ---------------------------------
 
 Edit = tuple[str, float, int, bytes]
 """What is done, where as a share of the length, over how many bytes, and with what."""
@@ -61,19 +67,46 @@ Edit = tuple[str, float, int, bytes]
 
 def edit(rng: Random) -> Edit:
     """Something to do to bytes."""
-    kind = rng.choice(["digit", "digit", "digit", "turn", "turn", "flip", "drop", "double", "cut", "over", "splice", "huge"])
+    kind = rng.choice(
+        [
+            "digit",
+            "digit",
+            "digit",
+            "turn",
+            "turn",
+            "flip",
+            "drop",
+            "double",
+            "cut",
+            "over",
+            "splice",
+            "huge",
+        ]
+    )
     new = {
         "digit": rng.choice([b"0", b"9", b".", b"e1", b"-1"]),
         "turn": bytes([rng.randrange(256)]),
         "flip": bytes([1 << rng.randrange(8)]),
-        "over": rng.choice([b"\xff" * 4, b"\x00" * 4, b"\x80" * 4, b"nan,", b"1e99", b"\xff" * 8, b"\x7f\xff\xff\xff\xff\xff\xff\xff"]),
+        "over": rng.choice(
+            [
+                b"\xff" * 4,
+                b"\x00" * 4,
+                b"\x80" * 4,
+                b"nan,",
+                b"1e99",
+                b"\xff" * 8,
+                b"\x7f\xff\xff\xff\xff\xff\xff\xff",
+            ]
+        ),
         "huge": rng.choice([b"9" * 400, b"1e300", b"\x7f" * 10, b"-1", b"99999999999999999999"]),
     }.get(kind, b"")
     return kind, rng.random(), rng.choice([1, 4, 8, 60, 1000]), new
 
 
 def edited(content: bytes, edits: list[Edit]) -> bytes:
-    """Bytes with some of them turned, flipped, dropped, doubled, written over, put elsewhere, cut off, or numbers made huge."""
+    """Bytes with some of them turned, flipped, dropped, doubled, written over, put elsewhere, cut
+    off, or numbers made huge.
+    """
     made = bytearray(content)
     for kind, share, size, new in edits:
         at = int(share * (len(made) + 1))
@@ -110,7 +143,8 @@ class Edited:
         name: Of the kind.
         weight: How many.
         contents: The good ones.
-        give: Gives one to its reader, by the number of the content it was made from; says how it ended.
+        give: Gives one to its reader, by the number of the content it was made from; says how it
+            ended.
         interruptible: Always false: reading takes no time.
     """
 
@@ -130,10 +164,14 @@ class Edited:
 
     def shown(self, case: Case) -> str:
         """What was done to it."""
-        return f"{self.name} {case.head}: {', '.join(f'{kind} at {share:.4f} ({size}, {new!r})' for kind, share, size, new in case.parts)}"
+        parts = (
+            f"{kind} at {share:.4f} ({size}, {new!r})" for kind, share, size, new in case.parts
+        )
+        return f"{self.name} {case.head}: {', '.join(parts)}"
 
 
-# --- descriptions ------------------------------------------------------------------------------------------------------------------
+# --- descriptions ---------------------------------------------------------------------------------
+# ---------------------------------
 
 
 @cache
@@ -150,16 +188,20 @@ def slim() -> str:
 def small_xacro() -> bytes:
     """A xacro file with an argument, a property and a macro."""
     body = slim()
+    body = body[body.index("<link") : -8]
+    body = body.replace('<mass value="1000.0" />', '<xacro:weight mass="$(arg mass)"/>')
     return f"""<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <xacro:arg name="mass" default="1000.0"/>  <!-- [kg] > 0: payload -->
   <xacro:property name="half" value="${{float('$(arg mass)') / 2}}"/>
   <xacro:macro name="weight" params="mass"><mass value="${{mass}}"/></xacro:macro>
-  {body[body.index("<link") : -8].replace('<mass value="1000.0" />', '<xacro:weight mass="$(arg mass)"/>')}
+  {body}
 </robot>""".encode()
 
 
 def load(content: bytes, folder: Path, *, whole: bool = False) -> None:
-    """Load a description; what it says must make finite numbers, and a run and a recording if the whole is asked for."""
+    """Load a description; what it says must make finite numbers, and a run and a recording if the
+    whole is asked for.
+    """
     path = folder / "crane.urdf"
     path.write_bytes(content)
     crane = load_crane(path)
@@ -191,7 +233,9 @@ def _xacro(content: bytes, which: int, folder: Path) -> str:
 
 @dataclass(frozen=True)
 class Rewritten:
-    """The crane with numbers replaced, attributes of two elements swapped, or elements moved, doubled, dropped or renamed."""
+    """The crane with numbers replaced, attributes of two elements swapped, or elements moved,
+    doubled, dropped or renamed.
+    """
 
     name: str
     weight: float
@@ -202,7 +246,11 @@ class Rewritten:
         """One or two changes."""
         kinds = ["number", "number", "number", "swap", "add", "drop", "lose", "rename"]
         return Case(
-            None, [(rng.choice(kinds), rng.random(), rng.random(), rng.random(), rng.choice(WORDS)) for _ in range(rng.choice([1, 2]))]
+            None,
+            [
+                (rng.choice(kinds), rng.random(), rng.random(), rng.random(), rng.choice(WORDS))
+                for _ in range(rng.choice([1, 2]))
+            ],
         )
 
     def attempt(self, case: Case, folder: Path) -> str:
@@ -217,7 +265,10 @@ class Rewritten:
         robot = ET.fromstring(slim())
         elements = list(robot.iter())
         for kind, first, second, third, word in case.parts:
-            one, two = elements[1:][int(first * (len(elements) - 1))], elements[int(second * len(elements))]
+            one, two = (
+                elements[1:][int(first * (len(elements) - 1))],
+                elements[int(second * len(elements))],
+            )
             match kind:
                 case "number" if one.attrib:
                     name = sorted(one.attrib)[int(third * len(one.attrib))]
@@ -229,15 +280,20 @@ class Rewritten:
                 case "add" if not any(two is part for part in one.iter()):
                     two.append(one)
                 case "drop":
-                    next((parent for parent in elements if one in parent), robot).remove(one) if any(one in p for p in elements) else None
+                    next((parent for parent in elements if one in parent), robot).remove(
+                        one
+                    ) if any(one in p for p in elements) else None
                 case "lose" if one.attrib:
                     del one.attrib[sorted(one.attrib)[int(third * len(one.attrib))]]
                 case _:
-                    one.tag = ["link", "joint", "inertial", "mass", "visual", "robot", "gazebo"][int(third * 7)]
+                    one.tag = ["link", "joint", "inertial", "mass", "visual", "robot", "gazebo"][
+                        int(third * 7)
+                    ]
         return ET.tostring(robot, encoding="unicode")
 
 
-# --- tables ------------------------------------------------------------------------------------------------------------------------
+# --- tables ---------------------------------------------------------------------------------------
+# ---------------------------------
 
 
 @cache
@@ -247,9 +303,12 @@ def tables(ending: str) -> list[bytes]:
     table = simulate(crane, hold_controller(crane), duration=0.2).table()
     if ending == ".csv":
         return [_written(pyarrow.csv.write_csv, table)]
-    strategies: list[dict[str, Any]] = [{"compression": kind} for kind in ("snappy", "none", "gzip", "zstd")]
+    strategies: list[dict[str, Any]] = [
+        {"compression": kind} for kind in ("snappy", "none", "gzip", "zstd")
+    ]
     return [
-        _written(pyarrow.parquet.write_table, table, **way) for way in (*strategies, {"data_page_version": "2.0", "use_dictionary": False})
+        _written(pyarrow.parquet.write_table, table, **way)
+        for way in (*strategies, {"data_page_version": "2.0", "use_dictionary": False})
     ]
 
 
@@ -267,7 +326,10 @@ def _table(ending: str) -> Callable[[bytes, int, Path], str]:
         def both() -> None:
             found = read_columns(path, ("t_s", "phi_rad", "l_m"))
             whole = read(path)
-            if not (all(np.isfinite(values).all() for values in found.values()) and np.isfinite(whole.q).all()):
+            if not (
+                all(np.isfinite(values).all() for values in found.values())
+                and np.isfinite(whole.q).all()
+            ):
                 raise Broken("a table was read with a number that is not finite")
             if not (np.diff(whole.t) > 0).all():
                 raise Broken("a table was read whose time does not increase")
@@ -287,36 +349,71 @@ class Signals:
 
     def draw(self, rng: Random) -> Case:
         """An experiment, a length and a step; up to two columns that hold something else."""
-        shapes, scales = ("cosine", "one", "line", "square", "growth", "zero", "noise"), (0.0, 1e-300, 1e-9, 0.1, 1.0, 1e5, -1.0, 1e300)
+        shapes, scales = (
+            ("cosine", "one", "line", "square", "growth", "zero", "noise"),
+            (0.0, 1e-300, 1e-9, 0.1, 1.0, 1e5, -1.0, 1e300),
+        )
         names = ("t_s", "phi_rad", "l_m", "gamma_dot_rad_s", "x_m", "theta_rad", "theta_dot_rad_s")
-        parts = [(name, rng.choice(shapes), rng.choice(scales)) for name in rng.sample(names, rng.choice([0, 1, 1, 2]))]
-        return Case((rng.randrange(3), *rng.choice([(1600, 0.04), (1600, 0.04), (400, 0.4), (12, 0.1), (2, 1.0)])), parts)
+        parts = [
+            (name, rng.choice(shapes), rng.choice(scales))
+            for name in rng.sample(names, rng.choice([0, 1, 1, 2]))
+        ]
+        return Case(
+            (
+                rng.randrange(3),
+                *rng.choice([(1600, 0.04), (1600, 0.04), (400, 0.4), (12, 0.1), (2, 1.0)]),
+            ),
+            parts,
+        )
 
     def attempt(self, case: Case, folder: Path) -> str:
         """Analyse it: 0 with finite results, or 2 with a sentence."""
         path = folder / "a.csv"
         pyarrow.csv.write_csv(pa.table(self._columns(case)), path)
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as err:
-            code = (a1, a2, a3)[case.head[0]].main(["--from", str(path), "--out", str(folder / "out")])
+            code = (a1, a2, a3)[case.head[0]].main(
+                ["--from", str(path), "--out", str(folder / "out")]
+            )
         if code == 0:
             json.loads((folder / "out" / "result.json").read_text(), parse_constant=_not_finite)
         elif code != 2 or not re.fullmatch(r"error: [^\n]+\.\n", err.getvalue()):
-            raise Broken("a file was neither analysed nor refused in a sentence", f"{code} {err.getvalue()}")
+            raise Broken(
+                "a file was neither analysed nor refused in a sentence", f"{code} {err.getvalue()}"
+            )
         return f"code {code}"
 
     def shown(self, case: Case) -> str:
         """Which experiment, what is replaced."""
-        return f"experiments.a{case.head[0] + 1} --from, {case.head[1]} rows of {case.head[2]} s, {case.parts}"
+        return (
+            f"experiments.a{case.head[0] + 1} --from, {case.head[1]} rows of {case.head[2]} s, "
+            f"{case.parts}"
+        )
 
     def _columns(self, case: Case) -> dict[str, np.ndarray]:
         _, rows, step = case.head
         t = np.arange(rows) * step
         hoisting = np.interp(t, [30.0, 54.0], [20.0, 8.0])
         swing = 0.1 * np.cos(np.cumsum(np.sqrt(9.81 / hoisting)) * step)
-        columns = {"t_s": t, "phi_rad": swing, "l_m": hoisting, "gamma_dot_rad_s": 0.01 * np.sin(t), "x_m": 20 + 0 * t, "theta_rad": swing}
+        columns = {
+            "t_s": t,
+            "phi_rad": swing,
+            "l_m": hoisting,
+            "gamma_dot_rad_s": 0.01 * np.sin(t),
+            "x_m": 20 + 0 * t,
+            "theta_rad": swing,
+        }
         columns["theta_dot_rad_s"] = np.gradient(swing, t)
-        shapes = {"cosine": np.cos(0.8 * t), "one": np.ones(rows), "line": np.linspace(20.0, 8.0, rows), "square": np.sign(np.cos(t))}
-        shapes |= {"growth": np.exp(0.2 * t).clip(max=1e6), "zero": np.zeros(rows), "noise": np.random.default_rng(rows).normal(size=rows)}
+        shapes = {
+            "cosine": np.cos(0.8 * t),
+            "one": np.ones(rows),
+            "line": np.linspace(20.0, 8.0, rows),
+            "square": np.sign(np.cos(t)),
+        }
+        shapes |= {
+            "growth": np.exp(0.2 * t).clip(max=1e6),
+            "zero": np.zeros(rows),
+            "noise": np.random.default_rng(rows).normal(size=rows),
+        }
         for name, shape, scale in case.parts:
             columns[name] = t + scale if name == "t_s" else shapes[shape] * scale
         return columns
@@ -326,7 +423,8 @@ def _not_finite(word: str) -> None:
     raise Broken(f"{word} in result.json")
 
 
-# --- sweeps, results, recordings, documents ----------------------------------------------------------------------------------------
+# --- sweeps, results, recordings, documents
+# ----------------------------------------------------------------------------------------
 
 _DESIGN = grid(x=[float(x) for x in range(6)])
 
@@ -341,7 +439,9 @@ def _swept() -> dict[str, bytes]:
 
 @dataclass(frozen=True)
 class SweepFolder:
-    """The folder of a sweep with a file changed, cut, taken away or put in the place of another; then read, and swept again."""
+    """The folder of a sweep with a file changed, cut, taken away or put in the place of another;
+    then read, and swept again.
+    """
 
     name: str = "file sweep"
     weight: float = 1.0
@@ -351,7 +451,9 @@ class SweepFolder:
         """Which file, and what is done to it."""
         names = [name for name in _swept() if name != ".lock"]
         other = rng.choice(["copy", "gone", "empty", "edit", "edit", "edit", "edit"])
-        return Case((rng.choice(names), other, rng.choice(names)), edits(rng) if other == "edit" else [])
+        return Case(
+            (rng.choice(names), other, rng.choice(names)), edits(rng) if other == "edit" else []
+        )
 
     def attempt(self, case: Case, folder: Path) -> str:
         """The table is as it was, or refused; so it is when the sweep goes on."""
@@ -395,11 +497,22 @@ _RESULT: dict[str, Any] = {
     "experiment": "a1",
     "about": "What <b>it</b> is.",
     "command": "python -m experiments.a1",
-    "claims": [{"sentence": "It holds.", "holds": True}, {"sentence": "It was not judged.", "holds": None}],
+    "claims": [
+        {"sentence": "It holds.", "holds": True},
+        {"sentence": "It was not judged.", "holds": None},
+    ],
     "parameters": {"dt_s": 5e-4, "values": [1.0, "a"]},
     "figures": ["a.png"],
     "files": {"a.png": hashlib.sha256(_PICTURE).hexdigest()},
-    "tables": [{"title": "t", "columns": ["a", "b"], "formats": ["", ".3f"], "rows": [["x", 1.0], ["y", None]], "note": "n"}],
+    "tables": [
+        {
+            "title": "t",
+            "columns": ["a", "b"],
+            "formats": ["", ".3f"],
+            "rows": [["x", 1.0], ["y", None]],
+            "note": "n",
+        }
+    ],
     "versions": {"python": "3.11", "numpy": None},
     "machine": "m",
 }
@@ -411,7 +524,8 @@ def _result(content: bytes, which: int, folder: Path) -> str:
     (place / "a.png").write_bytes(_PICTURE)
     (place / "result.json").write_bytes(content)
     with (
-        patch.object(a1, "main", lambda argv: 1),  # where a file that it lists is missing, it is made again
+        # Where a file that it lists is missing, it is made again.
+        patch.object(a1, "main", lambda argv: 1),
         redirect_stdout(io.StringIO()),
         redirect_stderr(io.StringIO()) as err,
     ):
@@ -420,9 +534,16 @@ def _result(content: bytes, which: int, folder: Path) -> str:
     if code == 2 and (page.exists() or not re.fullmatch(r"error: [^\n]+\.\n", err.getvalue())):
         raise Broken("a result was refused without a sentence, or leaves a page", err.getvalue())
     if code not in (0, 2):
-        raise Broken("a report of a result that is there ends neither 0 nor 2", f"{code} {err.getvalue()}")
-    if code == 0 and re.search(r"<(script|b>|iframe)|NaN|Infinity", page.read_text().split("</style>")[1]):
-        raise Broken("a page holds what is no number or what a result put in as HTML", page.read_text()[-500:])
+        raise Broken(
+            "a report of a result that is there ends neither 0 nor 2", f"{code} {err.getvalue()}"
+        )
+    if code == 0 and re.search(
+        r"<(script|b>|iframe)|NaN|Infinity", page.read_text().split("</style>")[1]
+    ):
+        raise Broken(
+            "a page holds what is no number or what a result put in as HTML",
+            page.read_text()[-500:],
+        )
     return f"code {code}"
 
 
@@ -431,7 +552,9 @@ def _recording() -> bytes:
     crane = load_crane()
     with tempfile.TemporaryDirectory() as folder:
         return record(
-            Path(folder) / "a.rrd", [Run("r", crane, simulate(crane, hold_controller(crane), duration=0.05))], title="t"
+            Path(folder) / "a.rrd",
+            [Run("r", crane, simulate(crane, hold_controller(crane), duration=0.05))],
+            title="t",
         ).read_bytes()
 
 
@@ -441,7 +564,10 @@ def _recorded(content: bytes, which: int, folder: Path) -> str:
     return ended(lambda: check(path))
 
 
-_DOCUMENT = "# Ours\n\ntext\n<!-- a1: Some -->\nold\n<!-- end -->\nmore\n<!-- a2: -->\ntheirs\n<!-- end -->\nend\n"
+_DOCUMENT = (
+    "# Ours\n\ntext\n<!-- a1: Some -->\nold\n<!-- end -->\nmore\n<!-- a2: -->\ntheirs\n"
+    "<!-- end -->\nend\n"
+)
 
 
 def _document(content: bytes, which: int, folder: Path) -> str:
@@ -452,7 +578,9 @@ def _document(content: bytes, which: int, folder: Path) -> str:
     def both() -> None:
         read_document(path, "a1").write([table])
         text = path.read_text(encoding="utf-8")
-        if "**Some table**" not in text or ("<!-- a2: -->\ntheirs" in content.decode() and "theirs" not in text):
+        if "**Some table**" not in text or (
+            "<!-- a2: -->\ntheirs" in content.decode() and "theirs" not in text
+        ):
             raise Broken("a document lost what is not ours, or lacks what is", text)
 
     word = ended(both)

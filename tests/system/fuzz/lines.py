@@ -1,4 +1,6 @@
-"""Command lines, made from the parsers themselves: every option of every command, with numbers, names and files that nobody should give."""
+"""Command lines, made from the parsers themselves: every option of every command, with numbers,
+names and files that nobody should give.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +89,16 @@ FILES += [
 ]
 """Names for whatever wants a file or a folder."""
 
-GOOD_FILES = ["good.csv", "good.parquet", "real.rrd", "new.rrd", "new", "earlier", "doc.md", "earlier/a.rrd"]
+GOOD_FILES = [
+    "good.csv",
+    "good.parquet",
+    "real.rrd",
+    "new.rrd",
+    "new",
+    "earlier",
+    "doc.md",
+    "earlier/a.rrd",
+]
 """Those among them that are right for something."""
 
 ADDRESSES = [
@@ -108,7 +119,10 @@ _RUNS = 8
 @cache
 def commands() -> dict[str, Callable[[list[str]], int]]:
     """Every command by its module."""
-    names = [*COMMANDS, *(f"experiments.{module.name}" for module in pkgutil.iter_modules(experiments.__path__))]
+    names = [
+        *COMMANDS,
+        *(f"experiments.{module.name}" for module in pkgutil.iter_modules(experiments.__path__)),
+    ]
     found = {name: getattr(importlib.import_module(name), "main", None) for name in names}
     return {name: main for name, main in found.items() if main is not None}
 
@@ -138,8 +152,9 @@ def grammar(command: str) -> list[argparse.Action]:
 class Line:
     """Lines for one command.
 
-    Runs are interrupted after some control instants or after some processor time, whichever comes first, so that of most lines only what
-    happens before and after a run is tried, but of some the runs, too.
+    Runs are interrupted after some control instants or after some processor time, whichever comes
+    first, so that of most lines only what happens before and after a run is tried, but of some the
+    runs, too.
     """
 
     command: str
@@ -154,11 +169,19 @@ class Line:
     def draw(self, rng: Random) -> Case:
         """Options in any order, most of them with one value of the kind that they take."""
         actions, words = grammar(self.command), _Words(rng)
-        parts = [words.option(rng.choice(actions)) for _ in range(rng.choice([0, 1, 1, 1, 2, 2, 3, 4]))]
+        parts = [
+            words.option(rng.choice(actions)) for _ in range(rng.choice([0, 1, 1, 1, 2, 2, 3, 4]))
+        ]
         if rng.random() < 0.9:
-            parts += [words.values(action) for action in actions if action.required or not (action.option_strings or action.nargs)]
+            parts += [
+                words.values(action)
+                for action in actions
+                if action.required or not (action.option_strings or action.nargs)
+            ]
         if rng.random() < 0.03:
-            parts.append((rng.choice(["--no-such", "-x", "--", "extra", "", "\0", "--ou", "--g=1"]),))
+            parts.append(
+                (rng.choice(["--no-such", "-x", "--", "extra", "", "\0", "--ou", "--g=1"]),)
+            )
         if rng.random() < 0.02 and parts:
             parts.append(rng.choice(parts))
         cut = rng.random() < 0.97
@@ -174,7 +197,9 @@ class Line:
         with cheap(cut), _streams() as err:
             interrupt_after(seconds)
             try:
-                code: object = commands()[self.command]([word for part in case.parts for word in part])
+                code: object = commands()[self.command](
+                    [word for part in case.parts for word in part]
+                )
             except SystemExit as exit:
                 code = exit.code
         return _judged(code, err(), folder, before, whole=self.command not in COMMANDS)
@@ -182,14 +207,19 @@ class Line:
     def shown(self, case: Case) -> str:
         """As typed into a shell."""
         words = " ".join(_quoted(word) for part in case.parts for word in part)
-        return f"python -m {self.command} {words}   # {'runs cut off' if case.head[0] else f'Ctrl-C after {case.head[1]:.2f} s'}"
+        return (
+            f"python -m {self.command} {words}   # "
+            f"{'runs cut off' if case.head[0] else f'Ctrl-C after {case.head[1]:.2f} s'}"
+        )
 
 
 def _quoted(word: str) -> str:
     return (
         shlex.quote(word)
         if word.isprintable()
-        else "$'" + word.encode(errors="surrogateescape").decode("latin-1").encode("unicode_escape").decode() + "'"
+        else "$'"
+        + word.encode(errors="surrogateescape").decode("latin-1").encode("unicode_escape").decode()
+        + "'"
     )
 
 
@@ -216,7 +246,12 @@ class _Words:
     def values(self, action: argparse.Action) -> tuple[str, ...]:
         """As many as it takes, as a rule."""
         rng = self._rng
-        counts: dict[object, int] = {None: 1, "+": rng.choice([1, 1, 2, 3]), "*": rng.choice([0, 1, 1, 2]), "?": 1}
+        counts: dict[object, int] = {
+            None: 1,
+            "+": rng.choice([1, 1, 2, 3]),
+            "*": rng.choice([0, 1, 1, 2]),
+            "?": 1,
+        }
         count = counts.get(action.nargs, 1) if not isinstance(action.nargs, int) else action.nargs
         if rng.random() < 0.05 * self._odd:
             count = rng.choice([0, count + 1, 5])
@@ -225,7 +260,9 @@ class _Words:
     def _value(self, action: argparse.Action) -> str:
         """Of the kind that it takes, as a rule."""
         rng = self._rng
-        shown = action.metavar if isinstance(action.metavar, str) else " ".join(action.metavar or ())
+        shown = (
+            action.metavar if isinstance(action.metavar, str) else " ".join(action.metavar or ())
+        )
         if rng.random() < 0.1 * self._odd:
             return rng.choice(LETTERS)
         if action.choices:
@@ -233,16 +270,28 @@ class _Words:
         if ":=" in shown:
             name = rng.choice(sorted(settings()))
             pair = f"{name}:={self._number(_usual(name))}"
-            return pair if rng.random() > 0.1 * self._odd else rng.choice([name, pair.replace(":=", "="), f":={name}", f"{name}:=", "x:=1"])
+            return (
+                pair
+                if rng.random() > 0.1 * self._odd
+                else rng.choice([name, pair.replace(":=", "="), f":={name}", f"{name}:=", "x:=1"])
+            )
         if any(word in shown for word in ("FILE", "DIR", "RECORDING")):
             return rng.choice(FILES) if rng.random() < self._odd else rng.choice(GOOD_FILES)
         if "tcp" in shown:
             return rng.choice(ADDRESSES)
         if action.type is None:
             return rng.choice([*names(), self._number(1.0), rng.choice(FILES)])
-        default = action.default[0] if isinstance(action.default, list | tuple) and action.default else action.default
+        default = (
+            action.default[0]
+            if isinstance(action.default, list | tuple) and action.default
+            else action.default
+        )
         if action.type is float:
-            return self._number(float(default) if isinstance(default, float | int) and not isinstance(default, bool) else 1.0)
+            return self._number(
+                float(default)
+                if isinstance(default, float | int) and not isinstance(default, bool)
+                else 1.0
+            )
         return rng.choice(SMALL_COUNTS) if rng.random() > 0.2 * self._odd else rng.choice(NUMBERS)
 
     def _number(self, near: float) -> str:
@@ -272,7 +321,8 @@ def names() -> list[str]:
     return sorted(name.rpartition(".")[2] for name in commands())
 
 
-# --- where it runs -----------------------------------------------------------------------------------------------------------------
+# --- where it runs --------------------------------------------------------------------------------
+# ---------------------------------
 
 
 @cache
@@ -280,12 +330,23 @@ def _contents() -> dict[str, bytes]:
     """Files for a command to find, among them results of an earlier run."""
     t = np.arange(0.0, 40.0, 0.02)
     swing = 0.1 * np.cos(t)
-    columns = {"t_s": t, "phi_rad": swing, "l_m": 0 * t + 10, "gamma_dot_rad_s": 0.01 * np.sin(t), "x_m": 0 * t + 20, "theta_rad": swing}
+    columns = {
+        "t_s": t,
+        "phi_rad": swing,
+        "l_m": 0 * t + 10,
+        "gamma_dot_rad_s": 0.01 * np.sin(t),
+        "x_m": 0 * t + 20,
+        "theta_rad": swing,
+    }
     table = pa.table(columns | {"theta_dot_rad_s": -0.1 * np.sin(t)})
     csv, parquet = io.BytesIO(), io.BytesIO()
     pyarrow.csv.write_csv(table, csv)
     pyarrow.parquet.write_table(table, parquet)
-    head = b"RRF2" + bytes(map(int, cranedyn.recording.viewer.rr.__version__.split(".")[:3])) + bytes(100)
+    head = (
+        b"RRF2"
+        + bytes(map(int, cranedyn.recording.viewer.rr.__version__.split(".")[:3]))
+        + bytes(100)
+    )
     document = "".join(f"# {name}\n\n<!-- {name}: -->\n<!-- end -->\n" for name in names())
     old = {f"{name}.rrd": head for name in names()} | {
         "result.json": json.dumps(RESULT).encode(),
@@ -318,13 +379,19 @@ def _tree(folder: Path) -> dict[str, tuple[int, int, int]]:
         for name in (*folders, *files):
             status = os.lstat(path := os.path.join(place, name))
             folder_like = os.path.isdir(path)
-            found[path] = (status.st_mode, 0, 0) if folder_like else (status.st_mode, status.st_size, status.st_mtime_ns)
+            found[path] = (
+                (status.st_mode, 0, 0)
+                if folder_like
+                else (status.st_mode, status.st_size, status.st_mtime_ns)
+            )
     return found
 
 
 @contextmanager
 def _streams() -> Iterator[Callable[[], str]]:
-    """Streams as a terminal gives them: UTF-8, standard output strict about it; yields what tells standard error."""
+    """Streams as a terminal gives them: UTF-8, standard output strict about it; yields what tells
+    standard error.
+    """
     raw = io.BytesIO()
     out = io.TextIOWrapper(io.BytesIO(), "utf-8", "strict")
     err = io.TextIOWrapper(raw, "utf-8", "backslashreplace")
@@ -380,7 +447,9 @@ _SIMULATE = cranedyn.simulation.simulate.simulate
 
 
 @contextmanager
-def _pictures(path: str | Path, size: tuple[int, int], whole: bool) -> Iterator[tuple[Callable[[float], bytes], float, float]]:
+def _pictures(
+    path: str | Path, size: tuple[int, int], whole: bool
+) -> Iterator[tuple[Callable[[float], bytes], float, float]]:
     """In the place of a viewer without a window."""
     cranedyn.recording.viewer.check(path)
     shown = io.BytesIO()
@@ -429,8 +498,17 @@ class _Served:
 @cache
 def _places(thing: object, modules: int) -> list[tuple[types.ModuleType, str]]:
     """Wherever a module of ours has something under a name."""
-    ours = [module for name, module in list(sys.modules.items()) if name.split(".")[0] in OURS and isinstance(module, types.ModuleType)]
-    return [(module, name) for module in ours for name, value in list(vars(module).items()) if value is thing]
+    ours = [
+        module
+        for name, module in list(sys.modules.items())
+        if name.split(".")[0] in OURS and isinstance(module, types.ModuleType)
+    ]
+    return [
+        (module, name)
+        for module in ours
+        for name, value in list(vars(module).items())
+        if value is thing
+    ]
 
 
 @contextmanager
@@ -452,24 +530,33 @@ def cheap(cut: bool = False) -> Iterator[None]:
         stack.enter_context(inline_sweeps())
         stack.enter_context(patch.object(cranedyn.recording.snapshot, "headless", _pictures))
         stack.enter_context(patch.object(cranedyn.recording, "open_viewer", lambda path=None: ""))
-        stack.enter_context(patch.object(cranedyn.recording, "serve", lambda path=None, port=0: _Served()))
+        stack.enter_context(
+            patch.object(cranedyn.recording, "serve", lambda path=None, port=0: _Served())
+        )
         yield
 
 
-# --- what is promised --------------------------------------------------------------------------------------------------------------
+# --- what is promised -----------------------------------------------------------------------------
+# ---------------------------------
 
 
-def _judged(code: object, err: str, folder: Path, before: dict[str, tuple[int, int, int]], *, whole: bool) -> str:
+def _judged(
+    code: object, err: str, folder: Path, before: dict[str, tuple[int, int, int]], *, whole: bool
+) -> str:
     lines = err.splitlines()
     if code not in (0, 1, 2, 130) or isinstance(code, bool):
         raise Broken("an exit code that is none of 0, 1, 2, 130", f"{code!r} {err}")
     for word in ("Traceback", "Warning:", "Exception ignored"):
         if word in err:
             line = next(line for line in lines if word in line)
-            raise Broken(f"{word.rstrip(':')} on standard error: {re.sub(r'^.*/', '', line)[:90]}", err)
+            raise Broken(
+                f"{word.rstrip(':')} on standard error: {re.sub(r'^.*/', '', line)[:90]}", err
+            )
     after = _tree(folder)
     changed = sorted(name for name in {*before, *after} if before.get(name) != after.get(name))
-    names = [re.sub(r"[0-9]+", "#", os.path.relpath(name, folder / "here"))[:60] for name in changed]
+    names = [
+        re.sub(r"[0-9]+", "#", os.path.relpath(name, folder / "here"))[:60] for name in changed
+    ]
     if code == 2:
         said = [line for line in lines if not line.startswith(("usage: ", " "))]
         if len(said) != 1 or not re.match(r"(python -m [\w.]+: )?error: .", said[0]):
@@ -493,7 +580,10 @@ def check_whole(paths: Sequence[str]) -> None:
                 json.loads(path.read_text(), parse_constant=_no)
             case ".parquet":
                 for column in pyarrow.parquet.read_table(io.BytesIO(path.read_bytes())).columns:
-                    if pa.types.is_floating(column.type) and not np.isfinite(column.drop_null().to_numpy()).all():
+                    if (
+                        pa.types.is_floating(column.type)
+                        and not np.isfinite(column.drop_null().to_numpy()).all()
+                    ):
                         raise Broken("a number that is not finite in a Parquet file", name)
             case ".png":
                 Image.open(path).verify()
@@ -518,12 +608,26 @@ class Setup:
         """Up to three numbers of the crane and one of the world."""
 
         def value() -> str:
-            return repr(rng.choice([rng.choice(_WORLD), rng.uniform(0.1, 10.0), rng.uniform(0.1, 10.0), 10.0 ** rng.uniform(-300, 300)]))
+            return repr(
+                rng.choice(
+                    [
+                        rng.choice(_WORLD),
+                        rng.uniform(0.1, 10.0),
+                        rng.uniform(0.1, 10.0),
+                        10.0 ** rng.uniform(-300, 300),
+                    ]
+                )
+            )
 
         names = rng.sample(sorted(settings()), rng.choice([0, 1, 1, 2, 3]))
         parts = [("--set", f"{name}:={value()}") for name in names]
         return Case(
-            None, parts + [(f"--{flag}={value()}",) for flag in rng.sample(["gravity", "dt", "control-period"], rng.choice([0, 0, 1]))]
+            None,
+            parts
+            + [
+                (f"--{flag}={value()}",)
+                for flag in rng.sample(["gravity", "dt", "control-period"], rng.choice([0, 0, 1]))
+            ],
         )
 
     def attempt(self, case: Case, folder: Path) -> str:
@@ -531,10 +635,16 @@ class Setup:
         made, out = harness.parser("trial", "A trial."), folder / "out"
         harness.add_setup(made)
         with _streams() as err:
-            code = harness.conduct(made, _trial, ["--out", str(out), *(word for part in case.parts for word in part)])
+            code = harness.conduct(
+                made, _trial, ["--out", str(out), *(word for part in case.parts for word in part)]
+            )
         if code == 130 and err().startswith("error: Interrupted at "):  # a budget had an end
             return "interrupted"
-        if code not in (0, 1, 2) or (err() == "") is not (code == 0) or not (code == 0 or err().startswith("error: ")):
+        if (
+            code not in (0, 1, 2)
+            or (err() == "") is not (code == 0)
+            or not (code == 0 or err().startswith("error: "))
+        ):
             raise Broken("a run neither went well nor ended in a sentence", f"{code} {err()}")
         check_whole(found := [str(path) for path in out.rglob("*")] if out.exists() else [])
         for name in found:
@@ -547,13 +657,41 @@ class Setup:
         return " ".join(word for part in case.parts for word in part)
 
 
-_WORLD = (0.0, 1e-300, 1e-9, 1e9, 1e29, 1e300, -1.0, 5e-324, float("nan"), float("inf"), -0.0, 1.7976931348623157e308)
+_WORLD = (
+    0.0,
+    1e-300,
+    1e-9,
+    1e9,
+    1e29,
+    1e300,
+    -1.0,
+    5e-324,
+    float("nan"),
+    float("inf"),
+    -0.0,
+    1.7976931348623157e308,
+)
 
 
 def _trial(options: object, setup: harness.Setup) -> harness.Outcome:
-    run = setup.simulate(setup.crane, hold_controller(setup.crane), None, start=setup.crane.start, duration=0.05, label="")
-    return harness.Outcome([harness.Table("End", [("q", "g"), ("v", "g")], list(zip(*run.state(-1), strict=True)))], [], {}, {"run": run})
+    run = setup.simulate(
+        setup.crane,
+        hold_controller(setup.crane),
+        None,
+        start=setup.crane.start,
+        duration=0.05,
+        label="",
+    )
+    return harness.Outcome(
+        [harness.Table("End", [("q", "g"), ("v", "g")], list(zip(*run.state(-1), strict=True)))],
+        [],
+        {},
+        {"run": run},
+    )
 
 
-GENERATORS: list[Generator] = [Line(name, 0.1 if name.endswith((".sweep", ".report", ".compare")) else 0.3) for name in commands()]
+GENERATORS: list[Generator] = [
+    Line(name, 0.1 if name.endswith((".sweep", ".report", ".compare")) else 0.3)
+    for name in commands()
+]
 GENERATORS.append(Setup())

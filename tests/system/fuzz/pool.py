@@ -1,4 +1,6 @@
-"""Cases in processes of their own, so that one that crashes, hangs or takes all memory is told of, and the others go on."""
+"""Cases in processes of their own, so that one that crashes, hangs or takes all memory is told of,
+and the others go on.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +21,26 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tests.system.fuzz.core import BUDGET, PATIENCE, Case, Found, Verdict, drawn, judged, listed, place_in_dump, smallest
+from tests.system.fuzz.core import (
+    BUDGET,
+    PATIENCE,
+    Case,
+    Found,
+    Verdict,
+    drawn,
+    judged,
+    listed,
+    place_in_dump,
+    smallest,
+)
 from tests.system.fuzz.generators import GENERATORS
 
 MEMORY = 2_500_000_000
 """Most memory that a process may have [byte]; with all that is imported it has some 0.4 GB."""
 
 GRACE, BLOCKED = 3.0, 8.0
-"""When a process is ended: processor time beyond that of an interruption [s], and time of sleep with next to no processor time [s]."""
+"""When a process is ended: processor time beyond that of an interruption [s], and time of sleep
+with next to no processor time [s]."""
 
 NATIVE = ("api simulate", "api batch")
 """Kinds that go deep into native code of ours."""
@@ -60,7 +74,8 @@ def _work(pipe: Connection, folder: Path) -> None:
     os.setsid()  # Ctrl-C on the terminal is for the process that counts
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(AttributeError, OSError):
-        ctypes.CDLL(None).mallopt(-6, 165)  # M_PERTURB: memory that is read before it is written, or after it is freed, holds nonsense
+        # M_PERTURB: memory that is read before it is written, or after it is freed, holds nonsense.
+        ctypes.CDLL(None).mallopt(-6, 165)
     with (folder / "log").open("w") as file, suppress(EOFError, OSError):
         faulthandler.enable(file)
         faulthandler.register(signal.SIGUSR1, file)
@@ -85,7 +100,9 @@ class Worker:
     """A process and what it is at."""
 
     def __init__(self) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir=_FAST if os.path.isdir(_FAST) else None))
+        self._folder = Path(
+            tempfile.mkdtemp(prefix="fuzz-", dir=_FAST if os.path.isdir(_FAST) else None)
+        )
         self.pipe, theirs = _SERVER.Pipe()
         self.process = _SERVER.Process(target=_work, args=(theirs, self._folder))
         self.process.start()
@@ -98,7 +115,9 @@ class Worker:
         self._since, self._used = time.monotonic(), self._status()[1]
 
     def _status(self) -> tuple[str, float]:
-        """Whether it sleeps, runs or waits for a disk, in a letter, and the processor time that it has had [s]."""
+        """Whether it sleeps, runs or waits for a disk, in a letter, and the processor time that it
+        has had [s].
+        """
         try:
             fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
@@ -107,12 +126,16 @@ class Worker:
 
     def _memory(self) -> int:
         try:
-            return int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+            return int(Path(f"/proc/{self.process.pid}/statm").read_text().split()[1]) * os.sysconf(
+                "SC_PAGE_SIZE"
+            )
         except (OSError, IndexError):
             return 0
 
     def fit_for(self, block: Block) -> Worker:
-        """Itself, or one that is fresh: what native code has spoilt in cases of one kind is not to show in those of another."""
+        """Itself, or one that is fresh: what native code has spoilt in cases of one kind is not to
+        show in those of another.
+        """
         if self._last in (block.name, "") or self._last not in NATIVE:
             return self
         self.close()
@@ -162,7 +185,9 @@ class Worker:
         dump = (self._folder / "log").read_text(errors="replace")
         self.close()
         number = self.process.exitcode or 0
-        what = trouble or (f"killed by {signal.Signals(-number).name}" if number < 0 else f"exit({number})")
+        what = trouble or (
+            f"killed by {signal.Signals(-number).name}" if number < 0 else f"exit({number})"
+        )
         return Verdict("broken", f"{what} at {place_in_dump(dump)}", dump[:1500])
 
     def judge(self, name: str, case: Case) -> Verdict:
@@ -215,7 +240,10 @@ class Count:
     def words(self, name: str) -> str:
         """How the cases of a generator ended."""
         ends = {word: count for (one, word), count in self.tried.items() if one == name}
-        return f"{sum(ends.values()):9,d}  {', '.join(f'{word} {count:,}' for word, count in sorted(ends.items()))}"
+        return (
+            f"{sum(ends.values()):9,d}  "
+            f"{', '.join(f'{word} {count:,}' for word, count in sorted(ends.items()))}"
+        )
 
 
 def blocks(counts: dict[str, int], seed: int, size: int = 100) -> list[Block]:
@@ -235,7 +263,11 @@ class Workers:
         self._idle = [Worker() for _ in range(count)]
 
     def run(
-        self, todo: Iterable[Block], *, until: float = float("inf"), tell: Callable[[Count, Found | None], Any] = lambda *_: None
+        self,
+        todo: Iterable[Block],
+        *,
+        until: float = float("inf"),
+        tell: Callable[[Count, Found | None], Any] = lambda *_: None,
     ) -> Count:
         """Try blocks of cases; when interrupted, return what was tried so far.
 
@@ -253,7 +285,14 @@ class Workers:
         def lost(worker: Worker, trouble: str) -> None:
             block = worker.block
             assert block is not None
-            note(Tried(block.name, block.first, worker.ended(trouble), drawn(GENERATORS[block.name], block.first)))
+            note(
+                Tried(
+                    block.name,
+                    block.first,
+                    worker.ended(trouble),
+                    drawn(GENERATORS[block.name], block.first),
+                )
+            )
             busy.remove(worker)
             idle.append(Worker())
             if block.first + 1 < block.last:
@@ -291,7 +330,9 @@ class Workers:
             end = time.monotonic() + seconds
 
             def fails(case: Case, one: Found = one, end: float = end) -> bool:
-                return time.monotonic() < end and self.judge(one.name, case).place == one.verdict.place
+                return (
+                    time.monotonic() < end and self.judge(one.name, case).place == one.verdict.place
+                )
 
             one.case = smallest(one.case, fails)
 
@@ -313,5 +354,7 @@ def report(count: Count) -> str:
     names = sorted({name for name, _ in count.tried})
     found = sorted(count.found.values(), key=lambda one: (one.name, one.verdict.place))
     lines = [f"{name:24} {count.words(name)}" for name in names]
-    lines.append(f"{'in all':24} {count.tried.total():9,d}  {len(found)} places where a promise is broken")
+    lines.append(
+        f"{'in all':24} {count.tried.total():9,d}  {len(found)} places where a promise is broken"
+    )
     return "\n".join(lines) + "\n\n" + listed(found, GENERATORS)

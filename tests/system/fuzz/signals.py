@@ -23,7 +23,8 @@ ARGUMENTS = {
     "description": "",
     "snapshot": "nothing.rrd -t 0",
 }
-"""What commands are given that do not take ``--engine compiled``, or would take too long; `compare` is given names of its own."""
+"""What commands are given that do not take ``--engine compiled``, or would take too long; `compare`
+is given names of its own."""
 
 _ENDED = 30.0
 """Time in which it must have ended in any case, on a machine with much else to do [s]."""
@@ -41,16 +42,32 @@ class Signals:
         """Which command, which signal, and after how much processor time [s]."""
         command = rng.choice(list(commands()))
         serves = command.startswith("experiments.") and rng.random() < 0.1
-        return Case((command, rng.choice(["SIGINT", "SIGINT", "SIGTERM"]), round(10.0 ** rng.uniform(-2.3, 0.6), 4), serves), [])
+        return Case(
+            (
+                command,
+                rng.choice(["SIGINT", "SIGINT", "SIGTERM"]),
+                round(10.0 ** rng.uniform(-2.3, 0.6), 4),
+                serves,
+            ),
+            [],
+        )
 
     def attempt(self, case: Case, folder: Path) -> str:
-        """It ends in time with 130, or was done, and leaves whole files, no process and no traceback."""
+        """It ends in time with 130, or was done, and leaves whole files, no process and no
+        traceback.
+        """
         command, name, after, serves = case.head
-        port = next((port for port in iter(free_port, 0) if port < 65535 and free(port + 1)), 0) if serves else 0
+        port = (
+            next((port for port in iter(free_port, 0) if port < 65535 and free(port + 1)), 0)
+            if serves
+            else 0
+        )
         words = [sys.executable, "-m", command, *_arguments(command, port)]
         environment = os.environ | {"PYTHONPATH": str(ROOT)}
         with (folder.parent / "said").open("w+") as said:
-            process = subprocess.Popen(words, cwd=folder, env=environment, stdout=said, stderr=said, start_new_session=True)
+            process = subprocess.Popen(
+                words, cwd=folder, env=environment, stdout=said, stderr=said, start_new_session=True
+            )
             try:
                 code, used = _signalled(process, getattr(signal, name), after)
             finally:
@@ -58,11 +75,16 @@ class Signals:
             said.seek(0)
             text = said.read()
         if used > PATIENCE:
-            raise Broken(f"{name} is not answered in {PATIENCE:g} s by {command}", f"it took {used:.1f} s of processor time")
+            raise Broken(
+                f"{name} is not answered in {PATIENCE:g} s by {command}",
+                f"it took {used:.1f} s of processor time",
+            )
         if left:
             raise Broken(f"{command} leaves a process behind", name)
         if code not in (0, 1, 2, 130, -getattr(signal, name)):
-            raise Broken(f"{name} ends {command} with another code than 130", f"{code} {text[-500:]}")
+            raise Broken(
+                f"{name} ends {command} with another code than 130", f"{code} {text[-500:]}"
+            )
         if "Traceback" in text and re.search(r'File "[^"]*/(cranedyn|experiments)/', text):
             raise Broken(f"{name} shows a traceback of ours", text[-1500:])
         check_whole([str(path) for path in folder.rglob("*")])
@@ -71,7 +93,10 @@ class Signals:
     def shown(self, case: Case) -> str:
         """The command, the signal and when."""
         command, name, after, serves = case.head
-        return f"python -m {command} {' '.join(_arguments(command, 9090 if serves else 0))}   # {name} after {after} s of processor time"
+        return (
+            f"python -m {command} {' '.join(_arguments(command, 9090 if serves else 0))}   # "
+            f"{name} after {after} s of processor time"
+        )
 
 
 def _arguments(command: str, port: int) -> list[str]:
@@ -80,13 +105,21 @@ def _arguments(command: str, port: int) -> list[str]:
     words = ARGUMENTS.get(short, "--engine compiled --out out").split()
     if short == "compare":
         words[-1] = "spline + PD"
-    return words + (["--serve", "--port", str(port)] if port and short not in ("sweep", "report", "snapshot") else [])
+    return words + (
+        ["--serve", "--port", str(port)]
+        if port and short not in ("sweep", "report", "snapshot")
+        else []
+    )
 
 
 def _signalled(process: subprocess.Popen[bytes], number: int, after: float) -> tuple[int, float]:
     """Exit code, and the processor time [s] from the signal to the end."""
     began = time.monotonic()
-    while (used := _processor(process.pid)) < after and time.monotonic() < began + _ENDED and process.poll() is None:
+    while (
+        (used := _processor(process.pid)) < after
+        and time.monotonic() < began + _ENDED
+        and process.poll() is None
+    ):
         time.sleep(0.002)
     before = used
     if process.returncode is None:

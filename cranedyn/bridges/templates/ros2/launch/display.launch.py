@@ -1,4 +1,6 @@
-"""Show the crane in RViz; its joints are moved by hand, or by whoever publishes /joint_states, such as a recording played back."""
+"""Show the crane in RViz; its joints are moved by hand, or by whoever publishes /joint_states, such
+as a recording played back.
+"""
 
 from pathlib import Path
 
@@ -14,12 +16,20 @@ SHARE = Path(__file__).resolve().parents[1]
 def generate_launch_description():
     """Sliders, transforms, RViz."""
     description = {"robot_description": (SHARE / "urdf" / "crane.urdf").read_text()}
-    by_hand = DeclareLaunchArgument("sliders", default_value="true", description="whether sliders move the joints")
+    by_hand = DeclareLaunchArgument(
+        "sliders", default_value="true", description="whether sliders move the joints"
+    )
     sliders = Node(
         package="joint_state_publisher_gui",
         executable="joint_state_publisher_gui",
         condition=IfCondition(LaunchConfiguration("sliders")),
     )
-    publisher = Node(package="robot_state_publisher", executable="robot_state_publisher", parameters=[description])
-    rviz = Node(package="rviz2", executable="rviz2", arguments=["-d", str(SHARE / "rviz" / "crane.rviz")])
+    publisher = Node(
+        package="robot_state_publisher",
+        executable="robot_state_publisher",
+        parameters=[description],
+    )
+    rviz = Node(
+        package="rviz2", executable="rviz2", arguments=["-d", str(SHARE / "rviz" / "crane.rviz")]
+    )
     return LaunchDescription([by_hand, sliders, publisher, rviz])

@@ -1,4 +1,6 @@
-"""The crane in gz sim (Harmonic) under ros2_control: efforts on the drives by /drives/commands, all joints on /joint_states."""
+"""The crane in gz sim (Harmonic) under ros2_control: efforts on the drives by /drives/commands, all
+joints on /joint_states.
+"""
 
 from pathlib import Path
 
@@ -25,9 +27,18 @@ def generate_launch_description():
         executable="robot_state_publisher",
         parameters=[{"robot_description": urdf, "use_sim_time": True}],
     )
-    crane = Node(package="ros_gz_sim", executable="create", arguments=["-topic", "robot_description", "-name", "crane"])
-    clock = Node(package="ros_gz_bridge", executable="parameter_bridge", arguments=["/clock@rosgraph_msgs/msg/Clock[gz.msgs.Clock"])
+    crane = Node(
+        package="ros_gz_sim",
+        executable="create",
+        arguments=["-topic", "robot_description", "-name", "crane"],
+    )
+    clock = Node(
+        package="ros_gz_bridge",
+        executable="parameter_bridge",
+        arguments=["/clock@rosgraph_msgs/msg/Clock[gz.msgs.Clock"],
+    )
     spawners = [
-        Node(package="controller_manager", executable="spawner", arguments=[name]) for name in ("joint_state_broadcaster", "drives")
+        Node(package="controller_manager", executable="spawner", arguments=[name])
+        for name in ("joint_state_broadcaster", "drives")
     ]
     return LaunchDescription([world, publisher, crane, clock, *spawners])
