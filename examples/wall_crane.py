@@ -1,6 +1,4 @@
-"""A crane that is not in the project, from its own URDF: held by LQR, swept, recorded. ``python
-examples/wall_crane.py [FOLDER]``.
-"""
+"""A crane of your own, from its URDF: held, swept, recorded: ``python examples/wall_crane.py``."""
 
 import sys
 from pathlib import Path
@@ -15,27 +13,18 @@ from cranedyn.references import hold
 from cranedyn.references.motion import plumb
 from cranedyn.simulation.simulate import simulate
 
-ROLES = {
-    "slew": "bracket",
-    "trolley": "carriage",
-    "radial_swing": "sway",
-    "tangential_swing": "surge",
-    "hoist": "winch",
-}
+ROLES = {"slew": "bracket", "trolley": "carriage", "hoist": "winch"}
+SWINGS = {"radial_swing": "sway", "tangential_swing": "surge"}
 
 
 def main(folder: Path) -> None:
     """Run it; what comes of it goes into a folder."""
-    crane = load_crane(
-        Path(__file__).with_name("wall_crane.urdf"),
-        joints=ROLES,
-        driven=["bracket", "carriage", "winch"],
-    )
+    urdf = Path(__file__).with_name("wall_crane.urdf")
+    crane = load_crane(urdf, joints=ROLES | SWINGS, driven=list(ROLES.values()))
     rest = plumb(crane, hold(crane, crane.state(x=4.0, l=2.5)), duration=0.01)
     controller = lqr(crane, rest)
-    run = simulate(
-        crane, controller, rest, start=crane.state(x=4.0, l=2.5, phi=0.1, theta=-0.1), duration=20.0
-    )
+    start = crane.state(x=4.0, l=2.5, phi=0.1, theta=-0.1)
+    run = simulate(crane, controller, rest, start=start, duration=20.0)
     left = np.hypot(*run.since(15.0).coordinates("phi", "theta").T).max()
     print(f"A swing of {1e3 * np.hypot(0.1, 0.1):.0f} mrad: {1e3 * left:.2f} mrad in the last 5 s.")
     swings = np.linspace(-0.2, 0.2, 20)

@@ -488,7 +488,7 @@ def caught(mutation: Mutation, parent: Path) -> tuple[bool, str]:
         "-x",
         "-p",
         "no:cacheprovider",
-        *(f"tests/test_{name}.py" for name in mutation.tests),
+        *(str(next((copy / "tests").rglob(f"test_{name}.py"))) for name in mutation.tests),
     ]
     run = subprocess.run(
         command,

@@ -25,7 +25,7 @@ _LARGEST = 4e9
 
 _CRANE, _PAIR = 48, 250
 """Numbers kept of each crane, and of each controller with each reference besides their tables:
-measured, see `tests/test_batch.py`."""
+measured, see `tests/compiled/test_batch.py`."""
 
 
 class Control(NamedTuple):

@@ -23,7 +23,7 @@ from experiments import demo, harness
 from experiments.endless import Dwell, Dwells
 from experiments.report import page
 from experiments.scenarios.moves import residual
-from tests.helpers import FAST, crane
+from tests.helpers import FAST, ROOT, crane
 from tests.told import missing
 
 RATES = (0.08, 0.8, 0.8)
@@ -194,7 +194,7 @@ def start(folder: Path) -> subprocess.Popen[bytes]:
     """A demo in a process of its own, already writing."""
     command = [sys.executable, "-m", "experiments.demo", "--pace", "20", "--out", str(folder)]
     process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=Path(__file__).parents[1]
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT
     )
     for _ in range(600):
         # While its first bytes are being written it is no recording yet.

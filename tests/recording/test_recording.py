@@ -24,7 +24,7 @@ from cranedyn.recording import Run, open_viewer, record, serve
 from cranedyn.recording.series import plots
 from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate
-from tests.helpers import files, python
+from tests.helpers import ROOT, files, python
 from tests.rrd import chunks, numbers, rows
 
 pytestmark = pytest.mark.filterwarnings("error:::rerun")
@@ -407,8 +407,8 @@ def test_rerun_switched_off_in_the_environment_is_said(
 
 
 def test_nothing_outside_the_recording_folder_imports_rerun():
-    root = Path(__file__).resolve().parent.parent
-    for path in [*root.glob("cranedyn/**/*.py"), *root.glob("experiments/**/*.py")]:
+
+    for path in [*ROOT.glob("cranedyn/**/*.py"), *ROOT.glob("experiments/**/*.py")]:
         lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines()]
         if path.parent.name != "recording":
             assert not any(line.startswith(("import rerun", "from rerun")) for line in lines), path

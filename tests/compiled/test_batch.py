@@ -34,9 +34,9 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, plumb, ramp
 from cranedyn.simulation.simulate import simulate
+from tests.compiled.test_compiled import allowed_between, per_second, soft_hold
 from tests.helpers import G, crane
-from tests.test_compiled import allowed_between, per_second, soft_hold
-from tests.test_properties import LAB, VARIANTS
+from tests.system.test_properties import LAB, VARIANTS
 
 PERIOD, LASTS = 1e-2, 0.5
 CLOCK: dict[str, Any] = {"duration": LASTS, "dt": 1e-3, "control_period": PERIOD}

@@ -27,7 +27,7 @@ from cranedyn.sweep import Progress, cluster, grid, results, sweep
 from cranedyn.sweep.chunk import DIED
 from tests import studies
 from tests.helpers import ROOT, files
-from tests.test_sweep_interrupted import CASES, CHUNK, answered, parts, ran, sweeping, until
+from tests.sweep.test_sweep_interrupted import CASES, CHUNK, answered, parts, ran, sweeping, until
 
 pytestmark = pytest.mark.usefixtures("limited")
 pytest.importorskip("distributed", reason="the extra dask is not installed")

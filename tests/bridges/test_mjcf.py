@@ -21,7 +21,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from tests.helpers import G, crane, states
-from tests.test_cross_engines import DAMPING, DT, PERIOD, combined_move
+from tests.system.test_cross_engines import DAMPING, DT, PERIOD, combined_move
 
 
 def opened(folder: Path, one: Crane) -> tuple[Any, Any, Any]:

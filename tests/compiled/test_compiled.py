@@ -43,7 +43,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.references import hold, plumb, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, constant, crane, locked, python
-from tests.test_properties import CALM, VARIANTS, Case, cases, kinds, run
+from tests.system.test_properties import CALM, VARIANTS, Case, cases, kinds, run
 
 DAMPED = {"damp_slew": 3e4, "damp_trolley": 200.0, "damp_swing": 5e2, "damp_hoist": 700.0}
 

@@ -29,10 +29,10 @@ from experiments.oracles import conserved, hoisting, moves, reading, slewing, sw
 from experiments.oracles.check import LARGE, POINT, ROUNDING, G, Oracle, check, point_crane
 from experiments.oracles.reading import Bench
 from experiments.report import page
-from tests.helpers import FAST, files, turned
+from tests.helpers import FAST, ROOT, files, turned
 from tests.lagrangian import Lagrangian
 
-DOCUMENT = Path(__file__).parent.parent / "docs" / "validation.md"
+DOCUMENT = ROOT / "docs" / "validation.md"
 
 HALVINGS = 3
 """One less than by default, so that the tests take half of the time; what is allowed follows from

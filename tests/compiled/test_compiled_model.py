@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from cranedyn.dynamics import rigid_body
 from cranedyn.errors import ModelError, OutOfRange
-from tests.test_integrator import ROBOTS, _robot
+from tests.dynamics.test_integrator import ROBOTS, _robot
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 

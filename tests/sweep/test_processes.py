@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.helpers import ROOT
-from tests.test_sweep_interrupted import gone, ran, until
+from tests.sweep.test_sweep_interrupted import gone, ran, until
 
 pytestmark = [
     pytest.mark.usefixtures("limited"),

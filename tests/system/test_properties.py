@@ -29,7 +29,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.description import arguments
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
-from tests.helpers import G, constant, crane
+from tests.helpers import ROOT, G, constant, crane
 
 COLUMNS, DRIVES, PASSIVE = crane().layout.columns(), crane().layout.drives, crane().layout.passive
 
@@ -651,12 +651,12 @@ def test_a_run_is_the_same_to_the_bit_in_another_process_that_reads_its_numbers_
             path = tmp_path / f"{variant}_{drive}.parquet"
             runs[replace(made, parameters={**made.parameters, **case.values}).write(path)] = made
     program = (
-        "import sys; from tests.test_properties import again; [again(path) for path in "
+        "import sys; from tests.system.test_properties import again; [again(path) for path in "
         "sys.argv[1:]]"
     )
     subprocess.run(
         [sys.executable, "-c", program, *map(str, runs)],
-        cwd=Path(__file__).parent.parent,
+        cwd=ROOT,
         check=True,
     )
     for path, made in runs.items():

@@ -20,8 +20,8 @@ from cranedyn.references import ARTICLE_TOUR, itinerary
 from experiments import demo, endless, harness
 from experiments.endless import Dwells, Record
 from experiments.scenarios.moves import residual
+from tests.experiments.test_demo import RATES, times
 from tests.helpers import FAST, ROOT, files
-from tests.test_demo import RATES, times
 
 WORLD = harness.Setup(engine=FAST)
 TOUR = itinerary(WORLD.crane, WORLD.crane.start, ARTICLE_TOUR, rates=RATES, dwell=3.0)

@@ -1,0 +1,1 @@
+"""Tests of cranes and what they are read from."""

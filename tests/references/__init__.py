@@ -1,0 +1,1 @@
+"""Tests of where drives and payload should be."""
