@@ -333,6 +333,17 @@ class Clearance:
         return made
 
     @cached_property
+    def _above(self) -> float:
+        """How far the swing pivot is above the load where the hoist stands at zero [m]."""
+        start = self.crane.start.q
+        pin.forwardKinematics(self.crane.model, self.crane.data, start)
+        pivot, load = (
+            self.crane.data.oMi[joint + 1].translation
+            for joint in (self.joints.radial_swing, self.joints.hoist)
+        )
+        return math.dist(pivot, load) - float(start[self.joints.hoist])
+
+    @cached_property
     def _upper(self) -> list[Body]:
         return [Body(placed, self.site.distance) for placed in self.bodies.upper]
 
@@ -342,19 +353,14 @@ class Clearance:
         """
         data = self.crane.data
         pin.forwardKinematics(self.crane.model, data, q)
-        carriers = (
-            data.oMi[i + 1]
-            for i in (self.joints.trolley, self.joints.radial_swing, self.joints.hoist)
-        )
-        trolley, pivot, load = (
-            (frame.rotation.copy(), frame.translation.copy()) for frame in carriers
-        )
+        trolley, load = (_frame(data, joint) for joint in (self.joints.trolley, self.joints.hoist))
+        length = float(q[self.joints.hoist]) + self._above
         for which in ("inflated", "bare") if len(self._fields["zones"]) else ("inflated",):
             for name, body in self._bodies[which].items():
                 if isinstance(body, Rope):
-                    moving = body.between(*load, pivot[1])
+                    moving = body.along(load, length)
                 else:
-                    moving = body.put(*(trolley if name == "trolley" else load))
+                    moving = body.put(trolley if name == "trolley" else load)
                 for kind in _KEEPS_FROM[which][name]:
                     if len(self._fields[kind]):
                         yield name, kind, moving
@@ -363,7 +369,12 @@ class Clearance:
         q = np.zeros(self.crane.layout.n)
         q[self.joints.slew] = gamma
         pin.forwardKinematics(self.crane.model, self.crane.data, q)
-        frame = self.crane.data.oMi[self.joints.slew + 1]
-        rotation, translation = frame.rotation.copy(), frame.translation.copy()
+        frame = _frame(self.crane.data, self.joints.slew)
         for body in self._upper:
-            yield body.put(rotation, translation)
+            yield body.put(frame)
+
+
+def _frame(data: pin.Data, joint: int) -> coal.Transform3s:
+    """Where a joint is, by its number among the coordinates."""
+    placement = data.oMi[joint + 1]
+    return coal.Transform3s(placement.rotation, placement.translation)

@@ -29,18 +29,18 @@ class Body:
         """Inflate a shape by a distance [m]; its rotation and translation are those in the frame
         that it moves with.
         """
-        shape, self._rotation, self._translation = placed
+        shape, rotation, translation = placed
         self.shape = shape.clone()
         self.inflated, self._bare = inflated, coal.CollisionObject(shape.clone())
         self.shape.setSweptSphereRadius(inflated)
         self.shape.computeLocalAABB()
         self.moving = coal.CollisionObject(self.shape)
-        self._upright = np.array_equal(self._rotation, np.eye(3))
+        self._within = coal.Transform3s(rotation, translation)
 
     @property
     def radius(self) -> float:
         """Farthest point from the Z axis of the frame that it moves with [m], at most."""
-        centre = self._rotation @ self.shape.aabb_center + self._translation
+        centre = self._within.transform(self.shape.aabb_center)
         return float(np.linalg.norm(centre[:2])) + float(self.shape.aabb_radius)
 
     @property
@@ -52,12 +52,9 @@ class Body:
         self._bare.computeAABB()
         return self._bare
 
-    def put(self, rotation: np.ndarray, translation: np.ndarray) -> Body:
+    def put(self, frame: coal.Transform3s) -> Body:
         """Put the frame that it moves with somewhere."""
-        turned = rotation if self._upright else rotation @ self._rotation
-        self.moving.setTransform(
-            coal.Transform3s(turned, rotation @ self._translation + translation)
-        )
+        self.moving.setTransform(frame * self._within)
         self.moving.computeAABB()
         return self
 
@@ -77,11 +74,11 @@ class Rope(Body):
         )
         return super().bare
 
-    def between(self, rotation: np.ndarray, one: np.ndarray, other: np.ndarray) -> Body:
-        """Put it from a point to another [m] along the Z axis of a rotation."""
-        self.shape.halfLength = math.dist(one, other) / 2.0
+    def along(self, frame: coal.Transform3s, length: float) -> Body:
+        """Put it from the origin of a frame up along its Z axis, of a length [m]."""
+        self.shape.halfLength = length / 2.0
         self.shape.computeLocalAABB()
-        return self.put(rotation, (one + other) / 2.0)
+        return self.put(frame * coal.Transform3s(np.array([0.0, 0.0, length / 2.0])))
 
 
 class Field:
@@ -114,10 +111,8 @@ class Field:
         for surfaces, manager in self._managers.items():
             callback = coal.DistanceCallBackDefault()
             manager.distance(body.bare if surfaces else body.moving, callback)
-            least = min(
-                least,
-                float(callback.data.result.min_distance) - (body.inflated if surfaces else 0.0),
-            )
+            distance = float(callback.data.result.min_distance)
+            least = min(least, distance - body.inflated if surfaces else distance)
         return least
 
     def each(self, body: Body) -> dict[str, float]:

@@ -54,7 +54,7 @@ def test_the_broad_phase_gives_the_distances_of_brute_force_for_inflated_bodies(
     moving = Body((hull(corners(1.0, 2.0, 3.0)), np.eye(3), np.zeros(3)), 1.0)
     touching = 0
     for _ in range(300):
-        put = moving.put(np.eye(3), rng.uniform(-18, 18, 3))
+        put = moving.put(coal.Transform3s(rng.uniform(-18, 18, 3)))
         brute = min(field.each(put).values())
         least = field.least(put)
         touching += brute <= 0.0
@@ -72,7 +72,7 @@ def test_inflating_takes_exactly_as_much_off_a_distance_from_hulls_and_meshes() 
         found = [
             field.least(
                 Body((hull(corners(1.0, 1.0, 1.0)), np.eye(3), np.zeros(3)), by).put(
-                    np.eye(3), np.array([0.0, 0.0, 5.0])
+                    coal.Transform3s(np.array([0.0, 0.0, 5.0]))
                 )
             )
             for by in (0.0, 1.5)
@@ -121,10 +121,10 @@ def test_a_concave_prism_is_hollow_where_its_outline_is() -> None:
     solid = prism("u", outline, 0.0, 10.0)
     field = Field([("u", (one, np.eye(3), np.zeros(3))) for one in solid.geometries()])
     moving = Body((coal.Sphere(0.25), np.eye(3), np.zeros(3)), 0.0)
-    assert field.least(moving.put(np.eye(3), np.array([10.0, 3.0, 5.0]))) == pytest.approx(
+    assert field.least(moving.put(coal.Transform3s(np.array([10.0, 3.0, 5.0])))) == pytest.approx(
         0.75, abs=1e-6
     )
-    assert field.least(moving.put(np.eye(3), np.array([7.0, 3.0, 5.0]))) < 0.0
+    assert field.least(moving.put(coal.Transform3s(np.array([7.0, 3.0, 5.0])))) < 0.0
 
 
 def test_a_zone_bars_load_hook_and_rope_but_not_the_jib_and_asks_for_no_distance() -> None:
