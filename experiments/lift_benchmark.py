@@ -50,15 +50,15 @@ class Tried:
         why: Why there is none, or what its certificate lacks.
         seconds: For plan and certificate [s].
         clearance: Least in the simulation [m].
-        others: Duration [s], least distance [m] and swing at the arrival [rad] of other means along
-            the same way, by name.
+        means: Duration [s], least distance [m] and swing at the arrival [rad] along the same way as
+            planned and by other means, by name.
     """
 
     lift: Lift | None
     why: str
     seconds: float
     clearance: float
-    others: dict[str, tuple[float, float, float]]
+    means: dict[str, tuple[float, float, float]]
 
 
 def sites(crane: Crane, count: int, seed: int = SEED) -> Iterator[Site]:
@@ -121,7 +121,9 @@ def _tried(setup: harness.Setup, site: Site) -> Tried:
     certificate = certify(lift, dt=setup.dt)
     seconds = time.monotonic() - begun
     lacking = "; ".join(check.sentence for check in certificate.checks if not check.holds)
-    return Tried(lift, lacking, seconds, certificate.nearest.distance, _others(setup, lift))
+    planned = lift.timed.motion.arrival, certificate.nearest.distance, certificate.left
+    means = {"planned": planned, **_others(setup, lift)}
+    return Tried(lift, lacking, seconds, certificate.nearest.distance, means)
 
 
 def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, float]]:
@@ -233,44 +235,29 @@ def _beside(tried: Sequence[Tried]) -> harness.Table:
     """What else one might do, along the same ways."""
     held = _held(tried)
     rows: list[list[float | str | None]] = []
-    if held:
+    for name in held[0][0].means if held else ():
+        of = [one.means[name] for one, _ in held]
+        nearer = sum(
+            least < lift.clearance.site.distance
+            for (_, least, _), (_, lift) in zip(of, held, strict=True)
+        )
         rows.append(
             [
-                "planned",
-                float(np.median([lift.timed.motion.arrival for _, lift in held])),
-                min(one.clearance for one, _ in held),
-                0,
-                0.0,
+                name,
+                float(np.median([t for t, _, _ in of])),
+                min(least for _, least, _ in of),
+                nearer,
+                1e3 * max(swing for *_, swing in of),
             ]
         )
-        for name in held[0][0].others:
-            of = [one.others[name] for one, _ in held]
-            nearer = sum(
-                least < lift.clearance.site.distance
-                for (_, least, _), (_, lift) in zip(of, held, strict=True)
-            )
-            rows.append(
-                [
-                    name,
-                    float(np.median([t for t, _, _ in of])),
-                    min(least for _, least, _ in of),
-                    nearer,
-                    1e3 * max(swing for *_, swing in of),
-                ]
-            )
     columns = [
         ("along the same way", ""),
         ("median [s]", ".1f"),
         ("least clearance [m]", ".2f"),
         ("nearer than required", "d"),
-        ("swing at arrival [mrad]", ".2f"),
+        ("swing at arrival [mrad]", ".3g"),
     ]
-    return harness.Table(
-        "Beside it",
-        columns,
-        rows,
-        "The planned ones arrive with less than 0.05 mrad, or they are not certified.",
-    )
+    return harness.Table("Beside other means", columns, rows)
 
 
 def _failed(tried: Sequence[Tried]) -> harness.Table:
@@ -296,9 +283,9 @@ def _claims(tried: Sequence[Tried]) -> list[harness.Claim]:
             max(over, default=9) <= OF_GRID,
         ),
         harness.Claim(
-            f"Motions last at most {OF_BOUND:g} times what the drives need: "
-            f"{max(bound, default=0):.3f}.",
-            max(bound, default=9) <= OF_BOUND,
+            f"Half of the motions last at most {OF_BOUND:g} times what the drives need: "
+            f"{np.median(bound or [0.0]):.3f}.",
+            bool(bound) and float(np.median(bound)) <= OF_BOUND,
         ),
     ]
 

@@ -63,6 +63,7 @@ class Certificate:
         nearest: The least distance of all, of which body from what; zones count where something is
             in them.
         at: When that is [s].
+        left: Amplitude of the swing at the arrival [rad].
         checks: All that is asked.
     """
 
@@ -72,6 +73,7 @@ class Certificate:
     distances: dict[str, np.ndarray]
     nearest: Nearest
     at: float
+    left: float
     checks: Sequence[Check]
 
     @property
@@ -136,15 +138,9 @@ def certify(
     names = list(found[0])
     distances = {name: np.array([one[name].distance for one in found]) for name in names}
     k, nearest = _nearest(against, run, rows, found)
-    return Certificate(
-        lift,
-        run,
-        run.t[rows],
-        distances,
-        nearest,
-        float(run.t[k]),
-        _checks(against, lift, run, goal.q, nearest, float(run.t[k])),
-    )
+    at, left = float(run.t[k]), _left(lift, run)
+    checks = _checks(against, lift, run, goal.q, nearest, at, left)
+    return Certificate(lift, run, run.t[rows], distances, nearest, at, left, checks)
 
 
 def _nearest(
@@ -179,10 +175,25 @@ def unproven_time(clearance: Clearance, run: Trajectory) -> float | None:
     return None
 
 
+def _left(lift: Lift, run: Trajectory) -> float:
+    """Amplitude of the swing at the arrival [rad]."""
+    crane, there = lift.crane, run.since(lift.timed.motion.arrival - 1e-9)
+    passive, length = crane.layout.passive, float(there.q[0, lift.clearance.joints.hoist])
+    return float(
+        swing_amplitude(there.q[:1, passive], there.v[:1, passive], length, crane.gravity)[0]
+    )
+
+
 def _checks(
-    clearance: Clearance, lift: Lift, run: Trajectory, goal: np.ndarray, nearest: Nearest, at: float
+    clearance: Clearance,
+    lift: Lift,
+    run: Trajectory,
+    goal: np.ndarray,
+    nearest: Nearest,
+    at: float,
+    swing: float,
 ) -> list[Check]:
-    site, motion, crane = clearance.site, lift.timed.motion, lift.crane
+    site, motion = clearance.site, lift.timed.motion
     unproven = unproven_time(clearance, run)
     slew, place = run.q[:, clearance.joints.slew], clearance.place_of
     turns = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
@@ -190,10 +201,6 @@ def _checks(
         turns.low <= slew.min() and slew.max() <= turns.high and turns.low < turns.high
     ) or bool(np.ptp(slew) == 0.0)
     after = run.since(motion.arrival - 1e-9)
-    passive, length = crane.layout.passive, float(after.q[0, clearance.joints.hoist])
-    swing = float(
-        swing_amplitude(after.q[:1, passive], after.v[:1, passive], length, crane.gravity)[0]
-    )
     peak = float(clearance.tilt(run.q).max())
     rates = np.abs(run.v[:, place]).max(axis=0) / np.array(lift.limits.rates)
     cut = bool((run.command != run.effort).any())

@@ -21,13 +21,13 @@ def test_a_random_site_is_planned_certified_and_set_beside_other_means(
         for table in json.loads((tmp_path / "out" / "result.json").read_text())["tables"]
     }
     assert tables["Sites without a certified lift"] == []
-    assert [row[0] for row in tables["Beside it"]] == [
+    assert [row[0] for row in tables["Beside other means"]] == [
         "planned",
         "stop at corners",
         "spline + PD",
         "operator",
     ]
-    swings = [row[-1] for row in tables["Beside it"]]
+    swings = [row[-1] for row in tables["Beside other means"]]
     assert min(swings[1:]) > 0.5 > swings[0]
 
 
