@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The pictures of the README, from a recording of the demo; run from the top of the repository.
+# The pictures of the documents, from runs that take some minutes; run from the top of the repository.
 set -euo pipefail
 python=${PYTHON:-.venv/bin/python}
 work=$(mktemp -d)
@@ -13,4 +13,10 @@ mv "$work/demo-110s.png" docs/controlled.png
 root=$PWD
 (cd "$work" && "$root/$python" "$root/examples/first_run.py")
 mv "$work/first_run.png" docs/first_run.png
+"$python" -m experiments.lift --site cranedyn/planning/sites/tower.toml --lifts 50 --out "$work/lift"
+"$python" -m experiments.snapshot "$work/lift/lift.rrd" -t 28 --view 3d -o "$work"
+mv "$work/lift-28s.png" docs/lift.png
+mv "$work/lift/site_tower.png" docs/lift_site.png
+"$python" -m experiments.sweep --out "$work/sweep"
+mv "$work/sweep/sweep_map.png" "$work/sweep/sweep_timing.png" docs/
 rm -r "$work"
