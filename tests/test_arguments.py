@@ -77,7 +77,6 @@ T = np.linspace(0.0, 30.0, 600)
 
 
 # --- each by name ---------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def _short(t: float, state: State) -> np.ndarray:
@@ -282,7 +281,6 @@ def test_a_mistake_is_a_sentence_that_says_what_was_given_and_what_is_allowed(
 
 
 # --- each argument of everything ------------------------------------------------------------------
-# ---------------------------------
 
 RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
     simulate: {
@@ -663,7 +661,6 @@ def test_the_doors_say_name_value_unit_and_what_is_allowed(
 
 
 # --- what goes wrong in a run ---------------------------------------------------------------------
-# ---------------------------------
 
 
 def _from(t0: float, then: Callable[[], Any], usual: Callable[..., Any]) -> Callable[..., Any]:

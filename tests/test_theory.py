@@ -167,8 +167,7 @@ def test_the_bessel_envelope_of_slow_hoisting_is_the_adiabatic_law() -> None:
     assert a[1] / a[0] == pytest.approx((8.0 / 20.0) ** -0.75, rel=1e-4)  # (v/ω l)² = 1e-5
 
 
-# --- swing with the drives moving
-# --------------------------------------------------------------------------------------------------
+# --- swing with the drives moving -----------------------------------------------------------------
 
 
 @given(states, accelerations)
@@ -234,7 +233,6 @@ def test_the_papers_radial_equation_is_small_swing_where_jib_and_cable_rest() ->
 
 
 # --- slow hoisting --------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_a_small_swing_grows_with_the_three_quarter_power() -> None:
@@ -268,7 +266,6 @@ def test_a_large_swing_keeps_its_action_when_the_cable_runs_slowly(amplitude: fl
 
 
 # --- spherical pendulum ---------------------------------------------------------------------------
-# ---------------------------------
 
 
 def _turned(length: float, far: float, near: float) -> float:
@@ -323,7 +320,6 @@ def test_the_precession_of_a_small_oval_is_airys() -> None:
 
 
 # --- steady slewing -------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.mark.parametrize(
@@ -349,7 +345,6 @@ def test_a_load_that_hangs_out_under_a_turning_jib_is_at_rest_by_the_lagrangian(
 
 
 # --- moves of the trolley -------------------------------------------------------------------------
-# ---------------------------------
 
 
 def _left(duration: float, length: float, acceleration) -> float:

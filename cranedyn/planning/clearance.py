@@ -134,8 +134,7 @@ class Clearance:
         wider.__dict__["bodies"] = self.bodies
         return wider
 
-    # ----------------------------------------------------------------------------------------------
-    # ----------------------- places
+    # --- places -----------------------------------------------------------------------------------
 
     def place(self, point: np.ndarray, what: str = "point") -> np.ndarray:
         """The place at which the centre of the load is at a point of the site [m], its slew from -π
@@ -182,8 +181,7 @@ class Clearance:
         """
         return np.hypot(q[..., self.joints.radial_swing], q[..., self.joints.tangential_swing])
 
-    # ----------------------------------------------------------------------------------------------
-    # -------------- what hangs
+    # --- what hangs -------------------------------------------------------------------------------
 
     def envelope(self, length: float) -> float:
         """How far a point of load, hook, rope or trolley may be from where it is with the load
@@ -231,8 +229,7 @@ class Clearance:
         radius = x + self.bodies.spread + length * np.sin(np.minimum(swing, math.pi / 2.0))
         return np.hypot(radius * slewed + out, hoisted) + length * self.tilt(apart)
 
-    # ----------------------------------------------------------------------------------------------
-    # ----------- what slews with the jib
+    # --- what slews with the jib ------------------------------------------------------------------
 
     def slewing_room(self, gamma: float) -> float:
         """By how much all that slews with the jib is farther from every solid than required, at a
@@ -250,8 +247,7 @@ class Clearance:
         """Farthest point of what slews with the jib from the slew axis [m], at most."""
         return max(body.radius for body in self._upper)
 
-    # ----------------------------------------------------------------------------------------------
-    # -------------------------- by name
+    # --- by name ----------------------------------------------------------------------------------
 
     def distances(self, q: np.ndarray, *, jib: bool = True) -> dict[str, Nearest]:
         """What is nearest to each obstacle, by its name, at coordinates of all joints, shape (n,);
@@ -281,8 +277,7 @@ class Clearance:
             if found.obstacle not in zones or found.distance <= 0.0
         )
 
-    # ----------------------------------------------------------------------------------------------
-    # --------------------------- inside
+    # --- inside -----------------------------------------------------------------------------------
 
     @cached_property
     def _fields(self) -> dict[str, Field]:

@@ -152,7 +152,7 @@ def _differences(
     table: Table, shown: Sequence[Sequence[str]], part: bool, rounding: float
 ) -> Iterator[str]:
     """What is shown of a table and is not in it any more, or is in it and not shown."""
-    headers = [header for header, _ in table.columns]
+    headers = [header.strip() for header, _ in table.columns]
     if not shown or list(shown[0]) != headers:
         yield "it is not there, or has other columns"
         return
@@ -163,8 +163,9 @@ def _differences(
         yield from (f"its row {name!r} was not made" for name in before if name not in made)
     yield from (f"a row {name!r} is not there" for name in made if name not in before)
     for name, (row, values) in made.items():
-        for (header, form), old, new, value in zip(
-            table.columns, before.get(name, row), row, values, strict=True
+        forms = [form for _, form in table.columns]
+        for header, form, old, new, value in zip(
+            headers, forms, before.get(name, row), row, values, strict=True
         ):
             if not (old == new or _rounds(old, value, form, rounding)):
                 yield f"{header} of {name!r} is {old}, now {new}"

@@ -147,7 +147,6 @@ def test_without_the_plain_loop_nothing_is_compared() -> None:
 
 
 # --- C --------------------------------------------------------------------------------------------
-# ---------------------------------
 
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="there is no C compiler")
 
@@ -231,7 +230,6 @@ def test_without_a_compiler_c_is_left_out(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 # --- Timing, tables, figures ----------------------------------------------------------------------
-# -----------------------------------
 
 
 def test_every_round_measures_each_once_in_an_order_of_its_own() -> None:
@@ -303,7 +301,6 @@ def test_a_number_of_rounds_that_is_none_is_refused(
 
 
 # --- Accuracy -------------------------------------------------------------------------------------
-# -----------------------------------
 
 
 def test_the_reference_is_where_runs_go_as_their_step_vanishes() -> None:

@@ -63,7 +63,6 @@ def ran(program: Program) -> Trajectory:
 
 
 # --- what is written ------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_a_folder_has_all_that_is_built_and_run_there(a1: Path) -> None:
@@ -172,7 +171,6 @@ def test_what_is_handed_on_is_what_the_experiments_run() -> None:
 
 
 # --- what is refused ------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.mark.parametrize(
@@ -274,7 +272,6 @@ def test_a_crane_with_meshes_or_a_rope_that_stretches_is_refused(tmp_path: Path)
 
 
 # --- Gazebo itself --------------------------------------------------------------------------------
-# ---------------------------------
 
 _ROOT = os.environ.get("CRANEDYN_GAZEBO", "")
 """A folder with Debian bullseye and Gazebo in it, as .ci/gazebo makes it; empty where Gazebo is

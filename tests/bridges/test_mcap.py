@@ -60,8 +60,7 @@ def messages(file: Path) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
-# --- written, and read by rosbags
-# --------------------------------------------------------------------------------------------------
+# --- written, and read by rosbags -----------------------------------------------------------------
 
 
 def test_rosbags_reads_every_joint_state_to_the_bit(messages: Any, run: Trajectory) -> None:
@@ -138,7 +137,6 @@ def test_the_command_writes_a_trajectory_of_an_experiment(tmp_path: Path, run: T
 
 
 # --- recordings of ROS analysed -------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_a_recording_is_analysed_as_the_run_itself(

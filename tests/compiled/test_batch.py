@@ -44,7 +44,6 @@ ROWS = 51
 
 
 # --- each as if it were alone ---------------------------------------------------------------------
-# -----------------------------------
 
 
 def _cranes(count: int) -> list[Crane]:
@@ -319,7 +318,6 @@ def test_controllers_that_remember_begin_with_it_and_are_left_as_they_are() -> N
 
 
 # --- no crane feels another -----------------------------------------------------------------------
-# -----------------------------------
 
 
 def _many(order: Sequence[int], **how: Any) -> Batch:
@@ -385,7 +383,6 @@ def test_a_crane_that_diverges_harms_no_other_and_says_so() -> None:
 
 
 # --- what is kept ---------------------------------------------------------------------------------
-# -----------------------------------
 
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
@@ -508,7 +505,6 @@ def test_tables_are_kept_once_and_no_longer_than_they_change() -> None:
 
 
 # --- what is refused ------------------------------------------------------------------------------
-# -----------------------------------
 
 NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
 

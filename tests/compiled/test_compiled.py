@@ -110,7 +110,6 @@ def both(
 
 
 # --- whole runs -----------------------------------------------------------------------------------
-# --------------------------------
 
 PERIOD, LASTS = 1e-2, 0.6
 
@@ -252,7 +251,6 @@ def test_drives_without_limits_are_compiled_too() -> None:
 
 
 # --- what is refused ------------------------------------------------------------------------------
-# -----------------------------------
 
 
 def test_an_engine_that_does_not_exist_is_refused() -> None:
@@ -424,7 +422,6 @@ except CraneError as error:
 
 
 # --- controllers that remember --------------------------------------------------------------------
-# -----------------------------------
 
 
 def test_what_an_integrator_remembers_is_what_the_plain_loop_leaves_it() -> None:
@@ -499,7 +496,6 @@ def test_a_variant_that_answers_otherwise_is_asked() -> None:
 
 
 # --- what goes wrong ------------------------------------------------------------------------------
-# -----------------------------------
 
 
 def _rounded(error: Exception) -> str:
@@ -729,7 +725,6 @@ def test_disturbances_that_are_no_forces_end_both_runs_in_the_same_words() -> No
 
 
 # --- every combination ----------------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.mark.parametrize(
@@ -769,7 +764,6 @@ def test_both_engines_record_the_same(
 
 
 # --- the rule of Runge and Kutta ------------------------------------------------------------------
-# -----------------------------------
 
 ENGINES = pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 
@@ -877,7 +871,6 @@ def test_where_buffers_act_rk4_gives_way_to_small_steps(engine: Any) -> None:
 
 
 # --- cranes of all sizes --------------------------------------------------------------------------
-# -----------------------------------
 
 
 def per_second(c: Crane, q: np.ndarray) -> float:

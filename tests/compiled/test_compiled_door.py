@@ -79,8 +79,7 @@ def _parts(brake: Hold) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return brake.stiffness, brake.damping, brake.feed_forward
 
 
-# --- what controllers and references answer
-# --------------------------------------------------------------------------------------------
+# --- what controllers and references answer -------------------------------------------------------
 
 
 @STRATEGIES
@@ -297,7 +296,6 @@ def test_who_is_asked_for_a_table_cannot_change_what_it_is_asked_for(
 
 
 # --- the door itself ------------------------------------------------------------------------------
-# ---------------------------------------
 
 
 def test_only_the_door_takes_addresses_and_calls_compiled_code() -> None:
@@ -462,7 +460,6 @@ def test_forward_dynamics_take_rows_of_finite_numbers_only(place: int, value: An
 
 
 # --- memory that is not ours ----------------------------------------------------------------------
-# ---------------------------------------
 
 
 def _tried(*arguments: str, **environment: str) -> list[str]:
@@ -508,7 +505,6 @@ for beyond in (0, 1):
 
 
 # --- pieces, and Ctrl-C between them --------------------------------------------------------------
-# ----------------------------------------
 
 
 def _everything(integrator: Any, dt: float, drive: Any, buffers: bool) -> list[bytes]:
@@ -694,7 +690,6 @@ def test_a_run_in_a_thread_of_its_own_can_be_ended_as_soon(
 
 
 # --- many threads ---------------------------------------------------------------------------------
-# ----------------------------------------
 
 
 def test_runs_and_batches_in_many_threads_give_what_they_give_alone() -> None:

@@ -49,8 +49,7 @@ def swing_left(run: np.ndarray) -> float:
     return float(np.ptp(run) / 2.0)
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- splines
+# --- splines --------------------------------------------------------------------------------------
 
 
 def test_a_spline_is_at_rest_at_every_waypoint_and_passes_through_it() -> None:
@@ -126,8 +125,7 @@ def test_a_quintic_move_leaves_the_swing_of_the_closed_form(
     assert math.degrees(extrapolated) * 10.0 / way == pytest.approx(degrees, rel=2e-5)
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- flat paths
+# --- flat paths -----------------------------------------------------------------------------------
 
 
 def test_the_smoothstep_has_four_derivatives_zero_at_both_ends() -> None:
@@ -199,8 +197,7 @@ def test_a_path_that_falls_faster_than_gravity_is_refused() -> None:
         flat(crane(), crane().state(l=4.0), crane().state(l=26.0), 2.0)
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- LQR
+# --- LQR ------------------------------------------------------------------------------------------
 
 
 def test_the_finite_horizon_tends_to_the_algebraic_riccati_equation() -> None:
@@ -268,8 +265,7 @@ def test_a_tracked_flat_motion_arrives_without_swing_and_half_the_payload_keeps_
     assert np.abs(run.since(39.0).q[:, 2:4]).max() < 1e-3
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- the paper
+# --- the paper ------------------------------------------------------------------------------------
 
 
 def test_the_papers_planes_are_the_linear_crane_where_inertia_is_left_out() -> None:
@@ -321,8 +317,7 @@ def test_the_hoist_pid_takes_away_a_wrong_weight_and_does_not_wind_up() -> None:
     assert stalled.integral == 0.0
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- shapers
+# --- shapers --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -398,8 +393,7 @@ def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_
     assert left["moving"] < 0.02 * left["bare"]
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- the operator
+# --- the operator ---------------------------------------------------------------------------------
 
 
 def test_an_operators_push_is_a_trapezoid_within_the_limit() -> None:
@@ -486,8 +480,7 @@ def test_a_joystick_is_in_one_place_at_a_time() -> None:
         operator(crane(), start, [JoystickPulse("x", 0.8, math.nan, 3.0)], **how)
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- limits
+# --- limits ---------------------------------------------------------------------------------------
 
 
 def test_the_fastest_flat_motion_uses_one_limit_fully_and_no_other_more() -> None:

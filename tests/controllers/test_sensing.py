@@ -60,8 +60,7 @@ class Watched:
         return np.zeros(3)
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- sensors
+# --- sensors --------------------------------------------------------------------------------------
 
 
 def test_late_sensors_show_the_first_state_until_the_delay_has_passed_and_then_an_old_one() -> None:
@@ -151,8 +150,7 @@ def test_sensors_that_cannot_be_are_refused(given: dict[str, object], words: str
         sensed(crane(), Watched(), **({"rng": np.random.default_rng(1)} | given))  # type: ignore[arg-type]
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- the observer
+# --- the observer ---------------------------------------------------------------------------------
 
 
 class Compared:
@@ -372,8 +370,7 @@ def test_an_observer_that_cannot_be_is_refused(given: dict[str, object], words: 
         observed(Watched(), crane(), motion, **given)  # type: ignore[arg-type]
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- along a motion
+# --- along a motion -------------------------------------------------------------------------------
 
 
 def test_the_last_row_of_a_motion_has_a_model_of_its_own_wherever_it_falls() -> None:
@@ -394,8 +391,7 @@ def test_the_last_row_of_a_motion_has_a_model_of_its_own_wherever_it_falls() -> 
             assert (found.b[found.stretch[k]] == here.b).all()
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- tracking
+# --- tracking -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,6 @@ from cranedyn.plotting.figures import panels, save
 from tests.helpers import files
 
 # --- files ----------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_a_file_appears_only_when_it_is_whole(tmp_path: Path) -> None:
@@ -222,7 +221,6 @@ def test_bytes_of_names_that_are_no_text_come_back_from_json(tmp_path: Path) -> 
 
 
 # --- numbers --------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.mark.parametrize(
@@ -282,7 +280,6 @@ def test_a_number_between_two_is_handed_back_and_any_other_refused_to_the_last_d
 
 
 # --- errors ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_every_error_is_a_crane_error_that_carries_its_values() -> None:

@@ -148,7 +148,6 @@ def test_another_ending_is_refused_and_nothing_is_written(made: Trajectory, tmp_
 
 
 # --- files from elsewhere -------------------------------------------------------------------------
-# ---------------------------------
 
 
 def _csv(tmp_path: Path, text: str) -> Path:

@@ -26,7 +26,6 @@ DRIVES, PASSIVE = crane().layout.drives, crane().layout.passive
 
 
 # --- the equations of motion ----------------------------------------------------------------------
-# ---------------------------------
 
 
 @given(states, efforts)
@@ -141,7 +140,6 @@ def test_energy_changes_by_the_power_of_the_drives_less_dissipation(
 
 
 # --- geometry and signs ---------------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.mark.parametrize(
@@ -221,7 +219,6 @@ def test_a_jib_that_starts_to_turn_leaves_the_load_behind() -> None:
 
 
 # --- the rope -------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @given(states, accelerations)
@@ -262,7 +259,7 @@ def test_a_falling_load_leaves_the_rope_slack() -> None:
     assert dynamics.rope_tension(c, c.start, effort) == pytest.approx(-1000.0, abs=1e-9)
 
 
-# --- closed forms, integrated by a Runge-Kutta of high order so that only the equations are on
+# --- closed forms, integrated by a Runge-Kutta of high order so that only the equations are on ----
 # trial ------------------------------
 
 
@@ -411,7 +408,6 @@ def test_a_quintic_from_rest_to_rest_leaves_the_residual_of_the_closed_form(
 
 
 # --- what is conserved ----------------------------------------------------------------------------
-# ---------------------------------
 
 
 def _part(c: Crane, state: State, fixed: tuple[int, ...]) -> np.ndarray:

@@ -134,7 +134,6 @@ def test_a_control_one_period_late_would_be_seen() -> None:
 
 
 # --- prediction -----------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.mark.parametrize(

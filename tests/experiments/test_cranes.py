@@ -4,6 +4,7 @@ all of it.
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -34,6 +35,9 @@ from cranedyn.references import hold, ramp
 from cranedyn.references.shaped import zv
 from cranedyn.simulation.simulate import simulate
 from experiments import cranes
+from experiments.harness.document import read_document
+from experiments.harness.outcome import Table
+from experiments.oracles.check import ROUNDING
 from experiments.oracles.reading import locked
 from experiments.relatives.catalogue import (
     BEND,
@@ -48,14 +52,13 @@ from experiments.relatives.catalogue import (
     crane_of,
     moved,
 )
-from tests.helpers import big_crane, crane
+from tests.helpers import ROOT, big_crane, crane
 from tests.rrd import numbers, rows
 
 each = pytest.mark.parametrize("relative", RELATIVES, ids=[relative.name for relative in RELATIVES])
 
 
 # --- closed forms ---------------------------------------------------------------------------------
-# -----------------------------------
 
 
 @pytest.mark.parametrize(
@@ -101,7 +104,6 @@ def test_convolved_shapers_leave_the_product_of_what_each_leaves(modes: tuple[fl
 
 
 # --- springs --------------------------------------------------------------------------------------
-# -----------------------------------
 
 
 @each
@@ -201,7 +203,6 @@ def test_a_motor_behind_something_elastic_has_an_inertia_of_its_own(
 
 
 # --- free modes -----------------------------------------------------------------------------------
-# -----------------------------------
 
 
 def test_free_modes_of_the_tower_crane_are_its_compound_pendulums() -> None:
@@ -274,7 +275,6 @@ def test_forces_in_steps_are_the_same_forces() -> None:
 
 
 # --- the recordings -------------------------------------------------------------------------------
-# -----------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -366,8 +366,7 @@ def test_hoisting_a_stretching_rope_steadily_does_not_make_it_bounce() -> None:
     assert np.abs(share - 1.0).max() < 5e-4
 
 
-# --- the experiment, last since it takes longest
-# ---------------------------------------------------------------------------------------
+# --- the experiment, last since it takes longest --------------------------------------------------
 
 
 def test_every_claim_of_the_experiment_holds_and_none_goes_unjudged(
@@ -377,3 +376,6 @@ def test_every_claim_of_the_experiment_holds_and_none_goes_unjudged(
     assert cranes.main(["--out", str(tmp_path / "cranes")]) == 0
     assert "25 of 25 claims hold, 0 not judged." in capsys.readouterr().out
     assert (tmp_path / "cranes" / "cranes.rrd").stat().st_size > 1e6
+    kept = json.loads((tmp_path / "cranes" / "result.json").read_text())["tables"]
+    document = read_document(ROOT / "docs" / "cranes.md", "cranes")
+    assert document.stale([Table.of(one) for one in kept], rounding=ROUNDING) == []

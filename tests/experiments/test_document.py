@@ -65,7 +65,8 @@ SHOWN = (
 def test_a_cell_that_is_not_what_is_made_now_is_named(
     rows: list[tuple[object, ...]], stale: list[str], tmp_path: Path
 ) -> None:
-    table = Table("Move", [("strategy", ""), ("s", ".2f"), ("mrad", ".3g")], rows)  # type: ignore[arg-type]
+    # A header ends with a blank where another is the same.
+    table = Table("Move", [("strategy", ""), ("s ", ".2f"), ("mrad", ".3g")], rows)  # type: ignore[arg-type]
     document = Document(tmp_path / "page.md", "trial", SHOWN)
     assert document.stale([table]) == [
         f"{tmp_path / 'page.md'}, Move: {sentence}." for sentence in stale

@@ -104,7 +104,6 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Ran]:
 each = pytest.mark.parametrize("name", EXPERIMENTS)
 
 # --- what every experiment does -------------------------------------------------------------------
-# ---------------------------------
 
 
 @each
@@ -237,7 +236,6 @@ def test_help_is_printed(name: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 # --- what documents tell --------------------------------------------------------------------------
-# ---------------------------------
 
 
 @each
@@ -249,7 +247,6 @@ def test_documents_tell_the_numbers_of_the_command(name: str, ran: Callable[[str
 
 
 # --- A1 -------------------------------------------------------------------------------------------
-# ---------------------------------
 
 # cable length: period, errors against point and rigid pendulum [%], damping ratio, amplitude, as
 # the article prints them
@@ -425,7 +422,6 @@ def test_a1_identifies_the_gains_that_made_the_numbers(monkeypatch: pytest.Monke
 
 
 # --- A2 -------------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_a2_meets_the_published_exponent_and_mean_error(ran: Callable[[str], Ran]) -> None:
@@ -508,7 +504,6 @@ def test_a2_reads_its_own_csv_as_if_it_came_from_elsewhere(
 
 
 # --- A3 -------------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_a3_meets_the_published_amplitude_correlation_and_rms(ran: Callable[[str], Ran]) -> None:
@@ -618,7 +613,6 @@ def test_a3_does_not_judge_a_place_that_was_not_published(
 
 
 # --- energy ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_energy_starts_with_the_articles_joules_and_loses_none(ran: Callable[[str], Ran]) -> None:
@@ -722,7 +716,6 @@ def test_energy_holds_in_a_gravity_that_its_drives_do_not_know() -> None:
 
 
 # --- mass ratio -----------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_light_links_converge_to_none_in_proportion(ran: Callable[[str], Ran]) -> None:
@@ -749,7 +742,6 @@ def test_a_point_load_swings_alike_whatever_it_weighs(ran: Callable[[str], Ran])
 
 
 # --- exit codes and failures ----------------------------------------------------------------------
-# ---------------------------------
 
 
 def _conducted(claims: Sequence[bool | np.bool_ | None], argv: Sequence[str]) -> int:

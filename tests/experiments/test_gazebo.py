@@ -105,7 +105,6 @@ def test_a_recording_is_analysed_by_the_experiments_like_any_file(
 
 
 # --- the article's broken crane -------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,6 @@ def _table(result: dict[str, Any], title: str) -> list[dict[str, Any]]:
 
 
 # --- the command ----------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_every_claim_holds(result: tuple[Path, dict[str, Any]]) -> None:
@@ -113,7 +112,6 @@ def test_figures_trajectories_and_recording_are_written(
 
 
 # --- moves ----------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.mark.parametrize("site", SITES, ids=lambda site: site.name)
@@ -148,7 +146,6 @@ def test_short_slews_are_as_short_as_they_say() -> None:
 
 
 # --- models ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_the_papers_equations_leave_what_a_coasting_trolley_leaves() -> None:
@@ -279,7 +276,6 @@ def test_where_an_error_reaches_a_bound_is_found_by_its_power_law() -> None:
 
 
 # --- claims ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def _cases() -> list[Case]:

@@ -206,7 +206,6 @@ def test_a_recording_that_rerun_would_not_make_is_refused_before_the_run(
 
 
 # --- names ----------------------------------------------------------------------------------------
-# ---------------------------------
 
 NAME = os.fsdecode(b"\xff\xe4")
 
@@ -274,7 +273,6 @@ def test_a_backend_that_matplotlib_lacks_stops_no_command(monkeypatch: pytest.Mo
 
 
 # --- a recording that grows -----------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_arguments_that_are_refused_leave_the_recording_that_was_there(tmp_path: Path) -> None:

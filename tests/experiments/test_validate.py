@@ -70,7 +70,6 @@ def _rows(document: Path) -> list[list[str]]:
 
 
 # --- the command ----------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_every_oracle_is_a_claim_and_holds(result: tuple[Path, dict[str, Any]]) -> None:
@@ -184,7 +183,6 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
 
 
 # --- judging --------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_powers_of_the_step_are_taken_off_and_their_order_is_found() -> None:
@@ -221,7 +219,6 @@ def test_runs_that_have_no_limit_hold_nothing() -> None:
 
 
 # --- a plant that is wrong ------------------------------------------------------------------------
-# ---------------------------------
 
 
 def _failing(

@@ -45,7 +45,6 @@ def load(tmp_path: Path) -> Load:
 
 
 # --- what a crane knows ---------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_the_default_crane_has_the_numbers_of_the_article() -> None:
@@ -170,7 +169,6 @@ def test_whatever_number_a_crane_has_it_accelerates_as_its_mass_matrix_says_or_i
 
 
 # --- what is loaded, and when ---------------------------------------------------------------------
-# ------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -227,7 +225,6 @@ print([name for name in heavy if name in sys.modules])
 
 
 # --- states ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_a_state_is_the_start_with_the_named_values_changed() -> None:
@@ -285,7 +282,6 @@ def test_an_unknown_coordinate_is_refused_and_the_known_are_named() -> None:
 
 
 # --- a URDF of one's own --------------------------------------------------------------------------
-# ---------------------------------
 
 DRIVEN = ["yaw_joint", "trolley_joint", "hoist_joint"]
 

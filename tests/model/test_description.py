@@ -183,7 +183,6 @@ def test_a_word_without_mark_is_refused() -> None:
 
 
 # --- command line ---------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_the_command_writes_the_urdf_to_standard_output_or_to_a_file(

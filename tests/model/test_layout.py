@@ -46,7 +46,6 @@ def loaded(tmp_path: Path, urdf: str) -> Callable[..., Crane]:
 
 
 # --- numbers of joints ----------------------------------------------------------------------------
-# -----------------------------------
 
 
 def test_no_coordinate_has_its_number_outside_of_the_model() -> None:
@@ -91,7 +90,6 @@ def test_rows_and_what_a_layout_says_are_no_such_numbers(fine: str) -> None:
 
 
 # --- what is no crane -----------------------------------------------------------------------------
-# -----------------------------------
 
 
 def test_a_tree_with_two_ends_must_say_where_its_payload_is(loaded: Callable[..., Crane]) -> None:

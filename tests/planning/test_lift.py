@@ -141,8 +141,7 @@ def test_a_swing_at_the_arrival_turns_the_certificate_red() -> None:
     )
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- no way
+# --- no way ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -262,8 +261,7 @@ def test_a_crane_of_other_joints_is_refused_in_a_sentence(
         neighbour("n", np.zeros(3), 0.0, {"slew": 0.0, "trolley": 0.0, "cable": 0.0}, other)
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- perturbed
+# --- perturbed ------------------------------------------------------------------------------------
 
 
 def test_lifts_that_are_as_planned_are_as_near_as_planned() -> None:
@@ -361,8 +359,7 @@ def test_the_interval_of_no_case_in_many_is_that_of_the_closed_form() -> None:
     assert Perturbed(np.array([1.0, math.nan, 0.4]), 0.5, {}, np.zeros(3)).nearer == 2
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- the experiment
+# --- the experiment -------------------------------------------------------------------------------
 
 
 SITE = """

@@ -65,8 +65,7 @@ def squared_swing(motion: Motion) -> float:
     return float((motion.q[:, crane().layout.passive] ** 2).sum() * motion.period)
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- symbols
+# --- symbols --------------------------------------------------------------------------------------
 
 
 @cache
@@ -142,8 +141,7 @@ def test_without_casadi_a_sentence_says_what_to_install(monkeypatch: pytest.Monk
         importlib.import_module("cranedyn.dynamics.symbolic")
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- transcription
+# --- transcription --------------------------------------------------------------------------------
 
 
 def bridge(
@@ -224,8 +222,7 @@ def test_what_cannot_be_reached_is_unsolved_and_the_status_is_told() -> None:
     assert failure.value.status == "Infeasible_Problem_Detected"
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- least time
+# --- least time -----------------------------------------------------------------------------------
 
 
 def linear_time(
@@ -417,8 +414,7 @@ def test_drives_with_no_way_to_go_stand_still_unless_they_are_set_free() -> None
     assert alone.arrival > moved("slew").arrival
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- tracking, least swing
+# --- tracking, least swing ------------------------------------------------------------------------
 
 
 def test_the_fastest_combined_move_tracked_by_the_lqr_arrives_without_swing() -> None:
@@ -455,8 +451,7 @@ def test_a_duration_too_short_names_the_least_and_that_one_works() -> None:
     assert moved("trolley", duration=least).arrival == pytest.approx(least, abs=1e-9)
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- bad input
+# --- bad input ------------------------------------------------------------------------------------
 
 
 def _state(**values: float) -> State:

@@ -217,8 +217,7 @@ def test_a_neighbour_stands_turned_where_the_site_says_with_its_rope_down(tmp_pa
     assert len(load) >= 8  # the load hangs 20 m below the pivot at 28 m
 
 
-# --------------------------------------------------------------------------------------------------
-# ---------------- IFC
+# --- IFC ------------------------------------------------------------------------------------------
 
 
 def model(path: Path) -> Path:

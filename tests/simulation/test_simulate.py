@@ -34,7 +34,6 @@ def _held(c: Crane, **arguments: Any) -> Trajectory:
 
 
 # --- the loop -------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def _by_hand(
@@ -191,7 +190,6 @@ def test_another_integrator_takes_its_place() -> None:
 
 
 # --- the start ------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_from_the_default_start_nothing_moves() -> None:
@@ -218,7 +216,6 @@ def test_without_reference_the_drives_hold_where_they_are_first_seen() -> None:
 
 
 # --- physics through the loop ---------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_a_run_of_effort_drives_converges_to_the_equations_of_motion() -> None:
@@ -324,7 +321,6 @@ def test_motion_drives_reach_the_velocity_that_is_asked() -> None:
 
 
 # --- limits ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_efforts_beyond_the_limits_are_cut_and_the_log_shows_it() -> None:
@@ -350,7 +346,6 @@ def test_a_saturated_hoist_moves_by_the_limit() -> None:
 
 
 # --- energy ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_under_a_constant_force_the_ledger_closes_to_rounding() -> None:
@@ -449,7 +444,6 @@ def test_dissipation_is_what_damping_takes() -> None:
 
 
 # --- what is refused ------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.mark.parametrize(
@@ -503,7 +497,6 @@ def test_times_that_fit_but_for_rounding_are_taken(
 
 
 # --- what goes wrong half way ---------------------------------------------------------------------
-# ---------------------------------
 
 
 def _after(

@@ -42,7 +42,6 @@ def _evaluated(study: object, design: Design) -> dict[str, list]:
 
 
 # --- a chunk --------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=20))
@@ -116,7 +115,6 @@ def test_a_study_needs_a_name_by_which_workers_import_it(monkeypatch: pytest.Mon
 
 
 # --- a sweep --------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_a_sweep_keeps_every_case_in_order_with_its_parameters(tmp_path: Path) -> None:
@@ -240,7 +238,6 @@ def test_damaged_parts_are_computed_again_and_whole_ones_are_not(tmp_path: Path)
 
 
 # --- refusals -------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def _manifest(**changes: object) -> Manifest:
@@ -421,7 +418,6 @@ def test_results_that_would_not_fit_the_disk_are_refused_before_and_after_the_fi
 
 
 # --- progress -------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_the_time_left_goes_by_the_pace_of_this_process() -> None:

@@ -57,7 +57,6 @@ def _flipped(content: bytes, bit: int) -> bytes:
 
 
 # --- parts ----------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_no_flipped_bit_of_a_part_goes_unnoticed(copied: Path) -> None:
@@ -179,7 +178,6 @@ def test_files_are_on_the_disk_before_their_names_are(
 
 
 # --- the manifest ---------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_a_manifest_names_the_code(swept: Path) -> None:
@@ -267,7 +265,6 @@ def test_a_worker_with_other_sources_computes_nothing() -> None:
 
 
 # --- refusals -------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_a_refused_sweep_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -74,7 +74,6 @@ def test_the_visuals_show_a_crane_of_its_measures(urdf: Path) -> None:
 
 
 # --- MuJoCo ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.fixture(scope="module")

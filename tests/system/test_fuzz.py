@@ -104,8 +104,7 @@ def test_enough_was_tried_of_each_and_both_ends_were_met() -> None:
         assert TRIED[f"api {group}, good"] > 0, group
 
 
-# --- the generators cover what there is
-# ------------------------------------------------------------------------------------------------
+# --- the generators cover what there is -----------------------------------------------------------
 
 
 def test_every_module_is_fuzzed_or_said_to_be_internal() -> None:
@@ -146,7 +145,6 @@ def _line(command: str) -> str:
 
 
 # --- the engine -----------------------------------------------------------------------------------
-# -------------------------------------
 
 
 class _Trial:

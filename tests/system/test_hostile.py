@@ -43,7 +43,6 @@ def urdf() -> str:
 
 
 # --- descriptions ---------------------------------------------------------------------------------
-# ---------------------------------
 
 _LAUGH = "".join(f"<!ENTITY l{i + 1} '{10 * f'&l{i};'}'>" for i in range(12))
 
@@ -344,7 +343,6 @@ def test_an_argument_given_twice_is_refused() -> None:
 
 
 # --- tables ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 ALL = [column for columns in crane().layout.columns().values() for column in columns]
 
@@ -484,8 +482,7 @@ def test_pieces_without_rows_are_not_joined() -> None:
         join([run, run.since(9.0)])
 
 
-# --- numbers that make no experiment
-# -----------------------------------------------------------------------------------------------
+# --- numbers that make no experiment --------------------------------------------------------------
 
 
 def said(module: ModuleType, words: Sequence[str]) -> tuple[int, str]:
@@ -668,7 +665,6 @@ def test_a_ledger_that_gains_as_explicit_euler_does_runs_away_and_ours_does_not(
 
 
 # --- pictures and the report ----------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.fixture

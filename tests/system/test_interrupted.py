@@ -28,7 +28,6 @@ from experiments import harness
 from tests.helpers import ROOT, crane, files, python
 
 # --- what is written ------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_an_error_is_one_printable_line_of_bounded_length_whatever_it_quotes() -> None:
@@ -130,8 +129,7 @@ def test_a_writer_that_is_killed_leaves_the_old_file_and_no_obstacle(tmp_path: P
     assert (path.read_text(), files(tmp_path)) == ("new", [*stale, "a.csv"])
 
 
-# --- words, pipes, signals and disks
-# -----------------------------------------------------------------------------------------------
+# --- words, pipes, signals and disks --------------------------------------------------------------
 
 _TRIAL = """
 import os, resource, signal, sys

@@ -76,7 +76,6 @@ def run() -> Trajectory:
 
 
 # --- shapes ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 STILL = dict.fromkeys(
@@ -120,8 +119,7 @@ def test_a_pulse_or_a_ramp_on_a_reference_that_says_nonsense_refuses_when_asked(
                 ask()
 
 
-# --- what a caller's own function raises
-# -------------------------------------------------------------------------------------------
+# --- what a caller's own function raises ----------------------------------------------------------
 
 
 def _batch(**given: Any) -> object:
@@ -188,8 +186,7 @@ def test_a_free_swing_may_be_looked_at_from_its_start_and_a_reference_at_no_time
     assert [part.shape for part in tabulated(lambda t: still(t), np.empty(0), 3)] == [(0, 3)] * 3
 
 
-# --- values that cannot be written out, texts that UTF-8 cannot write
-# ----------------------------------------------------------------
+# --- values that cannot be written out, texts that UTF-8 cannot write -----------------------------
 
 
 @pytest.mark.parametrize(
@@ -224,7 +221,6 @@ def test_a_recording_may_have_a_title_a_text_and_names_that_are_no_utf_8(
 
 
 # --- files ----------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def test_a_figure_that_is_interrupted_while_it_is_written_leaves_no_file_open(
@@ -325,7 +321,6 @@ def test_a_document_that_asks_for_a_table_that_is_not_made_costs_no_files(
 
 
 # --- numbers --------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.mark.parametrize("rate", [1e-310, 5e-324])
@@ -395,7 +390,6 @@ def test_a_record_of_a_crane_is_analysed_as_before(tmp_path: Path) -> None:
 
 
 # --- cranes ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @pytest.mark.parametrize(

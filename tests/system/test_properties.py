@@ -33,8 +33,7 @@ from tests.helpers import ROOT, G, constant, crane
 
 COLUMNS, DRIVES, PASSIVE = crane().layout.columns(), crane().layout.drives, crane().layout.passive
 
-# --- any crane, any state, any command
-# ---------------------------------------------------------------------------------------------
+# --- any crane, any state, any command ------------------------------------------------------------
 
 POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
 SMALL = {
@@ -230,7 +229,6 @@ kinds = st.sampled_from(["effort", "motion"])
 
 
 # --- finite, or a sentence ------------------------------------------------------------------------
-# ---------------------------------
 
 
 def _columns(trajectory: Trajectory) -> np.ndarray:
@@ -305,7 +303,6 @@ def test_a_run_ends_with_finite_numbers_or_with_a_sentence(
 
 
 # --- energy ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def _passive(case: Case, drive: str, step: float) -> Trajectory:
@@ -395,7 +392,6 @@ def test_without_damping_and_work_energy_changes_by_the_ripple_of_the_step_which
 
 
 # --- symmetries -----------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @given(cases(CALM), kinds, st.floats(-3.0, 3.0))
@@ -471,7 +467,6 @@ def _answer(what: Callable[[], Trajectory]) -> Trajectory | str:
 
 
 # --- scaling --------------------------------------------------------------------------------------
-# ---------------------------------
 
 POWERS = {
     **{
@@ -597,7 +592,6 @@ def test_a_point_load_on_exact_motion_swings_the_same_and_asks_efforts_for_its_w
 
 
 # --- bits -----------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 def _bits(trajectory: Trajectory) -> bytes:

@@ -35,8 +35,7 @@ def started(words: list[str], python: str = sys.executable) -> subprocess.Popen[
     )
 
 
-# --- before any module of ours is imported
-# --------------------------------------------------------------------------------------------
+# --- before any module of ours is imported --------------------------------------------------------
 
 
 @pytest.mark.parametrize("module", ["cranedyn.model.description", "experiments.energy"])
@@ -100,7 +99,6 @@ def test_ctrl_c_while_the_description_is_being_imported_shows_no_traceback(seen:
 
 
 # --- while a command runs -------------------------------------------------------------------------
-# ------------------------------------
 
 
 def _taken_for_a_fault() -> None:

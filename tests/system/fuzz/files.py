@@ -59,7 +59,6 @@ def ended(what: Callable[[], object]) -> str:
 
 
 # --- what is done to bytes ------------------------------------------------------------------------
-# ---------------------------------
 
 Edit = tuple[str, float, int, bytes]
 """What is done, where as a share of the length, over how many bytes, and with what."""
@@ -171,7 +170,6 @@ class Edited:
 
 
 # --- descriptions ---------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @cache
@@ -293,7 +291,6 @@ class Rewritten:
 
 
 # --- tables ---------------------------------------------------------------------------------------
-# ---------------------------------
 
 
 @cache
@@ -423,8 +420,7 @@ def _not_finite(word: str) -> None:
     raise Broken(f"{word} in result.json")
 
 
-# --- sweeps, results, recordings, documents
-# ----------------------------------------------------------------------------------------
+# --- sweeps, results, recordings, documents -------------------------------------------------------
 
 _DESIGN = grid(x=[float(x) for x in range(6)])
 
