@@ -165,6 +165,15 @@ EXPERIMENTS = {
         ("--sites", "20"),
         ("--sites", "1"),
     ),
+    "factors": Entry(
+        "Factors of the standards",
+        "Factors of the standards, derived, and what of them control needs.",
+        figures={
+            "factors": "ψ_h over the mass ratio and β2 of the hoisting classes: formula and "
+            "simulation.",
+            "needed": "What each strategy needs of the ψ_h that a standard allows for.",
+        },
+    ),
     "demo": Entry(
         "Demo",
         "The seven legs of the article, with their swing controlled.",
