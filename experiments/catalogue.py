@@ -165,9 +165,22 @@ EXPERIMENTS = {
         ("--sites", "20"),
         ("--sites", "1"),
     ),
+    "lift_report": Entry(
+        "A lift, judged",
+        "Go or no go: utilisation, clearances, factors, wind, robustness.",
+        (),
+        ("--lifts", "20", "--gusts", "1"),
+        {
+            "site": "Plan and elevations of the site with the way of the load.",
+            "clearance": "Clearance and swing over time.",
+            "loads": "Utilisation, load moment and the rope's angles over time.",
+            "chart": "Chart with the way of the load, and the jib's largest moments.",
+            "wind": "Utilisation, swing and clearance over the speed of a gust.",
+        },
+    ),
     "factors": Entry(
         "Factors of the standards",
-        "Factors of the standards, derived, and what of them control needs.",
+        "Factors of the standards, derived; what of them control needs.",
         figures={
             "factors": "ψ_h over the mass ratio and β2 of the hoisting classes: formula and "
             "simulation.",

@@ -9,6 +9,7 @@ add: that of a mast that is fixed (`Base.weight` adds it), and where the jib's o
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -82,11 +83,13 @@ class Loads(Shown):
         t: Time [s], shape (rows,).
         values: Columns by name, with their units, shape (rows,) each; see `loads`.
         parameters: What they were computed with.
+        record: Of the run they are of, see `cranedyn.data.trajectory.Trajectory`.
     """
 
     t: np.ndarray
     values: Mapping[str, np.ndarray]
     parameters: Mapping[str, float | str] = field(default_factory=dict)
+    record: Mapping[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -109,10 +112,16 @@ class Loads(Shown):
         return ["t_s", *self.values]
 
     def table(self) -> pyarrow.Table:
-        """All columns as an Arrow table."""
+        """All columns as an Arrow table, the parameters and the run's record in its metadata."""
         import pyarrow
 
-        return pyarrow.table({name: np.ascontiguousarray(self[name]) for name in self.keys()})
+        return pyarrow.table(
+            {name: np.ascontiguousarray(self[name]) for name in self.keys()},
+            metadata={
+                "cranedyn": json.dumps(dict(self.parameters)),
+                "cranedyn.record": json.dumps(dict(self.record)),
+            },
+        )
 
     def plot(self, *columns: str) -> Figure:
         """Columns over time, or without names the load moment, the rope and where it leads.
@@ -184,7 +193,11 @@ def loads(crane: Crane, run: Trajectory, *, base: Base = Base()) -> Loads:
         )
     buffers = run.parameters.get("validity") == "buffers"
     found = loads_of_rows(crane, run.q, run.v, run.effort, run.force, base=base, buffers=buffers)
-    return Loads(run.t, found, {"base_spacing_m": base.spacing, "base_mass_kg": base.mass})
+    with_base: dict[str, float | str] = {
+        "base_spacing_m": base.spacing,
+        "base_mass_kg": base.mass,
+    }
+    return Loads(run.t, found, with_base, run.record)
 
 
 @checked

@@ -66,7 +66,8 @@ PUBLIC = {
     "sweep": ("cranedyn.sweep",),
     "recording": ("cranedyn.recording", "cranedyn.recording.snapshot"),
     "planning": tuple(
-        f"cranedyn.planning.{name}" for name in ("site_file", "lift", "certificate", "perturbed")
+        f"cranedyn.planning.{name}"
+        for name in ("site_file", "lift", "certificate", "perturbed", "wind_limit")
     ),
 }
 """What people import from, by the name of a generator."""
@@ -98,6 +99,7 @@ WITHIN = (
     "force_of",
     "diverged",
     "late",
+    "made_otherwise",
     "unproven_time",
 )
 """What only our own code calls, of modules that people import from."""
@@ -113,6 +115,7 @@ HEAVY = {
     "plan_lift": 0.1,
     "certify": 0.1,
     "perturb": 0.1,
+    "wind_limit": 0.1,
 }
 """How often what takes its time is tried, beside the others."""
 
@@ -271,6 +274,8 @@ RIGHT: dict[str, str] = {
     "read_chart.path": "CHARTS / 'laboratory.toml'",
     "at.radius": "12.0",
     "utilisation.loads": "carried",
+    "wind_limit.swing": "0.1",
+    "wind_limit.utilisation": "1.0",
     "jib_moment.stations": "np.array([0.0, 5.0])",
     "loads_of_rows.q": "trajectory.q",
     "loads_of_rows.v": "trajectory.v",
