@@ -57,7 +57,7 @@ def chart(made: Case) -> Figure:
     most = jib_moment(made.crane, made.certificate.run, stations).max(axis=0)
     jib.fill_between(stations, 1e-3 * most, color=COLOURS["x"], alpha=0.3)
     jib.plot(stations, 1e-3 * most, color=COLOURS["x"])
-    jib.set(xlabel="along the jib [m]", ylabel="largest moment by trolley and load [kN m]")
+    jib.set(xlabel="along the jib [m]", ylabel="largest moment [kN m]")
     return figure
 
 

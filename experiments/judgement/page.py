@@ -44,6 +44,7 @@ _SHEET = """
 .verdict { font-size: 3.2rem; font-weight: 800; line-height: 1; margin: 1rem 0 0.4rem; }
 .statement { border-left: 4px solid var(--line); padding-left: 0.8rem; max-width: 46rem; }
 main { max-width: 64rem; }
+section { margin-top: 1.6rem; padding-top: 0.8rem; }
 @media (min-width: 70rem) { body { display: block; } main { margin: 0 auto; } }
 @media print { section { break-before: auto; margin-top: 6mm; } figure { max-width: 100%; }
   .verdict { font-size: 26pt; } section.pages { break-before: page; } }

@@ -52,8 +52,9 @@ def _lift(made: Case) -> Table:
         ["from, to [m]", " to ".join(_point(one) for one in ends), "the site's file"],
         ["load with hook and slings", f"{hanging_mass(crane) / 1e3:.2f} t", "the crane's numbers"],
         ["its size [m]", " x ".join(f"{one:.1f}" for one in size), "the site's file"],
-        ["crane", made.chart.name, "its chart"],
-        ["chart", made.chart.source, "its chart"],
+        ["crane", crane.model.name, "its URDF"],
+        ["chart", made.chart.name, "the chart's file"],
+        ["its source", made.chart.source, "the chart's file"],
         ["rigging", f"{made.falls} falls", "--falls"],
         ["radius [m]", f"{radius.min():.1f} to {radius.max():.1f}", "the plan"],
         ["cable [m]", f"{length.min():.1f} to {length.max():.1f}", "the plan"],
@@ -123,25 +124,26 @@ def _factors(made: Case, hoisting: HoistingClass, drive: DriveClass) -> Table:
     phi_2 = factors.phi_2(hoisting, speed, drive)
     weight = hanging_mass(crane) * crane.gravity
     pull = float(carried["rope_N"].max()) / weight
-    along = LIMITS.accelerations[crane.layout.drive("x")]
-    outwards = float(np.abs(carried["pull_N"] * np.tan(carried["off_lead_rad"])).max())
+    mass, radius = hanging_mass(crane), float(carried["radius_m"].max())
+    along, about = (LIMITS.accelerations[crane.layout.drive(one)] for one in ("x", "gamma"))
+    out, aside = (
+        float(np.abs(carried["pull_N"] * np.tan(carried[f"{side}_lead_rad"])).max())
+        for side in ("off", "side")
+    )
+    psi = f"{factors.psi_h_regulated(1.0):.2f}"
     least, most = factors.phi_1()
     rows: list[Row] = [
         ["φ1, own weight at lift-off", f"{least:g} to {most:g}", None, "EN 1991-3, T 2.4"],
         [f"v_h of {drive} [m/s]", f"{speed:.2f}", None, "AS 5221.1:2021"],
         [f"φ2 of {hoisting}, {drive}", f"{phi_2:.3f}", pull, "EN 1991-3, T 2.4, 2.5"],
         ["φ6, dynamic test load", f"{factors.phi_6(phi_2):.3f}", None, "EN 1991-3, 2.10"],
-        [
-            "ψ_h of the trolley",
-            f"{factors.psi_h_regulated(1.0):.2f}",
-            outwards * crane.gravity / (weight * along),
-            "FEM 1.001, A.2.2.3",
-        ],
+        ["ψ_h of the trolley", psi, out / (mass * along), "FEM 1.001, A.2.2.3"],
+        ["ψ_h of the slew", psi, aside / (mass * about * radius), "FEM 1.001, A.2.2.3"],
     ]
     columns = [("factor", ""), ("allowed", ""), ("needed here", ".3f"), ("clause", "")]
     note = (
-        f"Clauses were read {_SECOND}. Needed: largest pull of the rope over the weight, and along "
-        "the jib over mass and the trolley's limit of acceleration, with what slewing adds. The "
+        f"Clauses were read {_SECOND}. Needed: largest pull of the rope over the weight, along "
+        "and across the jib over mass times the limits of acceleration of trolley and slew. The "
         "lift begins and ends with the load hanging free; picking up is not in it. Again: python "
         "-m experiments.factors."
     )
@@ -196,7 +198,7 @@ def _limits(made: Case) -> Table:
     ]
     columns = [("limit", ""), ("gust up to [m/s]", ".1f"), ("from", "")]
     note = (
-        "The least of all of them counts. The wind at which the crane itself must stop is its "
+        "The least that applies counts. The wind at which the crane itself must stop is its "
         "maker's to say."
     )
     return Table("Wind limits", columns, rows, note)
