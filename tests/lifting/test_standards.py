@@ -7,8 +7,11 @@ import json
 import pytest
 
 from experiments import factors
+from experiments.harness.document import read_document
+from experiments.harness.outcome import Table
 from experiments.standards import derived
 from experiments.standards.formulas import FORMULAS, Formula
+from tests.helpers import ROOT
 
 
 @pytest.fixture(scope="module")
@@ -41,3 +44,9 @@ def test_a_shaped_drive_needs_no_more_than_a_load_that_leans(result: dict) -> No
     needed = {(row[0], row[1]): row[4] for row in result["tables"][2]["rows"]}
     # Two halves of a push, half a period apart, leave the load leaning by a/g while it lasts.
     assert needed["trolley", "operator, ZV"] == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_page_on_lifting_shows_what_the_experiment_prints(result: dict) -> None:
+    tables = [Table.of(kept) for kept in result["tables"]]
+    page = read_document(ROOT / "docs" / "lifting.md", "factors")
+    assert page.stale(tables) == []
