@@ -89,6 +89,46 @@ def test_the_page_is_printed(folder: Path) -> None:
     assert 3 <= len(re.findall(rb"/Type\s*/Page\b(?!s)", content)) <= 12
 
 
+@pytest.mark.skipif(
+    not (shutil.which("chromium") and shutil.which("chromedriver")),
+    reason="Chromium and its driver are not installed",
+)
+def test_in_a_browser_it_fits_paper_and_a_phone_and_leaves_no_error(
+    folder: Path, tmp_path: Path
+) -> None:
+    selenium = pytest.importorskip(
+        "selenium.webdriver", reason="extra browser (selenium) is not installed"
+    )
+    options = selenium.ChromeOptions()
+    options.binary_location = shutil.which("chromium")
+    words = "--headless=new --no-sandbox --disable-gpu --no-first-run --window-size=400,800"
+    for word in (*words.split(), f"--user-data-dir={tmp_path}"):
+        options.add_argument(word)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    service = selenium.ChromeService(shutil.which("chromedriver"))
+    driver = selenium.Chrome(options=options, service=service)
+    try:
+        driver.get((folder / "lift.html").as_uri())
+        wide, window = driver.execute_script(
+            "return [document.documentElement.scrollWidth, window.innerWidth]"
+        )
+        assert wide <= window
+        loaded = "return Array.from(document.images, i => i.naturalWidth > 0)"
+        assert driver.execute_script(loaded) == [True] * 6
+        a4 = round((210 - 2 * 12) / 25.4 * 96)
+        metrics = {"width": a4, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
+        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+        rights = driver.execute_script(
+            "return Array.from(document.querySelectorAll('table'), t => "
+            "t.getBoundingClientRect().right)"
+        )
+        assert len(rights) == len(result(folder)["tables"]) and max(rights) <= a4
+        assert driver.get_log("browser") == []
+    finally:
+        driver.quit()
+
+
 def test_without_a_browser_there_is_a_sentence_and_the_page(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
