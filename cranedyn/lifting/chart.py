@@ -20,7 +20,7 @@ from cranedyn.arguments import checked
 from cranedyn.arrays import finite
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number, whole
+from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number, whole, within
 from cranedyn.lifting.loads import Loads, loads
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 
@@ -30,7 +30,8 @@ CHARTS = Path(__file__).parent / "charts"
 WARNING, CUT_OUT = 0.9, 1.0
 """Utilisations at which a load moment limiter warns, and at which it stops what makes it worse."""
 
-_MOST = 1000
+_MOST, _FARTHEST, _LOADS = 1000, 1e4, (1e-3, 1e9)
+"""Most points, farthest radius [m], least and largest load [kg] of a chart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,8 @@ class Falls:
         least: Smallest radius at which the load of the first point may hang [m].
 
     Raises:
-        OutOfRange: If radii do not increase, a load is not positive, or loads rise with radius.
+        OutOfRange: If radii do not increase, loads rise with radius, or a number is none of a
+            chart.
     """
 
     count: int
@@ -68,7 +70,8 @@ class Falls:
                     "radius of a point", f"{other:g} m after {one:g} m", "more than the one before"
                 )
         for radius, load in zip(radii, rated, strict=True):
-            number(f"load at {radius:g} m", float(load), "kg", "> 0")
+            within("radius of a point", float(radius), 0.0, _FARTHEST, "m")
+            within(f"load at {radius:g} m", float(load), *_LOADS, "kg")
         for i in np.flatnonzero(np.diff(rated) > 0.0).tolist():
             raise OutOfRange(
                 f"load at {radii[i + 1]:g} m",

@@ -20,7 +20,8 @@ HoistingClass = Literal["HC1", "HC2", "HC3", "HC4"]
 
 DriveClass = Literal["HD1", "HD2", "HD3", "HD4", "HD5"]
 """How its hoist drive picks up: HD1 without creep speed, HD2 with a creep speed that the driver
-chooses, HD3 with one that is enforced, HD4 stepless by the driver, HD5 stepless by itself."""
+chooses, HD3 with one that is enforced, HD4 stepless by the driver, HD5 stepless by itself. EN
+13001-2 (second hand)."""
 
 
 class Hoisting(NamedTuple):

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cranedyn import theory
-from cranedyn.controllers import hold_controller
+from cranedyn.controllers import Hold, hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import full
@@ -24,7 +24,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, pulse
 from cranedyn.simulation.simulate import simulate
-from experiments.relatives.catalogue import RELATIVES, crane_of
+from experiments.relatives.catalogue import BRIDGE, HOOK, RELATIVES, crane_of
 from tests.helpers import ROOT, G, crane, efforts, locked, quickly, states
 
 ROUND_OFF = 1e-11
@@ -214,6 +214,18 @@ def test_a_batch_carries_what_its_runs_carry_alone() -> None:
     for name, values in both.items():
         np.testing.assert_array_equal(values[0], found[name])
         np.testing.assert_array_equal(values[1], again[name])
+
+
+def test_a_hook_hangs_on_the_rope_with_its_load_and_an_overhead_crane_has_no_ring() -> None:
+    hook, bridge = crane_of(HOOK), crane_of(BRIDGE)
+    for of in (hook, bridge):
+        run = simulate(of, Hold(of, *np.zeros((3, of.layout.m))), duration=0.05, drive="motion")
+        found = loads(of, run)
+        weight = hanging_mass(of) * of.gravity
+        np.testing.assert_allclose(found["pull_N"], weight, rtol=1e-9)
+        np.testing.assert_allclose(found["slack_margin"], 1.0, rtol=1e-9)
+        assert ("ring_tilting_Nm" in found) == (of is hook)
+    assert hanging_mass(hook) == 2300.0
 
 
 def test_loads_are_a_table_like_a_run(tmp_path: Path) -> None:
