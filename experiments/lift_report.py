@@ -9,18 +9,18 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from cranedyn.command import FAILED, command
 from cranedyn.data.files import write_text
 from cranedyn.errors import number, whole, within
 from cranedyn.lifting.chart import CHARTS, read_chart
 from cranedyn.lifting.factors import DriveClass, HoistingClass
-from cranedyn.planning.site_file import SITES, read_site
 from experiments import harness
 from experiments.harness.arguments import called
-from experiments.judgement.case import Asked, Case, case, checks
-from experiments.judgement.tables import tables
+
+if TYPE_CHECKING:
+    from experiments.judgement.case import Case
 
 LIFTS, GUSTS = 10_000, 32
 """How many lifts are made that are not quite as planned, and in each wind."""
@@ -32,8 +32,11 @@ nothing else is said; ours."""
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Plan, certify, weigh, blow, perturb."""
+    from cranedyn.planning.site_file import SITES, read_site
     from cranedyn.recording import Run
     from experiments.judgement import figures
+    from experiments.judgement.case import Asked, case, checks
+    from experiments.judgement.tables import tables
     from experiments.lift_figures import over_time, scenery, views
 
     asked = Asked(

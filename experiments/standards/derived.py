@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.controllers import Hold
 from cranedyn.interfaces import State
 from cranedyn.lifting import factors, wind
@@ -17,6 +16,9 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from experiments.oracles.reading import locked
 from experiments.relatives.catalogue import POINT
+
+if TYPE_CHECKING:
+    from cranedyn.compiled.batch import Batch
 
 AGREES = 1e-3
 """Relative. Largest parts: strain of the rope, 2e-4; instants 5 ms apart miss a maximum by (ω
@@ -72,6 +74,13 @@ def derived(gravity: float) -> list[Derived]:
     ]
 
 
+def _simulated(crane: Crane, controller: Hold, **how: Any) -> Batch:
+    """See `cranedyn.compiled.batch.simulate_batch`, which is there with the extra `compiled`."""
+    from cranedyn.compiled.batch import simulate_batch
+
+    return simulate_batch(crane, controller, **how)
+
+
 def _hoist(slope: float, mass: float = _LOAD) -> Crane:
     """A point load on a rope as stiff as a hoist of this slope β2 [s/m] is with a load of 1 t."""
     stiffness = _LOAD * (slope * _HEAVY) ** 2
@@ -88,7 +97,7 @@ def _hoist(slope: float, mass: float = _LOAD) -> Crane:
 
 def _drawn(crane: Crane, start: State, duration: float, force: np.ndarray | None = None) -> Batch:
     """A run with drives that keep the speed they have."""
-    return simulate_batch(
+    return _simulated(
         crane,
         locked(crane),
         start=[start],
@@ -176,7 +185,7 @@ def _braked(gravity: float) -> Iterator[Derived]:
             np.array([0.0, force, -_LOAD * gravity]),
         )
         period = 2.0 * math.pi / math.sqrt(gravity / _LENGTH * (1.0 + ratio))
-        run = simulate_batch(
+        run = _simulated(
             crane,
             held,
             start=[crane.start],
@@ -196,7 +205,7 @@ def _regulated(gravity: float) -> Iterator[Derived]:
     period = 2.0 * math.pi * math.sqrt(_LENGTH / gravity)
     step = period / 1200.0
     pushed = Hold(crane, zero, zero, _LEAN * gravity * crane.layout.along("x"))
-    run = simulate_batch(
+    run = _simulated(
         crane,
         pushed,
         start=[crane.start],
@@ -218,7 +227,7 @@ def _swings_on(crane: Crane, run: Batch) -> np.ndarray:
     q, v = run.q[0], run.v[0].copy()
     v[:, crane.layout.drives] = 0.0
     period = 2.0 * math.pi * math.sqrt(_LENGTH / crane.gravity)
-    return simulate_batch(
+    return _simulated(
         crane,
         locked(crane),
         start=State(q, v),
@@ -250,7 +259,7 @@ def _stopped(gravity: float) -> Iterator[Derived]:
     control = lasts / 800.0
     v = np.zeros(crane.layout.n)
     v[crane.layout.index("gamma")] = rate
-    batch = simulate_batch(
+    batch = _simulated(
         crane,
         Hold(crane, zero, zero, -braking * crane.layout.along("gamma")),
         start=[State(crane.start.q, v)],

@@ -12,6 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+pytest.importorskip("ompl", reason="extra planning (ompl) is not installed")
+
 from cranedyn.data.trajectory import read
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.lifting import wind

@@ -16,6 +16,7 @@ from tests.helpers import ROOT
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
     folder = tmp_path_factory.mktemp("factors") / "out"
     assert factors.main(["--out", str(folder)]) == 0
     return json.loads((folder / "result.json").read_text(encoding="utf-8"))
