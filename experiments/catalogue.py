@@ -149,8 +149,7 @@ EXPERIMENTS = {
     ),
     "lift": Entry(
         "A lift, planned",
-        "From a site with obstacles to a motion that provably touches nothing, and what is left of "
-        "that when the lift is not as planned.",
+        "From a site with obstacles to a motion that provably touches nothing.",
         (),
         ("--site", "cranedyn/planning/sites/open_yard.toml", "--lifts", "20"),
         {
@@ -160,10 +159,31 @@ EXPERIMENTS = {
     ),
     "lift_benchmark": Entry(
         "Lifts on random sites",
-        "Random sites planned and certified: success, time to plan, duration over the bound of a "
-        "grid.",
+        "Random sites: success, time to plan, duration over bounds.",
         ("--sites", "20"),
         ("--sites", "1"),
+    ),
+    "lift_report": Entry(
+        "A lift, judged",
+        "Go or no go: utilisation, clearances, factors, wind, robustness.",
+        (),
+        ("--lifts", "20", "--gusts", "1"),
+        {
+            "site": "Plan and elevations of the site with the way of the load.",
+            "clearance": "Clearance and swing over time.",
+            "loads": "Utilisation, load moment and the rope's angles over time.",
+            "chart": "Chart with the way of the load, and the jib's largest moments.",
+            "wind": "Utilisation, swing and clearance over the speed of a gust.",
+        },
+    ),
+    "factors": Entry(
+        "Factors of the standards",
+        "Factors of the standards, derived; what of them control needs.",
+        figures={
+            "factors": "ψ_h over the mass ratio and β2 of the hoisting classes: formula and "
+            "simulation.",
+            "needed": "What each strategy needs of the ψ_h that a standard allows for.",
+        },
     ),
     "demo": Entry(
         "Demo",

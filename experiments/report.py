@@ -54,7 +54,7 @@ def page(folders: Sequence[Path]) -> str:
     Raises:
         DataError: If a result cannot be read.
     """
-    results = [_read(folder) for folder in folders]
+    results = [read_result(folder) for folder in folders]
     sections = [
         _checked_section(folder, result) for folder, result in zip(folders, results, strict=True)
     ]
@@ -90,7 +90,7 @@ def _first(results: Sequence[dict[str, Any]]) -> str:
         '<div class="first"><div><h1>cranedyn: what it claims, and what was found</h1>'
         f'<p class="lead">{today.day} {today:%B %Y} · cranedyn {escape(__version__)}</p>'
         f'<p class="count {verdict}">{held} of {len(claims)}</p><p>{escape(words)}</p></div>'
-        f'<figure><img alt="The crane from the side" src="{_crane()}">'
+        f'<figure><img alt="The crane from the side" src="{crane_address()}">'
         "<figcaption>The crane of the experiments, from the side.</figcaption></figure></div>"
         '<div class="table"><table class="summary"><thead><tr><th>experiment</th><th>what it '
         "shows</th>"
@@ -107,7 +107,7 @@ def _of_total(claims: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _crane() -> str:
+def crane_address() -> str:
     """The crane as a picture in an address."""
     import io
 
@@ -133,7 +133,7 @@ def _entry(result: Mapping[str, Any]) -> Entry:
     return EXPERIMENTS.get(name) or Entry(name, str(result["about"]))
 
 
-def _read(folder: Path) -> dict[str, Any]:
+def read_result(folder: Path) -> dict[str, Any]:
     """The result in a folder.
 
     Raises:
@@ -203,12 +203,12 @@ def _check_set(folder: Path, files: Mapping[str, str]) -> None:
 def _section(folder: Path, result: dict[str, Any]) -> str:
     entry = _entry(result)
     claims = "".join(
-        f"<li>{_mark(c['holds'])}{escape(c['sentence'])}</li>" for c in result["claims"]
+        f"<li>{mark_html(c['holds'])}{escape(c['sentence'])}</li>" for c in result["claims"]
     )
     if strange := set(result["figures"]) - set(result["files"]):
         raise ValueError(f"its figures {sorted(strange)} are not among its files")
     figures = "".join(
-        f"<figure>{_figure(folder, _best(name, result['files']))}"
+        f"<figure>{figure_html(folder, best_figure(name, result['files']))}"
         f"<figcaption>{escape(entry.caption(Path(name).stem))}</figcaption></figure>"
         for name in result["figures"]
     )
@@ -219,7 +219,7 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
         f'<section id="{escape(result["experiment"])}"><h2>{escape(entry.title)}</h2>'
         f'<p class="lead">{escape(result["about"][:1].upper() + result["about"][1:])}</p><ul '
         f'class="claims">{claims}</ul>'
-        f"{''.join(map(_table, result['tables']))}{figures}"
+        f"{''.join(map(table_html, result['tables']))}{figures}"
         f"<p>Again: <code>{escape(result['command'])}</code></p>"
         "<details><summary>Parameters and "
         "versions</summary>"
@@ -228,12 +228,14 @@ def _section(folder: Path, result: dict[str, Any]) -> str:
     )
 
 
-def _mark(holds: bool | None) -> str:
+def mark_html(holds: bool | None) -> str:
+    """The sign of a claim, as HTML."""
     kind, sign = _MARKS[holds]
     return f'<span class="mark {kind}" title="{harness.MARKS[holds]}">{sign}</span>'
 
 
-def _table(table: dict[str, Any]) -> str:
+def table_html(table: dict[str, Any]) -> str:
+    """A table of a ``result.json``, as HTML."""
     made = harness.Table.of(table)
     kinds = ["" if form else ' class="text"' for _, form in made.columns]
     head = "".join(
@@ -253,13 +255,14 @@ def _table(table: dict[str, Any]) -> str:
     )
 
 
-def _best(name: str, files: Mapping[str, str]) -> str:
+def best_figure(name: str, files: Mapping[str, str]) -> str:
     """The figure as drawing where there is one."""
     drawing = f"{Path(name).stem}.svg"
     return drawing if drawing in files else name
 
 
-def _figure(folder: Path, name: str) -> str:
+def figure_html(folder: Path, name: str) -> str:
+    """A figure of a folder of results, as HTML that holds it."""
     if Path(name).name != name or Path(name).suffix not in _KINDS:
         raise ValueError(f"{name!r} is no figure in its folder")
     content = read_bytes(folder / name, _LARGEST_FIGURE)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import beta
@@ -146,21 +147,54 @@ def perturb(
         "direction_rad": rng.uniform(-math.pi, math.pi, count),
         "late_s": rng.choice(spread.late, count),
     }
-    nominal = controller_of(lift, dt=dt)
-    cranes = {level: _crane(lift.crane, level) for level in np.unique(drawn["load"]).tolist()}
     least, swing = np.empty(count), np.empty(count)
-    for some in _chunks(loads):
-        batch = _batch(
-            lift,
-            nominal,
-            {name: values[some] for name, values in drawn.items()},
-            cranes,
-            dt,
-            threads,
-        )
-        least[some] = _least(lift.clearance, certificate, batch)
-        swing[some] = batch.residual_swing
+    for made in made_otherwise(certificate, drawn, dt=dt, threads=threads):
+        least[made.rows], swing[made.rows] = made.least, made.batch.residual_swing
     return Perturbed(least, lift.clearance.site.distance, drawn, swing)
+
+
+class Otherwise(NamedTuple):
+    """Lifts of one load that were made at once, not as planned.
+
+    Attributes:
+        rows: Which of all they are, shape (k,).
+        crane: With their load.
+        batch: What became of them, a row each tenth of a second.
+        force: Of the wind on the points of the crane in these rows [N], shape (k, rows, 3 points).
+        least: How far at least anything that hangs stayed from anything [m], see `Perturbed`, shape
+            (k,).
+    """
+
+    rows: np.ndarray
+    crane: Crane
+    batch: Batch
+    force: np.ndarray
+    least: np.ndarray
+
+
+def made_otherwise(
+    certificate: Certificate,
+    drawn: dict[str, np.ndarray],
+    *,
+    dt: float = 1e-3,
+    threads: int | None = None,
+) -> Iterator[Otherwise]:
+    """Make a certified lift as often as numbers are drawn, some hundred at a time.
+
+    Args:
+        certificate: The lift.
+        drawn: In what each lift differs, by the names of `Perturbed.drawn`, shape (n,) each.
+        dt: Physics step [s].
+        threads: How many; by default one for each processor.
+    """
+    lift, nominal = certificate.lift, controller_of(certificate.lift, dt=dt)
+    cranes = {level: _crane(lift.crane, level) for level in np.unique(drawn["load"]).tolist()}
+    for some in _chunks(drawn["load"]):
+        own = {name: values[some] for name, values in drawn.items()}
+        batch = _batch(lift, nominal, own, cranes, dt, threads)
+        least = _least(lift.clearance, certificate, batch)
+        force = _forces(lift, own, batch.t)
+        yield Otherwise(some, cranes[float(own["load"][0])], batch, force, least)
 
 
 def _chunks(loads: np.ndarray, most: int = 400) -> Iterator[np.ndarray]:

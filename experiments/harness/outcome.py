@@ -18,6 +18,7 @@ from experiments.harness.terminal import blocks
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from cranedyn.lifting.loads import Loads
     from cranedyn.recording import Run
 
 MARKS = {True: "holds", False: "FAILS", None: "not judged"}
@@ -109,7 +110,7 @@ class Outcome:
         tables: In the order to print.
         claims: What it set out to show.
         parameters: What it was made with.
-        trajectories: Runs to keep, by file name without ending.
+        trajectories: Runs to keep, and loads of runs, by file name without ending.
         figures: Figures to keep, by file name without ending.
         recording: Runs to record for the viewer.
     """
@@ -117,7 +118,7 @@ class Outcome:
     tables: Sequence[Table]
     claims: Sequence[Claim]
     parameters: Mapping[str, object] = field(default_factory=dict)
-    trajectories: Mapping[str, Trajectory] = field(default_factory=dict)
+    trajectories: Mapping[str, Trajectory | Loads] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
     recording: Sequence[Run] = ()
 

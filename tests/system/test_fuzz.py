@@ -55,6 +55,8 @@ COUNTS = {
     "line description": 12,
     "line compare": 15,
     "line linear_vs_full": 20,
+    "line factors": 15,
+    "line lift_report": 10,
 }
 """How many cases of each kind are tried here; of calls and lines `_OTHERS`."""
 

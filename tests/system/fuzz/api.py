@@ -62,10 +62,12 @@ PUBLIC = {
     "theory": ("cranedyn.theory",),
     "trajectory": ("cranedyn.data.trajectory",),
     "wind": ("cranedyn.disturbances.wind",),
+    "lifting": tuple(f"cranedyn.lifting.{name}" for name in ("loads", "chart", "factors", "wind")),
     "sweep": ("cranedyn.sweep",),
     "recording": ("cranedyn.recording", "cranedyn.recording.snapshot"),
     "planning": tuple(
-        f"cranedyn.planning.{name}" for name in ("site_file", "lift", "certificate", "perturbed")
+        f"cranedyn.planning.{name}"
+        for name in ("site_file", "lift", "certificate", "perturbed", "wind_limit")
     ),
 }
 """What people import from, by the name of a generator."""
@@ -74,7 +76,7 @@ INTERNAL = tuple(
     f"cranedyn.{name}"
     for name in (
         "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown "
-        "data.tables dynamics errors interfaces"
+        "data.tables dynamics errors interfaces lifting lifting.wrench"
         " model.layout model.shown model.springs model.urdf"
         " planning.bim planning.bodies planning.clearance planning.curve planning.fields "
         "planning.grid planning.neighbour planning.proof"
@@ -97,6 +99,7 @@ WITHIN = (
     "force_of",
     "diverged",
     "late",
+    "made_otherwise",
     "unproven_time",
 )
 """What only our own code calls, of modules that people import from."""
@@ -112,6 +115,7 @@ HEAVY = {
     "plan_lift": 0.1,
     "certify": 0.1,
     "perturb": 0.1,
+    "wind_limit": 0.1,
 }
 """How often what takes its time is tried, beside the others."""
 
@@ -251,12 +255,35 @@ RIGHT: dict[str, str] = {
     "legs": "[Leg('out', x=12.0)]",
     "pieces": "[trajectory]",
     "runs": "[run]",
+    "share": "0.5",
+    "beta": "0.5",
+    "a": "0.1",
+    "hoisting": "'HC2'",
+    "radii": "np.array([10.0, 20.0])",
+    "rated": "np.array([2000.0, 1000.0])",
+    "used": "np.cos(t)",
+    "falls": "2",
+    "least": "2.0",
     "near": "0.05",
     "far": "0.1",
     "lasts": "2.0",
     "site": "site",
     "count": "1",
     "read_site.path": "SITE",
+    "read_chart.path": "CHARTS / 'laboratory.toml'",
+    "at.radius": "12.0",
+    "utilisation.loads": "carried",
+    "wind_limit.swing": "0.1",
+    "wind_limit.utilisation": "1.0",
+    "jib_moment.stations": "np.array([0.0, 5.0])",
+    "loads_of_rows.q": "trajectory.q",
+    "loads_of_rows.v": "trajectory.v",
+    "loads_of_rows.effort": "trajectory.effort",
+    "loads_of_rows.force": "trajectory.force",
+    **{f"{name}.drive": "'HD1'" for name in ("pick_up_speed", "phi_2", "phi_2_least")},
+    "pick_up_speed.creep": "0.1",
+    "buffer_stroke.deceleration": "2.5",
+    "out_of_service_speed.years": "50",
     "certify.clearance": "lift.clearance",
     "certify.controller": "controller_of(lift)",
     "perturb.spread": "Spread()",
@@ -269,6 +296,9 @@ RIGHT: dict[str, str] = {
     "Reference": "still",
     "Motion": "motion",
     "Lift": "lift",
+    "Chart": "chart",
+    "Base": "Base()",
+    "Loads": "carried",
     "Certificate": "certificate",
     "Limits": "limits",
     "Trajectory": "trajectory",
@@ -396,6 +426,8 @@ def namespace() -> dict[str, Any]:
         "limits": "Limits((0.1, 1.0, 1.0), (0.1, 0.5, 0.5))",
         "trajectory": "simulate(crane, law, duration=0.1)",
         "run": "Run('r', crane, trajectory)",
+        "carried": "loads(crane, trajectory)",
+        "chart": "read_chart(CHARTS / 'laboratory.toml')",
         "design": "grid(x=[1.0, 2.0])",
         "loop": "linear.sampled(crane, crane.state(l=10.0)).closed(feedback_gain(crane, (5e5, 3e5, "
         "3e4), (1e6, 5e4, 2e4)))",

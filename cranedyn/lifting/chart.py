@@ -1,0 +1,258 @@
+"""A crane's chart: what it may lift at which radius on how many falls, and how near a run comes.
+
+Between two points of a chart the rated load falls so that its moment is a straight line over the
+radius, as makers' charts do. That is never more than the straight line of the loads themselves
+where these fall, and never more than the load at the point before.
+"""
+
+from __future__ import annotations
+
+import itertools
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cranedyn.arguments import checked
+from cranedyn.arrays import finite
+from cranedyn.data.files import read_text
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number, whole, within
+from cranedyn.lifting.loads import Loads, loads
+from cranedyn.model.crane import STANDARD_GRAVITY, Crane
+
+CHARTS = Path(__file__).parent / "charts"
+"""Example charts: laboratory (of this project's crane), mct88 (points of a maker's sheet)."""
+
+WARNING, CUT_OUT = 0.9, 1.0
+"""Utilisations at which a load moment limiter warns, and at which it stops what makes it worse."""
+
+_MOST, _FARTHEST, _LOADS = 1000, 1e4, (1e-3, 1e9)
+"""Most points, farthest radius [m], least and largest load [kg] of a chart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Falls:
+    """Rated loads on one reeving.
+
+    Attributes:
+        count: How many falls of rope carry the hook.
+        radii: Of the points, increasing [m], shape (k,).
+        rated: What may hang there, the hook and all slings counted [kg], shape (k,).
+        least: Smallest radius at which the load of the first point may hang [m].
+
+    Raises:
+        OutOfRange: If radii do not increase, loads rise with radius, or a number is none of a
+            chart.
+    """
+
+    count: int
+    radii: np.ndarray
+    rated: np.ndarray
+    least: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check that it is a chart."""
+        whole("number of falls", self.count, 1)
+        radii = finite("radii", self.radii, ("k",), unit="m")
+        rated = finite("loads", self.rated, (len(radii),), unit="kg")
+        object.__setattr__(self, "radii", radii)
+        object.__setattr__(self, "rated", rated)
+        if not 1 <= len(radii) <= _MOST:
+            raise OutOfRange("number of points of a chart", len(radii), f"1 to {_MOST}")
+        number("smallest radius", self.least, "m", f"0 to {radii[0]:g}")
+        for one, other in itertools.pairwise(radii.tolist()):
+            if not other > one:
+                raise OutOfRange(
+                    "radius of a point", f"{other:g} m after {one:g} m", "more than the one before"
+                )
+        for radius, load in zip(radii, rated, strict=True):
+            within("radius of a point", float(radius), 0.0, _FARTHEST, "m")
+            within(f"load at {radius:g} m", float(load), *_LOADS, "kg")
+        for i in np.flatnonzero(np.diff(rated) > 0.0).tolist():
+            raise OutOfRange(
+                f"load at {radii[i + 1]:g} m",
+                f"{rated[i + 1]:g} kg after {rated[i]:g} kg at {radii[i]:g} m",
+                "no more than at a smaller radius",
+            )
+
+    @checked
+    def at(self, radius: np.ndarray | float) -> np.ndarray:
+        """What may hang at some radii [kg], of their shape.
+
+        Raises:
+            OutOfRange: If a radius is not among those of the chart.
+        """
+        radius = np.asarray(radius, dtype=float)
+        outside = ~((radius >= self.least) & (radius <= self.radii[-1]))
+        if outside.any():
+            raise OutOfRange(
+                f"radius on {self.count} falls",
+                f"{radius[outside].flat[0]:.6g}",
+                f"{self.least:g} to {self.radii[-1]:g}, where the chart is",
+                "m",
+            )
+        moment = np.interp(radius, self.radii, self.radii * self.rated)
+        before = self.rated[np.maximum(np.searchsorted(self.radii, radius, "right") - 1, 0)]
+        first = radius <= self.radii[0]
+        return np.where(
+            first, self.rated[0], np.minimum(moment / np.where(first, 1.0, radius), before)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """A crane's rated loads.
+
+    Attributes:
+        name: Of what crane and jib.
+        source: Where its numbers are from.
+        reevings: By how many falls carry the hook, the fewest first.
+    """
+
+    name: str
+    source: str
+    reevings: tuple[Falls, ...]
+
+    def on(self, falls: int | None = None) -> Falls:
+        """Rated loads on so many falls; None for the fewest.
+
+        Raises:
+            UnknownName: If the chart does not know so many.
+        """
+        for one in self.reevings:
+            if falls is None or one.count == falls:
+                return one
+        known = [str(one.count) for one in self.reevings]
+        raise UnknownName("number of falls", str(falls), known)
+
+
+class CutOut(NamedTuple):
+    """A stretch in which a limiter would act.
+
+    Attributes:
+        t: When it begins [s].
+        ends: When it ends, or the run [s].
+        kind: "warning" or "cut-out".
+        most: Largest utilisation meanwhile.
+    """
+
+    t: float
+    ends: float
+    kind: str
+    most: float
+
+
+@checked
+def utilisation(
+    loads: Loads, chart: Chart, falls: int | None = None, *, gravity: float = STANDARD_GRAVITY
+) -> np.ndarray:
+    """How much of the rated load moment a run takes at each row, shape (rows,): what hangs pulls
+    by, with all that dynamics adds, over the weight that may hang at that radius.
+
+    Args:
+        loads: Of the run; of a tower crane.
+        chart: Of the crane.
+        falls: How many carry the hook; None for the fewest of the chart.
+        gravity: For which the chart is made [m/s²].
+
+    Raises:
+        UnknownName: If the chart does not know so many falls.
+        OutOfRange: If the trolley leaves the radii of the chart.
+        UnknownColumn: If the loads are not those of a tower crane.
+    """
+    number("gravity", gravity, "m/s²", "> 0")
+    return loads["pull_N"] / (gravity * chart.on(falls).at(loads["radius_m"]))
+
+
+@checked
+def cut_outs(t: np.ndarray, used: np.ndarray) -> list[CutOut]:
+    """Where a load moment limiter would act, in the order of time: a warning from 90 %, a cut-out
+    from 100 % on.
+
+    Args:
+        t: Times [s], shape (rows,).
+        used: Utilisation, shape (rows,).
+
+    Raises:
+        OutOfRange: If an array has another shape, or a number is not finite.
+    """
+    t = finite("t", t, ("rows",), unit="s")
+    used = finite("utilisation", used, t.shape)
+    found = []
+    for kind, limit in (("warning", WARNING), ("cut-out", CUT_OUT)):
+        edges = np.diff(np.concatenate([[False], used >= limit, [False]]).astype(int))
+        begins, ended = (np.flatnonzero(side).tolist() for side in (edges > 0, edges < 0))
+        for first, end in zip(begins, ended, strict=True):
+            ends = float(t[min(end, len(t) - 1)])
+            found.append(CutOut(float(t[first]), ends, kind, float(used[first:end].max())))
+    return sorted(found)
+
+
+@checked
+def judged(
+    crane: Crane, run: Trajectory, chart: Chart, falls: int | None = None
+) -> tuple[np.ndarray, list[CutOut]]:
+    """Utilisation of a run and where a limiter would act, see `utilisation` and `cut_outs`."""
+    used = utilisation(loads(crane, run), chart, falls, gravity=crane.gravity)
+    return used, cut_outs(run.t, used)
+
+
+@checked
+def read_chart(path: str | Path) -> Chart:
+    """A chart from a TOML file: `name`, `source`, and a table `[[falls]]` for each reeving with
+    `count`, `radii` [m], `loads` [kg] and, as an option, `least` [m].
+
+    Raises:
+        DataError: If it cannot be read, is no TOML, or something in it is missing, unknown, or no
+            number that it could be: in which table and field.
+    """
+    text = read_text(path)
+    try:
+        found = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
+        raise DataError(f"{path} is not TOML: {error}.") from error
+    _known(path, "chart", found, ("name", "source", "falls"), ())
+    tables = found["falls"]
+    if not isinstance(tables, list) or not 1 <= len(tables) <= _MOST:
+        raise DataError(f"{path}, falls: write each reeving as [[falls]].")
+    reevings = [_falls(path, f"[[falls]] {i}", one) for i, one in enumerate(tables, start=1)]
+    reevings.sort(key=lambda one: one.count)
+    if len({one.count for one in reevings}) < len(reevings):
+        raise DataError(f"{path}, falls: two tables have the same count.")
+    for name in ("name", "source"):
+        if not isinstance(found[name], str) or not found[name].isprintable():
+            raise DataError(f"{path}, {name}: allowed is a text of one line.")
+    return Chart(found["name"], found["source"], tuple(reevings))
+
+
+def _falls(path: str | Path, where: str, table: Any) -> Falls:
+    _known(path, where, table, ("count", "radii", "loads"), ("least",))
+    try:
+        radii, rated = (_numbers(name, table[name]) for name in ("radii", "loads"))
+        least = number("smallest radius", table.get("least", 0.0), "m")
+        return Falls(whole("number of falls", table["count"], 1), radii, rated, least)
+    except CraneError as error:
+        raise DataError(f"{path}, {where}: {error}") from None
+
+
+def _numbers(name: str, given: Any) -> np.ndarray:
+    if not isinstance(given, list) or any(isinstance(one, bool) for one in given):
+        raise OutOfRange(name, type(given).__name__, "a list of numbers")
+    return np.array([number(f"a number of {name}", one) for one in given])
+
+
+def _known(
+    path: str | Path, where: str, table: Any, needed: tuple[str, ...], allowed: tuple[str, ...]
+) -> None:
+    if not isinstance(table, Mapping):
+        raise DataError(f"{path}, {where}: it must be a table.")
+    for name in needed:
+        if name not in table:
+            raise DataError(f"{path}, {where}: {name} is missing.")
+    for name in table:
+        if name not in (*needed, *allowed):
+            raise DataError(f"{path}, {where}: {UnknownName('field', name, (*needed, *allowed))}")

@@ -1,0 +1,197 @@
+"""Dynamic factors of the standards, as functions.
+
+None of the standards was before us: what is said of EN 1991-3, EN 13001, FEM 1.001 and the
+Australian ones is read second hand, in texts that quote them. Which of them are mechanics, and
+exact, `python -m experiments.factors` derives by simulation.
+"""
+
+from __future__ import annotations
+
+import math
+from types import MappingProxyType
+from typing import Literal, NamedTuple
+
+from cranedyn.arguments import check_word, checked
+from cranedyn.errors import number, within
+from cranedyn.model.crane import STANDARD_GRAVITY
+
+HoistingClass = Literal["HC1", "HC2", "HC3", "HC4"]
+"""How hard a crane picks its loads up, from soft to hard."""
+
+DriveClass = Literal["HD1", "HD2", "HD3", "HD4", "HD5"]
+"""How its hoist drive picks up: HD1 without creep speed, HD2 with a creep speed that the driver
+chooses, HD3 with one that is enforced, HD4 stepless by the driver, HD5 stepless by itself. EN
+13001-2 (second hand)."""
+
+
+class Hoisting(NamedTuple):
+    """Numbers of a hoisting class.
+
+    Attributes:
+        slope: β2, of the factor over the hoisting speed [s/m].
+        least: φ2,min.
+    """
+
+    slope: float
+    least: float
+
+
+HOISTING = MappingProxyType(
+    {
+        "HC1": Hoisting(0.17, 1.05),
+        "HC2": Hoisting(0.34, 1.10),
+        "HC3": Hoisting(0.51, 1.15),
+        "HC4": Hoisting(0.68, 1.20),
+    }
+)
+"""EN 1991-3, Table 2.5 (second hand)."""
+
+SLOW_RELEASE, RAPID_RELEASE = 0.5, 1.0
+"""β3 of grabs, and of magnets: EN 1991-3, Table 2.4 (second hand)."""
+
+BUFFER_SHARE, BUFFER_MOST, BUFFER_FREQUENT = 0.7, 5.0, 2.5
+"""Share of its speed at which a crane meets its buffers, and largest deceleration there [m/s²],
+rarely and often: FEM 1.001 (second hand)."""
+
+
+@checked
+def phi_1(a: float = 0.1) -> tuple[float, float]:
+    """Least and largest φ1, on the crane's own weight when a load leaves the ground: 1 ± a.
+
+    EN 1991-3, Table 2.4: 0 ≤ a ≤ 0.1 (second hand).
+    """
+    a = within("a", a, 0.0, 0.1)
+    return 1.0 - a, 1.0 + a
+
+
+@checked
+def phi_2_least(hoisting: HoistingClass, drive: DriveClass = "HD1") -> float:
+    """φ2,min: EN 1991-3, Table 2.5; 1.05 for HD3 and HD5 by AS 5221.1:2021 (both second hand)."""
+    check_word("hoisting", hoisting, HoistingClass)
+    check_word("drive", drive, DriveClass)
+    return 1.05 if drive in ("HD3", "HD5") else HOISTING[hoisting].least
+
+
+@checked
+def phi_2(hoisting: HoistingClass, speed: float, drive: DriveClass = "HD1") -> float:
+    """φ2 = φ2,min + β2 v_h, on a load that is picked up from the ground at a speed [m/s].
+
+    EN 1991-3, Table 2.4 (second hand). β2 is the frequency of an elastic hoist, see
+    `hoist_frequency`.
+    """
+    least = phi_2_least(hoisting, drive)
+    return least + HOISTING[hoisting].slope * number("hoisting speed", speed, "m/s", ">= 0")
+
+
+@checked
+def pick_up_speed(drive: DriveClass, largest: float, creep: float) -> float:
+    """v_h, at which a drive picks a load up [m/s]: HD1 the largest, HD2 and HD3 creep, HD4 half of
+    the largest, HD5 none.
+
+    AS 5221.1:2021 (second hand).
+
+    Args:
+        drive: Its class.
+        largest: Largest steady hoisting speed [m/s].
+        creep: Creep speed, at most the largest [m/s].
+    """
+    check_word("drive", drive, DriveClass)
+    largest = number("largest hoisting speed", largest, "m/s", ">= 0")
+    creep = within("creep speed", creep, 0.0, largest, "m/s")
+    return {"HD1": largest, "HD4": largest / 2.0, "HD5": 0.0}.get(drive, creep)
+
+
+@checked
+def hoist_frequency(slope: float, gravity: float = STANDARD_GRAVITY) -> float:
+    """Frequency [Hz] of the elastic hoist whose pick-up has a slope β2 [s/m]: β2 g/(2π).
+
+    A load picked up at v by a hoist of frequency ω pulls 1 + v ω/g times its weight
+    (`cranedyn.theory.pickup_factor`), so β2 = ω/g.
+    """
+    return (
+        number("slope", slope, "s/m", ">= 0")
+        * number("gravity", gravity, "m/s²", "> 0")
+        / (2.0 * math.pi)
+    )
+
+
+@checked
+def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
+    """φ3 = 1 - (Δm/m)(1 + β3), on a load of which a part is let go; negative where it jumps up.
+
+    EN 1991-3, Table 2.4 (second hand). With β3 = 1 it is exactly the least tension of an undamped
+    elastic hoist over the weight before.
+
+    Args:
+        share: Δm/m, of the load that was lifted.
+        beta: β3, see `SLOW_RELEASE`, `RAPID_RELEASE`.
+    """
+    return 1.0 - within("share", share, 0.0, 1.0) * (1.0 + within("beta", beta, 0.0, 1.0))
+
+
+@checked
+def release_beta(periods: float) -> float:
+    """β3 of a part of the load that is let go evenly over so many periods of the bounce:
+    |sin(πn)|/(πn); half at 0.6034.
+
+    Closed form: an oscillator under a force that falls along a straight line.
+    """
+    n = number("periods", periods, "", ">= 0")
+    return abs(math.sin(math.pi * n)) / (math.pi * n) if n > 0.0 else 1.0
+
+
+@checked
+def phi_6(phi_2: float) -> float:
+    """Factor of the dynamic test load: ½ (1 + φ2). EN 1991-3, 2.10 (second hand)."""
+    return 0.5 * (1.0 + number("phi_2", phi_2, "", ">= 0"))
+
+
+@checked
+def psi_h(mass_ratio: float) -> float:
+    """ψ_h: horizontal pull of a load that hangs from a carriage braked by a constant force, over
+    its mass times the mean deceleration: √(2 + μ + 1/μ) for μ > 1, else 2.
+
+    FEM 1.001, A.2.2.3 (second hand). It is the worst case over all durations of braking to
+    standstill, exactly: at cos ωT = -1/μ.
+
+    Args:
+        mass_ratio: μ, load over carriage, with all that moves with the latter.
+    """
+    mu = number("mass_ratio", mass_ratio, "", "> 0")
+    return math.sqrt(2.0 + mu + 1.0 / mu) if mu > 1.0 else 2.0
+
+
+@checked
+def psi_h_regulated(periods: float) -> float:
+    """ψ_h of a drive that keeps its acceleration whatever the load does: 2 sin βπ for β ≤ ½, else
+    2.
+
+    FEM 1.001, A.2.2.3 (second hand). It is exact for the small swing that a constant acceleration
+    leaves.
+
+    Args:
+        periods: β, duration of the acceleration over the period of the pendulum.
+    """
+    beta = number("periods", periods, "", ">= 0")
+    return 2.0 * math.sin(math.pi * beta) if beta < 0.5 else 2.0
+
+
+@checked
+def stopping(speed: float, deceleration: float) -> tuple[float, float]:
+    """Way and time in which a drive stops: v²/(2a), v/a; of a slew [rad], [s], else [m], [s].
+
+    Args:
+        speed: [rad/s] or [m/s].
+        deceleration: [rad/s²] or [m/s²].
+    """
+    v, a = number("speed", speed, "/s"), number("deceleration", deceleration, "/s²", "> 0")
+    return v * v / (2.0 * a), abs(v) / a
+
+
+@checked
+def buffer_stroke(speed: float, deceleration: float = BUFFER_MOST) -> float:
+    """Way that a buffer needs for a crane of a speed [m/s], at 0.7 of it and a constant
+    deceleration [m/s²]: (0.7 v)²/(2a) [m]. FEM 1.001 (second hand).
+    """
+    most = within("deceleration", deceleration, 1e-3, BUFFER_MOST, "m/s²")
+    return (BUFFER_SHARE * number("speed", speed, "m/s")) ** 2 / (2.0 * most)

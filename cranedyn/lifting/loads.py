@@ -1,0 +1,356 @@
+"""What a crane carries during a run: rope, load moment at the slewing ring and along the jib, the
+tower's foot and its corners, and how far the rope is from plumb, slack and its hoist's strength.
+
+All of it follows from coordinates, rates and efforts of the recorded rows: these and gravity cause
+accelerations, and with them Newton and Euler give what passes through each cut
+(`cranedyn.lifting.wrench`). Weights that the model does not know are left out of what they would
+add: that of a mast that is fixed (`Base.weight` adds it), and where the jib's own mass lies.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cranedyn.arguments import checked
+from cranedyn.arrays import finite
+from cranedyn.data.files import written
+from cranedyn.data.shown import Shown
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.drives import cable_buffers
+from cranedyn.dynamics.joint_forces import rope_tension
+from cranedyn.dynamics.validity import hoisting
+from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownColumn, number
+from cranedyn.lifting.wrench import Moving, Wrench
+from cranedyn.model.crane import Crane
+
+if TYPE_CHECKING:
+    import pyarrow
+    from matplotlib.figure import Figure
+
+_UP = np.array([0.0, 0.0, 1.0])
+_SHOWN = ("load_moment_Nm", "rope_N", "off_lead_rad", "side_lead_rad")
+_BELOW = 1e-9
+"""Horizontal part of an axis below which it points nowhere in the plan."""
+
+
+@checked
+@dataclass(frozen=True)
+class Base:
+    """A square base on which a tower stands by four corners, its sides along the world's X and Y.
+
+    Attributes:
+        spacing: Between neighbouring corners [m].
+        mass: Of base, ballast and mast, whatever the crane's model does not weigh [kg], above the
+            middle.
+
+    Raises:
+        OutOfRange: If the spacing is not positive, or the mass negative.
+    """
+
+    spacing: float = 4.5
+    mass: float = 60.0e3
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        number("spacing of the corners", self.spacing, "m", "> 0")
+        number("mass of the base", self.mass, "kg", ">= 0")
+
+    def corners(self, foot: Wrench, gravity: float) -> np.ndarray:
+        """How hard each corner presses on the ground [N], shape (rows, 4), at (+, +), (-, +),
+        (-, -), (+, -); negative where it would lift.
+
+        A stiff base on four equal supports presses by F = V/4 + (M_y x - M_x y)/b² at x, y = ±b/2.
+        """
+        vertical = -foot.force[:, 2] + self.mass * gravity
+        half = self.spacing / 2.0
+        at = [(half, half), (-half, half), (-half, -half), (half, -half)]
+        m_x, m_y = foot.moment[:, 0], foot.moment[:, 1]
+        share = [(m_y * x - m_x * y) / self.spacing**2 for x, y in at]
+        return np.stack([vertical / 4.0 + one for one in share], axis=1)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Loads(Shown):
+    """Loads of a run, a row for each of its own.
+
+    Attributes:
+        t: Time [s], shape (rows,).
+        values: Columns by name, with their units, shape (rows,) each; see `loads`.
+        parameters: What they were computed with.
+        record: Of the run they are of, see `cranedyn.data.trajectory.Trajectory`.
+    """
+
+    t: np.ndarray
+    values: Mapping[str, np.ndarray]
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
+    record: Mapping[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.t)
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        """A column by its name, shape (rows,).
+
+        Raises:
+            UnknownColumn: If there is no such column, which is also a KeyError.
+        """
+        if column == "t_s":
+            return self.t
+        if column not in self.values:
+            raise UnknownColumn("column", column, ["t_s", *self.values])
+        return self.values[column]
+
+    def keys(self) -> list[str]:
+        """Names of the columns."""
+        return ["t_s", *self.values]
+
+    def table(self) -> pyarrow.Table:
+        """All columns as an Arrow table, the parameters and the run's record in its metadata."""
+        import pyarrow
+
+        return pyarrow.table(
+            {name: np.ascontiguousarray(self[name]) for name in self.keys()},
+            metadata={
+                "cranedyn": json.dumps(dict(self.parameters)),
+                "cranedyn.record": json.dumps(dict(self.record)),
+            },
+        )
+
+    def plot(self, *columns: str) -> Figure:
+        """Columns over time, or without names the load moment, the rope and where it leads.
+
+        Raises:
+            UnknownColumn: If there is no column of a name.
+        """
+        shown = [name for name in _SHOWN if name in self.values]
+        return super().plot(*(columns or shown or list(self.values)[:3]))
+
+    def view(self, crane: Any = None, *, name: str = "run", file: str | Path | None = None) -> Path:
+        """There is nothing of them in three dimensions.
+
+        Raises:
+            CraneError: Always.
+        """
+        raise CraneError("Loads have no picture in three dimensions; view the run they are of.")
+
+    def _main(self) -> Iterator[tuple[str, np.ndarray]]:
+        yield from self.values.items()
+
+    @checked
+    def write(self, path: str | Path) -> Path:
+        """Write to a ``.csv`` or ``.parquet`` file, every number to the bit.
+
+        Raises:
+            DataError: If the ending is another or the file cannot be written.
+        """
+        import pyarrow.csv
+        import pyarrow.parquet
+
+        path = Path(path)
+        writer = {".csv": pyarrow.csv.write_csv, ".parquet": pyarrow.parquet.write_table}.get(
+            path.suffix
+        )
+        if writer is None:
+            raise DataError(f"Cannot write {path}: the ending must be .csv or .parquet.")
+        with written(path) as draft, draft.open("wb") as file:
+            writer(self.table(), file)
+        return path
+
+
+@checked
+def loads(crane: Crane, run: Trajectory, *, base: Base = Base()) -> Loads:
+    """The loads of a recorded run.
+
+    Columns, as far as the crane has the joints for them. Hoist: `rope_N` (tension), `pull_N` (what
+    hangs pulls down), `slack_margin` (tension over the weight that hangs; slack at 0),
+    `snag_margin` (share of the hoist's largest force that is left, should the load snag). Hoist and
+    trolley: `off_lead_rad` (rope from plumb in the plane of the jib, outwards positive),
+    `side_lead_rad` (across it), `side_force_percent` (what the rope pulls the jib aside by, of the
+    weight that hangs). Slew besides: `radius_m`, `load_moment_Nm` (pull times radius: what a load
+    moment indicator shows), `ring_vertical_N`, `ring_tilting_Nm` (in the plane of the jib, jib down
+    positive), `ring_lateral_Nm`, `ring_torsion_Nm` (about the slew axis). Always `foot_vertical_N`,
+    `foot_x_Nm`, `foot_y_Nm`, `overturning_Nm`, `torsion_Nm` about the world's origin, the base
+    counted, and `corner_1_N` to `corner_4_N`, see `Base`.
+
+    Args:
+        crane: The crane that moved.
+        run: What it did.
+        base: On what it stands.
+
+    Raises:
+        OutOfRange: If the run is of another crane.
+    """
+    if run.columns["q"] != crane.layout.columns()["q"]:
+        raise OutOfRange(
+            "run", f"of joints {', '.join(run.symbols)}", f"of {', '.join(crane.layout.symbols)}"
+        )
+    buffers = run.parameters.get("validity") == "buffers"
+    found = loads_of_rows(crane, run.q, run.v, run.effort, run.force, base=base, buffers=buffers)
+    with_base: dict[str, float | str] = {
+        "base_spacing_m": base.spacing,
+        "base_mass_kg": base.mass,
+    }
+    return Loads(run.t, found, with_base, run.record)
+
+
+@checked
+def loads_of_rows(
+    crane: Crane,
+    q: np.ndarray,
+    v: np.ndarray,
+    effort: np.ndarray,
+    force: np.ndarray | None = None,
+    *,
+    base: Base = Base(),
+    buffers: bool = False,
+) -> dict[str, np.ndarray]:
+    """The columns of `loads` for any rows of states, such as those of a batch.
+
+    Args:
+        crane: The crane, with n joints and m drives.
+        q: Coordinates [rad or m], shape (..., n).
+        v: Their rates, shape (..., n).
+        effort: Of the drives [N m or N], shape (..., m).
+        force: From outside on the points of the crane in the world [N], shape (..., 3 points).
+        base: On what it stands.
+        buffers: Whether buffers end the ranges of the drives.
+
+    Returns:
+        Columns by name, shape (...) each.
+
+    Raises:
+        OutOfRange: If an array has another shape, or a number is not finite.
+    """
+    shape = np.shape(q)[:-1]
+    q, v, effort = (_flat(name, one) for name, one in (("q", q), ("v", v), ("effort", effort)))
+    outside = None if force is None else _flat("force", force)
+    moving = Moving.of(crane, q, v, effort, outside, buffers=buffers)
+    layout = crane.layout
+    found: dict[str, np.ndarray] = {}
+    if layout.has("hoist"):
+        found |= _of_rope(crane, moving, effort, buffers)
+    if layout.has("slew", "trolley", "hoist"):
+        found |= _of_ring(crane, moving, found["pull_N"])
+    foot = moving.through(None)
+    found |= {
+        "foot_vertical_N": -foot.force[:, 2] + base.mass * crane.gravity,
+        "foot_x_Nm": foot.moment[:, 0],
+        "foot_y_Nm": foot.moment[:, 1],
+        "overturning_Nm": np.hypot(foot.moment[:, 0], foot.moment[:, 1]),
+        "torsion_Nm": foot.moment[:, 2],
+    }
+    corners = base.corners(foot, crane.gravity).T
+    found |= {f"corner_{i}_N": one for i, one in enumerate(corners, start=1)}
+    return {name: one.reshape(shape) for name, one in found.items()}
+
+
+@checked
+def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarray:
+    """Bending moment of the jib in its own plane by trolley and load, jib down positive [N m].
+
+    The jib's own weight is not in it: the model does not say where along the jib that lies. Behind
+    the trolley it is nothing.
+
+    Args:
+        crane: The crane that moved; it must have a trolley.
+        run: What it did.
+        stations: Distances from the slew axis [m], shape (k,).
+
+    Returns:
+        Shape (rows, k).
+
+    Raises:
+        MissingRole: If no joint is a trolley.
+        OutOfRange: If a station is not finite.
+    """
+    stations = finite("stations", stations, ("k",), unit="m")
+    trolley = crane.layout.role("trolley", "The moment along the jib")
+    buffers = run.parameters.get("validity") == "buffers"
+    moving = Moving.of(crane, run.q, run.v, run.effort, run.force, buffers=buffers)
+    _, aside = _plan(moving, trolley)
+    root = moving.through(trolley)
+    tilting, down = _along(root.moment, aside), -root.force[:, 2]
+    reached = run.q[:, trolley, None] >= stations
+    return np.where(reached, tilting[:, None] - down[:, None] * stations, 0.0)
+
+
+@checked
+def hanging_mass(crane: Crane) -> float:
+    """What hangs on the rope [kg].
+
+    Raises:
+        MissingRole: If no joint is a hoist.
+    """
+    hoist = crane.layout.role("hoist", "The mass that hangs")
+    below, parents = {hoist}, [parent - 1 for parent in crane.model.parents[1:]]
+    for i, parent in enumerate(parents):
+        if parent in below:
+            below.add(i)
+    return float(sum(crane.model.inertias[i + 1].mass for i in below))
+
+
+def _of_rope(
+    crane: Crane, moving: Moving, effort: np.ndarray, buffers: bool
+) -> dict[str, np.ndarray]:
+    layout, weight = crane.layout, hanging_mass(crane) * crane.gravity
+    joint = layout.role("hoist", "The rope")
+    pull = moving.through(joint).force
+    hoist = hoisting(crane, effort)
+    hoist = hoist + (cable_buffers(crane, moving.q, moving.v) if buffers else 0.0)
+    tension = np.broadcast_to(
+        rope_tension(layout, crane.damping, crane.springs, moving.q.T, moving.v.T, hoist),
+        len(hoist),
+    )
+    found = {"rope_N": tension, "pull_N": -pull[:, 2], "slack_margin": tension / weight}
+    if (drive := layout.drive_of("hoist")) is not None:
+        found["snag_margin"] = 1.0 - tension / crane.effort_limit[drive]
+    if layout.has("trolley"):
+        out, aside = _plan(moving, layout.role("trolley", "The plane of the jib"))
+        rope = moving.axis(joint)
+        found["off_lead_rad"] = np.arctan2(_along(rope, out), -rope[:, 2])
+        found["side_lead_rad"] = np.arctan2(_along(rope, aside), -rope[:, 2])
+        found["side_force_percent"] = 100.0 * _along(pull, aside) / weight
+    return found
+
+
+def _of_ring(crane: Crane, moving: Moving, pull: np.ndarray) -> dict[str, np.ndarray]:
+    slew, trolley = (crane.layout.role(one, "The slewing ring") for one in ("slew", "trolley"))
+    out, aside = _plan(moving, trolley)
+    ring = moving.through(slew)
+    radius = _along(moving.origin(trolley) - ring.point, out)
+    return {
+        "radius_m": radius,
+        "load_moment_Nm": pull * radius,
+        "ring_vertical_N": -ring.force[:, 2],
+        "ring_tilting_Nm": _along(ring.moment, aside),
+        "ring_lateral_Nm": _along(ring.moment, out),
+        "ring_torsion_Nm": ring.moment[:, 2],
+    }
+
+
+def _plan(moving: Moving, trolley: int) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors along the jib and aside from it, a quarter turn on in the sense of positive
+    slew, both level, shape (rows, 3).
+    """
+    out = moving.axis(trolley) * np.array([1.0, 1.0, 0.0])
+    size = np.linalg.norm(out, axis=1)
+    if not (size > _BELOW).all():
+        raise OutOfRange("horizontal part of the trolley's axis", float(size.min()), "> 0")
+    out = out / size[:, None]
+    return out, np.cross(_UP, out)
+
+
+def _along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    return np.einsum("ij,ij->i", vector, direction)
+
+
+def _flat(name: str, table: np.ndarray) -> np.ndarray:
+    wide = np.shape(table)[-1] if np.ndim(table) else 0
+    return finite(name, np.reshape(table, (-1, wide)), ("rows", wide))

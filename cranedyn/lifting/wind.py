@@ -1,0 +1,93 @@
+"""Wind on cranes and loads as the standards have it: pressures, classes, heights, recurrence; and
+how a load hangs in it.
+
+The standards are read second hand; see `cranedyn.lifting.factors`.
+"""
+
+from __future__ import annotations
+
+import math
+from types import MappingProxyType
+
+from cranedyn.arguments import checked
+from cranedyn.errors import OutOfRange, number
+
+PRESSURE = 0.625
+"""q/v² [kg/m³]: half of an air density of 1.25 kg/m³. AS 5222:2021, a modified ISO 4302 (second
+hand)."""
+
+IN_SERVICE = MappingProxyType({"light": 14.0, "normal": 20.0, "heavy": 28.5})
+"""Wind speeds in service [m/s]: of cranes easily protected and used in light winds only, of all
+normal ones, and of those that must go on in high winds. AS 5222:2021 (second hand)."""
+
+RECURRENCE = MappingProxyType({5: 0.815, 10: 0.873, 20: 0.946, 50: 1.0})
+"""f_rec, by years of recurrence. AS 5222:2021 (second hand)."""
+
+OPERATING = MappingProxyType(
+    {
+        "a maker's manual": 20.0,
+        "UK trade guidance": 16.5,
+        "a Chinese code of work": 12.0,
+    }
+)
+"""Wind speeds at which work ends [m/s], as in use (second hand)."""
+
+
+@checked
+def wind_pressure(speed: float) -> float:
+    """Pressure [Pa] of a wind speed [m/s]: 0.625 v². AS 5222:2021 (second hand)."""
+    return PRESSURE * number("wind speed", speed, "m/s") ** 2
+
+
+@checked
+def speed_of_pressure(pressure: float) -> float:
+    """Wind speed [m/s] of a pressure [Pa]: √(q/0.625)."""
+    return math.sqrt(number("pressure", pressure, "Pa", ">= 0") / PRESSURE)
+
+
+@checked
+def height_factor(height: float) -> float:
+    """How much faster wind out of service is at a height [m] than the reference at 10 m:
+    (z/10)^0.14 + 0.4. AS 5222:2021 (second hand).
+    """
+    return float((number("height", height, "m", "> 0") / 10.0) ** 0.14 + 0.4)
+
+
+@checked
+def out_of_service_speed(height: float, reference: float, years: int = 50) -> float:
+    """Wind speed out of service [m/s]: f_rec [(z/10)^0.14 + 0.4] v_ref. AS 5222:2021 (second hand).
+
+    Args:
+        height: z above ground [m].
+        reference: v_ref of the storm, mean of ten minutes at 10 m with a recurrence of 50 years
+            [m/s].
+        years: Of recurrence: 5, 10, 20 or 50.
+    """
+    if years not in RECURRENCE:
+        raise OutOfRange("years of recurrence", years, ", ".join(map(str, RECURRENCE)))
+    return RECURRENCE[years] * height_factor(height) * number("reference", reference, "m/s", ">= 0")
+
+
+@checked
+def wind_force(pressure: float, drag_area: float) -> float:
+    """Force of a wind pressure [Pa] on a coefficient of drag times an area [m²]: q c A [N]. AS
+    5222:2021 (second hand).
+    """
+    return number("pressure", pressure, "Pa", ">= 0") * number("drag_area", drag_area, "m²", ">= 0")
+
+
+@checked
+def wind_lean(force: float, mass: float, gravity: float) -> float:
+    """Angle [rad] at which a load of a mass [kg] hangs in a steady horizontal force [N]: atan(F/(m
+    g)).
+    """
+    weight = number("mass", mass, "kg", "> 0") * number("gravity", gravity, "m/s²", "> 0")
+    return math.atan(number("force", force, "N") / weight)
+
+
+@checked
+def gust_lean(force: float, mass: float, gravity: float) -> float:
+    """Largest angle [rad] of a load that hung plumb when a steady horizontal force [N] came at
+    once: 2 atan(F/(m g)), exactly, since it swings about its new rest.
+    """
+    return 2.0 * wind_lean(force, mass, gravity)

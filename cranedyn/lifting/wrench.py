@@ -1,0 +1,188 @@
+"""Force and moment that pass through a cut anywhere in a crane, of many states at once.
+
+A cut is six joints that do not move, put where one joint stands: their efforts are the three forces
+and three moments that hold what hangs beyond them. So the recursion that makes the crane move
+(`cranedyn.dynamics.rigid_body`) also says what it carries.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from cranedyn.arrays import shaped
+from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.plant import Topology, numbers, plant
+from cranedyn.dynamics.rigid_body import Bodies, ExternalForce, Frame
+from cranedyn.dynamics.scalars import rows
+from cranedyn.model.crane import Crane
+
+_CUT = 6
+
+
+class Wrench(NamedTuple):
+    """What passes through a cut, from the side of the load to that of the ground, in the world.
+
+    Attributes:
+        force: [N], shape (rows, 3).
+        moment: About `point` [N m], shape (rows, 3).
+        point: Where the cut is [m], shape (rows, 3).
+    """
+
+    force: np.ndarray
+    moment: np.ndarray
+    point: np.ndarray
+
+    def about(self, point: np.ndarray) -> Wrench:
+        """The same with the moment about another point [m], shape (3,) or (rows, 3)."""
+        arm = self.point - point
+        there = np.broadcast_to(np.asarray(point, dtype=float), self.point.shape)
+        return Wrench(self.force, self.moment + np.cross(arm, self.force), there)
+
+
+@dataclass(frozen=True, eq=False)
+class Moving:
+    """States of a crane with all that acts, in rows.
+
+    Attributes:
+        tree: Its bodies.
+        q, v, a: Coordinates, rates and accelerations, shape (rows, n) each.
+        external: Forces from outside.
+    """
+
+    tree: Bodies
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    external: tuple[ExternalForce, ...]
+
+    @classmethod
+    def of(
+        cls,
+        crane: Crane,
+        q: np.ndarray,
+        v: np.ndarray,
+        effort: np.ndarray,
+        force: np.ndarray | None = None,
+        *,
+        buffers: bool = False,
+    ) -> Moving:
+        """States with the accelerations that efforts, gravity and forces from outside cause.
+
+        Args:
+            crane: The crane, with n joints and m drives.
+            q: Coordinates [rad or m], shape (rows, n).
+            v: Their rates, shape (rows, n).
+            effort: Of the drives [N m or N], shape (rows, m).
+            force: From outside on the points of the crane in the world [N], shape (rows, 3 points).
+            buffers: Whether buffers end the ranges of the drives.
+
+        Raises:
+            OutOfRange: If an array has another shape.
+        """
+        layout, topology = crane.layout, Topology.of(crane)
+        q = shaped("q", q, ("rows", layout.n))
+        v = shaped("v", v, q.shape)
+        effort = shaped("effort", effort, (len(q), layout.m))
+        made = plant(topology, numbers(crane).tolist(), "effort", buffers)
+        acting = force is not None and bool(np.any(force))
+        outside = None if not acting else rows(shaped("force", force, (len(q), _wide(crane))))
+        caused, _ = made.answer(rows(q), rows(v), rows(effort), outside)
+        external = [] if outside is None else list(outside.reshape(-1, 3))
+        points = zip(topology.bodies, made.levers, external, strict=bool(acting))
+        a = np.stack([np.broadcast_to(np.asarray(one, dtype=float), len(q)) for one in caused], 1)
+        return cls(made.tree, q, v, a, tuple(ExternalForce(*one) for one in points))
+
+    def through(self, joint: int | None) -> Wrench:
+        """What passes through a joint; for None through the ground, about the world's origin.
+
+        Args:
+            joint: By its place among the coordinates.
+        """
+        first = 0 if joint is None else joint
+        tree = _with_cut(self.tree, joint)
+        q, v, a = (
+            np.insert(part, [first] * _CUT, 0.0, axis=1) for part in (self.q, self.v, self.a)
+        )
+        where = rigid_body.frames(tree, rows(q))
+        beyond = [one._replace(body=_after(one.body, first)) for one in self.external]
+        held = rigid_body.inverse_dynamics(tree, where, rows(v), rows(a), beyond)
+        last = first + _CUT - 1
+        force, moment = held[first : first + 3], held[first + 3 : first + 6]
+        return Wrench(
+            -self._filled(_turned(tree, where, last, force)),
+            -self._filled(_turned(tree, where, last, moment)),
+            self._filled(_placed(tree, where, last)),
+        )
+
+    def axis(self, joint: int) -> np.ndarray:
+        """Where the positive direction of a joint points in the world, shape (rows, 3)."""
+        where = rigid_body.frames(self.tree, rows(self.q))
+        along, about = self.tree.axis[joint]
+        return self._filled(_turned(self.tree, where, joint, along + about))
+
+    def origin(self, joint: int) -> np.ndarray:
+        """Where a joint's frame is in the world [m], shape (rows, 3)."""
+        return self._filled(_placed(self.tree, rigid_body.frames(self.tree, rows(self.q)), joint))
+
+    def _filled(self, vector: np.ndarray) -> np.ndarray:
+        columns = [np.broadcast_to(np.asarray(one, dtype=float), len(self.q)) for one in vector]
+        return np.stack(columns, axis=1)
+
+
+def _wide(crane: Crane) -> int:
+    return 3 * len(crane.points)
+
+
+def _after(body: int, first: int) -> int:
+    """Where a body stands once the cut is there."""
+    return body + _CUT if body >= first else body
+
+
+def _with_cut(tree: Bodies, joint: int | None) -> Bodies:
+    """The tree with six joints before one of it, or before all, along and about three axes."""
+    first, n = joint or 0, len(tree)
+    whole = rigid_body.blank([0] * (n + _CUT))
+    arrays = whole.with_numbers(whole.numbers().tolist())
+    at = [_after(i, first) for i in range(n)]
+    parents = [0] * (n + _CUT)
+    for i, place in enumerate(at):
+        parents[place] = _after(tree.parents[i], first) if tree.parents[i] >= 0 else -1
+    for i in range(_CUT):
+        parents[first + i] = first + i - 1
+    parents[first] = -1 if joint is None else tree.parents[joint]
+    for name in ("rotation", "translation", "axis", "mass", "lever", "inertia", "armature"):
+        getattr(arrays, name)[at] = getattr(tree, name)
+    arrays.gravity[:] = tree.gravity
+    eye, zero = np.eye(3).astype(object), np.zeros(3).astype(object)
+    for i in range(_CUT):
+        arrays.rotation[first + i] = eye
+        arrays.axis[first + i, i // 3, i % 3] = 1.0
+    if joint is None:
+        for i, place in enumerate(at):
+            parents[place] = parents[place] if tree.parents[i] >= 0 else _CUT - 1
+    else:
+        parents[at[joint]] = first + _CUT - 1
+        arrays.rotation[first] = tree.rotation[joint]
+        arrays.translation[first] = tree.translation[joint]
+        arrays.rotation[at[joint]], arrays.translation[at[joint]] = eye, zero
+    parts = ("rotation", "translation", "axis", "mass", "lever", "inertia", "armature", "gravity")
+    return Bodies(parents, *(getattr(arrays, name) for name in parts))
+
+
+def _turned(tree: Bodies, where: list[Frame], body: int, vector: np.ndarray) -> np.ndarray:
+    """A vector in the frame of a joint as seen in the world, shape (3,)."""
+    while body >= 0:
+        vector, body = where[body].rotation @ vector, tree.parents[body]
+    return vector
+
+
+def _placed(tree: Bodies, where: list[Frame], body: int) -> np.ndarray:
+    """Origin of a joint's frame in the world [m], shape (3,)."""
+    point = rigid_body.array([0.0] * 3)
+    while body >= 0:
+        frame = where[body]
+        point, body = frame.origin + frame.rotation @ point, tree.parents[body]
+    return point

@@ -1,0 +1,224 @@
+"""What was found of a lift, in tables: each number with its clause or the command that makes it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cranedyn.lifting import factors, wind
+from cranedyn.lifting.factors import DriveClass, HoistingClass
+from cranedyn.lifting.loads import hanging_mass
+from experiments.harness import Table
+from experiments.judgement.case import Case
+from experiments.scenarios.moves import LIMITS
+
+Row = list[float | str | None]
+
+CREEP = 0.1
+"""Creep speed of a hoist over its largest; ours."""
+
+_SECOND = "second hand"
+_MODEL = "docs/lifting.md"
+
+
+def tables(made: Case, hoisting: HoistingClass, drive: DriveClass, again: str) -> list[Table]:
+    """All of them.
+
+    Args:
+        made: The lift.
+        hoisting: Class of the hoist.
+        drive: Class of its drive.
+        again: The command that makes the numbers again.
+    """
+    found = [_lift(made), _loads(made, again), _clearances(made, again)]
+    found.append(_factors(made, hoisting, drive))
+    if made.wind is not None:
+        found += [_wind(made, again), _limits(made)]
+    if made.perturbed is not None:
+        found.append(_robustness(made, again))
+    return found
+
+
+def _lift(made: Case) -> Table:
+    lift, run = made.certificate.lift, made.certificate.run
+    site, crane = made.site, made.crane
+    size = np.ptp(lift.clearance.bodies.load, axis=0)
+    ends = site.to_site(lift.clearance.point(lift.ends))
+    radius = made.carried["radius_m"]
+    length = run["l_m"]
+    rows: list[Row] = [
+        ["site", site.name, "the site's file"],
+        ["from, to [m]", " to ".join(_point(one) for one in ends), "the site's file"],
+        ["load with hook and slings", f"{hanging_mass(crane) / 1e3:.2f} t", "the crane's numbers"],
+        ["its size [m]", " x ".join(f"{one:.1f}" for one in size), "the site's file"],
+        ["crane", crane.model.name, "its URDF"],
+        ["chart", made.chart.name, "the chart's file"],
+        ["its source", made.chart.source, "the chart's file"],
+        ["rigging", f"{made.falls} falls", "--falls"],
+        ["radius [m]", f"{radius.min():.1f} to {radius.max():.1f}", "the plan"],
+        ["cable [m]", f"{length.min():.1f} to {length.max():.1f}", "the plan"],
+        ["time of the lift", f"{lift.timed.motion.arrival:.0f} s", "the plan"],
+        ["slew, at most", f"{LIMITS.rates[0] * 30.0 / math.pi:.2f} rpm", "limits of the drives"],
+        ["trolley, hoist, at most", "{1:.2f}, {2:.2f} m/s".format(*LIMITS.rates), "the same"],
+        ["required distance", f"{site.distance:g} m", "the site's file"],
+    ]
+    return Table("The lift", [("", ""), ("value", ""), ("from", "")], rows)
+
+
+def _point(point: np.ndarray) -> str:
+    return f"({', '.join(f'{one:.1f}' for one in point)})"
+
+
+def _loads(made: Case, again: str) -> Table:
+    """Extremes of the loads, and when."""
+    carried, t = made.carried, made.carried.t
+    rows: list[Row] = []
+
+    def add(name: str, values: np.ndarray, scale: float, unit: str, limit: str = "-") -> None:
+        at = int(np.abs(values).argmax())
+        rows.append([f"{name} [{unit}]", scale * float(values[at]), float(t[at]), limit])
+
+    if made.used is not None:
+        add("utilisation", made.used, 100.0, "%", "90, 100")
+    add("load moment", carried["load_moment_Nm"], 1e-3, "kN m", "the chart")
+    add("rope", carried["rope_N"], 1e-3, "kN")
+    lead = [np.degrees(carried[f"{side}_lead_rad"]) for side in ("off", "side")]
+    asked = f"{math.degrees(made.asked.swing):g}"
+    add("off-lead", lead[0], 1.0, "°", asked)
+    add("side-lead", lead[1], 1.0, "°", asked)
+    add("side force", carried["side_force_percent"], 1.0, "% of the weight")
+    add("slewing ring, tilting", carried["ring_tilting_Nm"], 1e-3, "kN m")
+    add("slewing ring, torsion", carried["ring_torsion_Nm"], 1e-3, "kN m")
+    add("foot, overturning", carried["overturning_Nm"], 1e-3, "kN m")
+    add("foot, torsion", carried["torsion_Nm"], 1e-3, "kN m")
+    corners = np.stack([carried[f"corner_{i}_N"] for i in range(1, 5)], axis=1)
+    add("corner, most", corners.max(axis=1), 1e-3, "kN")
+    at = int(corners.min(axis=1).argmin())
+    rows.append(["corner, least [kN]", 1e-3 * float(corners.min()), float(t[at]), "> 0"])
+    columns = [("largest", ""), ("value", ".2f"), ("at [s]", ".1f"), ("limit", "")]
+    note = (
+        f"Formulas: {_MODEL}. Corners: base 4.5 m wide, 60 t with mast and ballast, both chosen "
+        f"here. Again: {again}."
+    )
+    return Table("Loads of the run", columns, rows, note)
+
+
+def _clearances(made: Case, again: str) -> Table:
+    certificate = made.certificate
+    zones = {solid.name for solid in made.site.solids if solid.zone}
+    rows: list[Row] = []
+    for name, distance in sorted(certificate.distances.items(), key=lambda one: one[1].min()):
+        k = int(distance.argmin())
+        kept = "kept out of" if name in zones else f"{made.site.distance:g}"
+        rows.append([name, float(distance[k]), float(certificate.t[k]), kept])
+    columns = [("obstacle", ""), ("least [m]", ".2f"), ("at [s]", ".1f"), ("required [m]", "")]
+    note = f"Of all that hangs; proven between the instants (docs/lift.md). Again: {again}."
+    return Table("Clearances", columns, rows, note)
+
+
+def _factors(made: Case, hoisting: HoistingClass, drive: DriveClass) -> Table:
+    crane, carried = made.crane, made.carried
+    largest = LIMITS.rates[crane.layout.drive("l")]
+    speed = factors.pick_up_speed(drive, largest, CREEP * largest)
+    phi_2 = factors.phi_2(hoisting, speed, drive)
+    weight = hanging_mass(crane) * crane.gravity
+    pull = float(carried["rope_N"].max()) / weight
+    mass, radius = hanging_mass(crane), float(carried["radius_m"].max())
+    along, about = (LIMITS.accelerations[crane.layout.drive(one)] for one in ("x", "gamma"))
+    out, aside = (
+        float(np.abs(carried["pull_N"] * np.tan(carried[f"{side}_lead_rad"])).max())
+        for side in ("off", "side")
+    )
+    psi = f"{factors.psi_h_regulated(1.0):.2f}"
+    least, most = factors.phi_1()
+    rows: list[Row] = [
+        ["φ1, own weight at lift-off", f"{least:g} to {most:g}", None, "EN 1991-3, T 2.4"],
+        [f"v_h of {drive} [m/s]", f"{speed:.2f}", None, "AS 5221.1:2021"],
+        [f"φ2 of {hoisting}, {drive}", f"{phi_2:.3f}", pull, "EN 1991-3, T 2.4, 2.5"],
+        ["φ6, dynamic test load", f"{factors.phi_6(phi_2):.3f}", None, "EN 1991-3, 2.10"],
+        ["ψ_h of the trolley", psi, out / (mass * along), "FEM 1.001, A.2.2.3"],
+        ["ψ_h of the slew", psi, aside / (mass * about * radius), "FEM 1.001, A.2.2.3"],
+    ]
+    columns = [("factor", ""), ("allowed", ""), ("needed here", ".3f"), ("clause", "")]
+    note = (
+        f"Clauses were read {_SECOND}. Needed: largest pull of the rope over the weight, along "
+        "and across the jib over mass times the limits of acceleration of trolley and slew. The "
+        "lift begins and ends with the load hanging free; picking up is not in it. Again: python "
+        "-m experiments.factors."
+    )
+    return Table("Dynamic factors", columns, rows, note)
+
+
+def _wind(made: Case, again: str) -> Table:
+    assert made.wind is not None
+    worst = made.wind.worst
+    rows: list[Row] = []
+    for i, speed in enumerate(made.wind.speeds.tolist()):
+        failed = worst["utilisation"][i] > 1e3
+        values: Row = [
+            100.0 * float(worst["utilisation"][i]),
+            math.degrees(worst["swing"][i]),
+            float(worst["clearance"][i]),
+        ]
+        broken = [name for name in made.wind.allowed if not made.wind.kept(name)[i]]
+        rows.append(
+            [
+                speed,
+                wind.wind_pressure(speed),
+                *([None] * 3 if failed else values),
+                "fails" if failed else ", ".join(broken) or "all kept",
+            ]
+        )
+    columns = [
+        ("gust [m/s]", ".1f"),
+        ("pressure [Pa]", ".0f"),
+        ("utilisation %", ".1f"),
+        ("rope from plumb [°]", ".1f"),
+        ("clearance [m]", ".2f"),
+        ("beyond its limit", ""),
+    ]
+    note = (
+        f"The worst of {made.wind.lifts} lifts in each, from all sides and at all times; wind on "
+        "the load alone. Clearance: at least. Pressure: 0.625 v², AS 5222:2021, "
+        f"{_SECOND}. Again: {again}."
+    )
+    return Table("Wind", columns, rows, note)
+
+
+def _limits(made: Case) -> Table:
+    assert made.wind is not None
+    rows: list[Row] = [
+        [f"{name} of this lift", made.wind.limit(name), "this page"] for name in made.wind.allowed
+    ]
+    rows += [[f"in use: {name}", speed, _SECOND] for name, speed in wind.OPERATING.items()]
+    rows += [
+        [f"in service, {name} winds", speed, f"AS 5222:2021, {_SECOND}"]
+        for name, speed in wind.IN_SERVICE.items()
+    ]
+    columns = [("limit", ""), ("gust up to [m/s]", ".1f"), ("from", "")]
+    note = (
+        "The least that applies counts. The wind at which the crane itself must stop is its "
+        "maker's to say."
+    )
+    return Table("Wind limits", columns, rows, note)
+
+
+def _robustness(made: Case, again: str) -> Table:
+    assert made.perturbed is not None
+    perturbed, count = made.perturbed, len(made.perturbed.least)
+    low, high = perturbed.interval()
+    known = perturbed.least[np.isfinite(perturbed.least)]
+    rows: list[Row] = [
+        ["lifts", f"{count}"],
+        ["nearer than required, or failed", f"{perturbed.nearer}"],
+        ["probability of that, 95 % [%]", f"{100.0 * low:.3f} to {100.0 * high:.3f}"],
+        ["least distance [m]", f"{known.min():.2f}" if len(known) else "-"],
+        ["swing after, at most [mrad]", f"{1e3 * float(perturbed.swing.max()):.1f}"],
+        ["lifts a minute on this machine", f"{60.0 * count / max(made.seconds, 1e-9):,.0f}"],
+    ]
+    note = (
+        "Load ±30 %, cable ±0.5 m, mean wind to 4 m/s with gusts of 6 m/s more, sensors to 20 ms "
+        f"late; interval by Clopper and Pearson (docs/lift.md). Again: {again}."
+    )
+    return Table("Not quite as planned", [("", ""), ("value", "")], rows, note)

@@ -1,0 +1,163 @@
+"""What a move needs of the factors that a standard allows for, under several strategies."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from cranedyn import theory
+from cranedyn.controllers import follow
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.interfaces import Controller, Reference, State
+from cranedyn.lifting import factors
+from cranedyn.lifting.loads import hanging_mass, loads
+from cranedyn.model.crane import Crane
+from cranedyn.references.operator import JoystickPulse, operator
+from cranedyn.references.shaped import shaped, zv
+from experiments import harness
+from experiments.oracles.reading import locked
+from experiments.relatives.catalogue import POINT, ROPE
+from experiments.relatives.modes import crane_ea
+from experiments.scenarios.moves import LIMITS, MOVES, Move
+from experiments.scenarios.strategies import FASTEST, FLAT, STRATEGIES
+
+CONTROLLED = ("operator", "operator, ZV", FASTEST, FLAT)
+"""Strategies that are compared: velocity drives that follow a joystick, the same shaped, and the
+load carried along its own path, as fast as the drives can and in the time of the move."""
+
+AFTER = 10.0
+"""How long a move is watched after its arrival [s]."""
+
+_FULL, _CREEP, _UP, _WATCHED = 1.0, 0.1, 0.4, 6.0
+
+
+class Need(NamedTuple):
+    """What a strategy needs.
+
+    Attributes:
+        move: What is moved.
+        strategy: How.
+        arrives: When the drives are there [s]; None where that is not the question.
+        allowed: The factor of the standard.
+        needed: The factor that was found.
+        run: What happened.
+    """
+
+    move: str
+    strategy: str
+    arrives: float | None
+    allowed: float
+    needed: float
+    run: Trajectory
+
+    @property
+    def given_back(self) -> float:
+        """Share of what the standard allows for that is not needed; negative for too much."""
+        return (self.allowed - self.needed) / self.allowed
+
+
+@dataclass(frozen=True)
+class Hoisting:
+    """How a load is taken up.
+
+    Attributes:
+        name: What it is called.
+        speed: Of the drum when the rope comes taut [m/s]; 0 where it is taut before.
+        shaped: Whether the drive, which starts with a taut rope, is shaped for the bounce.
+    """
+
+    name: str
+    speed: float
+    shaped: bool = False
+
+
+HOISTINGS = (
+    Hoisting("at full speed, 1 m/s (HD1)", _FULL),
+    Hoisting("creeping, 0.1 m/s (HD2, HD3)", _CREEP),
+    Hoisting("from a taut rope, 0.4 m/s² (HD5)", 0.0),
+    Hoisting("the same, shaped for the bounce", 0.0, shaped=True),
+)
+"""How a load is taken up, from rough to gentle."""
+
+
+def across(setup: harness.Setup) -> list[Need]:
+    """ψ_h of trolley and slew: what the rope pulls along the way of its drive, over the mass that
+    hangs times the acceleration of which the drive is capable.
+    """
+    return [
+        _moved(setup, move, strategy)
+        for move in MOVES
+        if move.name in ("trolley", "slew")
+        for strategy in CONTROLLED
+    ]
+
+
+def _moved(setup: harness.Setup, move: Move, strategy: str) -> Need:
+    plan, crane = STRATEGIES[strategy](setup, move), setup.crane
+    run = setup.simulate(
+        crane,
+        plan.controller(),
+        plan.reference,
+        start=move.ends(crane)[0],
+        duration=setup.control_period * math.ceil((plan.arrives + AFTER) / setup.control_period),
+        label=f"{move.name}, {strategy}",
+        drive=plan.drive,
+    )
+    found = loads(crane, run)
+    lead = found["off_lead_rad" if move.name == "trolley" else "side_lead_rad"]
+    pull = float(np.abs(found["pull_N"] * np.tan(lead)).max())
+    radius = 1.0 if move.name == "trolley" else move.start[1]
+    drive = crane.layout.drive("x" if move.name == "trolley" else "gamma")
+    capable = LIMITS.accelerations[drive] * radius
+    needed = pull / (hanging_mass(crane) * capable)
+    return Need(move.name, strategy, plan.arrives, factors.psi_h_regulated(1.0), needed, run)
+
+
+def upwards(setup: harness.Setup) -> list[Need]:
+    """φ2 of a load on a rope that stretches, beside the factor of the class that this rope is of:
+    1 + v ω/g at full speed.
+    """
+    crane = ROPE.crane(gravity=setup.gravity, **POINT)
+    length = float(crane.start.q[crane.layout.index("l")])
+    omega = theory.rope_bounce(crane_ea(crane), length, crane.payload_mass)
+    allowed = theory.pickup_factor(_FULL, omega, crane.gravity)
+    return [_taken_up(setup, crane, one, omega, allowed) for one in HOISTINGS]
+
+
+def _taken_up(
+    setup: harness.Setup, crane: Crane, hoisting: Hoisting, omega: float, allowed: float
+) -> Need:
+    start = State(crane.start.q, crane.start.v.copy())
+    controller: Controller
+    reference: Reference | None = None
+    if hoisting.speed:
+        start.v[crane.layout.at("l", "rope_stretch")] = -hoisting.speed, hoisting.speed
+        controller = locked(crane)
+        duration = setup.control_period * math.ceil(2.0 * math.pi / omega / setup.control_period)
+    else:
+        reference = _lifted(crane, hoisting.shaped, omega)
+        controller, duration = follow(crane, reference, setup.control_period), _WATCHED
+    run = setup.simulate(
+        crane,
+        controller,
+        reference,
+        start=start,
+        duration=duration,
+        label=hoisting.name,
+        drive="motion",
+        validity="mark",
+    )
+    needed = float(loads(crane, run)["slack_margin"].max())
+    return Need("hoist", hoisting.name, None, allowed, needed, run)
+
+
+def _lifted(crane: Crane, of_bounce: bool, omega: float) -> Reference:
+    """Up at full speed and back to rest, at the limit of the acceleration."""
+    accelerations = [_UP] * crane.layout.m
+    base = operator(
+        crane, crane.start, [JoystickPulse("l", -_FULL, 0.0, 3.0)], accelerations=accelerations
+    )
+    return shaped(base, zv(), 2.0 * math.pi / omega) if of_bounce else base

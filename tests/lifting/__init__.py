@@ -1,0 +1,1 @@
+"""Loads, charts and factors."""

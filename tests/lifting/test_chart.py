@@ -1,0 +1,147 @@
+"""Charts: what may hang at a radius, what a run takes of it, and what is no chart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.lifting.chart import CHARTS, Chart, CutOut, Falls, cut_outs, judged, read_chart
+from cranedyn.simulation.simulate import simulate
+from tests.helpers import crane, locked
+
+MCT88 = read_chart(CHARTS / "mct88.toml")
+LABORATORY = read_chart(CHARTS / "laboratory.toml")
+
+
+@st.composite
+def falls(draw: st.DrawFn) -> Falls:
+    """A chart of two to eight points whose loads do not rise."""
+    count = draw(st.integers(2, 8))
+    steps = draw(st.lists(st.floats(0.1, 10.0), min_size=count, max_size=count))
+    loads = draw(st.lists(st.floats(10.0, 2e4), min_size=count, max_size=count))
+    return Falls(2, np.cumsum(steps), np.sort(loads)[::-1].copy())
+
+
+def test_at_its_points_a_chart_says_what_the_maker_says() -> None:
+    rated = MCT88.on().at(np.array([20.1, 25.0, 29.9]))
+    np.testing.assert_allclose(rated, [3900.0, 2990.0, 2540.0], rtol=1e-15)
+    assert MCT88.on(2).at(5.0) == 3900.0
+
+
+def test_between_its_points_the_moment_is_a_straight_line() -> None:
+    halfway = (20.1 + 25.0) / 2.0
+    moment = (20.1 * 3900.0 + 25.0 * 2990.0) / 2.0
+    assert MCT88.on().at(halfway) * halfway == pytest.approx(moment, rel=1e-14)
+
+
+@given(falls(), st.floats(0.0, 1.0))
+def test_it_is_never_above_the_chart(made: Falls, share: float) -> None:
+    radius = made.radii[0] + share * (made.radii[-1] - made.radii[0])
+    rated = made.at(radius)
+    # A straight line of the loads is above, and so is the point before; both to round-off.
+    chord = np.interp(radius, made.radii, made.rated)
+    before = made.rated[max(int(np.searchsorted(made.radii, radius, "right")) - 1, 0)]
+    assert rated <= chord * (1.0 + 1e-12) and rated <= before
+    assert rated >= made.rated[-1] * (1.0 - 1e-12)
+
+
+def test_a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more() -> None:
+    of = crane(payload_mass=2000.0)
+    start = of.state(x=20.0)
+    rest = simulate(of, locked, start=start, duration=0.05, drive="motion")
+    used, stops = judged(of, rest, LABORATORY)
+    np.testing.assert_allclose(used, 2000.0 / 2500.0, rtol=1e-11)
+    assert stops == []
+    up = simulate(
+        of,
+        lambda t, *_: np.array([0.0, 0.0, -3.0 if t > 0.0249 else -1.5]),
+        start=start,
+        duration=0.05,
+        drive="motion",
+    )
+    used, stops = judged(of, up, LABORATORY)
+    np.testing.assert_allclose(used[0], 0.8 * (1.0 + 1.5 / of.gravity), rtol=1e-11)
+    assert [one.kind for one in stops] == ["warning", "cut-out"]
+    assert stops[1].t == pytest.approx(0.025) and stops[1].most == pytest.approx(used[-1])
+
+
+def test_cut_outs_are_stretches_of_time() -> None:
+    t = np.arange(8.0)
+    used = np.array([0.5, 0.9, 0.95, 1.0, 1.2, 0.89, 0.2, 0.9])
+    assert cut_outs(t, used) == [
+        CutOut(1.0, 5.0, "warning", 1.2),
+        CutOut(3.0, 5.0, "cut-out", 1.2),
+        CutOut(7.0, 7.0, "warning", 0.9),
+    ]
+    assert cut_outs(t, 0.0 * t) == []
+
+
+@pytest.mark.parametrize("radius", [0.0, 1.9, 30.0, np.nan])
+def test_beyond_the_chart_nothing_is_rated(radius: float) -> None:
+    with pytest.raises(OutOfRange, match="where the chart is"):
+        MCT88.on().at(radius)
+
+
+GOOD = 'name = "a"\nsource = "b"\n[[falls]]\ncount = 2\nradii = [10.0, 20.0]\nloads = [4e3, 2e3]\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[4e3, 2e3]", "[2e3, 4e3]", "4000 kg after 2000 kg at 10 m; allowed is no more than"),
+        ("[10.0, 20.0]", "[20.0, 10.0]", "10 m after 20 m; allowed is more than the one before"),
+        ("[10.0, 20.0]", "[10.0]", "loads"),
+        ("[10.0, 20.0]", "[]", "allowed is one of shape"),
+        ("[4e3, 2e3]", "[4e3, nan]", "a number of loads is nan"),
+        ("[4e3, 2e3]", "[4e3, -1.0]", "load at 20 m is -1.0 kg; allowed is 0.001 to 1e"),
+        ("[4e3, 2e3]", '"heavy"', "loads is str; allowed is a list of numbers"),
+        ("count = 2", "count = 0", "number of falls is 0"),
+        ("count = 2", "", "count is missing"),
+        ("count = 2", "count = 2\nreeving = 2", "There is no field 'reeving'"),
+        ('name = "a"', "name = 3", "name: allowed is a text"),
+        ("[[falls]]", "[falls]", r"write each reeving as \[\[falls\]\]"),
+        ("count = 2", "count = ", "is not TOML"),
+    ],
+)
+def test_what_is_no_chart_is_refused_in_a_sentence(
+    old: str, new: str, words: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "chart.toml"
+    file.write_text(GOOD, encoding="utf-8")
+    assert read_chart(file).on(2).at(20.0) == 2000.0
+    file.write_text(GOOD.replace(old, new), encoding="utf-8")
+    with pytest.raises(DataError, match=words) as caught:
+        read_chart(file)
+    assert str(caught.value).startswith(str(file))
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(st.data())
+def test_whatever_is_changed_in_a_chart_is_a_chart_or_a_sentence(
+    tmp_path: Path, data: st.DataObject
+) -> None:
+    content = (CHARTS / "laboratory.toml").read_bytes()
+    at = data.draw(st.integers(0, len(content)))
+    cut = data.draw(st.integers(0, 20))
+    put = data.draw(
+        st.one_of(st.binary(max_size=8), st.sampled_from([b"nan", b"-1e999", b"9" * 5000]))
+    )
+    file = tmp_path / "chart.toml"
+    file.write_bytes(content[:at] + put + content[at + cut :])
+    try:
+        made = read_chart(file)
+    except DataError:
+        return
+    for one in made.reevings:
+        assert np.isfinite(one.at(np.linspace(one.least, one.radii[-1], 20))).all()
+
+
+def test_a_chart_without_these_falls_names_those_it_has() -> None:
+    with pytest.raises(CraneError, match="There is no number of falls '3'; there are 2, 4"):
+        LABORATORY.on(3)
+    assert isinstance(LABORATORY, Chart) and LABORATORY.on().count == 2

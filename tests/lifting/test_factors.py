@@ -1,0 +1,87 @@
+"""Factors of the standards: their published numbers, and the mechanics behind them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from cranedyn import theory
+from cranedyn.errors import CraneError
+from cranedyn.lifting import factors, wind
+
+
+def test_wind_in_service_has_the_pressures_of_its_classes() -> None:
+    pressures = [wind.wind_pressure(speed) for speed in wind.IN_SERVICE.values()]
+    # The standard rounds its pressures to 125, 250 and 500 Pa.
+    np.testing.assert_allclose(pressures, [125.0, 250.0, 500.0], rtol=0.025)
+    assert list(wind.RECURRENCE.values()) == [0.815, 0.873, 0.946, 1.0]
+    assert sorted(wind.OPERATING.values()) == [12.0, 16.5, 20.0]
+
+
+def test_hoisting_classes_are_hoists_of_these_frequencies() -> None:
+    found = [factors.hoist_frequency(one.slope) for one in factors.HOISTING.values()]
+    np.testing.assert_allclose(found, [0.265, 0.531, 0.796, 1.061], atol=5e-4)
+    speed, omega = 0.4, 2.0 * math.pi * found[2]
+    assert theory.pickup_factor(speed, omega, 9.80665) == pytest.approx(1.0 + 0.51 * speed)
+
+
+@pytest.mark.parametrize("ratio", [0.3, 1.0, 1.5, 3.0, 10.0])
+def test_psi_h_is_the_worst_of_all_durations_of_a_carriage_braked_by_a_constant_force(
+    ratio: float,
+) -> None:
+    """Carriage and linear pendulum of unit frequency, integrated; then the carriage stands."""
+    times = np.linspace(0.0, 2.0 * math.pi, 4001)
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        # Load and carriage, ahead of their free flight; the pull between them is their distance.
+        pull = ratio * (y[0] - y[1])
+        return np.array([y[2], y[3], -pull / ratio, pull - (1.0 + ratio)])
+
+    y = solve_ivp(rates, (0.0, times[-1]), np.zeros(4), t_eval=times, rtol=1e-10, atol=1e-12).y
+    swing, rate = y[0] - y[1], y[2] - y[3]
+    # The mean deceleration is 1, the pull over the mass of the load is the swing.
+    # Steps of 1.6e-3 in phase miss a maximum by less than their square.
+    assert np.hypot(swing, rate).max() == pytest.approx(factors.psi_h(ratio), rel=1e-5)
+
+
+@pytest.mark.parametrize("periods", [0.0, 0.25, 0.6034, 1.0, 1.7])
+def test_a_part_let_go_slowly_leaves_less_of_a_bounce(periods: float) -> None:
+    omega, last = 2.0 * math.pi, max(periods, 1e-6)
+
+    def rates(t: float, y: np.ndarray) -> np.ndarray:
+        return np.array([y[1], omega**2 * (min(t / last, 1.0) - y[0])])
+
+    y = solve_ivp(rates, (0.0, last), np.zeros(2), rtol=1e-10, atol=1e-12, max_step=0.01).y[:, -1]
+    left = math.hypot(y[0] - 1.0, y[1] / omega)
+    assert left == pytest.approx(factors.release_beta(periods), abs=1e-6)
+    assert factors.release_beta(0.6034) == pytest.approx(factors.SLOW_RELEASE, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: factors.phi_1(0.2), "a is 0.2; allowed is 0 to 0.1"),
+        (lambda: factors.phi_2("HC9", 1.0), "hoisting is HC9; allowed is HC1 or HC2"),  # type: ignore[arg-type]
+        (lambda: factors.phi_2("HC1", -1.0), "hoisting speed is -1.0 m/s"),
+        (lambda: factors.pick_up_speed("HD2", 0.5, 0.6), "creep speed is 0.6 m/s"),
+        (lambda: factors.phi_3(1.5), "share is 1.5; allowed is 0 to 1"),
+        (lambda: factors.psi_h(0.0), "mass_ratio is 0.0; allowed is > 0"),
+        (lambda: factors.psi_h_regulated(math.nan), "periods is nan"),
+        (lambda: factors.stopping(1.0, 0.0), "deceleration is 0.0"),
+        (lambda: factors.buffer_stroke(1.0, 6.0), "deceleration is 6.0 m/s²"),
+        (
+            lambda: wind.out_of_service_speed(10.0, 40.0, 7),
+            "years of recurrence is 7; allowed is 5",
+        ),
+        (lambda: wind.height_factor(0.0), "height is 0.0 m; allowed is > 0"),
+        (lambda: wind.wind_lean(1.0, 0.0, 9.8), "mass is 0.0 kg"),
+    ],
+)
+def test_what_no_formula_is_for_is_a_sentence(call: Callable[[], float], words: str) -> None:
+    with pytest.raises(CraneError) as caught:
+        call()
+    assert words in str(caught.value)

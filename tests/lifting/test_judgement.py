@@ -1,0 +1,244 @@
+"""A lift judged: go or no go and why, wind limits, and a page whose numbers can be made again."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+pytest.importorskip("ompl", reason="extra planning (ompl) is not installed")
+
+from cranedyn.data.trajectory import read
+from cranedyn.disturbances.wind import AIR_DENSITY
+from cranedyn.lifting import wind
+from cranedyn.lifting.chart import CHARTS, judged, read_chart
+from cranedyn.lifting.loads import loads
+from cranedyn.model.load import load_crane
+from cranedyn.planning.perturbed import _DRAG, _silhouette
+from cranedyn.planning.wind_limit import GUST_FACTOR, WindLimit, wind_limit
+from experiments import lift_report
+from experiments.judgement import printed
+from experiments.judgement.case import Asked, Case, checks
+from experiments.judgement.page import STATEMENT, page
+from tests.planning.sites import certificate, lift
+
+CHART = read_chart(CHARTS / "laboratory.toml")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A lift in the open yard, judged by few lifts and gusts."""
+    made = tmp_path_factory.mktemp("judged") / "out"
+    words = ["--lifts", "500", "--gusts", "2", "--out", str(made)]
+    assert lift_report.main(words) == 0
+    return made
+
+
+def result(folder: Path) -> dict:
+    return json.loads((folder / "result.json").read_text(encoding="utf-8"))
+
+
+def table(folder: Path, title: str) -> dict[str, list]:
+    rows = next(one for one in result(folder)["tables"] if one["title"] == title)["rows"]
+    return {row[0]: row[1:] for row in rows}
+
+
+def test_the_page_begins_with_go_and_every_check(folder: Path) -> None:
+    text = (folder / "lift.html").read_text(encoding="utf-8")
+    assert ">GO<" in text and "NO GO" not in text and STATEMENT in text
+    first = text[: text.index("<section")]
+    for claim in result(folder)["claims"]:
+        assert claim["holds"] is True and claim["sentence"] in first
+
+
+def test_the_page_needs_nothing_else_and_every_table_names_its_source(folder: Path) -> None:
+    text = (folder / "lift.html").read_text(encoding="utf-8")
+    assert not re.search(r"""(src|href)=["'](?!data:)""", text) and "<script" not in text
+    assert result(folder)["command"] in text
+    for one in result(folder)["tables"]:
+        said = one["note"] + " ".join(one["columns"])
+        assert re.search("python -m experiments|from|clause", said), one["title"]
+
+
+def test_numbers_of_the_page_are_made_again_from_the_run_that_lies_beside_it(
+    folder: Path,
+) -> None:
+    run = read(folder / "lift.parquet")
+    crane = load_crane(from_record=folder / "lift.parquet")
+    used, stops = judged(crane, run, CHART)
+    carried = loads(crane, run)
+    shown = table(folder, "Loads of the run")
+    assert shown["utilisation [%]"][0] == pytest.approx(100.0 * used.max(), rel=1e-12)
+    assert stops == []
+    moment = carried["load_moment_Nm"].max() / 1e3
+    assert shown["load moment [kN m]"][0] == pytest.approx(moment, rel=1e-12)
+    # By hand: a tonne at some 15.8 m, and what its hoisting adds.
+    assert moment == pytest.approx(9.80665 * carried["radius_m"].max(), rel=0.01)
+
+
+@pytest.mark.skipif(
+    not any(map(shutil.which, printed.BROWSERS)), reason="no browser that prints is installed"
+)
+def test_the_page_is_printed(folder: Path) -> None:
+    content = (folder / "lift.pdf").read_bytes()
+    assert content.startswith(b"%PDF") and content.rstrip().endswith(b"%%EOF")
+    assert 3 <= len(re.findall(rb"/Type\s*/Page\b(?!s)", content)) <= 12
+
+
+@pytest.mark.skipif(
+    not (shutil.which("chromium") and shutil.which("chromedriver")),
+    reason="Chromium and its driver are not installed",
+)
+def test_in_a_browser_it_fits_paper_and_a_phone_and_leaves_no_error(
+    folder: Path, tmp_path: Path
+) -> None:
+    selenium = pytest.importorskip(
+        "selenium.webdriver", reason="extra browser (selenium) is not installed"
+    )
+    options = selenium.ChromeOptions()
+    options.binary_location = shutil.which("chromium")
+    words = "--headless=new --no-sandbox --disable-gpu --no-first-run --window-size=400,800"
+    for word in (*words.split(), f"--user-data-dir={tmp_path}"):
+        options.add_argument(word)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    service = selenium.ChromeService(shutil.which("chromedriver"))
+    driver = selenium.Chrome(options=options, service=service)
+    try:
+        driver.get((folder / "lift.html").as_uri())
+        wide, window = driver.execute_script(
+            "return [document.documentElement.scrollWidth, window.innerWidth]"
+        )
+        assert wide <= window
+        loaded = "return Array.from(document.images, i => i.naturalWidth > 0)"
+        assert driver.execute_script(loaded) == [True] * 6
+        a4 = round((210 - 2 * 12) / 25.4 * 96)
+        metrics = {"width": a4, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
+        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+        rights = driver.execute_script(
+            "return Array.from(document.querySelectorAll('table'), t => "
+            "t.getBoundingClientRect().right)"
+        )
+        assert len(rights) == len(result(folder)["tables"]) and max(rights) <= a4
+        assert driver.get_log("browser") == []
+    finally:
+        driver.quit()
+
+
+def test_without_a_browser_there_is_a_sentence_and_the_page(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(printed, "BROWSERS", ("no such browser",))
+    assert lift_report._paged(folder, 0) == 0
+    assert "install Chromium, or print the page from any browser" in capsys.readouterr().err
+
+
+def test_what_does_not_hold_is_no_go_and_comes_first(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "copy")
+    kept = result(folder)
+    kept["claims"][4]["holds"] = False
+    (tmp_path / "copy" / "result.json").write_text(json.dumps(kept), encoding="utf-8")
+    text = page(tmp_path / "copy")
+    assert ">NO GO<" in text and "1 of 10 checks does not hold" in text
+    listed = re.findall(r"</span>([^<]*)</li>", text)
+    assert listed[0] == kept["claims"][4]["sentence"]
+
+
+def small(**changes: object) -> Case:
+    """The lift over a wall of the tests of plans, without wind and without others like it."""
+    made = certificate()
+    carried = loads(made.lift.crane, made.run)
+    used, _ = judged(made.lift.crane, made.run, CHART)
+    asked = Asked(8.0, math.radians(5.0), 0.01, 0, 0)
+    case = Case(made.lift.clearance.site, CHART, 2, asked, made, carried, used, "", None, None, 0.0)
+    return replace(case, **changes)  # type: ignore[arg-type]
+
+
+def red(made: Case) -> list[str]:
+    return [check.sentence for check in checks(made) if not check.holds]
+
+
+def test_a_lift_that_holds_goes_and_each_thing_that_does_not_stops_it() -> None:
+    case = small()
+    assert red(case) == []
+    assert case.used is not None
+    (over,) = red(small(used=case.used / case.used.max() * 0.95))
+    assert "Utilisation is 95.0 %" in over and "warning at" in over
+    (beyond,) = red(small(used=None, beyond="radius is 23 m."))
+    assert beyond == "The chart does not reach: radius is 23 m."
+    (not_blown,) = red(small(asked=replace(case.asked, gusts=4)))
+    assert not_blown == "The wind limit was not looked for."
+    lifted = replace(case.carried, values={**case.carried.values, "corner_2_N": -case.carried.t})
+    (corner,) = red(small(carried=lifted))
+    assert "corners" in corner
+    slack = replace(case.carried, values={**case.carried.values, "slack_margin": -case.carried.t})
+    (rope,) = red(small(carried=slack))
+    assert "taut" in rope
+
+
+def test_the_weakest_wind_that_breaks_a_limit_is_the_first_beyond_it() -> None:
+    found = WindLimit(
+        np.array([4.0, 8.0, 9.0, 12.0]),
+        {
+            "utilisation": np.array([0.5, 0.6, 0.7, 1.1]),
+            "swing": np.array([0.01, 0.05, 0.2, 0.09]),
+            "clearance": np.array([1.0, 0.5, 0.5, -1.0]),
+        },
+        {"utilisation": 1.0, "swing": 0.1, "clearance": 0.5},
+        4,
+    )
+    assert [found.limit(name) for name in found.allowed] == [9.0, 8.0, 9.0]
+    assert found.limit() == 8.0 and found.binding == "swing"
+    assert replace(found, allowed={"swing": 0.001}).limit() == 0.0
+    assert replace(found, allowed={"swing": 1.0}).limit() == 12.0
+
+
+def test_gusts_swing_a_load_as_far_as_mechanics_has_it() -> None:
+    found = wind_limit(certificate(), CHART, count=4, dt=1e-3)
+    assert found.lifts == 4 and (np.diff(found.speeds) > 0.0).all()
+    crane, area = lift().crane, _DRAG * _silhouette(lift().clearance.bodies.load)
+    planned = float(lift().clearance.tilt(certificate().run.q).max())
+
+    def lean(speed: float) -> float:
+        force = 0.5 * AIR_DENSITY * area * speed**2
+        return wind.wind_lean(force, crane.payload_mass, crane.gravity)
+
+    for speed, swing in zip(found.speeds.tolist(), found.worst["swing"].tolist(), strict=True):
+        # It leans in the mean wind; a gust at worst comes at once, on top of what is planned. The
+        # load moves against the wind by up to 2 m/s.
+        assert lean(speed / GUST_FACTOR) - planned < swing
+        assert swing < planned + 2.0 * lean(speed + 2.0)
+    assert found.worst["swing"][-1] > 3.0 * found.worst["swing"][0]
+    assert 4.0 <= found.limit("swing") < 28.0
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("--wind -1", "wind asked for is -1.0 m/s"),
+        ("--swing 90", "swing allowed is 90.0 degrees; allowed is 0.1 to 45"),
+        ("--risk 101", "risk allowed is 101.0 %"),
+        ("--lifts -1", "lifts is -1"),
+        ("--load 0", "load is 0.0 kg"),
+        ("--falls 3", "There is no number of falls '3'; there are 2, 4."),
+        ("--chart missing.toml", "Cannot read missing.toml"),
+        ("--set payload_mass:=5", "payload_mass is set by the experiment lift_report itself"),
+    ],
+)
+def test_what_cannot_be_judged_is_refused_in_a_sentence(
+    words: str,
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert lift_report.main(words.split()) == 2
+    assert sentence in capsys.readouterr().err and list(tmp_path.iterdir()) == []

@@ -1,0 +1,269 @@
+"""What a crane carries: statics, steady slewing, and Pinocchio's own joint forces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pyarrow.parquet
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cranedyn import theory
+from cranedyn.controllers import Hold, hold_controller
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.joint_forces import JointForces
+from cranedyn.dynamics.pinocchio import full
+from cranedyn.errors import CraneError
+from cranedyn.interfaces import State
+from cranedyn.lifting.loads import Base, Loads, hanging_mass, jib_moment, loads, loads_of_rows
+from cranedyn.lifting.wrench import Moving
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.references import hold, pulse
+from cranedyn.simulation.simulate import simulate
+from experiments.relatives.catalogue import BRIDGE, HOOK, RELATIVES, crane_of
+from tests.helpers import ROOT, G, crane, efforts, locked, quickly, states
+
+ROUND_OFF = 1e-11
+"""Relative: both sides add some hundred products of doubles."""
+
+
+def pinocchio_wrench(
+    of: Crane, state: State, effort: np.ndarray, force: np.ndarray, joint: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Force, moment and where, by pin.aba, pin.rnea and the joint forces that it leaves."""
+    model, data = of.model, of.model.createData()
+    pin.forwardKinematics(model, data, state.q)
+    outside = [pin.Force.Zero() for _ in range(model.njoints)]
+    for (_, body, lever), one in zip(of.points, force.reshape(-1, 3), strict=True):
+        local = data.oMi[body + 1].rotation.T @ one
+        outside[body + 1] += pin.Force(local, np.cross(lever, local))
+    tau = full(of, effort) + JointForces.of(of).effort(*state)
+    a = pin.aba(model, data, *state, tau, outside)
+    pin.rnea(model, data, *state, a, outside)
+    at, held = data.oMi[joint + 1], data.f[joint + 1]
+    return -at.rotation @ held.linear, -at.rotation @ held.angular, at.translation
+
+
+@settings(max_examples=20, deadline=None)
+@given(states, efforts, st.integers(0, 4), st.integers(0, 2**32 - 1))
+def test_what_passes_through_a_joint_is_what_pinocchio_says(
+    state: State, effort: np.ndarray, joint: int, seed: int
+) -> None:
+    force = np.random.default_rng(seed).uniform(-2e3, 2e3, 6)
+    of = crane()
+    found = Moving.of(of, state.q[None], state.v[None], effort[None], force[None]).through(joint)
+    expected, moment, point = pinocchio_wrench(of, state, effort, force, joint)
+    about = found.about(point)
+    # A joint that slides is at its root here and with its body there.
+    size = np.linalg.norm(expected) * (1.0 + np.linalg.norm(found.point[0] - point))
+    np.testing.assert_allclose(about.force[0], expected, atol=ROUND_OFF * size, rtol=0.0)
+    np.testing.assert_allclose(
+        about.moment[0], moment, atol=ROUND_OFF * (size + np.linalg.norm(moment)), rtol=0.0
+    )
+
+
+@pytest.mark.parametrize("relative", RELATIVES, ids=lambda one: one.name)
+def test_cranes_of_other_topology_stand_on_what_they_weigh(relative: object) -> None:
+    of = crane_of(relative)  # type: ignore[arg-type]
+    run = quickly(of, hold_controller(of), duration=0.05)
+    found = loads(of, run, base=Base(mass=0.0))
+    weight = sum(inertia.mass for inertia in of.model.inertias) * of.gravity
+    first = run.q[0], run.v[0], run.effort[0], np.zeros(3 * len(of.points))
+    expected = sum(
+        (
+            pinocchio_wrench(of, State(*first[:2]), first[2], first[3], i)[0]
+            for i, parent in enumerate(of.model.parents[1:])
+            if parent == 0
+        ),
+        np.zeros(3),
+    )
+    assert found["foot_vertical_N"][0] == pytest.approx(-expected[2], rel=ROUND_OFF)
+    assert found["foot_vertical_N"].mean() == pytest.approx(weight, rel=0.05)
+
+
+def still(of: Crane, duration: float = 0.05, **where: float) -> tuple[Trajectory, Loads]:
+    """A load that hangs at rest under drives that do not move."""
+    run = simulate(of, locked, start=of.state(**where), duration=duration, drive="motion")
+    return run, loads(of, run)
+
+
+def test_at_rest_every_load_is_that_of_statics() -> None:
+    of = crane()
+    _, found = still(of, gamma=0.4, x=12.0, l=10.0)
+    above = of.payload_mass + of.trolley_mass + 2.0 * 50.0  # load, trolley, two links
+    ring, foot = above * G * 12.0, (above + 3000.0 + Base().mass) * G
+    expected = {
+        "rope_N": of.payload_mass * G,
+        "pull_N": of.payload_mass * G,
+        "radius_m": 12.0,
+        "load_moment_Nm": of.payload_mass * G * 12.0,
+        "ring_vertical_N": (above + 3000.0) * G,
+        "ring_tilting_Nm": ring,
+        "foot_vertical_N": foot,
+        "overturning_Nm": ring,
+        "slack_margin": 1.0,
+        "snag_margin": 1.0 - of.payload_mass * G / 1e5,
+    }
+    for name, value in expected.items():
+        np.testing.assert_allclose(found[name], value, rtol=ROUND_OFF, err_msg=name)
+    for name in ("off_lead_rad", "side_lead_rad", "side_force_percent"):
+        np.testing.assert_allclose(found[name], 0.0, atol=1e-12, err_msg=name)
+    for name in ("ring_lateral_Nm", "ring_torsion_Nm", "torsion_Nm"):
+        np.testing.assert_allclose(found[name], 0.0, atol=ROUND_OFF * ring, err_msg=name)
+
+
+def test_corners_carry_the_whole_and_turn_with_the_jib() -> None:
+    of = crane()
+    for slew, most in (
+        (-0.75 * np.pi, 3),
+        (-0.25 * np.pi, 4),
+        (0.25 * np.pi, 1),
+        (0.75 * np.pi, 2),
+    ):
+        # The jib points along -Y at zero slew, to (+, -) at an eighth of a turn.
+        _, found = still(of, gamma=slew, x=20.0)
+        corners = np.array([found[f"corner_{i}_N"][0] for i in range(1, 5)])
+        assert corners.sum() == pytest.approx(found["foot_vertical_N"][0], rel=ROUND_OFF)
+        pressed = {1: 4, 2: 1, 3: 2, 4: 3}[most]
+        assert int(corners.argmax()) + 1 in (most, pressed)
+        arm = Base().spacing / np.sqrt(2.0)
+        pair = corners.max() - corners.min()
+        assert pair * arm * 2.0 == pytest.approx(2.0 * found["overturning_Nm"][0], rel=ROUND_OFF)
+
+
+def test_a_crane_that_slews_steadily_carries_what_its_closed_form_says() -> None:
+    point = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
+    of = crane(trolley_inertia=0.0, **point)
+    radius, length, rate = 15.0, 12.0, 0.3
+    out = theory.slewing_swing(radius, length, rate, G)
+    start = of.state(x=radius, l=length, phi=out, gamma_dot=rate)
+    run = simulate(of, locked, start=start, duration=0.05, drive="motion")
+    found, load = loads(of, run), radius - length * np.sin(out)
+    centrifugal = rate**2 * (of.payload_mass * load + of.trolley_mass * radius)
+    weight = (of.payload_mass + of.trolley_mass) * G
+    height = 28.0 - 25.99
+    expected = {
+        "rope_N": theory.slewing_tension(radius, length, rate, G, of.payload_mass),
+        "off_lead_rad": -out,
+        "load_moment_Nm": of.payload_mass * G * radius,
+        "ring_tilting_Nm": weight * radius + centrifugal * height,
+        "overturning_Nm": weight * radius + centrifugal * 28.0,
+    }
+    for name, value in expected.items():
+        # The step moves the load off its circle by about dt of its rate within the run.
+        np.testing.assert_allclose(found[name][0], value, rtol=1e-9, err_msg=name)
+    assert abs(found["side_force_percent"][0]) < 1e-9
+    assert abs(found["torsion_Nm"][0]) < 1e-9 * weight * radius
+
+
+def test_a_rope_that_leads_aside_pulls_by_its_tangent_and_twists_the_tower() -> None:
+    of = crane(damp_swing=0.0, payload_inertia=0.0, dummy_mass=0.0, dummy_inertia=0.0)
+    run, found = still(of, x=12.0, l=10.0, theta=0.02)
+    pull = found["pull_N"] * np.tan(found["side_lead_rad"])
+    weight = hanging_mass(of) * G
+    np.testing.assert_allclose(found["side_force_percent"], 100.0 * pull / weight, rtol=1e-9)
+    np.testing.assert_allclose(np.abs(found["side_lead_rad"]), np.abs(run["theta_rad"]), rtol=1e-9)
+    np.testing.assert_allclose(np.abs(found["torsion_Nm"]), np.abs(pull) * 12.0, rtol=1e-6)
+
+
+def test_torsion_of_the_foot_is_what_the_slew_drive_exerts() -> None:
+    of = crane()
+    reference = pulse(of, hold(of), "gamma", 0.1, at=0.0, width=0.3)
+    run = simulate(of, hold_controller(of), reference, duration=1.0)
+    found = loads(of, run)
+    size = np.abs(run.effort[:, 0]).max()
+    assert size > 1e3
+    np.testing.assert_allclose(found["torsion_Nm"], -run.effort[:, 0], atol=ROUND_OFF * size)
+
+
+def test_slack_is_at_zero_tension_and_snag_at_the_hoists_strength() -> None:
+    of = crane()
+    fall = simulate(
+        of, lambda *_: np.array([0.0, 0.0, G]), duration=0.02, drive="motion", validity="mark"
+    )
+    np.testing.assert_allclose(loads(of, fall)["slack_margin"], 0.0, atol=1e-9)
+    full_pull = of.effort_limit[2] / of.payload_mass - G
+    snag = simulate(of, lambda *_: np.array([0.0, 0.0, -full_pull]), duration=0.02, drive="motion")
+    np.testing.assert_allclose(loads(of, snag)["snag_margin"], 0.0, atol=1e-9)
+
+
+def test_the_jib_bends_by_the_load_ahead_of_each_place_and_not_behind_the_trolley() -> None:
+    of = crane()
+    run, _ = still(of, x=12.0)
+    at = np.array([0.0, 5.0, 12.0, 15.0])
+    above = (of.payload_mass + of.trolley_mass + 100.0) * G
+    expected = above * np.maximum(12.0 - at, 0.0)
+    found = jib_moment(of, run, at)
+    np.testing.assert_allclose(found, np.tile(expected, (len(run), 1)), atol=1e-9 * above)
+
+
+def test_a_batch_carries_what_its_runs_carry_alone() -> None:
+    of = crane()
+    one, found = still(of, x=12.0, theta=0.1)
+    other, again = still(of, x=15.0, phi=0.1)
+    both = loads_of_rows(
+        of,
+        np.stack([one.q, other.q]),
+        np.stack([one.v, other.v]),
+        np.stack([one.effort, other.effort]),
+    )
+    for name, values in both.items():
+        np.testing.assert_array_equal(values[0], found[name])
+        np.testing.assert_array_equal(values[1], again[name])
+
+
+def test_a_hook_hangs_on_the_rope_with_its_load_and_an_overhead_crane_has_no_ring() -> None:
+    hook, bridge = crane_of(HOOK), crane_of(BRIDGE)
+    for of in (hook, bridge):
+        run = simulate(of, Hold(of, *np.zeros((3, of.layout.m))), duration=0.05, drive="motion")
+        found = loads(of, run)
+        weight = hanging_mass(of) * of.gravity
+        np.testing.assert_allclose(found["pull_N"], weight, rtol=1e-9)
+        np.testing.assert_allclose(found["slack_margin"], 1.0, rtol=1e-9)
+        assert ("ring_tilting_Nm" in found) == (of is hook)
+    assert hanging_mass(hook) == 2300.0
+
+
+def test_loads_are_a_table_like_a_run(tmp_path: Path) -> None:
+    of = load_crane()
+    _, found = still(of)
+    assert found.keys()[0] == "t_s" and len(list(found)) == len(found)
+    kept = pyarrow.parquet.read_table(found.write(tmp_path / "loads.parquet"))
+    assert kept.column_names == found.keys()
+    assert kept["overturning_Nm"].to_numpy().tolist() == found["overturning_Nm"].tolist()
+    assert len(found.plot().axes) == 4 and "overturning_Nm" in repr(found)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda of, run: Base(spacing=0.0), "spacing of the corners is 0.0 m; allowed is > 0"),
+        (lambda of, run: Base(mass=-1.0), "mass of the base is -1.0 kg"),
+        (lambda of, run: loads(of, run)["nothing"], "There is no column 'nothing'"),
+        (lambda of, run: loads(of, run).write("x.txt"), "the ending must be .csv or .parquet"),
+        (lambda of, run: loads(of, run).view(), "no picture"),
+        (lambda of, run: loads(crane_of(RELATIVES[0]), run), "run is of joints gamma"),
+        (lambda of, run: loads_of_rows(of, run.q * np.nan, run.v, run.effort), "q is nan"),
+        (lambda of, run: loads_of_rows(of, run.q, run.v, run.effort[:, :2]), "effort"),
+    ],
+)
+def test_what_cannot_be_judged_is_a_sentence(call: object, words: str) -> None:
+    of = crane()
+    run, _ = still(of)
+    with pytest.raises(CraneError, match="(?s).*" + words.replace("(", r"\(")):
+        call(of, run)  # type: ignore[operator]
+
+
+def test_the_python_of_the_page_on_lifting_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "lifting.md").read_text(encoding="utf-8")
+    code = page.split("```python\n")[1].split("```")[0]
+    exec(compile(code.replace("duration=20.0", "duration=5.0"), "lifting.md", "exec"), {})
+    assert "cut-out" not in capsys.readouterr().out
+    assert {one.name for one in tmp_path.iterdir()} == {"loads.png", "loads.parquet"}
