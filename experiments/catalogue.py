@@ -149,7 +149,7 @@ EXPERIMENTS = {
     ),
     "lift": Entry(
         "A lift, planned",
-        "From a site with obstacles to a motion that provably touches nothing.",
+        "From a site to a motion that provably touches nothing.",
         (),
         ("--site", "cranedyn/planning/sites/open_yard.toml", "--lifts", "20"),
         {
