@@ -83,6 +83,32 @@ def interrupted(error: BaseException | None) -> bool:
 
 
 @contextmanager
+def held_back() -> Iterator[Callable[[], bool]]:
+    """Hold Ctrl-C back while code of others calls functions of ours, through which it takes no
+    exception.
+
+    Yields:
+        Whether it has come, so that the functions may ask the others to end.
+
+    Raises:
+        KeyboardInterrupt: At the end, if it has come.
+    """
+    came: list[int] = []
+    main = threading.current_thread() is threading.main_thread()
+    numbers = (signal.SIGINT, signal.SIGTERM) if main else ()
+    ours = [number for number in numbers if signal.getsignal(number) is signal.default_int_handler]
+    for number in ours:
+        signal.signal(number, lambda number, _: came.append(number))
+    try:
+        yield lambda: bool(came)
+    finally:
+        for number in ours:
+            signal.signal(number, signal.default_int_handler)
+    if came:
+        raise KeyboardInterrupt
+
+
+@contextmanager
 def _interruptible() -> Iterator[None]:
     before = {}
     if threading.current_thread() is threading.main_thread():

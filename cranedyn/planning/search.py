@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cranedyn.command import held_back
 from cranedyn.errors import CraneError
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import lasts
@@ -231,7 +232,10 @@ def _planner(
         planner.setProblemDefinition(problem)
         planner.setup()
         until = time.monotonic() + LONGEST
-        planner.solve(base.PlannerTerminationCondition(lambda: time.monotonic() > until))
+        with held_back() as interrupted:
+            planner.solve(
+                base.PlannerTerminationCondition(lambda: interrupted() or time.monotonic() > until)
+            )
         if not problem.hasExactSolution():
             return None
         return np.array([place(state) for state in problem.getSolutionPath().getStates()])
