@@ -46,7 +46,7 @@ LAGS = {"slew": 0.2, "trolley": 0.1, "hoist": 0.1}
 RAMP_TIME, LAG = 2.5, 0.1
 """The same of drives in none of these roles [s]."""
 
-ROUNDING = 0.3
+ROUNDING = 0.2
 """Time in which the ramp gains its acceleration [s], the rounding of an S-curve; ours."""
 
 STEPS = 16384

@@ -108,6 +108,8 @@ def make(
             raise CraneError(
                 "Without a planned motion there is nothing to linearise an observer about."
             )
+        if plan.drive == "velocity":
+            raise CraneError("The observer goes by efforts, not by the rates of converters.")
         controller = observed(controller, setup.crane, plan.motion, dt=setup.dt)
     if perturbation.noise or perturbation.delay:
         noise = perturbation.noise * noise_of(crane)

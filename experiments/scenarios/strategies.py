@@ -15,6 +15,7 @@ from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.controllers.mpc import mpc
 from cranedyn.controllers.paper import paper_controller
+from cranedyn.controllers.rated import GivenRates, rated
 from cranedyn.interfaces import Controller, Drive, Reference
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import fastest
@@ -45,6 +46,27 @@ class Plan(NamedTuple):
     arrives: float
     motion: Motion | None = None
     uses_swing_sensor: bool = True
+
+
+def on_converters(setup: harness.Setup, plan: Plan) -> Plan:
+    """A plan for drives with typical frequency converters: what its controller answers becomes
+    rates, see `cranedyn.controllers.rated`.
+    """
+
+    def made() -> Controller:
+        return rated(
+            setup.crane,
+            plan.controller(),
+            drive="motion" if plan.drive == "motion" else "effort",
+            control_period=setup.control_period,
+        )
+
+    first = made()
+    if isinstance(first, GivenRates):  # what is inside may remember
+        return plan._replace(controller=made, drive="velocity")
+    if isinstance(first, HoistIntegral):
+        return plan._replace(controller=lambda: replace(first, integral=0.0), drive="velocity")
+    return plan._replace(controller=lambda: first, drive="velocity")
 
 
 def _spline(setup: harness.Setup, move: Move) -> Spline:

@@ -90,6 +90,7 @@ NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
 
 WITHIN = (
     "bounds",
+    "drive_bounds",
     "hoisting",
     "columns_of",
     "started",
