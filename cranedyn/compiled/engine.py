@@ -85,7 +85,7 @@ class CompiledEngine(Engine):
         self._here[:] = np.concatenate(start)
         if self._setting.late is not None:
             self._memory[self._at["reference"]] = start.v[self._setting.crane.layout.drives]
-            unheard = self._memory[self._at["unheard"]].reshape(self._setting.late, -1)
+            unheard = self._memory[self._at["unheard"]].reshape(-1, self._sizes.m)
             unheard[:] = self._memory[self._at["reference"]]
         self._effort = np.zeros(self._sizes.m)
 

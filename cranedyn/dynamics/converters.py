@@ -99,8 +99,8 @@ class Response(NamedTuple):
         """The reference rates after a step, and how fast they change, m numbers each.
 
         The deceleration towards the command is that from which it can be given up at the jerk in
-        steps as long as this one, so that nothing is overshot: with n J dt in the n-th step before
-        the end n (n + 1) J dt²/2 are left.
+        steps as long as this one: with n J dt in the n-th step before the end n (n + 1) J dt²/2 are
+        left. Where n is no whole number the last step overshoots by J dt²/8 at most.
 
         Args:
             heard: Commanded rates.
@@ -162,7 +162,10 @@ def within_efforts(
             matrix[i, i] = matrix[i, i] + (1.0 - held[i])
         more = rigid_body.solve(matrix, right)
         gained, effort = wanted + more, list(needed + inertia @ more)
-    cut = [clipped(e, -limit, limit) for e, limit in zip(effort, limits, strict=True)]
+    cut = [
+        chosen(held[i] > 0.5, goal[i], clipped(effort[i], -limit, limit))
+        for i, limit in enumerate(limits)
+    ]
     return gained, _like(wanted, cut), needed
 
 

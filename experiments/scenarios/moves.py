@@ -113,7 +113,7 @@ class Score:
     rate: float
     acceleration: float
     work: float
-    beyond: float
+    beyond: float = 0.0
 
     @property
     def cycle(self) -> float:

@@ -1,0 +1,1 @@
+"""Tests of what a state of a crane leads to."""
