@@ -188,7 +188,8 @@ def simulate(
                 if buffers:
                     log.buffers(*moving.buffers())
                 command, effort = moving.take(command_of(controller(t, state, setpoint), t, layout))
-                log.cut(moving.cut)
+                if stepper.converters is not None:
+                    log.cut(moving.cut)
                 log.row(state, setpoint.position, command, effort, before)
                 if k % moving.look_back == 0:
                     look_back()
