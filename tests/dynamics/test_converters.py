@@ -111,6 +111,16 @@ def test_no_ramp_overshoots_or_exceeds_its_limits(
     assert np.abs(np.diff(rows[:, 1], prepend=0.0)).max() <= jerk * dt * (1.0 + 1e-6) + 1e-12
 
 
+def test_a_reference_waits_for_a_drive_that_stalls() -> None:
+    response, dt = one(0.5, 5.0, lag=0.1), 1e-3
+    reference, rising = [0.0], [0.0]
+    for _ in range(3000):  # it could be at 1 m/s after 2.1 s
+        reference, rising = response.ramped([1.0], reference, rising, [0.0], dt)
+    assert reference[0] == pytest.approx(0.5 * 0.1, rel=1e-12)
+    # so that it goes on at no more than the acceleration of its ramp
+    assert response.accelerations_at(reference, [0.0])[0] == pytest.approx(0.5, rel=1e-12)
+
+
 def test_commands_are_cut_to_the_rate_and_rounded_to_the_resolution() -> None:
     response = Response([1.0, 1.0], [1.0] * 2, [1.0] * 2, [1.0] * 2, [0.25, 0.0])
     assert response.heard([0.3, 0.3]) == [0.25, 0.3]

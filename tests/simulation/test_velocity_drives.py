@@ -21,7 +21,7 @@ from cranedyn.dynamics.validity import events, first_event
 from cranedyn.errors import CraneError, RunError
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
-from cranedyn.references import hold, ramp
+from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate
 from cranedyn.simulation.stepper import Stepper
 from tests.helpers import crane
@@ -211,6 +211,14 @@ def test_converters_that_are_told_more_than_their_rate_are_cut_and_marked(engine
     )
     told = (run.t > 0.2 + 1e-9) & (run.t < 0.3 - 1e-9)
     assert ((run.valid == 0.0) == told).all()
+
+
+def test_a_batch_says_when_a_converter_was_first_told_more_than_its_rate() -> None:
+    c = crane()
+    law = rated(c, hold_controller(c), drive="effort")  # 6 m/s for a jump of 1 m
+    jump = pulse(c, hold(c), "x", 1.0, at=0.2, width=0.1)
+    batch = simulate_batch(c, law, jump, start=[c.start] * 2, duration=0.5, drive="velocity")
+    assert batch.valid_until.tolist() == [pytest.approx(0.2, abs=1e-12)] * 2
 
 
 def test_without_efforts_given_rows_are_judged_as_before() -> None:
