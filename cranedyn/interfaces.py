@@ -85,8 +85,8 @@ Reference = Callable[[float], Setpoint]
 
 Controller = Callable[[float, State, Setpoint], np.ndarray]
 """From time [s], state and setpoint to one number for each drive: efforts [N m or N], or
-accelerations [rad/s² or m/s²] where the drives follow prescribed motion. The passive joints cannot
-be addressed."""
+accelerations [rad/s² or m/s²] where the drives follow prescribed motion, or rates [rad/s or m/s]
+where they have frequency converters. The passive joints cannot be addressed."""
 
 
 Disturbance = Callable[[float, State], np.ndarray]
@@ -94,8 +94,12 @@ Disturbance = Callable[[float, State], np.ndarray]
 payload first, shape (points, 3)."""
 
 
-Drive = Literal["effort", "motion"]
+Drive = Literal["effort", "motion", "velocity"]
 """How the drives take a command."""
+
+
+DirectDrive = Literal["effort", "motion"]
+"""How drives take a command that have no frequency converter between it and the crane."""
 
 
 Validity = Literal["stop", "buffers", "mark"]

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.converters import converters
 from cranedyn.errors import CraneError, number
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.sweep.processes import end_with_parent
@@ -27,6 +28,7 @@ from experiments import harness
 from experiments.compare_figures import robustness_figure, swing_figure
 from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import (
+    CLOSE,
     DWELL,
     LIMITS,
     MOVES,
@@ -37,7 +39,7 @@ from experiments.scenarios.moves import (
     of_sampling,
     residual,
 )
-from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, make
+from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, UNOBSERVED, make
 from experiments.scenarios.strategies import (
     FASTEST,
     FLAT,
@@ -45,14 +47,19 @@ from experiments.scenarios.strategies import (
     PAPER,
     PD,
     STRATEGIES,
+    SWING,
     TIME,
     mpc_period,
+    on_converters,
 )
 from experiments.scenarios.tours import CONTROLS
 
 COMBINED = MOVES[-1]
 
 UNSEEING = "it does not look at the swing"
+
+IDEAL = "ideal"
+"""Drives that take what each strategy answers."""
 
 RECORDED = (PD, PAPER, FLAT, TIME)
 """Strategies that are drawn into each other in the recording."""
@@ -75,17 +82,18 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     """Make every move by every strategy, the combined one under every case, and the tour."""
     from cranedyn.recording import Run
 
-    strategies = options.only or list(STRATEGIES)
+    strategies, drive = options.only or list(STRATEGIES), options.drive
+    ideal = drive == IDEAL
     alone = replace(setup, reporter=harness.ProgressReporter(None))
     moves = [*MOVES, SWINGING]
     with _workers(options.jobs) as workers:
         tasks: dict[Future[dict[str, Result]], tuple[Move, str]] = {
-            workers.submit(_made, alone, move, strategy, move == COMBINED): (move, strategy)
+            workers.submit(_made, alone, move, strategy, move == COMBINED, drive): (move, strategy)
             for move in moves
             for strategy in strategies
         }
         tours: dict[Future[Toured | str], str] = {
-            workers.submit(_toured, alone, control): control for control in CONTROLS
+            workers.submit(_toured, alone, control): control for control in CONTROLS if ideal
         }
         update = setup.reporter.count("comparison", len(tasks) + len(tours))
         everything: list[Future[Any]] = [*tasks, *tours]
@@ -100,11 +108,14 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     return harness.Outcome(
         tables=[
             *(_table(move, of_move[move.name]) for move in moves),
-            *(_drives_table(move, of_move[move.name]) for move in moves),
-            _tour_table({control: task.result() for task, control in tours.items()}),
+            *(_drives_table(move, of_move[move.name], beyond=not ideal) for move in moves),
+            *([_tour_table({control: task.result() for task, control in tours.items()})] * ideal),
             *_case_tables(combined),
         ],
-        claims=[*_claims(setup, combined), *_in_time(setup, of_move.values())],
+        claims=[
+            *(_claims(setup, combined) if ideal else _claims_of_converters(of_move)),
+            *_in_time(setup, of_move.values()),
+        ],
         parameters=setup.parameters()
         | {
             "rate_limits": list(LIMITS.rates),
@@ -112,7 +123,8 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             "moves": {
                 move.name: [move.start, move.goal, move.duration, move.swing] for move in moves
             },
-        },
+        }
+        | ({} if ideal else _numbers_of_converters(setup)),
         trajectories={f"compare_{_plain(strategy)}": run for strategy, run in kept.items()},
         figures={"swing": swing_figure(COMBINED, kept), "robustness": robustness_figure(combined)},
         recording=[
@@ -143,12 +155,16 @@ def _workers(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _made(setup: harness.Setup, move: Move, strategy: str, all_cases: bool) -> dict[str, Result]:
+def _made(
+    setup: harness.Setup, move: Move, strategy: str, all_cases: bool, drive: str
+) -> dict[str, Result]:
     """A move by one strategy, as planned and perhaps under every case; what breaks off or cannot be
     is told, not raised.
     """
     try:
         plan = STRATEGIES[strategy](setup, move)
+        if drive != IDEAL:
+            plan = on_converters(setup, plan)
     except CraneError as error:
         return {NOMINAL.name: Result(None, str(error))}
     found = {}
@@ -233,6 +249,12 @@ def _plain(strategy: str) -> str:
     return strategy.replace("'s", "").replace(",", "").replace(" + ", "_").replace(" ", "_").lower()
 
 
+def _numbers_of_converters(setup: harness.Setup) -> dict[str, object]:
+    made = converters(setup.crane)
+    rows = {name: part.tolist() for name, part in made.response._asdict().items()}
+    return {"drive": "velocity", "converters": rows | {"delay_s": made.delay}}
+
+
 def _seconds(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
@@ -280,12 +302,17 @@ def _table(move: Move, found: Results) -> harness.Table:
     return harness.Table(f"Move {move.name}: {move.start} to {move.goal}", columns, rows, note)
 
 
-def _drives_table(move: Move, found: Results) -> harness.Table:
+def _drives_table(move: Move, found: Results, *, beyond: bool = False) -> harness.Table:
+    """What a move asks of the drives; where they are asked for more than they have, or `beyond`,
+    for how long.
+    """
     names = [
         f"{drive} {kind} [{unit}]"
         for kind in ("peak", "RMS")
         for drive, unit in (("T_γ", "kN m"), ("F_x", "kN"), ("F_l", "kN"))
     ]
+    nominal = [results[NOMINAL.name].score for results in found.values()]
+    beyond = beyond or any(s and s.beyond for s in nominal)
     rows = [
         (
             strategy,
@@ -294,6 +321,7 @@ def _drives_table(move: Move, found: Results) -> harness.Table:
             1e-3 * s.work,
             s.rate,
             s.acceleration,
+            *([s.beyond] if beyond else []),
         )
         for strategy, s in (
             (strategy, results[NOMINAL.name].score) for strategy, results in found.items()
@@ -313,6 +341,12 @@ def _drives_table(move: Move, found: Results) -> harness.Table:
         ("rate", ".2f"),
         ("acc.", ".2f"),
     ]
+    if beyond:
+        columns.append(("beyond [s]", ".2f"))
+        note += (
+            " Beyond: time in which drives that follow a motion or a rate were asked for more "
+            "effort or rate than they have."
+        )
     return harness.Table(f"What move {move.name} asks of the drives", columns, rows, note)
 
 
@@ -412,6 +446,30 @@ def _claims(setup: harness.Setup, found: Results) -> list[harness.Claim]:
     return claims
 
 
+def _claims_of_converters(of_move: Mapping[str, Results]) -> list[harness.Claim]:
+    """Whether an LQR about the planned path of the load arrives with it on converters, in every
+    move and case.
+    """
+    judged = [
+        result.score
+        for found in of_move.values()
+        for strategy in (FLAT, FASTEST, SWING, TIME)
+        for result in found.get(strategy, {}).values()
+        if result.score or result.why != UNOBSERVED
+    ]
+    if not judged:
+        return []
+    worst = max(math.inf if s is None else s.later * s.length for s in judged)
+    return [
+        harness.Claim(
+            "On frequency converters an LQR about the planned path of the load leaves it within "
+            f"{1e3 * CLOSE:g} mm of plumb 20 s after the arrival, in every move and case "
+            f"({1e3 * worst:.2g} mm at most).",
+            worst < CLOSE,
+        )
+    ]
+
+
 def _in_time(setup: harness.Setup, moves: Iterable[Results]) -> list[harness.Claim]:
     """Whether the MPC is done within its period, in every period of every run."""
     runs = [
@@ -443,6 +501,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         "not as planned.",
     )
     harness.add_setup(made, "damp_swing")
+    made.add_argument(
+        "--drive",
+        choices=(IDEAL, "velocity"),
+        default=IDEAL,
+        help="ideal: drives take what each strategy answers, efforts or accelerations; velocity: "
+        "all drives have typical frequency converters, which take rates",
+    )
     made.add_argument(
         "--only",
         nargs="+",

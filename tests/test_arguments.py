@@ -110,7 +110,10 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
         lambda: simulate(C, BRAKE, duration=0.1, start=[0, 10, 15]),
         "start is [0, 10, 15]; allowed is coordinates and rates",
     ),
-    (lambda: simulate(C, BRAKE, duration=0.1, drive=2), "drive is 2; allowed is effort or motion."),
+    (
+        lambda: simulate(C, BRAKE, duration=0.1, drive=2),
+        "drive is 2; allowed is effort or motion or velocity.",
+    ),
     (
         lambda: simulate(C, BRAKE, duration=0.1, disturbance=lambda t: 1),
         "disturbance is the function <lambda>; allowed is a callable of 2",

@@ -17,7 +17,7 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.linearisation import linear
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
-from cranedyn.interfaces import Drive, State
+from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 
@@ -35,7 +35,7 @@ def to_control(
     state: State | None = None,
     *,
     effort: np.ndarray | None = None,
-    drive: Drive = "effort",
+    drive: DirectDrive = "effort",
     control_period: float | None = None,
     dt: float = 5e-4,
     outputs: Sequence[str] | None = None,
@@ -92,7 +92,7 @@ def from_control(
     feedback: object,
     about: State | Motion,
     *,
-    drive: Drive = "effort",
+    drive: DirectDrive = "effort",
     dt: float = 5e-4,
 ) -> Tracking:
     """A state feedback designed with python-control as a controller that `simulate` and

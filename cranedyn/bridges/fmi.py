@@ -28,7 +28,7 @@ from cranedyn.clocks import clocks
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, ModelError, OutOfRange, quoted
-from cranedyn.interfaces import Drive
+from cranedyn.interfaces import DirectDrive
 from cranedyn.model.crane import Crane
 
 TARGET = "FILE"
@@ -69,7 +69,7 @@ def export(
     crane: Crane,
     path: str | Path,
     *,
-    drive: Drive = "effort",
+    drive: DirectDrive = "effort",
     dt: float = 5e-4,
     integrator: Integrator = semi_implicit_euler,
 ) -> Path:
@@ -99,7 +99,7 @@ def export(
     if final.suffix != ".fmu":
         raise OutOfRange("name of the unit", str(final), "one that ends in .fmu")
     check_free(final)
-    check_word("drive", drive, Drive)
+    check_word("drive", drive, DirectDrive)
     clocks(dt, dt, dt)
     from cranedyn.compiled.checked import elsewhere  # other doors need no llvmlite
     from cranedyn.compiled.kernel import Recipe

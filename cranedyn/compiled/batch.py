@@ -20,6 +20,7 @@ from cranedyn.compiled.door import Loop
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.compiled.step import check_rule
+from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, number, whole, within
@@ -84,6 +85,7 @@ def simulate_batch(
     residual_from: float | None = None,
     record: int = 0,
     threads: int | None = None,
+    converters: Converters | Sequence[Converters] | None = None,
 ) -> Batch:
     """Run many cranes under controllers that are affine in the state, by compiled code; each as
     `simulate` with validity = mark.
@@ -113,6 +115,8 @@ def simulate_batch(
             end.
         record: Record every that manieth control instant; 0 for none.
         threads: How many, 1024 at most; by default one for each processor.
+        converters: Frequency converters of drives that take velocities, one set for all cranes or
+            n, of one delay; None for those typical for the first crane.
 
     Raises:
         OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not
@@ -123,7 +127,7 @@ def simulate_batch(
     clock = clocks(duration, dt, control_period)
     check_word("drive", drive, Drive)
     if buffers and drive != "effort":
-        raise OutOfRange("buffers", buffers, "False where the drives follow prescribed motion")
+        raise OutOfRange("buffers", buffers, "False where the drives take no efforts")
     check_rule(integrator)
     number("time at the start", since, "s", "-1e9 to 1e9")
     after = _instant(residual_from, since, clock)
@@ -134,10 +138,14 @@ def simulate_batch(
         else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
     )
     start = inputs.begin(crane) if start is None else start
-    cranes = inputs.count(crane=crane, controller=controller, reference=reference, start=start)
+    cranes = inputs.count(
+        crane=crane, controller=controller, reference=reference, start=start, converter=converters
+    )
     rows = clock.periods // every + 1 if every else 0
     which, distinct = inputs.distinct(crane, cranes)
-    sizes = Sizes.of(inputs.one_layout(distinct))
+    layout = inputs.one_layout(distinct)
+    response, late = inputs.response(distinct[0], drive, converters, clock)
+    sizes = Sizes.of(layout, late)
     taken = inputs.fits(sizes, cranes, rows, clock.periods, 0 if sensor_offset is None else sizes.z)
     state = inputs.starts(start, cranes, sizes.n)
     offsets = (
@@ -161,13 +169,22 @@ def simulate_batch(
         shared=(control.law.shared, control.aim.shared, forces.shared),
         log=rows > 0,
         summary=True,
+        late=late,
     )
-    code, varied = compiled(distinct, recipe)
+    if response is not None and len(response) > 1:  # numbers of their own: of crane and converter
+        distinct, which, response = inputs.paired(distinct, which, response)
+    code, varied = compiled(distinct, recipe, response)
     inputs.fit("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
     tables = (control.law, control.aim, forces)
     memory = {
         "state": grouped(
-            [state.q, state.v, control.integrals, np.broadcast_to(0.0, (cranes, sizes.m + 1))],
+            [
+                state.q,
+                state.v,
+                control.integrals,
+                np.broadcast_to(0.0, (cranes, sizes.m + 1)),
+                *inputs.remembered(sizes, state.v[:, layout.drives]),
+            ],
             _LANES,
         ),
         "numbers": grouped([varied[which]], _LANES),

@@ -16,17 +16,28 @@ Parts = dict[str, int]
 @dataclass(frozen=True)
 class Sizes:
     """How many numbers each part has, for a crane with n joints, m drives and some points that
-    forces act on.
+    forces act on; frequency converters hear commands so many control periods late, None for drives
+    without.
     """
 
     n: int
     m: int
     points: int
+    late: int | None = None
 
     @classmethod
-    def of(cls, layout: Layout) -> Sizes:
+    def of(cls, layout: Layout, late: int | None = None) -> Sizes:
         """Those of a crane."""
-        return cls(layout.n, layout.m, len(layout.points))
+        return cls(layout.n, layout.m, len(layout.points), late)
+
+    @property
+    def converters(self) -> Parts:
+        """What frequency converters remember: reference rates, how fast they change, commands that
+        are not yet heard.
+        """
+        if self.late is None:
+            return {}
+        return {"reference": self.m, "rising": self.m, "unheard": self.late * self.m}
 
     @property
     def z(self) -> int:
@@ -36,9 +47,10 @@ class Sizes:
     @property
     def state(self) -> Parts:
         """What a crane is at a control instant: coordinates, rates, integrals of the controller,
-        the last command, work of the buffers.
+        the last command, work of the buffers, what frequency converters remember.
         """
-        return {"q": self.n, "v": self.n, "integral": self.m, "last_command": self.m, "buffers": 1}
+        found = {"q": self.n, "v": self.n, "integral": self.m, "last_command": self.m, "buffers": 1}
+        return found | self.converters
 
     @property
     def law(self) -> Parts:
@@ -62,8 +74,8 @@ class Sizes:
 
     @property
     def row(self) -> Parts:
-        """One row of the log."""
-        return {
+        """One row of the log; cut is 1 where a converter was told more than its largest rate."""
+        found = {
             "q": self.n,
             "v": self.n,
             "command": self.m,
@@ -73,6 +85,7 @@ class Sizes:
             "buffers": 1,
             "stop_force": 1,
         }
+        return found if self.late is None else found | {"cut": 1}
 
     @property
     def summary(self) -> Parts:

@@ -13,6 +13,7 @@ from cranedyn.compiled.door import accelerations
 from cranedyn.compiled.kernel import Kernel, Recipe, kernel, text
 from cranedyn.compiled.machine import object_code
 from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.converters import Response, held_back
 from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import follow_drives, full, outside_effort
@@ -24,12 +25,20 @@ _CHECKED, _REMEMBERED = 16, 4096
 _MAKING = threading.Lock()
 
 
-def compiled(cranes: Sequence[Crane] | Cranes, recipe: Recipe) -> tuple[Kernel, np.ndarray]:
+def compiled(
+    cranes: Sequence[Crane] | Cranes, recipe: Recipe, converters: np.ndarray | None = None
+) -> tuple[Kernel, np.ndarray]:
     """Code for cranes that differ in numbers only, and the numbers in which they do, shape (n, m).
 
     It is compared with Pinocchio for each of the first 16 of them: the code is the same for all.
     Threads that ask at the same time wait for each other, so that the code for a crane is made
     once.
+
+    Args:
+        cranes: The cranes.
+        recipe: What the code can do.
+        converters: Numbers of their frequency converters, one row for all or one for each; None
+            for drives without.
 
     Raises:
         ModelError: If the code does not do what Pinocchio does.
@@ -39,16 +48,20 @@ def compiled(cranes: Sequence[Crane] | Cranes, recipe: Recipe) -> tuple[Kernel, 
         if isinstance(cranes, Cranes)
         else np.array([numbers(crane) for crane in cranes])
     )
+    if converters is not None:
+        rows = np.hstack([rows, np.broadcast_to(converters, (len(rows), converters.shape[-1]))])
     varied = (rows != rows[0]).any(axis=0)
     constants = np.where(varied, np.nan, rows[0])
     own = np.ascontiguousarray(rows[:, varied])
+    count = 0 if converters is None else converters.shape[-1]
     with _MAKING:
         code = _kernel(Topology.of(cranes[0]), constants.tobytes(), recipe)
         if len(code.agreed) > _REMEMBERED:
             code.agreed.clear()
-        for crane, row in zip(cranes[:_CHECKED], own, strict=False):
+        first = cranes[:_CHECKED]
+        for crane, row, whole in zip(first, own, rows, strict=False):
             if row.tobytes() not in code.agreed:
-                check(crane, code, row)
+                check(crane, code, row, whole[len(whole) - count :])
                 code.agreed.add(row.tobytes())
     return code, own
 
@@ -71,13 +84,16 @@ def _kernel(topology: Topology, constants: bytes, recipe: Recipe) -> Kernel:
     return kernel(topology, known, recipe)
 
 
-def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
+def check(
+    crane: Crane, code: Kernel, varied: np.ndarray, converters: np.ndarray | None = None
+) -> None:
     """Compare accelerations with Pinocchio's at random states.
 
     Args:
         crane: The crane.
         code: The code.
         varied: The numbers that this crane has of its own.
+        converters: Numbers of its frequency converters, see `cranedyn.dynamics.converters`.
 
     Raises:
         ModelError: If they differ by more than round-off.
@@ -111,6 +127,19 @@ def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
             expected = pin.aba(
                 model, data, q, v, full(crane, command) + joint.effort(q, v) + external
             )
+        elif recipe.drive == "velocity":
+            assert converters is not None
+            lags = np.array_split(converters, len(Response._fields))[3]
+            # every other time more than the drives can do
+            strong = rng.choice([1.0, 3.0]) * crane.effort_limit / mass.diagonal()[layout.drives]
+            command = v[layout.drives] + lags * strong * command
+            expected = held_back(
+                np.triu(mass) + np.triu(mass, 1).T,
+                pin.rnea(model, data, q, v, 0.0 * v) - joint.effort(q, v) - external,
+                (command - v[layout.drives]) / lags,
+                crane.effort_limit,
+                layout,
+            )[0]
         else:
             expected = follow_drives(
                 model,

@@ -17,7 +17,7 @@ from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.tables import Table, aim, alone, law, one_command
 from cranedyn.controllers.affine import Affine, Remembering, form
-from cranedyn.dynamics.drives import Limits
+from cranedyn.dynamics.drives import Limits, VelocityDrives
 from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, State
 from cranedyn.references.tabulated import tabulated
@@ -60,7 +60,7 @@ class CompiledEngine(Engine):
         check_rule(setting.integrator)
         self._setting = setting
         self._limits = Limits(setting.crane) if setting.drive == "effort" else None
-        self._sizes = sizes = Sizes.of(setting.crane.layout)
+        self._sizes = sizes = Sizes.of(setting.crane.layout, setting.late)
         self._memory, self._force, self._at = (
             np.zeros(size(sizes.state)),
             np.zeros((1, size(sizes.force))),
@@ -83,6 +83,10 @@ class CompiledEngine(Engine):
         self._drives = self._setting.drives(self._setting.clocks.dt, self._outside)
         self._memory[:] = self._force[:] = self._last_command[:] = 0.0
         self._here[:] = np.concatenate(start)
+        if self._setting.late is not None:
+            self._memory[self._at["reference"]] = start.v[self._setting.crane.layout.drives]
+            unheard = self._memory[self._at["unheard"]].reshape(-1, self._sizes.m)
+            unheard[:] = self._memory[self._at["reference"]]
         self._effort = np.zeros(self._sizes.m)
 
     def _code(self, *, integral: bool, log: bool) -> Kernel:
@@ -103,8 +107,11 @@ class CompiledEngine(Engine):
             shared=(True, True, True),
             log=log,
             summary=False,
+            late=self._setting.late,
         )
-        return compiled([self._setting.crane], recipe)[0]
+        made = self._setting.converters
+        numbers = None if made is None else np.concatenate(made.response)
+        return compiled([self._setting.crane], recipe, numbers)[0]
 
     def _loop(
         self, code: Kernel, law: Table, aim: Table, last: int, end: int, log: np.ndarray
@@ -125,6 +132,7 @@ class CompiledEngine(Engine):
         """As `Engine.take`."""
         if self._limits is None:
             self._last_command[:] = command
+            self._recall()
             return self._drives.take(command, self.state)
         self._effort = self._last_command[:] = self._limits.cut(command)
         return command, self._effort
@@ -139,7 +147,15 @@ class CompiledEngine(Engine):
 
     def effort(self) -> np.ndarray:
         """As `Engine.effort`."""
+        self._recall()
         return self._drives.effort(self.state) if self._limits is None else self._effort
+
+    def _recall(self) -> None:
+        """Have Pinocchio's drives remember what those of the code do."""
+        if isinstance(self._drives, VelocityDrives):
+            names = "reference", "rising", "unheard"
+            reference, rising, unheard = (self._memory[self._at[name]] for name in names)
+            self._drives.remember(reference, rising, unheard.reshape(-1, self._sizes.m).copy())
 
     def take_force(self, force: np.ndarray) -> np.ndarray:
         """As `Engine.take_force`."""
@@ -203,7 +219,8 @@ class CompiledEngine(Engine):
             first += len(times)
             self._arrived()
             yield first
-        self.take(self._memory[self._at["last_command"]].copy())
+        if self._setting.late is None:
+            self.take(self._memory[self._at["last_command"]].copy())
 
     def _run(self, common: Affine, setpoint: np.ndarray, end: int) -> dict[str, np.ndarray] | None:
         """A block of rows by name; None, and all as before, if a number for it or in it is not

@@ -23,7 +23,7 @@ from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.tables import Table, alone, one_command
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import OutOfRange, whole, within
-from cranedyn.interfaces import Drive, State
+from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
 
 _LANES, _THREADS, _SHARE, _MOST = 8, 1024, 32, 512
@@ -55,7 +55,7 @@ class Fleet:
         *,
         dt: float = 5e-4,
         control_period: float = 0.1,
-        drive: Drive = "motion",
+        drive: DirectDrive = "motion",
         forces: bool = False,
         threads: int | None = None,
     ) -> None:
@@ -75,7 +75,7 @@ class Fleet:
                 they would not fit into 4 GB.
             ModelError: If the code would not do what Pinocchio does.
         """
-        check_word("drive", drive, Drive)
+        check_word("drive", drive, DirectDrive)
         self.cranes = [cranes] if isinstance(cranes, Crane) else list(cranes)
         if not self.cranes:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")

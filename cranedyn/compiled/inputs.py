@@ -8,9 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.arrays import finite
+from cranedyn.clocks import Clocks
 from cranedyn.compiled.call import Sizes, size
 from cranedyn.compiled.tables import Table, aim, law, shortened, table
 from cranedyn.controllers.affine import Affine, form
+from cranedyn.dynamics.converters import fitting
 from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.plant import Topology
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
@@ -197,6 +199,46 @@ def distinct(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
     found = {id(one): one for one in value}
     number = {key: row for row, key in enumerate(found)}
     return np.array([number[id(one)] for one in value]), list(found.values())
+
+
+def response(
+    crane: Crane, drive: str, converters: Any, clock: Clocks
+) -> tuple[np.ndarray | None, int | None]:
+    """Numbers of frequency converters, one row for all cranes or one for each, and by how many
+    control periods they hear late; None where drives have none.
+
+    Raises:
+        OutOfRange: If they do not fit the crane or the clocks, or are late by different times.
+    """
+    many = isinstance(converters, Sequence)
+    given = [fitting(crane, drive, one) for one in (converters if many else [converters])]
+    made = [one for one in given if one is not None]
+    if not made:
+        return None, None
+    lates = [one.late(clock.dt, clock.period) for one in made]
+    if len({*lates}) > 1:
+        raise OutOfRange(
+            "delays of converters", f"{min(lates)} to {max(lates)} control periods", "all the same"
+        )
+    return np.array([np.concatenate(one.response) for one in made]), lates[0]
+
+
+def paired(
+    cranes: Sequence[Crane] | Cranes, which: np.ndarray, response: np.ndarray
+) -> tuple[Sequence[Crane] | Cranes, np.ndarray, np.ndarray]:
+    """Cranes, which of them each lane has, and numbers of converters, one row for each lane."""
+    if not isinstance(cranes, Cranes):
+        cranes = [cranes[i] for i in which.tolist()]
+    return cranes, np.arange(len(which)), response
+
+
+def remembered(sizes: Sizes, rates: np.ndarray) -> list[np.ndarray]:
+    """What frequency converters remember at the start, in parts with a row for each crane: they
+    go on at the rates of the drives, shape (cranes, m).
+    """
+    if sizes.late is None:
+        return []
+    return [rates, np.zeros_like(rates), *[rates] * sizes.late]
 
 
 def one_layout(cranes: Sequence[Crane] | Cranes) -> Layout:

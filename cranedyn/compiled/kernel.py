@@ -27,7 +27,7 @@ class Recipe:
 
     Attributes:
         lanes: How many cranes it runs at once.
-        drive: "effort" or "motion".
+        drive: "effort", "motion" or "velocity".
         integrator: The stepping rule.
         buffers: Whether there are buffers at the ends of the ranges.
         integral: Whether the controller integrates.
@@ -35,6 +35,8 @@ class Recipe:
         forces: Whether there are forces from outside.
         shared: Whether all lanes have one controller, one aim, the same forces.
         log, summary: Whether rows are recorded, and whether a summary is kept.
+        late: By how many control periods frequency converters hear commands late; None for drives
+            without.
     """
 
     lanes: int
@@ -47,6 +49,7 @@ class Recipe:
     shared: tuple[bool, bool, bool]
     log: bool
     summary: bool
+    late: int | None = None
 
 
 class Kernel(NamedTuple):
@@ -74,7 +77,8 @@ def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe
     own.
     """
     made = translated(text(topology, constants, recipe))
-    return Kernel(recipe, Sizes.of(topology.layout), made, list(constants).count(None), set())
+    sizes = Sizes.of(topology.layout, recipe.late)
+    return Kernel(recipe, sizes, made, list(constants).count(None), set())
 
 
 def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> ir.Module:
@@ -151,7 +155,8 @@ class _Loop:
     def __init__(
         self, code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
     ) -> None:
-        self.code, self.recipe, self.given, self.sizes = code, recipe, {}, Sizes.of(topology.layout)
+        self.code, self.recipe, self.given = code, recipe, {}
+        self.sizes = Sizes.of(topology.layout, recipe.late)
         for kind, names in CALL.items():
             self.given.update(
                 {name: code.load_one(code.argument["call"], SLOTS[name], kind) for name in names}
@@ -216,6 +221,11 @@ class _Loop:
                 with code.loop(0, self.given["steps"]):
                     work = self.state["buffers"][0].get()
                     q, v, last_command = (self._get(part) for part in ("q", "v", "last_command"))
+                    if self.recipe.late is not None:
+                        reference, rising = self._ramped(last_command, v)
+                        self._set("reference", reference)
+                        self._set("rising", rising)
+                        last_command = array(reference)
                     q, v, work = stepped(
                         self.recipe.integrator,
                         self.plant,
@@ -248,9 +258,18 @@ class _Loop:
         code = self.code
         q, v, before = self._get("q"), self._get("v"), self._get("last_command")
         command = self._commanded(instant, q, v)
+        asked = command
         last_command = self.plant.within(command)
+        if self.recipe.late is not None:
+            last_command = self._heard(command)
         self._set("last_command", last_command)
         effort = last_command
+        if self.recipe.late is not None and (self.recipe.log or self.recipe.summary):
+            if self.recipe.log:
+                acted = self._forces(code.builder.sub(instant, code.integer(1)))
+                before = self.plant.answer(q, v, self._get("reference"), acted)[1]
+            next_reference = array(self._ramped(last_command, v)[0])
+            _, effort, command = self.plant.driven(q, v, next_reference, forces)
         if self.recipe.drive == "motion" and (self.recipe.log or self.recipe.summary):
             before = self.plant.answer(
                 q, v, before, self._forces(code.builder.sub(instant, code.integer(1)))
@@ -267,10 +286,34 @@ class _Loop:
                 self.plant.energy(q, v),
                 self.state["buffers"][0].get(),
                 buffer,
+                *self._cut(asked),
             ]
             self._log(instant, row)
         if self.recipe.summary:
-            self._summarise(instant, q, v, effort, buffer)
+            self._summarise(instant, q, v, effort, buffer, command, self._cut(asked))
+
+    def _heard(self, command: np.ndarray) -> np.ndarray:
+        """What converters hear when they are given commands, shape (m,)."""
+        assert self.plant.response is not None
+        waiting = [*self._get("unheard"), *self.plant.response.heard(command)]
+        self._set("unheard", waiting[self.sizes.m :])
+        return array(waiting[: self.sizes.m])
+
+    def _ramped(self, heard: np.ndarray, v: np.ndarray) -> tuple[list[Any], list[Any]]:
+        """Reference rates of converters after the next step, and how fast they change, m numbers
+        each.
+        """
+        assert self.plant.response is not None
+        rate = v[self.plant.topology.layout.drives]
+        before = self._get("reference"), self._get("rising")
+        return self.plant.response.ramped(heard, *before, rate, self.dt)
+
+    def _cut(self, command: np.ndarray) -> list[Any]:
+        """1 where a converter is given more than its largest rate, else 0; nothing without."""
+        if self.plant.response is None:
+            return []
+        beyond = self.code.either(*self.plant.response.cuts(map(self.code.value, command)))
+        return [self.code.chosen(beyond, 1.0, 0.0)]
 
     def _commanded(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """What the controller commands, shape (m,)."""
@@ -314,7 +357,14 @@ class _Loop:
                 )
 
     def _summarise(
-        self, instant: ir.Value, q: np.ndarray, v: np.ndarray, effort: np.ndarray, buffer: Any
+        self,
+        instant: ir.Value,
+        q: np.ndarray,
+        v: np.ndarray,
+        effort: np.ndarray,
+        buffer: Any,
+        needed: np.ndarray,
+        cut: Sequence[Any],
     ) -> None:
         code, crane, kept = self.code, self.plant, self.summary
         swing, amplitude = (code.value(part) for part in crane.swing(q, v))
@@ -326,7 +376,8 @@ class _Loop:
             _largest(code, variable, code.call("llvm.fabs", value))
         hoist = crane.topology.layout.drive_of("hoist")
         holds = code.both(
-            *crane.conditions(q, v, buffer if hoist is None else effort[hoist] + buffer)
+            *crane.conditions(q, v, buffer if hoist is None else effort[hoist] + buffer, needed),
+            *(number < 0.5 for number in cut),
         )
         now = code.from_integer(instant)
         first = kept["invalid"][0]

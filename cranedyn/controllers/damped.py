@@ -43,6 +43,15 @@ class Damped:
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Accelerations of the drives [rad/s² or m/s²], shape (m,)."""
+        return np.clip(
+            (self.velocity(t, state, setpoint) - state.v[self.crane.layout.drives])
+            / self.control_period,
+            -self.accelerations,
+            self.accelerations,
+        )
+
+    def velocity(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Rates that the drives should have a control period later [rad/s or m/s], shape (m,)."""
         layout = self.crane.layout
         _, x, phi, theta, length = state.q[list(layout.tower("Drives that yield to the swing"))]
         turned = theta / x if x != 0.0 else 0.0  # on the slew axis no slewing moves the pivot
@@ -53,15 +62,10 @@ class Damped:
             * (turned * layout.along("gamma") + phi * layout.along("x"))
         )
         back = self.recovery * (setpoint.position - state.q[layout.drives])
-        velocity = np.clip(
+        return np.clip(
             self.reference(t + self.control_period).velocity + back - yielding,
             -self.rates,
             self.rates,
-        )
-        return np.clip(
-            (velocity - state.v[layout.drives]) / self.control_period,
-            -self.accelerations,
-            self.accelerations,
         )
 
 

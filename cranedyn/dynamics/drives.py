@@ -1,5 +1,5 @@
-"""How a command acts on the crane: drives that exert an effort, and drives that follow a motion.
-Inside, time is counted in steps.
+"""How a command acts on the crane: drives that exert an effort, drives that follow a motion, and
+drives with frequency converters. Inside, time is counted in steps.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from operator import le
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.dynamics.converters import Converters, held_back
 from cranedyn.dynamics.integrators import Acceleration, in_steps
 from cranedyn.dynamics.joint_forces import JointForces, Stops
 from cranedyn.dynamics.pinocchio import follow_drives, inverse_dynamics, outside_effort
@@ -186,3 +187,85 @@ class MotionDrives:
     def _forces(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Generalized forces of damping and springs, and from outside."""
         return self._joint.effort(q, u), None if self._outside is None else self._outside(q, u)
+
+
+class VelocityDrives:
+    """Drives with frequency converters, see `cranedyn.dynamics.converters`.
+
+    Attributes:
+        cut: Whether the last command was beyond the largest rate of a drive.
+    """
+
+    def __init__(
+        self, crane: Crane, dt: float, outside: Outside | None, made: Converters, late: int
+    ) -> None:
+        self.model, self.cut, self._late = in_steps(crane.model, dt), False, late
+        self._data, self._layout, self._dt = self.model.createData(), crane.layout, dt
+        self._joint, self._outside = JointForces.of(crane).in_steps(dt), outside
+        self._response, self._limits = made.response, dt * dt * crane.effort_limit
+        self.begin(crane.start)
+
+    def begin(self, state: State) -> None:
+        """Go on as the drives do at a state until the first command is heard."""
+        rate = state.v[self._layout.drives]
+        self.remember(rate, np.zeros_like(rate), np.tile(rate, (self._late, 1)))
+
+    def remember(self, reference: np.ndarray, rising: np.ndarray, unheard: np.ndarray) -> None:
+        """Have reference rates that change at a rate, shape (m,) each, and commands that are not
+        yet heard, shape (late, m).
+        """
+        self._reference, self._rising, self._unheard = reference.copy(), rising.copy(), [*unheard]
+        self._heard = self._reference
+
+    def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Take commanded rates until the next ones; returns the efforts that the drives would need
+        from here on, and those that they exert, shape (m,) each.
+        """
+        self.cut = any(self._response.cuts(command.tolist()))
+        waiting = [*self._unheard, np.array(self._response.heard(command.tolist()))]
+        self._heard, self._unheard = waiting[0], waiting[1:]
+        u = self._dt * state.v
+        _, effort, needed = self._driven(state.q, u, self._ramped(u)[0])
+        return needed / self._dt**2, effort / self._dt**2
+
+    def step(self, u: np.ndarray) -> None:
+        """Let the ramps go on by a step in which drives move at rates u, in steps."""
+        self._reference, self._rising = self._ramped(u)
+
+    def _ramped(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rate = (u[self._layout.drives] / self._dt).tolist()
+        before = self._reference.tolist(), self._rising.tolist()
+        reference, rising = self._response.ramped(self._heard.tolist(), *before, rate, self._dt)
+        return np.array(reference), np.array(rising)
+
+    def effort(self, state: State) -> np.ndarray:
+        """What acted until a state, shape (m,)."""
+        return self._driven(state.q, self._dt * state.v, self._reference)[1] / self._dt**2
+
+    def acceleration(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Of all joints, shape (n,)."""
+        return self._driven(q, u, self._reference)[0]
+
+    def _driven(
+        self, q: np.ndarray, u: np.ndarray, reference: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Accelerations of all joints, shape (n,), efforts of the drives and those that they would
+        need, shape (m,) each.
+        """
+        drives, dt = self._layout.drives, self._dt
+        wanted = np.zeros(len(u))
+        wanted[drives] = [
+            dt * dt * a
+            for a in self._response.accelerations_at(reference, (u[drives] / dt).tolist())
+        ]
+        joint = self._joint.effort(q, u)
+        outside = None if self._outside is None else self._outside(q, u)
+        given = self.model, self._data, q, u
+        a = follow_drives(*given, wanted, joint, self._layout.passive, outside)
+        needed = inverse_dynamics(*given, a, joint, outside)[drives]
+        if (np.abs(needed) <= self._limits).all():
+            return a, needed, needed
+        mass = pin.crba(self.model, self._data, q)
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        resisting = inverse_dynamics(*given, np.zeros(len(u)), joint, outside)
+        return held_back(mass, resisting, wanted[drives], self._limits, self._layout)

@@ -17,7 +17,7 @@ from cranedyn.arrays import finite, shaped
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.pinocchio import holding_effort, linearise
 from cranedyn.errors import Misshapen, ModelError, OutOfRange, whole, within
-from cranedyn.interfaces import Drive, State
+from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
 
 
@@ -79,7 +79,7 @@ class Linear:
 
 @checked
 def linear(
-    crane: Crane, state: State, effort: np.ndarray | None = None, *, drive: Drive = "effort"
+    crane: Crane, state: State, effort: np.ndarray | None = None, *, drive: DirectDrive = "effort"
 ) -> Linear:
     """Linearise a crane about a state.
 
@@ -93,7 +93,7 @@ def linear(
         OutOfRange: If the effort is not one finite number for each drive, or `drive` is none of
             these.
     """
-    check_word("drive", drive, Drive)
+    check_word("drive", drive, DirectDrive)
     n, m, drives = crane.layout.n, crane.layout.m, crane.layout.drives
     exerted = holding_effort(crane, state.q) if effort is None else finite("effort", effort, (m,))
     by_state, by_command = linearise(crane, state, exerted)

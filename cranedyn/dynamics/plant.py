@@ -12,13 +12,17 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.converters import Response, held_back
 from cranedyn.dynamics.joint_forces import JointForces, Stops, rope_tension
 from cranedyn.dynamics.rigid_body import Bodies, ExternalForce, array
 from cranedyn.dynamics.scalars import clipped
-from cranedyn.dynamics.validity import bounds
+from cranedyn.dynamics.validity import bounds, drive_bounds
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.model.springs import Rope, Springs
+
+_NO_LIMIT = 1e9
+"""Stands for no limit of a rate: whatever is faster has diverged."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +84,13 @@ class Plant:
         joint: Damping and springs.
         stops: Buffers at the ends of the ranges of the drives.
         lower, upper: Ranges, shape (n,).
-        effort_limit: Of the drives, shape (m,).
+        effort_limit, rate_limit: Of the drives, shape (m,).
         levers: Where the points are in the frames of their joints [m], shape (points, 3).
         arms: From each swing joint to the payload, but for the cable [m], shape (swings,).
-        drive: Whether commands are efforts, "effort", or accelerations, "motion".
+        drive: Whether commands are efforts, "effort", accelerations, "motion", or reference rates,
+            "velocity".
         buffers: Whether there are buffers.
+        response: Of the drives' frequency converters; None if there are none.
     """
 
     topology: Topology
@@ -94,10 +100,12 @@ class Plant:
     lower: np.ndarray
     upper: np.ndarray
     effort_limit: np.ndarray
+    rate_limit: np.ndarray
     levers: np.ndarray
     arms: np.ndarray
     drive: str
     buffers: bool
+    response: Response | None = None
 
     def answer(
         self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
@@ -107,11 +115,20 @@ class Plant:
         Args:
             q: Coordinates, shape (n,).
             v: Their rates, shape (n,).
-            command: Efforts within the limits, or accelerations, of the drives, shape (m,).
+            command: Efforts within the limits, accelerations, or reference rates of the drives,
+                shape (m,).
             forces: From outside on the points in the world [N], shape (3 points,); None for none.
 
         Returns:
             Accelerations, shape (n,), and efforts of the drives, shape (m,).
+        """
+        return self.driven(q, v, command, forces)[:2]
+
+    def driven(
+        self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What `answer` says, and the efforts that the drives would need to do as they are told,
+        shape (m,).
         """
         drives, passive = self.topology.layout.drives, self.topology.layout.passive
         where = rigid_body.frames(self.tree, q)
@@ -128,14 +145,18 @@ class Plant:
         if self.buffers:
             resisting[drives] = resisting[drives] - self.stops.effort(q, v)
         mass = rigid_body.mass_matrix(self.tree, where)
+        if self.response is not None:
+            wanted = array(self.response.accelerations_at(command, v[drives]))
+            return held_back(mass, resisting, wanted, self.effort_limit, self.topology.layout)
         a = array([0.0] * len(q))
         a[drives] = command
         if self.drive == "effort":
-            return rigid_body.solve(mass, a - resisting), command
+            return rigid_body.solve(mass, a - resisting), command, command
         a[passive] = rigid_body.solve(
             mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive]
         )
-        return a, (mass @ a + resisting)[drives]
+        effort = (mass @ a + resisting)[drives]
+        return a, effort, effort
 
     def stop_force(self, q: np.ndarray, v: np.ndarray) -> Any:
         """What the buffers at the ends of the cable push [N], see
@@ -147,16 +168,22 @@ class Plant:
         joint = self.stops.drives[hoist]
         return self.stops.one(hoist, q[joint], v[joint])
 
-    def conditions(self, q: np.ndarray, v: np.ndarray, hoist_force: Any) -> list[Any]:
+    def conditions(
+        self, q: np.ndarray, v: np.ndarray, hoist_force: Any, needed: np.ndarray
+    ) -> list[Any]:
         """What must be true for the model to hold under a force of the hoist and of the buffers of
-        the cable, as comparisons.
+        the cable, and with efforts that drives which follow a motion or a rate would need, as
+        comparisons.
         """
         layout = self.topology.layout
         tension = rope_tension(layout, self.joint.damping, self.joint.springs, q, v, hoist_force)
         height = rigid_body.height(
             self.tree, rigid_body.frames(self.tree, q), self.topology.bodies[0], self.levers[0]
         )
-        found = bounds(layout, self.lower, self.upper, q, tension, height, buffers=self.buffers)
+        found = [*bounds(layout, self.lower, self.upper, q, tension, height, buffers=self.buffers)]
+        if self.drive != "effort":
+            rates = self.rate_limit if self.drive == "motion" else None
+            found += drive_bounds(layout, needed, self.effort_limit, v, rates)
         return [condition for bound in found for condition in bound.conditions]
 
     def within(self, command: np.ndarray) -> np.ndarray:
@@ -208,6 +235,7 @@ def numbers(crane: Crane) -> np.ndarray:
             crane.lower,
             crane.upper,
             crane.effort_limit,
+            np.minimum(crane.rate_limit, _NO_LIMIT),
             levers,
             _arms(crane),
             stops.stiffness,
@@ -232,12 +260,19 @@ def _arms(crane: Crane) -> np.ndarray:
 
 
 def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) -> Plant:
-    """A plant from its topology and its numbers, in the order of `numbers`."""
+    """A plant from its topology and its numbers, in the order of `numbers`, after which come those
+    of its frequency converters if drives are told a velocity.
+    """
     layout = topology.layout
     n, m = layout.n, layout.m
+    response = None
+    if drive == "velocity":
+        count = m * len(Response._fields)
+        response = Response(*np.split(array(values[-count:]), len(Response._fields)))
+        values = values[:-count]
     tree = rigid_body.blank(topology.parents)
     count = len(tree.numbers())
-    counts = [n, n, n, 1, n, n, m, 3 * len(topology.bodies), len(topology.swings), m, m]
+    counts = [n, n, n, 1, n, n, m, m, 3 * len(topology.bodies), len(topology.swings), m, m]
     parts = np.split(array(values[count:]), np.cumsum(counts)[:-1])
     (
         damping,
@@ -247,6 +282,7 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         lower,
         upper,
         effort_limit,
+        rate_limit,
         levers,
         arms,
         stop_stiffness,
@@ -265,8 +301,10 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         lower,
         upper,
         effort_limit,
+        rate_limit,
         levers.reshape(-1, 3),
         arms,
         drive,
         buffers,
+        response,
     )

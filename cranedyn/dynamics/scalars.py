@@ -76,3 +76,25 @@ def clipped(value: Any, low: Any, high: Any) -> Any:
     """A number cut to a range; what is not a number stays."""
     value = chosen(value < low, low, value)
     return chosen(value > high, high, value)
+
+
+def flag(condition: Any, of: Any) -> Any:
+    """1 where a condition on a number holds, else 0, as such a number."""
+    if isinstance(condition, bool | np.bool_ | np.ndarray):
+        return chosen(condition, 1.0, 0.0)
+    return of.choices.chosen(condition, 1.0, 0.0)
+
+
+def magnitude(value: Any) -> Any:
+    """A number without its sign."""
+    return chosen(value < 0.0, -value, value)
+
+
+def root(value: Any) -> Any:
+    """The square root of a number that is not negative."""
+    return value.choices.call("llvm.sqrt", value) if hasattr(value, "choices") else np.sqrt(value)
+
+
+def rounded(value: Any) -> Any:
+    """The nearest whole number, the even one of two."""
+    return value.choices.call("llvm.rint", value) if hasattr(value, "choices") else np.rint(value)

@@ -103,6 +103,46 @@ def bounds(
     )
 
 
+_ROUND_OFF = 1.0 + 1e-9
+
+
+def drive_bounds(
+    layout: Layout, needed: Any, effort_limit: Any, v: Any, rate_limit: Any
+) -> Iterator[Bound]:
+    """What must hold of drives that follow a motion or a rate: that they can.
+
+    Args:
+        layout: Joints of the crane.
+        needed: Efforts that they need for it [N m or N], m numbers.
+        effort_limit: Largest efforts, m numbers.
+        v: Rates of the joints, n numbers.
+        rate_limit: Largest rates of the drives, m numbers, inf for none; None where they keep them
+            by themselves.
+    """
+    for i, joint in enumerate(layout.driven):
+        where, name = int(layout.drives[i]), joint.name
+        yield Bound(
+            where,
+            needed[i],
+            -(effort_limit[i] * _ROUND_OFF),
+            effort_limit[i] * _ROUND_OFF,
+            False,
+            f"{name} would need {{value:.6g}} {joint.effort_unit}, its drive has {{low:.6g}} to "
+            f"{{high:.6g}} {joint.effort_unit}",
+        )
+        if rate_limit is None:
+            continue
+        yield Bound(
+            where,
+            v[where],
+            -(rate_limit[i] * _ROUND_OFF),
+            rate_limit[i] * _ROUND_OFF,
+            False,
+            f"{name} moves at {{value:.6g}} {joint.unit}/s, its drive at {{low:.6g}} to "
+            f"{{high:.6g}} {joint.unit}/s",
+        )
+
+
 class Event(NamedTuple):
     """The model ceases to hold.
 
@@ -121,7 +161,14 @@ class Event(NamedTuple):
 
 @checked
 def first_event(
-    crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buffers: bool = False
+    crane: Crane,
+    q: np.ndarray,
+    v: np.ndarray,
+    hoist: np.ndarray,
+    *,
+    buffers: bool = False,
+    needed: np.ndarray | None = None,
+    converters: bool = False,
 ) -> Event | None:
     """The first row at which the model does not hold, None if there is none.
 
@@ -133,13 +180,16 @@ def first_event(
             of no account without a hoist.
         buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little
             is no event.
+        needed: Efforts that drives need which follow a motion or a rate [N m or N], shape (rows,
+            m); None for drives that take efforts.
+        converters: Whether drives keep their rates by themselves.
 
     Raises:
         OutOfRange: If an array has another shape.
     """
     found = [
         event
-        for bound in _of_rows(crane, q, v, hoist, buffers)
+        for bound in _of_rows(crane, q, v, hoist, buffers, needed, converters)
         for event in _beginnings(crane, bound, bound.holds)[:1]
     ]
     return min(found, key=lambda event: event.row, default=None)
@@ -150,23 +200,33 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
     """Every beginning of a stretch in which the model does not hold, in the order of time."""
     buffers = run.parameters.get("validity") == "buffers"
     hoist = hoisting(crane, run.effort) + (cable_buffers(crane, run.q, run.v) if buffers else 0.0)
+    drive = run.parameters.get("drive")
+    needed = run.command if drive in ("motion", "velocity") else None
     known = [
         (bound, bound.holds | (run.valid == 1.0))
-        for bound in _of_rows(crane, run.q, run.v, hoist, buffers)
+        for bound in _of_rows(crane, run.q, run.v, hoist, buffers, needed, drive == "velocity")
     ]
     return sorted(event for bound, holds in known for event in _beginnings(crane, bound, holds))
 
 
 @checked
 def valid(
-    crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, *, buffers: bool = False
+    crane: Crane,
+    q: np.ndarray,
+    v: np.ndarray,
+    hoist: np.ndarray,
+    *,
+    buffers: bool = False,
+    needed: np.ndarray | None = None,
+    converters: bool = False,
 ) -> np.ndarray:
     """Whether the model holds at each row, shape (rows,); arguments as of `first_event`.
 
     Raises:
         OutOfRange: If an array has another shape.
     """
-    return np.logical_and.reduce([bound.holds for bound in _of_rows(crane, q, v, hoist, buffers)])
+    found = _of_rows(crane, q, v, hoist, buffers, needed, converters)
+    return np.logical_and.reduce([bound.holds for bound in found])
 
 
 @checked
@@ -182,13 +242,23 @@ def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
 
 
 def _of_rows(
-    crane: Crane, q: np.ndarray, v: np.ndarray, hoist: np.ndarray, buffers: bool
+    crane: Crane,
+    q: np.ndarray,
+    v: np.ndarray,
+    hoist: np.ndarray,
+    buffers: bool,
+    needed: np.ndarray | None,
+    converters: bool,
 ) -> Iterator[Bound]:
     q = shaped("q", q, ("rows", crane.layout.n))
     v, hoist = shaped("v", v, q.shape), shaped("hoist", hoist, q.shape[:1])
     height = rigid_body.heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
     tension = rope_tension(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
-    return bounds(crane.layout, crane.lower, crane.upper, q.T, tension, height, buffers=buffers)
+    yield from bounds(crane.layout, crane.lower, crane.upper, q.T, tension, height, buffers=buffers)
+    if needed is not None:
+        needed = shaped("needed", needed, (len(q), crane.layout.m))
+        rates = None if converters else crane.rate_limit
+        yield from drive_bounds(crane.layout, needed.T, crane.effort_limit, v.T, rates)
 
 
 def _tree(crane: Crane) -> rigid_body.Bodies:

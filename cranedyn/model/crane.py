@@ -121,6 +121,12 @@ class Crane(ShownCrane):
         return float(-self.model.gravity.linear[2])
 
     @property
+    def rate_limit(self) -> np.ndarray:
+        """Largest rates of the drives [rad/s or m/s], shape (m,); inf where the URDF gives none."""
+        own = self.model.velocityLimit[self.layout.drives]
+        return np.where(own > 0.0, own, np.inf)
+
+    @property
     def payload(self) -> Point:
         """Centre of mass of the payload."""
         return self.points[0]

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.clocks import Clocks
-from cranedyn.dynamics.drives import EffortDrives, MotionDrives, Outside
+from cranedyn.dynamics.converters import Converters
+from cranedyn.dynamics.drives import EffortDrives, MotionDrives, Outside, VelocityDrives
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import energy
 from cranedyn.interfaces import Reference, State
@@ -28,10 +29,11 @@ class Setting:
     Attributes:
         crane: The crane.
         clocks: Physics steps and control periods.
-        drive: "effort" or "motion".
+        drive: "effort", "motion" or "velocity".
         forces: Whether there are forces from outside.
         buffers: Whether buffers end the ranges of the drives.
         integrator: The stepping rule.
+        converters: Frequency converters of drives that take velocities; None for others.
     """
 
     crane: Crane
@@ -40,13 +42,24 @@ class Setting:
     forces: bool
     buffers: bool
     integrator: Integrator
+    converters: Converters | None = None
 
     def outside(self, dt: float, *, buffers: bool) -> Outside | None:
         """What acts from outside, time counted in steps [s]; None if nothing can."""
         return Outside(self.crane, dt, buffers=buffers) if self.forces or self.buffers else None
 
-    def drives(self, dt: float, outside: Outside | None) -> EffortDrives | MotionDrives:
+    @property
+    def late(self) -> int | None:
+        """By how many control periods commands are heard late; None without converters."""
+        made = self.converters
+        return None if made is None else made.late(self.clocks.dt, self.clocks.period)
+
+    def drives(
+        self, dt: float, outside: Outside | None
+    ) -> EffortDrives | MotionDrives | VelocityDrives:
         """The drives, time counted in steps [s]."""
+        if self.converters is not None:
+            return VelocityDrives(self.crane, dt, outside, self.converters, self.late or 0)
         return (EffortDrives if self.drive == "effort" else MotionDrives)(self.crane, dt, outside)
 
 
@@ -79,6 +92,8 @@ class Engine:
         gives_way = setting.buffers and setting.integrator.smooth
         self._outside = setting.outside(clocks.dt, buffers=setting.buffers and not gives_way)
         self._drives = setting.drives(clocks.dt, self._outside)
+        if isinstance(self._drives, VelocityDrives):
+            self._drives.begin(start)
         self._rough = _Rough(setting) if gives_way else None
 
     def run_ahead(
@@ -102,6 +117,11 @@ class Engine:
         crane = self._setting.crane
         found = (energy(crane, State(*row)) for row in zip(q, v, strict=True))
         return np.fromiter(found, float, len(q))  # a generator is Python, which answers Ctrl-C
+
+    @property
+    def cut(self) -> bool:
+        """Whether the last command was more than a frequency converter follows."""
+        return isinstance(self._drives, VelocityDrives) and self._drives.cut
 
     def effort(self) -> np.ndarray:
         """What acts here under the last command, shape (m,)."""
@@ -129,7 +149,9 @@ class Engine:
 
     def advance(self) -> State:
         """Go on to the next control instant."""
-        if self._rough is None:
+        if isinstance(self._drives, VelocityDrives):
+            q = self._advance_by_rates(self._drives)
+        elif self._rough is None:
             q, self._u = self._integrator.advance(
                 self._drives.acceleration, self._drives.model, self.state.q, self._u, self._steps
             )
@@ -140,6 +162,14 @@ class Engine:
         v.setflags(write=False)
         self.state = State(q, v)
         return self.state
+
+    def _advance_by_rates(self, drives: VelocityDrives) -> np.ndarray:
+        q, u = self.state.q, self._u
+        for _ in range(self._steps):
+            drives.step(u)
+            q, u = self._integrator.advance(drives.acceleration, drives.model, q, u, 1)
+        self._u = u
+        return q
 
     def _advance_to_buffers(self, rough: _Rough) -> np.ndarray:
         q, u = self.state.q, self._u

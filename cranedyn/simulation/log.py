@@ -58,7 +58,7 @@ class Log:
             np.zeros(rows),
             np.zeros(rows),
         )
-        self._energy = np.full(rows, np.nan)
+        self._energy, self._cut = np.full(rows, np.nan), np.zeros(rows, dtype=bool)
 
     def __len__(self) -> int:
         """Number of rows so far."""
@@ -93,13 +93,17 @@ class Log:
         """
         self._buffer_work[self._rows], self._stop_force[self._rows] = work, stop_force
 
+    def cut(self, cut: bool) -> None:
+        """Say of the row that comes next whether a converter was told more than it follows."""
+        self._cut[self._rows] = cut
+
     def block(self, setpoint: np.ndarray, block: Mapping[str, np.ndarray]) -> None:
         """Add many rows at once.
 
         Args:
             setpoint: Setpoint of the drives, shape (rows, m).
-            block: q, v, command, effort, before as for `row`; energy, buffers, stop_force in
-                columns, shape (rows, 1).
+            block: q, v, command, effort, before as for `row`; energy, buffers, stop_force, and of
+                converters cut, in columns, shape (rows, 1).
         """
         rows = slice(self._rows, self._rows + len(setpoint))
         self._q[rows], self._v[rows], self._setpoint[rows] = block["q"], block["v"], setpoint
@@ -111,7 +115,13 @@ class Log:
         self._energy[rows], self._buffer_work[rows], self._stop_force[rows] = (
             block[name][:, 0] for name in ("energy", "buffers", "stop_force")
         )
+        if "cut" in block:
+            self._cut[rows] = block["cut"][:, 0] == 1.0
         self._rows = rows.stop
+
+    def needed(self) -> np.ndarray:
+        """What the drives were told to exert in the rows not looked at before, shape (rows, m)."""
+        return self._command[self._looked : self._rows]
 
     def fresh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates, rates and what holds the load of the rows not looked at before."""
@@ -140,8 +150,11 @@ class Log:
         energies: Energies,
         *,
         buffers: bool,
+        drive: str = "effort",
     ) -> Trajectory:
         """The log as arrays, with its energy ledger.
+
+        Valid are rows in which the model holds and drives that follow a motion or a rate can.
 
         Work is a force times the displacement that belongs to the velocities, so the lead of the
         positions is taken off. Where motion is prescribed the mean of the efforts at both ends of a
@@ -171,13 +184,24 @@ class Log:
             dissipated=dissipated,
             force=force,
             outside=np.stack([self._work_of_forces(middle, force), self._buffer_work[:n]], axis=1),
-            valid=valid(
-                crane, q, v, hoisting(crane, effort) + self._stop_force[:n], buffers=buffers
-            ).astype(float),
+            valid=self._valid(drive, buffers=buffers).astype(float),
             columns=crane.layout.columns(),
             parameters=parameters,
             record=record,
         )
+
+    def _valid(self, drive: str, *, buffers: bool) -> np.ndarray:
+        n = self._rows
+        holds = valid(
+            self._crane,
+            self._q[:n],
+            self._v[:n],
+            hoisting(self._crane, self._effort[:n]) + self._stop_force[:n],
+            buffers=buffers,
+            needed=None if drive == "effort" else self._command[:n],
+            converters=drive == "velocity",
+        )
+        return holds & ~self._cut[:n]
 
     def _filled(self, energies: Energies) -> np.ndarray:
         """Mechanical energy of each row [J], computed where it was not logged."""

@@ -10,6 +10,7 @@ import numpy as np
 from cranedyn.arguments import checked, told
 from cranedyn.clocks import Timed, clocks
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.validity import first_event
 from cranedyn.errors import CraneError, OutOfRange, RunError, number
@@ -48,6 +49,7 @@ def simulate(
     integrator: Integrator = semi_implicit_euler,
     engine: EngineName = "pinocchio",
     progress: Callable[[float], object] | None = None,
+    converters: Converters | None = None,
 ) -> Trajectory:
     """Run a crane under a controller.
 
@@ -68,11 +70,15 @@ def simulate(
             logged each time.
         drive: "effort": the controller commands efforts, as a force-controlled drive. "motion": it
             commands accelerations, which the drives follow exactly at the efforts this costs, as a
-            stiff velocity-controlled drive.
+            stiff velocity-controlled drive. "velocity": it commands rates, which the drives follow
+            as frequency converters make them, see `cranedyn.dynamics.converters`. Rows in which
+            these drives are told more than their rates or would need more than their efforts are
+            cut to that and marked in the column `valid`.
         disturbance: Forces from outside on the points of the crane, such as wind; see
             `cranedyn.disturbances.wind`.
         validity: What to do where a joint leaves its range, the rope would have to push, the load
-            swings to 90° or touches the ground. "stop" ends the run with an error that carries what
+            swings to 90° or touches the ground, or a motion that is followed exactly needs more
+            effort or rate than a drive has. "stop" ends the run with an error that carries what
             was recorded. "buffers" catches the drives at the ends of their ranges, for drives that
             take efforts. "mark" goes on; the rows concerned are marked in the column `valid`.
         integrator: The stepping rule.
@@ -83,16 +89,17 @@ def simulate(
             million rad. It needs the extra `compiled`.
         progress: Called with the time [s] at every control instant, or once in a while where a
             compiled loop runs ahead.
+        converters: Frequency converters of drives that take velocities; None for typical ones.
 
     Returns:
         What happened, from `since` on.
 
     Raises:
-        OutOfRange: If an argument is of another kind; if a time is not positive, one does not
-            divide the other, or the log would not fit into 4 GB; if the start is not one finite
-            coordinate and rate for each joint; if the controller was made for a shorter control
-            period. At the first instant also if the command is not one number for each drive or the
-            setpoint not finite.
+        OutOfRange: If an argument is of another kind, or has no effect; if a time is not positive,
+            one does not divide the other, or the log would not fit into 4 GB; if the start is not
+            one finite coordinate and rate for each joint; if the controller was made for a shorter
+            control period. At the first instant also if the command is not one number for each
+            drive or the setpoint not finite.
         RunError: If the model ceases to hold, state, command or setpoint stop being finite, or the
             run is interrupted; it carries what was recorded so far. So it does if the controller,
             the reference or the disturbance raises an error, which is then its cause.
@@ -115,10 +122,17 @@ def simulate(
         buffers=buffers,
         integrator=integrator,
         engine=engine,
+        converters=converters,
     )
     layout, moving, state = crane.layout, stepper.engine, stepper.state
     reference = hold(crane, state) if reference is None else reference
-    record = record_of(crane, controller=controller, reference=reference, disturbance=disturbance)
+    record = record_of(
+        crane,
+        controller=controller,
+        reference=reference,
+        disturbance=disturbance,
+        converters=stepper.converters,
+    )
     if isinstance(controller, Timed):
         controller.run_begins(since, control_period)
 
@@ -134,12 +148,13 @@ def simulate(
             "integrator": integrator.name,
             "validity": validity,
         }
-        return log.trajectory(made, record, moving.energies, buffers=buffers)
+        return log.trajectory(made, record, moving.energies, buffers=buffers, drive=drive)
 
     def look_back() -> None:
         if validity == "mark":
             return
-        event = first_event(crane, *log.fresh(), buffers=buffers)
+        needed = log.needed() if drive == "motion" else None
+        event = first_event(crane, *log.fresh(), buffers=buffers, needed=needed)
         if event is not None:
             at = log.keep(event.row)
             hint = "" if buffers else "; validity = mark goes on all the same"
@@ -173,6 +188,8 @@ def simulate(
                 if buffers:
                     log.buffers(*moving.buffers())
                 command, effort = moving.take(command_of(controller(t, state, setpoint), t, layout))
+                if stepper.converters is not None:
+                    log.cut(moving.cut)
                 log.row(state, setpoint.position, command, effort, before)
                 if k % moving.look_back == 0:
                     look_back()

@@ -10,6 +10,7 @@ import numpy as np
 
 from cranedyn.arguments import check_word, checked, described
 from cranedyn.clocks import clocks
+from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import Drive, EngineName, State
@@ -32,6 +33,7 @@ class Stepper:
     Attributes:
         crane: The crane.
         clocks: Physics steps in a control period.
+        converters: Frequency converters of drives that take velocities; None for others.
         engine: What computes the steps.
         t: Time since the start [s].
     """
@@ -49,6 +51,7 @@ class Stepper:
         buffers: bool = False,
         integrator: Integrator = semi_implicit_euler,
         engine: EngineName = "pinocchio",
+        converters: Converters | None = None,
     ) -> None:
         """Stand at a state.
 
@@ -58,22 +61,27 @@ class Stepper:
             dt: Physics step [s].
             control_period: Time that each command lasts [s], a multiple of `dt`.
             drive: "effort": commands are efforts, cut to the limits of the drives. "motion": they
-                are accelerations, followed exactly.
+                are accelerations, followed exactly. "velocity": they are rates, followed as
+                frequency converters do.
             forces: Whether forces from outside will come with the commands.
             buffers: Whether buffers end the ranges of the drives; for drives that take efforts.
             integrator: The stepping rule.
             engine: "pinocchio", or "compiled" for code made for this crane.
+            converters: Frequency converters of drives that take velocities; None for typical ones.
 
         Raises:
-            OutOfRange: If an argument is of another kind, or the state is not one of this crane.
+            OutOfRange: If an argument is of another kind, or has no effect, or the state is not one
+                of this crane.
         """
         check_word("drive", drive, Drive)
         check_word("engine", engine, EngineName)
         if buffers and drive != "effort":
-            raise OutOfRange("buffers", "True", "False where the drives follow motion")
+            allowed = "False where the drives take no efforts"
+            raise OutOfRange("buffers", "True", allowed)
         self.crane, self._forces, self._steps = crane, forces, 0
         self.clocks = clocks(control_period, dt, control_period)
-        setting = Setting(crane, self.clocks, drive, forces, buffers, integrator)
+        self.converters = fitting(crane, drive, converters)
+        setting = Setting(crane, self.clocks, drive, forces, buffers, integrator, self.converters)
         self.engine: Engine = resolve_name(ENGINES[engine])(setting, started(crane, start))
 
     @property
@@ -100,7 +108,7 @@ class Stepper:
         """Go on for one control period under a command.
 
         Args:
-            command: Of the drives [N m or N; or rad/s² or m/s²], shape (m,).
+            command: Of the drives [N m or N; or rad/s² or m/s²; or rad/s or m/s], shape (m,).
             force: From outside on the points of the crane, in the world [N], shape (points, 3);
                 None for none.
 

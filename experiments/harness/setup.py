@@ -20,6 +20,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from cranedyn.clocks import clocks
 from cranedyn.data.elsewhere import parse_sources, read_elsewhere
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import DataError, quoted
 from cranedyn.interfaces import (
@@ -231,6 +232,7 @@ class Setup:
         drive: Drive = "effort",
         disturbance: Disturbance | None = None,
         validity: Validity | None = None,
+        converters: Converters | None = None,
     ) -> Trajectory:
         """Run a crane on the clocks of this world, with progress under a label, and with its watch
         if none is given.
@@ -250,6 +252,7 @@ class Setup:
             engine=self.engine,
             integrator=INTEGRATORS[self.integrator],
             progress=self.reporter.run(label, duration),
+            converters=converters,
         )
 
     def judged(self, holds: bool) -> bool | None:

@@ -97,6 +97,8 @@ class Score:
         acceleration: Largest acceleration of a drive as a share of its limit, between control
             instants.
         work: What the drives put in, not counting what they took back [J].
+        beyond: Time in which drives that follow a motion or a rate were asked for more than they
+            have, or the model did not hold [s].
     """
 
     arrives: float
@@ -111,6 +113,7 @@ class Score:
     rate: float
     acceleration: float
     work: float
+    beyond: float = 0.0
 
     @property
     def cycle(self) -> float:
@@ -174,4 +177,5 @@ def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
             ).max()
         ),
         work=float(np.maximum(np.diff(run.work, axis=0), 0.0).sum()),
+        beyond=float(np.diff(run.t)[run.valid[:-1] == 0.0].sum()),
     )

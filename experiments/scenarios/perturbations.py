@@ -61,6 +61,9 @@ def _gust(crane: Crane, arrives: float) -> Disturbance:
     )
 
 
+UNOBSERVED = "The observer goes by efforts, not by the rates of converters."
+"""Why there is no such case on frequency converters."""
+
 NOMINAL = Perturbation("as planned")
 
 PERTURBATIONS = (
@@ -108,6 +111,8 @@ def make(
             raise CraneError(
                 "Without a planned motion there is nothing to linearise an observer about."
             )
+        if plan.drive == "velocity":
+            raise CraneError(UNOBSERVED)
         controller = observed(controller, setup.crane, plan.motion, dt=setup.dt)
     if perturbation.noise or perturbation.delay:
         noise = perturbation.noise * noise_of(crane)

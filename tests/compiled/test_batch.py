@@ -387,7 +387,9 @@ def test_a_crane_that_diverges_harms_no_other_and_says_so() -> None:
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
-    count, c = 9, crane(swing_limit=0.2, trolley_max=11.5)
+    # strong enough for a ramp that is followed exactly from its first instant
+    strong = dict.fromkeys(("slew_effort", "trolley_effort", "hoist_effort"), 1e9)
+    count, c = 9, crane(swing_limit=0.2, trolley_max=11.5, **strong)
     starts, since, late = _starts(count), 2.0, 2.3
     references = [
         ramp(c, hold(c, State(*rows)), "x", 2.0, rate=1.0, at=2.1)
@@ -418,7 +420,8 @@ def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
         amplitude = swing_amplitude(q[rows, 2:4], v[rows, 2:4], q[rows, 4], G)
         assert batch.residual_swing[i] == pytest.approx(amplitude.max(), rel=1e-14)
         assert batch.largest_effort[i].tolist() == np.abs(effort).max(axis=0).tolist()
-        event = validity.first_event(c, q, v, effort[:, 2])
+        needed = effort if drive == "motion" else None
+        event = validity.first_event(c, q, v, effort[:, 2], needed=needed)
         assert batch.valid_until[i] == (
             math.inf if event is None else pytest.approx(batch.t[event.row], abs=1e-12)
         )
@@ -569,10 +572,10 @@ NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
         ({"record": 2.5}, "record is 2.5; allowed is a whole number >= 0"),
         ({"threads": 0}, "threads is 0; allowed is a whole number >= 1"),
         ({"threads": 10**9}, "threads is 1000000000; allowed is 1 to 1024"),
-        ({"drive": "velocity"}, "drive is velocity; allowed is effort or motion"),
+        ({"drive": "speed"}, "drive is speed; allowed is effort or motion or velocity"),
         (
             {"drive": "motion", "buffers": True},
-            "buffers is True; allowed is False where the drives follow prescribed motion",
+            "buffers is True; allowed is False where the drives take no efforts",
         ),
         ({"residual_from": 0.6}, "residual_from is 0.6 s; allowed is 0 to 0.5"),
         ({"residual_from": math.nan}, "residual_from is nan s"),

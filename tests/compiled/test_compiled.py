@@ -116,8 +116,12 @@ PERIOD, LASTS = 1e-2, 0.6
 
 @cache
 def _crane(validity: str) -> Crane:
-    """One whose trolley meets the end of its path, but where that would end the run."""
-    return crane(**DAMPED, trolley_max=22.0 if validity == "stop" else 10.05)
+    """One whose trolley meets the end of its path, but where that would end the run; its drives are
+    strong enough for a ramp that is followed exactly from its first instant.
+    """
+    if validity == "stop":
+        return crane(**DAMPED, slew_effort=1e8, trolley_effort=1e8, hoist_effort=1e8)
+    return crane(**DAMPED, trolley_max=10.05)
 
 
 def _start() -> State:

@@ -388,6 +388,7 @@ def test_what_the_ledger_leaves_open_halves_with_the_step(drive: Any) -> None:
             dt=dt,
             control_period=dt,
             drive=drive,
+            validity="mark",  # a ramp that is followed exactly begins with more than drives have
         )
 
     coarse, fine = (run(dt) for dt in (2e-3, 1e-3))
@@ -477,7 +478,7 @@ def test_only_the_three_drives_can_be_addressed(command: Any, drive: Any) -> Non
             r"duration is 0.1234 s; allowed is a multiple of control_period = 0.005 s",
         ),
         ({"duration": 1e-3}, r"duration is 0.001 s; allowed is a multiple of control_period"),
-        ({"drive": "velocity"}, "drive is velocity; allowed is effort or motion"),
+        ({"drive": "speed"}, "drive is speed; allowed is effort or motion or velocity"),
     ],
 )
 def test_times_that_do_not_fit_are_refused(times: dict[str, Any], sentence: str) -> None:

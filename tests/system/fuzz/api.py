@@ -50,6 +50,8 @@ PUBLIC = {
         "cranedyn.controllers",
         "cranedyn.controllers.damped",
         "cranedyn.controllers.integral",
+        "cranedyn.controllers.rated",
+        "cranedyn.dynamics.converters",
     ),
     "references": (
         "cranedyn.references",
@@ -92,6 +94,10 @@ NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
 
 WITHIN = (
     "bounds",
+    "drive_bounds",
+    "within_efforts",
+    "held_back",
+    "fitting",
     "hoisting",
     "columns_of",
     "started",
@@ -195,6 +201,8 @@ RIGHT: dict[str, str] = {
     },
     **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a", "drives")},
     "HoistIntegral.tracking": "tracking",
+    "rated.drive": "'effort'",
+    "converters.values": "{'lags': {'x': 0.2}}",
     "Shaper.fractions": "(0.0, 0.5)",
     "Shaper.amplitudes": "(0.5, 0.5)",
     "itinerary.legs": "[Leg('out', x=12.0), Leg('back', x=float(start.q[1]))]",
