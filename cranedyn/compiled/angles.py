@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 _LARGEST_ANGLE = 1e6
 """Beyond this the reduction of an angle to a quarter turn loses digits [rad]."""
 
+_LITTLE = 1.0 / 64.0
+"""Up to this the series of a small turn end below the precision of a double [rad]."""
+
 _HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 """π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody &
 Waite 1980)."""
@@ -60,6 +63,39 @@ def sine_and_cosine(code: Code, angle: Value) -> tuple[Value, Value]:
         code.joined(one, here, other, there) for one, other in zip(plain, turned, strict=True)
     )
     return sine, cosine
+
+
+def turned(code: Code, known: tuple[Value, Value], by: Value, angle: Value) -> tuple[Value, Value]:
+    """Sine and cosine of an angle [rad] from those before it went on by a little; each time adds a
+    rounding or two.
+
+    Where a lane went on by more than 1/64 rad, its sine and cosine are computed anew; no lane feels
+    another.
+    """
+    little = code.call("llvm.fabs", by) < _LITTLE
+    small = code.everywhere(little)
+    fast = _by_a_little(code, known, by)
+    here = code.builder.block
+    with code.builder.if_then(code.builder.not_(small), likely=False):
+        anew = sine_and_cosine(code, angle)
+        slow = [code.chosen(little, one, other) for one, other in zip(fast, anew, strict=True)]
+        there = code.builder.block
+    sine, cosine = (
+        code.joined(one, here, other, there) for one, other in zip(fast, slow, strict=True)
+    )
+    return sine, cosine
+
+
+def _by_a_little(code: Code, known: tuple[Value, Value], by: Value) -> tuple[Value, Value]:
+    sine, cosine = known
+    square = by * by
+    rise = code.fused(by * square, code.fused(square, code.value(1.0 / 120.0), -1.0 / 6.0), by)
+    less = code.fused(square, code.value(1.0 / 720.0), -1.0 / 24.0)
+    less = square * code.fused(less, square, 0.5)
+    return (
+        code.fused(cosine, rise, code.fused(-sine, less, sine)),
+        code.fused(-sine, rise, code.fused(-cosine, less, cosine)),
+    )
 
 
 def _of_eighth_turn(code: Code, angle: Value) -> tuple[Value, Value]:

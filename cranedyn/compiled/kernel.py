@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.call import CALL, SLOTS, Parts, Sizes, places, size
+from cranedyn.compiled.call import CALL, SLOTS, TURNS, Parts, Sizes, places, size
 from cranedyn.compiled.code import INTEGER, Code, Value, Variable
 from cranedyn.compiled.machine import Machine, translated
 from cranedyn.compiled.step import stepped
@@ -160,6 +160,11 @@ class _Loop:
         self.state = self._variables("state", self.sizes.state)
         self.summary = self._variables("summary", self.sizes.summary) if recipe.summary else {}
         self.dt, self.period = (code.from_double(self.given[name]) for name in ("dt", "period"))
+        self.turns = {
+            i: code.variables([0.0, 0.0])
+            for i, joint in enumerate(topology.layout.joints)
+            if joint.kind == "revolute"
+        }
 
     def _variables(self, name: str, parts: Parts) -> dict[str, list[Variable]]:
         code = self.code
@@ -198,12 +203,25 @@ class _Loop:
     def _get(self, part: str) -> np.ndarray:
         return array([variable.get() for variable in self.state[part]])
 
+    def _coordinates(self) -> np.ndarray:
+        """Coordinates whose sines and cosines are known."""
+        q = self._get("q")
+        for i, pair in self.turns.items():
+            self.code.known_angle(q[i], *(variable.get() for variable in pair))
+        return q
+
+    def _keep_angles(self, q: np.ndarray) -> None:
+        for i, pair in self.turns.items():
+            for variable, value in zip(pair, self.code.sine_and_cosine(q[i]), strict=True):
+                variable.set(value)
+
     def _set(self, part: str, values: Iterable[Any]) -> None:
         for variable, value in zip(self.state[part], values, strict=True):
             variable.set(value)
 
     def emit(self) -> None:
         code = self.code
+        self._keep_angles(self._get("q"))
         with code.loop(self.given["first"], self.given["last"]) as instant:
             forces = self._forces(instant)
             begun = code.both(
@@ -213,27 +231,42 @@ class _Loop:
             with code.when(code.builder.not_(begun)):
                 self._control(instant, forces)
             with code.when(code.builder.icmp_signed("<", instant, self.given["end"])):
-                with code.loop(0, self.given["steps"]):
-                    work = self.state["buffers"][0].get()
-                    q, v, last_command = (self._get(part) for part in ("q", "v", "last_command"))
-                    q, v, work = stepped(
-                        self.recipe.integrator,
-                        self.plant,
-                        q,
-                        v,
-                        last_command,
-                        forces,
-                        self.dt,
-                        work,
-                        self.given["small"],
-                    )
-                    self._set("q", q)
-                    self._set("v", v)
-                    self._set("buffers", [work])
+                self._period(forces)
         self._keep("state", self.state)
         if self.recipe.summary:
             self._keep("summary", self.summary)
         code.end()
+
+    def _period(self, forces: np.ndarray | None) -> None:
+        """The steps of a control period. Sines and cosines are carried from one to the next, and
+        computed anew every `TURNS` steps and at the end.
+        """
+        code, steps = self.code, self.given["steps"]
+        pieces = code.builder.sdiv(
+            code.builder.add(steps, code.integer(TURNS - 1)), code.integer(TURNS)
+        )
+        with code.loop(0, pieces) as piece:
+            first = code.product(piece, TURNS)
+            last = code.least(code.builder.add(first, code.integer(TURNS)), steps)
+            with code.loop(first, last):
+                work = self.state["buffers"][0].get()
+                v, last_command = self._get("v"), self._get("last_command")
+                q, v, work = stepped(
+                    self.recipe.integrator,
+                    self.plant,
+                    self._coordinates(),
+                    v,
+                    last_command,
+                    forces,
+                    self.dt,
+                    work,
+                    self.given["small"],
+                )
+                self._set("q", q)
+                self._set("v", v)
+                self._set("buffers", [work])
+                self._keep_angles(q)
+            self._keep_angles(self._get("q"))
 
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
         return (
@@ -246,7 +279,7 @@ class _Loop:
 
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
         code = self.code
-        q, v, before = self._get("q"), self._get("v"), self._get("last_command")
+        q, v, before = self._coordinates(), self._get("v"), self._get("last_command")
         command = self._commanded(instant, q, v)
         last_command = self.plant.within(command)
         self._set("last_command", last_command)

@@ -259,7 +259,7 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
     )
     return Plant(
         topology,
-        tree.with_numbers(values[:count]),
+        rigid_body.regrouped(tree.with_numbers(values[:count])),
         JointForces(damping, springs),
         stops,
         lower,

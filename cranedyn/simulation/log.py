@@ -11,7 +11,7 @@ import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import point_positions
-from cranedyn.dynamics.validity import hoisting, valid
+from cranedyn.dynamics.validity import Event, first_event, hoisting, valid
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -58,7 +58,7 @@ class Log:
             np.zeros(rows),
             np.zeros(rows),
         )
-        self._energy = np.full(rows, np.nan)
+        self._energy, self._valid = np.full(rows, np.nan), np.full(rows, np.nan)
 
     def __len__(self) -> int:
         """Number of rows so far."""
@@ -93,13 +93,14 @@ class Log:
         """
         self._buffer_work[self._rows], self._stop_force[self._rows] = work, stop_force
 
-    def block(self, setpoint: np.ndarray, block: Mapping[str, np.ndarray]) -> None:
+    def block(self, setpoint: np.ndarray, block: Mapping[str, np.ndarray], holds: bool) -> None:
         """Add many rows at once.
 
         Args:
             setpoint: Setpoint of the drives, shape (rows, m).
             block: q, v, command, effort, before as for `row`; energy, buffers, stop_force in
                 columns, shape (rows, 1).
+            holds: Whether the model is known to hold at all of them.
         """
         rows = slice(self._rows, self._rows + len(setpoint))
         self._q[rows], self._v[rows], self._setpoint[rows] = block["q"], block["v"], setpoint
@@ -111,20 +112,25 @@ class Log:
         self._energy[rows], self._buffer_work[rows], self._stop_force[rows] = (
             block[name][:, 0] for name in ("energy", "buffers", "stop_force")
         )
+        if holds:
+            self._valid[rows] = 1.0
         self._rows = rows.stop
 
-    def fresh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coordinates, rates and what holds the load of the rows not looked at before."""
+    def event(self, *, buffers: bool) -> Event | None:
+        """Where the model ceases to hold among the rows not looked at before, which are looked at
+        then; None if it holds at all of them.
+        """
         rows = slice(self._looked, self._rows)
-        return (
-            self._q[rows],
-            self._v[rows],
-            hoisting(self._crane, self._effort[rows]) + self._stop_force[rows],
-        )
+        if not (self._valid[rows] == 1.0).all():
+            q, v, hoist = self._q[rows], self._v[rows], self._hoist(rows)
+            if event := first_event(self._crane, q, v, hoist, buffers=buffers):
+                return event
+        self._looked, self._valid[rows] = rows.stop, 1.0
+        return None
 
-    def looked_at(self) -> None:
-        """Have all rows looked at."""
-        self._looked = self._rows
+    def _hoist(self, rows: slice | np.ndarray) -> np.ndarray:
+        """What holds the load at some rows [N]."""
+        return hoisting(self._crane, self._effort[rows]) + self._stop_force[rows]
 
     def keep(self, fresh_row: int) -> float:
         """Drop what comes behind a row, counted from the first not looked at; returns its time
@@ -171,9 +177,7 @@ class Log:
             dissipated=dissipated,
             force=force,
             outside=np.stack([self._work_of_forces(middle, force), self._buffer_work[:n]], axis=1),
-            valid=valid(
-                crane, q, v, hoisting(crane, effort) + self._stop_force[:n], buffers=buffers
-            ).astype(float),
+            valid=self._judged(buffers=buffers),
             columns=crane.layout.columns(),
             parameters=parameters,
             record=record,
@@ -188,6 +192,15 @@ class Log:
                 self._q[: self._rows][missing], self._v[: self._rows][missing]
             )
         return energy
+
+    def _judged(self, *, buffers: bool) -> np.ndarray:
+        """Whether the model holds at each row, found out where nobody has."""
+        known = self._valid[: self._rows].copy()
+        missing = np.flatnonzero(np.isnan(known))
+        if len(missing):
+            q, v, hoist = self._q[missing], self._v[missing], self._hoist(missing)
+            known[missing] = valid(self._crane, q, v, hoist, buffers=buffers)
+        return known
 
     def _work_of_forces(self, middle: np.ndarray, force: np.ndarray) -> np.ndarray:
         work = np.zeros(len(force))

@@ -11,7 +11,6 @@ from cranedyn.arguments import checked, told
 from cranedyn.clocks import Timed, clocks
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.dynamics.validity import first_event
 from cranedyn.errors import CraneError, OutOfRange, RunError, number
 from cranedyn.interfaces import (
     Controller,
@@ -139,7 +138,7 @@ def simulate(
     def look_back() -> None:
         if validity == "mark":
             return
-        event = first_event(crane, *log.fresh(), buffers=buffers)
+        event = log.event(buffers=buffers)
         if event is not None:
             at = log.keep(event.row)
             hint = "" if buffers else "; validity = mark goes on all the same"
@@ -150,7 +149,6 @@ def simulate(
                 value=event.value,
                 trajectory=recorded(),
             )
-        log.looked_at()
 
     t, drives = since, (layout.m,)
     try:
