@@ -153,9 +153,7 @@ class Plant:
         """
         layout = self.topology.layout
         tension = rope_tension(layout, self.joint.damping, self.joint.springs, q, v, hoist_force)
-        height = rigid_body.height(
-            self.tree, rigid_body.frames(self.tree, q), self.topology.bodies[0], self.levers[0]
-        )
+        height = rigid_body.height(self.tree, q, self.topology.bodies[0], self.levers[0])
         found = bounds(layout, self.lower, self.upper, q, tension, height, buffers=self.buffers)
         return [condition for bound in found for condition in bound.conditions]
 

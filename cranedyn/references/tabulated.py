@@ -65,6 +65,32 @@ def _sound(answer: Any, drives: int | str) -> bool:
         return False
 
 
+class Setpoints:
+    """What a reference answers at one time after another, looked at; what cannot change once only."""
+
+    def __init__(self, reference: Reference, drives: int) -> None:
+        self._reference, self._shape = reference, (drives,)
+        self._last: Setpoint | None = None
+        self._steady: Setpoint | None = None
+
+    def __call__(self, t: float) -> Setpoint:
+        """The setpoint at a time [s].
+
+        Raises:
+            OutOfRange: If it is none, see `checked_setpoint`.
+        """
+        answer = self._reference(t)
+        if answer is self._steady:
+            return answer
+        setpoint = checked_setpoint(answer, self._shape)
+        if answer is self._last and all(
+            part.flags.owndata and not part.flags.writeable for part in setpoint
+        ):
+            self._steady = answer
+        self._last = answer
+        return setpoint
+
+
 def tabulated(reference: Reference, times: np.ndarray, drives: int | None = None) -> Setpoint:
     """The setpoints of a reference at many times [s], shape (rows, m) each; by its own `at` if it
     has one, which takes all at once.

@@ -5,6 +5,7 @@ becomes.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from inspect import unwrap
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,12 @@ from cranedyn.dynamics.validity import Event, first_event, hoisting, valid
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
+
+# Arrays of the log are what they should be.
+_first_event, _hoisting, _valid = map(unwrap, (first_event, hoisting, valid))
+
+_TOGETHER = 256
+"""Rows that are kept as they came until they are written together."""
 
 _LARGEST = 4e9
 """Memory that the log of a run and the trajectory made of it may take [byte]."""
@@ -49,6 +56,7 @@ class Log:
             raise OutOfRange("duration", f"{(rows - 1) * period:g}", f"{most}: {takes}", "s")
         self._crane, self._since, self._period, self._lead = crane, since, period, lead
         self._rows, self._looked = 0, 0
+        self._fresh = list[tuple[np.ndarray, ...]]()
         self._q, self._v = np.empty((rows, crane.layout.n)), np.empty((rows, crane.layout.n))
         self._setpoint, self._command, self._effort, self._before = (
             np.empty((rows, crane.layout.m)) for _ in range(4)
@@ -62,7 +70,7 @@ class Log:
 
     def __len__(self) -> int:
         """Number of rows so far."""
-        return self._rows
+        return self._rows + len(self._fresh)
 
     def row(
         self,
@@ -72,26 +80,31 @@ class Log:
         effort: np.ndarray,
         before: np.ndarray,
     ) -> None:
-        """Add a row: effort is what acts from here on, before what acted until here."""
-        k = self._rows
-        self._q[k], self._v[k] = state
-        self._setpoint[k], self._command[k], self._effort[k], self._before[k] = (
-            setpoint,
-            command,
-            effort,
-            before,
-        )
-        self._rows = k + 1
+        """Add a row: effort is what acts from here on, before what acted until here; contiguous
+        arrays that nobody changes any more.
+        """
+        self._fresh.append((*state, setpoint, command, effort, before))
+        if len(self._fresh) == _TOGETHER:
+            self._write()
+
+    def _write(self) -> None:
+        """Put fresh rows where they belong; many together take less time than one by one."""
+        rows = slice(self._rows, len(self))
+        columns = self._q, self._v, self._setpoint, self._command, self._effort, self._before
+        for column, parts in zip(columns, zip(*self._fresh, strict=True), strict=False):
+            column[rows] = np.frombuffer(b"".join(parts)).reshape(-1, column.shape[1])
+        self._rows = rows.stop
+        self._fresh.clear()
 
     def force(self, force: np.ndarray) -> None:
         """Add the forces from outside to the row that comes next, shape (points, 3)."""
-        self._force[self._rows] = force.ravel()
+        self._force[len(self)] = force.ravel()
 
     def buffers(self, work: float, stop_force: float) -> None:
         """Add to the row that comes next what the buffers did [J], and what those at the ends of
         the cable push [N].
         """
-        self._buffer_work[self._rows], self._stop_force[self._rows] = work, stop_force
+        self._buffer_work[len(self)], self._stop_force[len(self)] = work, stop_force
 
     def block(self, setpoint: np.ndarray, block: Mapping[str, np.ndarray], holds: bool) -> None:
         """Add many rows at once.
@@ -120,17 +133,18 @@ class Log:
         """Where the model ceases to hold among the rows not looked at before, which are looked at
         then; None if it holds at all of them.
         """
+        self._write()
         rows = slice(self._looked, self._rows)
         if not (self._valid[rows] == 1.0).all():
             q, v, hoist = self._q[rows], self._v[rows], self._hoist(rows)
-            if event := first_event(self._crane, q, v, hoist, buffers=buffers):
+            if event := _first_event(self._crane, q, v, hoist, buffers=buffers):
                 return event
         self._looked, self._valid[rows] = rows.stop, 1.0
         return None
 
     def _hoist(self, rows: slice | np.ndarray) -> np.ndarray:
         """What holds the load at some rows [N]."""
-        return hoisting(self._crane, self._effort[rows]) + self._stop_force[rows]
+        return _hoisting(self._crane, self._effort[rows]) + self._stop_force[rows]
 
     def keep(self, fresh_row: int) -> float:
         """Drop what comes behind a row, counted from the first not looked at; returns its time
@@ -153,6 +167,7 @@ class Log:
         positions is taken off. Where motion is prescribed the mean of the efforts at both ends of a
         period stands for them. Dissipation is integrated by the trapezoidal rule.
         """
+        self._write()
         n, crane, period = self._rows, self._crane, self._period
         q, v, effort, force = self._q[:n], self._v[:n], self._effort[:n], self._force[:n]
         middle = q - self._lead * v
@@ -199,7 +214,7 @@ class Log:
         missing = np.flatnonzero(np.isnan(known))
         if len(missing):
             q, v, hoist = self._q[missing], self._v[missing], self._hoist(missing)
-            known[missing] = valid(self._crane, q, v, hoist, buffers=buffers)
+            known[missing] = _valid(self._crane, q, v, hoist, buffers=buffers)
         return known
 
     def _work_of_forces(self, middle: np.ndarray, force: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from cranedyn.interfaces import (
 )
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold
-from cranedyn.references.tabulated import checked_setpoint
+from cranedyn.references.tabulated import Setpoints
 from cranedyn.simulation.engine import DIVERGED
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.record import record_of
@@ -150,7 +150,7 @@ def simulate(
                 trajectory=recorded(),
             )
 
-    t, drives = since, (layout.m,)
+    t, setpoint_at = since, Setpoints(reference, layout.m)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             ahead = 0
@@ -164,14 +164,14 @@ def simulate(
                 t = since + k * control_period
                 if not math.hypot(*state.v.tolist()) < DIVERGED:
                     raise diverged(layout, t, state)
-                setpoint = checked_setpoint(reference(t), drives)
+                setpoint = setpoint_at(t)
                 before = moving.effort()
                 if disturbance is not None:
                     log.force(moving.take_force(force_of(disturbance(t, state), layout)))
                 if buffers:
                     log.buffers(*moving.buffers())
                 command, effort = moving.take(command_of(controller(t, state, setpoint), t, layout))
-                log.row(state, setpoint.position, command, effort, before)
+                log.row(state, np.array(setpoint.position, float), command, effort, before)
                 if k % moving.look_back == 0:
                     look_back()
                 if progress is not None:

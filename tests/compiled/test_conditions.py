@@ -48,8 +48,8 @@ def test_where_code_says_that_the_model_holds_nobody_asks_again(
         asked.append(1)
         return validity.valid(*given, **named)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(log, "valid", counted)
-    monkeypatch.setattr(log, "first_event", counted)
+    monkeypatch.setattr(log, "_valid", counted)
+    monkeypatch.setattr(log, "_first_event", counted)
     start, hold = crane().state(phi=0.1), hold_controller(crane())
     run = simulate(crane(), hold, start=start, duration=20.0, engine="compiled")
     assert not asked and (run.valid == 1.0).all()
