@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from llvmlite import ir
 
 if TYPE_CHECKING:
     from cranedyn.compiled.code import Code, Value
@@ -49,8 +50,25 @@ def sine_and_cosine(code: Code, angle: Value) -> tuple[Value, Value]:
 
     Two Taylor polynomials, which end below the precision of a double at 45°. Where a lane has a
     larger angle, all are reduced by whole quarter turns before; a smaller angle comes out of that
-    as it went in, so that no lane feels another.
+    as it went in, so that no lane feels another. They stand once in a module, as a function.
     """
+    module, name = code.function.module, f"sine_and_cosine_{code.lanes}"
+    if name not in module.globals:
+        kind = ir.FunctionType(ir.LiteralStructType([code.type] * 2), [code.type])
+        function = ir.Function(module, kind, name)
+        function.linkage = "internal"
+        outside, code.builder = code.builder, ir.IRBuilder(function.append_basic_block())
+        pair = ir.Constant(kind.return_type, ir.Undefined)
+        for i, value in enumerate(_both(code, type(angle)(code, function.args[0]))):
+            pair = code.builder.insert_value(pair, value.register, i)
+        code.builder.ret(pair)
+        code.builder = outside
+    both = code.builder.call(module.globals[name], [angle.register])
+    sine, cosine = (type(angle)(code, code.builder.extract_value(both, i)) for i in range(2))
+    return sine, cosine
+
+
+def _both(code: Code, angle: Value) -> tuple[Value, Value]:
     small = code.everywhere(code.call("llvm.fabs", angle) < np.pi / 4.0)
     with code.builder.if_else(small, likely=True) as (then, otherwise):
         with then:

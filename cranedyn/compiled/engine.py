@@ -47,10 +47,7 @@ class CompiledEngine(Engine):
 
     Attributes:
         state: Where the crane is.
-        look_back: As for `Engine`; instants are quicker here.
     """
-
-    look_back = 1000
 
     def __init__(self, setting: Setting, start: State) -> None:
         """Begin at a state, without command.

@@ -110,6 +110,8 @@ def _plant(
 def _emit_answer(
     code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
 ) -> None:
+    for attribute in ("noinline", "optnone"):  # it is called some times only
+        code.function.attributes.add(attribute)
     crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
     parts = Sizes.of(topology.layout).given
     given = [code.load(code.argument["given"], i * code.lanes) for i in range(size(parts))]

@@ -399,9 +399,7 @@ def heights(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> np.nda
     Returns:
         Heights [m], shape (rows,).
     """
-    return np.broadcast_to(
-        np.asarray(height(tree, rows(q), body, point), dtype=float), len(q)
-    )
+    return np.broadcast_to(np.asarray(height(tree, rows(q), body, point), dtype=float), len(q))
 
 
 def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.arguments import described, told
-from cranedyn.arrays import finite
+from cranedyn.arrays import DOUBLE, finite
 from cranedyn.errors import CraneError, Misshapen
 from cranedyn.interfaces import Reference, Setpoint
 
@@ -66,12 +66,16 @@ def _sound(answer: Any, drives: int | str) -> bool:
 
 
 class Setpoints:
-    """What a reference answers at one time after another, looked at; what cannot change once only."""
+    """What a reference answers at one time after another, looked at.
+
+    Attributes:
+        steady: What it answered twice and nobody can change, which is not looked at again.
+    """
 
     def __init__(self, reference: Reference, drives: int) -> None:
         self._reference, self._shape = reference, (drives,)
         self._last: Setpoint | None = None
-        self._steady: Setpoint | None = None
+        self.steady: Setpoint | None = None
 
     def __call__(self, t: float) -> Setpoint:
         """The setpoint at a time [s].
@@ -80,13 +84,14 @@ class Setpoints:
             OutOfRange: If it is none, see `checked_setpoint`.
         """
         answer = self._reference(t)
-        if answer is self._steady:
+        if answer is self.steady:
             return answer
         setpoint = checked_setpoint(answer, self._shape)
         if answer is self._last and all(
-            part.flags.owndata and not part.flags.writeable for part in setpoint
+            part.dtype is DOUBLE and part.flags.owndata and not part.flags.writeable
+            for part in setpoint
         ):
-            self._steady = answer
+            self.steady = answer
         self._last = answer
         return setpoint
 

@@ -63,7 +63,7 @@ class Engine:
             model does not hold for.
     """
 
-    look_back = 200
+    look_back = 1000
 
     def __init__(self, setting: Setting, start: State) -> None:
         """Begin at a state, without command."""

@@ -18,7 +18,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
 # Arrays of the log are what they should be.
-_first_event, _hoisting, _valid = map(unwrap, (first_event, hoisting, valid))
+_first_event, _hoisting, _valid = unwrap(first_event), unwrap(hoisting), unwrap(valid)
 
 _TOGETHER = 256
 """Rows that are kept as they came until they are written together."""

@@ -150,7 +150,7 @@ def simulate(
                 trajectory=recorded(),
             )
 
-    t, setpoint_at = since, Setpoints(reference, layout.m)
+    t, setpoints = since, Setpoints(reference, layout.m)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             ahead = 0
@@ -164,14 +164,17 @@ def simulate(
                 t = since + k * control_period
                 if not math.hypot(*state.v.tolist()) < DIVERGED:
                     raise diverged(layout, t, state)
-                setpoint = setpoint_at(t)
+                setpoint = setpoints(t)
                 before = moving.effort()
                 if disturbance is not None:
                     log.force(moving.take_force(force_of(disturbance(t, state), layout)))
                 if buffers:
                     log.buffers(*moving.buffers())
                 command, effort = moving.take(command_of(controller(t, state, setpoint), t, layout))
-                log.row(state, np.array(setpoint.position, float), command, effort, before)
+                aims = setpoint.position
+                if setpoint is not setpoints.steady:
+                    aims = np.array(aims, dtype=float)
+                log.row(state, aims, command, effort, before)
                 if k % moving.look_back == 0:
                     look_back()
                 if progress is not None:
