@@ -25,7 +25,10 @@ def twin(urdf: str, *, gravity: float, dt: float) -> Any:
     """
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(urdf)
+    spec = mujoco.MjSpec.from_string(urdf)
+    # it takes no link without mass, such as those between the joints of a sling
+    spec.compiler.boundmass = spec.compiler.boundinertia = 1e-9
+    model = spec.compile()
     option, off = model.opt, mujoco.mjtDisableBit
     option.integrator, option.timestep, option.gravity[:] = (
         mujoco.mjtIntegrator.mjINT_EULER,
