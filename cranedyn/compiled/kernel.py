@@ -35,6 +35,8 @@ class Recipe:
         forces: Whether there are forces from outside.
         shared: Whether all lanes have one controller, one aim, the same forces.
         log, summary: Whether rows are recorded, and whether a summary is kept.
+        turns: Steps over which sines and cosines are carried along; with 1 a motion is the same to
+            the bit whatever control periods it is made of.
     """
 
     lanes: int
@@ -47,6 +49,7 @@ class Recipe:
     shared: tuple[bool, bool, bool]
     log: bool
     summary: bool
+    turns: int = TURNS
 
 
 class Kernel(NamedTuple):
@@ -241,15 +244,15 @@ class _Loop:
 
     def _period(self, forces: np.ndarray | None) -> None:
         """The steps of a control period. Sines and cosines are carried from one to the next, and
-        computed anew every `TURNS` steps and at the end.
+        computed anew every some steps and at the end.
         """
-        code, steps = self.code, self.given["steps"]
+        code, steps, turns = self.code, self.given["steps"], self.recipe.turns
         pieces = code.builder.sdiv(
-            code.builder.add(steps, code.integer(TURNS - 1)), code.integer(TURNS)
+            code.builder.add(steps, code.integer(turns - 1)), code.integer(turns)
         )
         with code.loop(0, pieces) as piece:
-            first = code.product(piece, TURNS)
-            last = code.least(code.builder.add(first, code.integer(TURNS)), steps)
+            first = code.product(piece, turns)
+            last = code.least(code.builder.add(first, code.integer(turns)), steps)
             with code.loop(first, last):
                 work = self.state["buffers"][0].get()
                 v, last_command = self._get("v"), self._get("last_command")
