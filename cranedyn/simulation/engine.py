@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from cranedyn.clocks import Clocks
 from cranedyn.dynamics.drives import EffortDrives, MotionDrives, Outside
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.dynamics.pinocchio import energy
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.simulation.log import Log
@@ -100,8 +100,11 @@ class Engine:
     def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Mechanical energy of states in rows [J], zero of height at the ground, shape (n,)."""
         crane = self._setting.crane
-        found = (energy(crane, State(*row)) for row in zip(q, v, strict=True))
-        return np.fromiter(found, float, len(q))  # a generator is Python, which answers Ctrl-C
+        mechanical, model, data = pin.computeMechanicalEnergy, crane.model, crane.data
+        # A generator is Python, which answers Ctrl-C.
+        rigid = (mechanical(model, data, *row) for row in zip(q, v, strict=True))
+        found = np.fromiter(rigid, float, len(q))
+        return found + crane.springs.energy(q.T) if crane.springs.any else found
 
     def effort(self) -> np.ndarray:
         """What acts here under the last command, shape (m,)."""
