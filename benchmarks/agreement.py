@@ -61,7 +61,7 @@ class Truth:
         )
 
     def _of_log(self, got: Result, expected: Result) -> float:
-        scale = np.concatenate([np.ones(10), self._case.crane.effort_limit])
+        scale = np.concatenate([np.ones(2 * self._case.n), self._case.crane.effort_limit])
         if got.log is None or expected.log is None:
             return np.inf
         return max(

@@ -20,10 +20,14 @@ from benchmarks.engines_figure import engines_figure
 from benchmarks.timing import race, stretch
 from benchmarks.workload import DURATION, Case, Contestant
 from cranedyn.errors import CraneError
+from cranedyn.model.load import load_crane
 from experiments.harness.outcome import Table
 
 CRANES = (64, 1024)
 """How many cranes run together."""
+
+HOOK_MASS = 200.0
+"""Of the hook block of the double pendulum [kg]."""
 
 COLUMNS = (
     ("strategy", ""),
@@ -89,14 +93,7 @@ def tables(
     rows: Sequence[Sequence[float | str | None]], refused: Sequence[tuple[str, str]], rounds: int
 ) -> list[Table]:
     """One crane, many cranes, and who is not shown."""
-    note = (
-        f"Median of {rounds} shuffled rounds on {os.cpu_count()} processors, with whatever else "
-        "they did. Real time: simulated time of "
-        "all cranes over wall time. Ratio: to the plain loop of the same round. Apart: largest "
-        "difference from the plain loop over "
-        f"{STRETCH:g} s, of a coordinate or rate [rad, m, per second] or of an effort as a share "
-        f"of its limit; {ALLOWED:g} at most."
-    )
+    note = _note(rounds)
     single = [row for row in rows if row[1] == 1]
     made = [
         Table(f"One crane for {DURATION:g} s, or as much of them as fits", COLUMNS, single, note)
@@ -108,6 +105,17 @@ def tables(
     if refused:
         made.append(Table("Not shown", (("strategy", ""), ("why", "")), refused))
     return made
+
+
+def _note(rounds: int) -> str:
+    return (
+        f"Median of {rounds} shuffled rounds on {os.cpu_count()} processors, with whatever else "
+        "they did. Real time: simulated time of "
+        "all cranes over wall time. Ratio: to the plain loop of the same round. Apart: largest "
+        "difference from the plain loop over "
+        f"{STRETCH:g} s, of a coordinate or rate [rad, m, per second] or of an effort as a share "
+        f"of its limit; {ALLOWED:g} at most."
+    )
 
 
 def benchmark(
@@ -125,8 +133,15 @@ def benchmark(
             f"Nothing can be compared without the {PLAIN.name}: "
             f"{dict(refused).get(PLAIN.name, 'it does not take part')}."
         )
-    rows = measure(case, ready, rounds, 0.05 if quick else 1.0, rng)
-    return tables(rows, refused, rounds), lambda: engines_figure(case, ready, rng, quick=quick)
+    budget = 0.05 if quick else 1.0
+    found = tables(measure(case, ready, rounds, budget, rng), refused, rounds)
+    able = [one for one in contestants if one.any_crane]
+    if len(able) > 1:
+        hook = Case(load_crane(hook_mass=HOOK_MASS))
+        able_ready, _ = sort(hook, able)
+        rows = measure(hook, able_ready, rounds, budget, rng)
+        found.append(Table("Double pendulum: hook and slung load", COLUMNS, rows, _note(rounds)))
+    return found, lambda: engines_figure(case, ready, rng, quick=quick)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -37,8 +37,13 @@ class Case:
 
     @property
     def controller(self) -> Hold:
-        """Of the three drives."""
+        """Of all drives."""
         return hold_controller(self.crane)
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return self.crane.layout.n
 
     @property
     def steps(self) -> int:
@@ -50,13 +55,14 @@ class Case:
         return round(duration / self.period)
 
     def starts(self, cranes: int) -> np.ndarray:
-        """Coordinates and rates of cranes at rest that differ in swing, shape (cranes, 10).
+        """Coordinates and rates of cranes at rest that differ in swing, shape (cranes, 2 n).
 
         The first swings by 0.1 rad radially, the last by 0.2 rad radially and 0.1 rad tangentially.
         """
         share = np.linspace(0.0, 0.1, cranes)
         rows = np.tile(np.concatenate(self.crane.state(l=15.0)), (cranes, 1))
-        rows[:, self.crane.swings] = np.stack([0.1 + share, share], axis=1)
+        radial, tangential = self.crane.swings[0::2], self.crane.swings[1::2]
+        rows[:, radial], rows[:, tangential] = 0.1 + share[:, None], share[:, None]
         return rows
 
     def swing(self, rows: np.ndarray) -> np.ndarray:
@@ -64,8 +70,8 @@ class Case:
         return np.linalg.norm(rows[..., self.crane.swings], axis=-1)
 
     def logged(self, log: np.ndarray) -> Result:
-        """The result of a single crane from its log, shape (n, 13)."""
-        return Result(log[-1:, :10].copy(), self.swing(log).max(keepdims=True), log)
+        """The result of a single crane from its log, shape (rows, 2 n + 3)."""
+        return Result(log[-1:, : 2 * self.n].copy(), self.swing(log).max(keepdims=True), log)
 
 
 @dataclass(frozen=True)
@@ -73,10 +79,10 @@ class Result:
     """What a run leaves.
 
     Attributes:
-        ends: Coordinates and rates of each crane at the end, shape (cranes, 10).
+        ends: Coordinates and rates of each crane at the end, shape (cranes, 2 n).
         peaks: The largest swing of each at a control instant, √(φ² + θ²) [rad], shape (cranes,).
         log: Of a single crane coordinates, rates and efforts at each control instant, shape
-            (periods + 1, 13); None for many.
+            (periods + 1, 2 n + 3); None for many.
     """
 
     ends: np.ndarray
@@ -85,7 +91,7 @@ class Result:
 
 
 Run = Callable[[np.ndarray, float], Result]
-"""Runs cranes from their starts, shape (cranes, 10), for a time [s]."""
+"""Runs cranes from their starts, shape (cranes, 2 n), for a time [s]."""
 
 
 @dataclass(frozen=True)
@@ -99,12 +105,14 @@ class Contestant:
             compiling.
         many: Whether it runs many cranes at once and leaves no log; the others run one and leave
             one.
+        any_crane: Whether it runs other cranes than that of five joints, too.
     """
 
     name: str
     missing: Callable[[], str | None]
     prepare: Callable[[Case], Run]
     many: bool = False
+    any_crane: bool = False
 
 
 def plain(
@@ -115,13 +123,13 @@ def plain(
     controller: Controller | None = None,
     engine: EngineName = "pinocchio",
 ) -> Result:
-    """The loop of cranedyn from one start, shape (10,), under the case's controller if no other is
+    """The loop of cranedyn from one start, shape (2 n,), under the case's controller if no other is
     given.
     """
     run = simulate(
         case.crane,
         case.controller if controller is None else controller,
-        start=State(start[:5], start[5:]),
+        start=State(*np.split(start, 2)),
         duration=duration,
         dt=case.dt,
         control_period=case.period,

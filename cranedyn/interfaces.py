@@ -43,8 +43,8 @@ class State(NamedTuple):
         state = cls(*(taken(name, part, np.ndarray).copy() for part in (coordinates, rates)))
         for kind, part in zip(("coordinate", "rate"), state, strict=True):
             shaped(f"{kind}s at the {name}", part, ("n",))
-            for i, one in enumerate(part.tolist(), start=1):
-                number(f"{kind} {i} of {part.size} at the {name}", one)
+            for i in np.flatnonzero(~np.isfinite(part)).tolist():
+                number(f"{kind} {i + 1} of {part.size} at the {name}", float(part[i]))
             part.flags.writeable = False
         if state.q.size != state.v.size:
             raise OutOfRange(

@@ -110,9 +110,9 @@ MUTATIONS = (
     Mutation(
         "a command acts one control period late",
         "cranedyn/dynamics/drives.py",
-        "self._dt2 * self._effort\n        return command, self._effort",
-        "self._dt2 * getattr(self, '_before', self._effort)\n        self._before = self._effort\n "
-        "       return command, self._effort",
+        "for joint, effort in zip(self._drives, self._effort.tolist(), strict=True):",
+        "late = getattr(self, '_before', self._effort)\n        self._before = self._effort\n"
+        "        for joint, effort in zip(self._drives, late.tolist(), strict=True):",
         ("simulate", "linear"),
     ),
     Mutation(
@@ -224,8 +224,8 @@ MUTATIONS = (
     Mutation(
         "the Coriolis term of the recursions has the wrong sign",
         "cranedyn/dynamics/rigid_body.py",
-        "gain = gain + cross(2.0 * spin, along * rate)",
-        "gain = gain - cross(2.0 * spin, along * rate)",
+        "sliding = 2.0 * (tree.rotation[i] @ (along * rate))",
+        "sliding = -2.0 * (tree.rotation[i] @ (along * rate))",
         ("compiled",),
     ),
     Mutation(

@@ -68,7 +68,7 @@ def _batch(
 
         def run(starts: np.ndarray, duration: float) -> Result:
             found = together(
-                start=State(starts[:, :5], starts[:, 5:]), duration=duration, integrator=integrator
+                start=State(*np.split(starts, 2, axis=1)), duration=duration, integrator=integrator
             )
             return Result(np.hstack(found.end), found.peak_swing)
 
@@ -78,13 +78,13 @@ def _batch(
     return prepare
 
 
-PLAIN = Contestant("plain loop", _no_need, _loop)
+PLAIN = Contestant("plain loop", _no_need, _loop, any_crane=True)
 """Every ratio is to this one."""
 
 CONTESTANTS = (
     PLAIN,
-    Contestant("Python controller, compiled steps", _llvm, _stepping),
-    Contestant("compiled closed loop", _llvm, _closed),
-    Contestant("compiled batch, 1 thread", _llvm, _batch(1), many=True),
-    Contestant("compiled batch, all cores", _llvm, _batch(None), many=True),
+    Contestant("Python controller, compiled steps", _llvm, _stepping, any_crane=True),
+    Contestant("compiled closed loop", _llvm, _closed, any_crane=True),
+    Contestant("compiled batch, 1 thread", _llvm, _batch(1), many=True, any_crane=True),
+    Contestant("compiled batch, all cores", _llvm, _batch(None), many=True, any_crane=True),
 )

@@ -105,7 +105,17 @@ def export(
     from cranedyn.compiled.kernel import Recipe
 
     recipe = Recipe(
-        1, drive, integrator, False, False, False, True, (True, True, True), log=True, summary=True
+        lanes=1,
+        drive=drive,
+        integrator=integrator,
+        buffers=False,
+        integral=False,
+        offset=False,
+        forces=True,
+        shared=(True, True, True),
+        log=True,
+        summary=True,
+        turns=1,
     )
     variables, code = _variables(crane, drive), elsewhere(crane, recipe)
     token = (

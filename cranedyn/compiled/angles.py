@@ -8,12 +8,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from llvmlite import ir
 
 if TYPE_CHECKING:
     from cranedyn.compiled.code import Code, Value
 
 _LARGEST_ANGLE = 1e6
 """Beyond this the reduction of an angle to a quarter turn loses digits [rad]."""
+
+_LITTLE = 1.0 / 64.0
+"""Up to this the series of a small turn end below the precision of a double [rad]."""
 
 _HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 """π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody &
@@ -46,8 +50,25 @@ def sine_and_cosine(code: Code, angle: Value) -> tuple[Value, Value]:
 
     Two Taylor polynomials, which end below the precision of a double at 45°. Where a lane has a
     larger angle, all are reduced by whole quarter turns before; a smaller angle comes out of that
-    as it went in, so that no lane feels another.
+    as it went in, so that no lane feels another. They stand once in a module, as a function.
     """
+    module, name = code.function.module, f"sine_and_cosine_{code.lanes}"
+    if name not in module.globals:
+        kind = ir.FunctionType(ir.LiteralStructType([code.type] * 2), [code.type])
+        function = ir.Function(module, kind, name)
+        function.linkage = "internal"
+        outside, code.builder = code.builder, ir.IRBuilder(function.append_basic_block())
+        pair = ir.Constant(kind.return_type, ir.Undefined)
+        for i, value in enumerate(_both(code, type(angle)(code, function.args[0]))):
+            pair = code.builder.insert_value(pair, value.register, i)
+        code.builder.ret(pair)
+        code.builder = outside
+    both = code.builder.call(module.globals[name], [angle.register])
+    sine, cosine = (type(angle)(code, code.builder.extract_value(both, i)) for i in range(2))
+    return sine, cosine
+
+
+def _both(code: Code, angle: Value) -> tuple[Value, Value]:
     small = code.everywhere(code.call("llvm.fabs", angle) < np.pi / 4.0)
     with code.builder.if_else(small, likely=True) as (then, otherwise):
         with then:
@@ -60,6 +81,39 @@ def sine_and_cosine(code: Code, angle: Value) -> tuple[Value, Value]:
         code.joined(one, here, other, there) for one, other in zip(plain, turned, strict=True)
     )
     return sine, cosine
+
+
+def turned(code: Code, known: tuple[Value, Value], by: Value, angle: Value) -> tuple[Value, Value]:
+    """Sine and cosine of an angle [rad] from those before it went on by a little; each time adds a
+    rounding or two.
+
+    Where a lane went on by more than 1/64 rad, its sine and cosine are computed anew; no lane feels
+    another.
+    """
+    little = code.call("llvm.fabs", by) < _LITTLE
+    small = code.everywhere(little)
+    fast = _by_a_little(code, known, by)
+    here = code.builder.block
+    with code.builder.if_then(code.builder.not_(small), likely=False):
+        anew = sine_and_cosine(code, angle)
+        slow = [code.chosen(little, one, other) for one, other in zip(fast, anew, strict=True)]
+        there = code.builder.block
+    sine, cosine = (
+        code.joined(one, here, other, there) for one, other in zip(fast, slow, strict=True)
+    )
+    return sine, cosine
+
+
+def _by_a_little(code: Code, known: tuple[Value, Value], by: Value) -> tuple[Value, Value]:
+    sine, cosine = known
+    square = by * by
+    rise = code.fused(by * square, code.fused(square, code.value(1.0 / 120.0), -1.0 / 6.0), by)
+    less = code.fused(square, code.value(1.0 / 720.0), -1.0 / 24.0)
+    less = square * code.fused(less, square, 0.5)
+    return (
+        code.fused(cosine, rise, code.fused(-sine, less, sine)),
+        code.fused(-sine, rise, code.fused(-cosine, less, cosine)),
+    )
 
 
 def _of_eighth_turn(code: Code, angle: Value) -> tuple[Value, Value]:

@@ -116,6 +116,9 @@ def places(parts: Parts) -> dict[str, slice]:
     }
 
 
+TURNS = 16
+"""Steps over which sines and cosines are carried along by turning them; each adds a rounding."""
+
 CALL = {
     POINTER: ("state", "numbers", "offset", "law", "aim", "force", "starts", "log", "summary"),
     INTEGER: (

@@ -14,7 +14,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from cranedyn.compiled.angles import sine_and_cosine
+from cranedyn.compiled.angles import sine_and_cosine, turned
 
 INTEGER, POINTER, DOUBLE = ir.IntType(64), ir.PointerType(), ir.DoubleType()
 
@@ -61,7 +61,7 @@ class Value:
         return 0.0 if _is(other, 0.0) else self.code.value(other)._with("fdiv", self)
 
     def __neg__(self) -> Value:
-        return Value(self.code, self.code.builder.fneg(self.register))
+        return self.code.result("fneg", self)
 
     def sin(self) -> Value:
         """Sine of an angle [rad]."""
@@ -86,13 +86,10 @@ class Value:
     def _compared(self, how: str, other: Any) -> ir.Value:
         return self.code.builder.fcmp_ordered(how, self.register, self.code.value(other).register)
 
-    def _with(self, operation: str, other: Any) -> Value:
-        return Value(
-            self.code,
-            getattr(self.code.builder, operation)(
-                self.register, self.code.value(other).register, flags=_FAST
-            ),
-        )
+    def _with(self, operation: str, other: Any) -> Any:
+        if operation == "fsub" and isinstance(other, Value) and other.register is self.register:
+            return 0.0
+        return self.code.result(operation, self, other)
 
 
 class Code:
@@ -113,6 +110,8 @@ class Code:
         self.argument = dict(zip(arguments, self.function.args, strict=True))
         self.builder = ir.IRBuilder(self.function.append_basic_block())
         self._angles: dict[ir.Value, tuple[Value, Value]] = {}
+        self._turns: dict[ir.Value, tuple[Value, Value]] = {}
+        self._results: dict[tuple[Any, ...], Value] = {}
 
     def value(self, number: Any) -> Value:
         """A number known now as one that the code has."""
@@ -124,6 +123,18 @@ class Code:
                 self.type, [float(number)] * self.lanes if self.lanes > 1 else float(number)
             ),
         )
+
+    def result(self, operation: str, *operands: Any) -> Value:
+        """A sum, difference, product, quotient or negative; asked for again in the same block it is
+        the one there is.
+        """
+        known = (one.register if isinstance(one, Value) else float(one) for one in operands)
+        key = self.builder.block, operation, *known
+        if key not in self._results:
+            registers = (self.value(one).register for one in operands)
+            made = getattr(self.builder, operation)(*registers, flags=_FAST)
+            self._results[key] = Value(self, made)
+        return self._results[key]
 
     def fused(self, a: Value, b: Value, c: Any) -> Value:
         """A b + c, rounded once where the machine can."""
@@ -144,11 +155,27 @@ class Code:
 
     def sine_and_cosine(self, angle: Value) -> tuple[Value, Value]:
         """Sine and cosine together [rad], see `cranedyn.compiled.angles`; asked for the same value
-        again they are those there are.
+        again they are those there are; of an angle that has `gone_on` those from which it comes,
+        turned.
         """
         if angle.register not in self._angles:
-            self._angles[angle.register] = sine_and_cosine(self, angle)
+            before, by = self._turns.get(angle.register, (angle, angle))
+            known = self._angles.get(before.register)
+            self._angles[angle.register] = (
+                sine_and_cosine(self, angle) if known is None else turned(self, known, by, angle)
+            )
         return self._angles[angle.register]
+
+    def known_angle(self, angle: Value, sine: Value, cosine: Value) -> None:
+        """Have sine and cosine of an angle, here and until this loop or condition ends."""
+        self._angles[angle.register] = sine, cosine
+
+    def gone_on(self, before: Value, by: Any) -> Value:
+        """A sum, of which it is remembered what comes from what, in case it is an angle."""
+        after = before + by
+        if isinstance(by, Value) and after is not before:
+            self._turns[after.register] = before, by
+        return after
 
     def joined(self, a: Value, from_a: ir.Block, b: Value, from_b: ir.Block) -> Value:
         """The value of one block or the other, whichever this point was reached from."""
@@ -162,9 +189,17 @@ class Code:
         value = self.chosen(value < low, low, value)
         return self.chosen(value > high, high, value)
 
-    def both(self, *conditions: ir.Value) -> ir.Value:
-        """Whether all conditions hold."""
-        return reduce(self.builder.and_, conditions)
+    def both(self, *conditions: Any) -> ir.Value:
+        """Whether all conditions hold; one may be known now."""
+        return reduce(self.builder.and_, map(self._condition, conditions))
+
+    def _condition(self, condition: Any) -> ir.Value:
+        if not isinstance(condition, bool):
+            return condition
+        kind = ir.IntType(1)
+        if self.lanes == 1:
+            return ir.Constant(kind, condition)
+        return ir.Constant(ir.VectorType(kind, self.lanes), [condition] * self.lanes)
 
     def either(self, *conditions: ir.Value) -> ir.Value:
         """Whether one of the conditions holds."""
@@ -271,19 +306,23 @@ class Code:
         counter.add_incoming(begin, before)
         self.builder.cbranch(self.builder.icmp_signed("<", counter, end), body, after)
         self.builder.position_at_end(body)
-        self._angles = {}
+        self._forget()
         yield counter
         counter.add_incoming(self.builder.add(counter, self.integer(1)), self.builder.block)
         self.builder.branch(head)
         self.builder.position_at_end(after)
-        self._angles = {}
+        self._forget()
 
     @contextmanager
     def when(self, condition: ir.Value) -> Iterator[None]:
         """Statements for where a condition, one for all lanes, holds."""
         with self.builder.if_then(condition):
-            self._angles = {}
+            self._forget()
             yield
+        self._forget()
+
+    def _forget(self) -> None:
+        """What was computed elsewhere may not have been on the way here."""
         self._angles = {}
 
     def end(self) -> None:

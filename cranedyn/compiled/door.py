@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cranedyn.compiled.call import SLOTS, size
+from cranedyn.compiled.call import SLOTS, TURNS, size
 from cranedyn.errors import Misshapen, OutOfRange, number, whole
 
 if TYPE_CHECKING:
@@ -247,7 +247,7 @@ class Loop:
             for first in range(0, self._last, together):
                 yield first, min(first + together, self._last), self._steps, False
             return
-        together = max(1, _PIECE // self._weight)
+        together = TURNS * max(1, _PIECE // (TURNS * self._weight))
         for instant in range(self._last):
             for done in range(0, self._steps if instant < self._end else 1, together):
                 yield instant, instant + 1, min(together, self._steps - done), done > 0

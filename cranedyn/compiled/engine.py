@@ -5,7 +5,7 @@ the loop is Python.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,12 +31,13 @@ at."""
 
 class _Block(NamedTuple):
     """Tables to fill, shape (laws, columns) and (instants, columns), the log that comes of them,
-    and the run.
+    the instant at which the model ceases to hold, shape (1,), and the run.
     """
 
     laws: np.ndarray
     aims: np.ndarray
     rows: np.ndarray
+    invalid: np.ndarray
     run: Callable[[], None]
 
 
@@ -46,10 +47,7 @@ class CompiledEngine(Engine):
 
     Attributes:
         state: Where the crane is.
-        look_back: As for `Engine`; instants are quicker here.
     """
-
-    look_back = 1000
 
     def __init__(self, setting: Setting, start: State) -> None:
         """Begin at a state, without command.
@@ -106,7 +104,7 @@ class CompiledEngine(Engine):
             forces=self._setting.forces,
             shared=(True, True, True),
             log=log,
-            summary=False,
+            summary=log,
             late=self._setting.late,
         )
         made = self._setting.converters
@@ -114,18 +112,19 @@ class CompiledEngine(Engine):
         return compiled([self._setting.crane], recipe, numbers)[0]
 
     def _loop(
-        self, code: Kernel, law: Table, aim: Table, last: int, end: int, log: np.ndarray
+        self, code: Kernel, law: Table, aim: Table, last: int, end: int, **memory: Any
     ) -> Loop:
         """Code bound to the memory of this crane."""
-        state, tables = self._memory.reshape(1, -1, 1), (law, aim, alone(self._force))
+        tables = law, aim, alone(self._force)
+        memory = {name: part.reshape(1, -1, 1) for name, part in memory.items()}
         return Loop(
             code,
             self._setting.clocks,
             tables,
             last=last,
             end=end,
-            state=state,
-            log=log.reshape(1, -1, 1),
+            state=self._memory.reshape(1, -1, 1),
+            **memory,
         )
 
     def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -173,9 +172,7 @@ class CompiledEngine(Engine):
         """As `Engine.advance`."""
         if self._step is None:
             code = self._code(integral=False, log=False)
-            self._step = self._loop(
-                code, alone(self._law), alone(self._aim), 1, 1, np.empty(0)
-            ).alone()
+            self._step = self._loop(code, alone(self._law), alone(self._aim), 1, 1).alone()
         self._step()
         return self._arrived()
 
@@ -210,21 +207,23 @@ class CompiledEngine(Engine):
                 raise
             except Exception:  # it comes again at the instant at which it belongs
                 common = None
-            block = None if common is None else self._run(common, setpoint, periods - first)
-            if block is None:
+            ran = None if common is None else self._run(common, setpoint, periods - first)
+            if ran is None:
                 break
             if isinstance(controller, Remembering):
                 controller.resume(float(times[-1]), self._memory[self._at["integral"]].copy())
-            log.block(setpoint, block)
+            log.block(setpoint, *ran)
             first += len(times)
             self._arrived()
             yield first
         if self._setting.late is None:
             self.take(self._memory[self._at["last_command"]].copy())
 
-    def _run(self, common: Affine, setpoint: np.ndarray, end: int) -> dict[str, np.ndarray] | None:
-        """A block of rows by name; None, and all as before, if a number for it or in it is not
-        finite or a joint moves too fast.
+    def _run(
+        self, common: Affine, setpoint: np.ndarray, end: int
+    ) -> tuple[dict[str, np.ndarray], bool] | None:
+        """A block of rows by name, and whether the model holds at all of them; None, and all as
+        before, if a number for it or in it is not finite or a joint moves too fast.
         """
         before, n = self._memory.copy(), len(setpoint)
         block = self._block(
@@ -233,6 +232,7 @@ class CompiledEngine(Engine):
         law(self._sizes, common, block.laws)
         aim(self._sizes, common, setpoint, block.aims)
         self._memory[self._at["integral"]] = common.integral
+        block.invalid[:] = np.inf
         block.run()
         found = {name: block.rows[:, where] for name, where in places(self._sizes.row).items()}
         known = (
@@ -241,7 +241,7 @@ class CompiledEngine(Engine):
             and not np.isnan(common.limit).any()
         )
         if known and (np.square(found["v"]).sum(axis=1) < DIVERGED**2).all():
-            return found
+            return found, bool(np.isinf(block.invalid[0]))
         self._memory[:] = before
         return None
 
@@ -253,10 +253,12 @@ class CompiledEngine(Engine):
                 np.zeros((laws, size(self._sizes.law))),
                 np.zeros((instants, size(self._sizes.aim))),
             )
-            rows, code = (
+            rows, summary = (
                 np.empty((instants, size(self._sizes.row))),
-                self._code(integral=integral, log=True),
+                np.zeros(size(self._sizes.summary)),
             )
-            run = self._loop(code, alone(tables[0]), alone(tables[1]), instants, end, rows).alone()
-            self._blocks[size_of_it] = _Block(*tables, rows, run)
+            code, (laws_of, aims_of) = self._code(integral=integral, log=True), map(alone, tables)
+            run = self._loop(code, laws_of, aims_of, instants, end, log=rows, summary=summary)
+            invalid = summary[places(self._sizes.summary)["invalid"]]
+            self._blocks[size_of_it] = _Block(*tables, rows, invalid, run.alone())
         return self._blocks[size_of_it]

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.call import CALL, SLOTS, Parts, Sizes, places, size
+from cranedyn.compiled.call import CALL, SLOTS, TURNS, Parts, Sizes, places, size
 from cranedyn.compiled.code import INTEGER, Code, Value, Variable
 from cranedyn.compiled.machine import Machine, translated
 from cranedyn.compiled.step import stepped
@@ -37,6 +37,8 @@ class Recipe:
         log, summary: Whether rows are recorded, and whether a summary is kept.
         late: By how many control periods frequency converters hear commands late; None for drives
             without.
+        turns: Steps over which sines and cosines are carried along; with 1 a motion is the same to
+            the bit whatever control periods it is made of.
     """
 
     lanes: int
@@ -50,6 +52,7 @@ class Recipe:
     log: bool
     summary: bool
     late: int | None = None
+    turns: int = TURNS
 
 
 class Kernel(NamedTuple):
@@ -114,6 +117,8 @@ def _plant(
 def _emit_answer(
     code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
 ) -> None:
+    for attribute in ("noinline", "optnone"):  # it is called some times only
+        code.function.attributes.add(attribute)
     crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
     parts = Sizes.of(topology.layout).given
     given = [code.load(code.argument["given"], i * code.lanes) for i in range(size(parts))]
@@ -165,6 +170,11 @@ class _Loop:
         self.state = self._variables("state", self.sizes.state)
         self.summary = self._variables("summary", self.sizes.summary) if recipe.summary else {}
         self.dt, self.period = (code.from_double(self.given[name]) for name in ("dt", "period"))
+        self.turns = {
+            i: code.variables([0.0, 0.0])
+            for i, joint in enumerate(topology.layout.joints)
+            if joint.kind == "revolute"
+        }
 
     def _variables(self, name: str, parts: Parts) -> dict[str, list[Variable]]:
         code = self.code
@@ -203,12 +213,25 @@ class _Loop:
     def _get(self, part: str) -> np.ndarray:
         return array([variable.get() for variable in self.state[part]])
 
+    def _coordinates(self) -> np.ndarray:
+        """Coordinates whose sines and cosines are known."""
+        q = self._get("q")
+        for i, pair in self.turns.items():
+            self.code.known_angle(q[i], *(variable.get() for variable in pair))
+        return q
+
+    def _keep_angles(self, q: np.ndarray) -> None:
+        for i, pair in self.turns.items():
+            for variable, value in zip(pair, self.code.sine_and_cosine(q[i]), strict=True):
+                variable.set(value)
+
     def _set(self, part: str, values: Iterable[Any]) -> None:
         for variable, value in zip(self.state[part], values, strict=True):
             variable.set(value)
 
     def emit(self) -> None:
         code = self.code
+        self._keep_angles(self._get("q"))
         with code.loop(self.given["first"], self.given["last"]) as instant:
             forces = self._forces(instant)
             begun = code.both(
@@ -218,32 +241,47 @@ class _Loop:
             with code.when(code.builder.not_(begun)):
                 self._control(instant, forces)
             with code.when(code.builder.icmp_signed("<", instant, self.given["end"])):
-                with code.loop(0, self.given["steps"]):
-                    work = self.state["buffers"][0].get()
-                    q, v, last_command = (self._get(part) for part in ("q", "v", "last_command"))
-                    if self.recipe.late is not None:
-                        reference, rising = self._ramped(last_command, v)
-                        self._set("reference", reference)
-                        self._set("rising", rising)
-                        last_command = array(reference)
-                    q, v, work = stepped(
-                        self.recipe.integrator,
-                        self.plant,
-                        q,
-                        v,
-                        last_command,
-                        forces,
-                        self.dt,
-                        work,
-                        self.given["small"],
-                    )
-                    self._set("q", q)
-                    self._set("v", v)
-                    self._set("buffers", [work])
+                self._period(forces)
         self._keep("state", self.state)
         if self.recipe.summary:
             self._keep("summary", self.summary)
         code.end()
+
+    def _period(self, forces: np.ndarray | None) -> None:
+        """The steps of a control period. Sines and cosines are carried from one to the next, and
+        computed anew every some steps and at the end.
+        """
+        code, steps, turns = self.code, self.given["steps"], self.recipe.turns
+        pieces = code.builder.sdiv(
+            code.builder.add(steps, code.integer(turns - 1)), code.integer(turns)
+        )
+        with code.loop(0, pieces) as piece:
+            first = code.product(piece, turns)
+            last = code.least(code.builder.add(first, code.integer(turns)), steps)
+            with code.loop(first, last):
+                work = self.state["buffers"][0].get()
+                v, last_command = self._get("v"), self._get("last_command")
+                if self.recipe.late is not None:
+                    reference, rising = self._ramped(last_command, v)
+                    self._set("reference", reference)
+                    self._set("rising", rising)
+                    last_command = array(reference)
+                q, v, work = stepped(
+                    self.recipe.integrator,
+                    self.plant,
+                    self._coordinates(),
+                    v,
+                    last_command,
+                    forces,
+                    self.dt,
+                    work,
+                    self.given["small"],
+                )
+                self._set("q", q)
+                self._set("v", v)
+                self._set("buffers", [work])
+                self._keep_angles(q)
+            self._keep_angles(self._get("q"))
 
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
         return (
@@ -256,7 +294,7 @@ class _Loop:
 
     def _control(self, instant: ir.Value, forces: np.ndarray | None) -> None:
         code = self.code
-        q, v, before = self._get("q"), self._get("v"), self._get("last_command")
+        q, v, before = self._coordinates(), self._get("v"), self._get("last_command")
         command = self._commanded(instant, q, v)
         asked = command
         last_command = self.plant.within(command)

@@ -104,10 +104,13 @@ def _by_rule(
     def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return plant.answer(q, v, command, forces)[0]
 
-    def gone_on(x: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        return x + rate * dt
+    def speed_up(v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        return v + a * dt
 
-    there, faster = integrator.rule(acceleration, gone_on, gone_on, q, v, 1)
+    def move(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return array([dt.code.gone_on(*pair) for pair in zip(q, v * dt, strict=True)])
+
+    there, faster = integrator.rule(acceleration, speed_up, move, q, v, 1)
     if plant.buffers:
         work = work + 0.5 * dt * (plant.stops.effort(q, v) @ (v + faster)[plant.stops.drives])
     return there, faster, work

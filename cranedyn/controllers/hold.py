@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 import pinocchio as pin
@@ -68,14 +69,17 @@ class Hold:
             part.tolist()
             for part in (self.crane.layout.drives, self.feed_forward, self.stiffness, self.damping)
         )
-        object.__setattr__(self, "_plain", tuple(zip(*gains, strict=True)))
+        object.__setattr__(self, "_plain", tuple(zip(count(), *gains, strict=False)))
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Efforts [N m or N], shape (m,)."""
-        q, v, efforts = state.q.tolist(), state.v.tolist(), []
-        for (i, always, k_p, k_d), aim in zip(self._plain, setpoint.position.tolist(), strict=True):  # type: ignore[attr-defined]
-            # A loop is quicker than a comprehension of so few.
-            efforts.append(always + k_p * (aim - q[i]) - k_d * v[i])
+        q, v, aims = state.q.tolist(), state.v.tolist(), setpoint.position.tolist()
+        plain, efforts = self._plain, []  # type: ignore[attr-defined]
+        if len(aims) != len(plain):
+            shaped("position of the setpoint", setpoint.position, (len(plain),))
+        for drive, joint, always, k_p, k_d in plain:
+            # A loop over plain numbers is quicker than a comprehension or NumPy of so few.
+            efforts.append(always + k_p * (aims[drive] - q[joint]) - k_d * v[joint])
         return np.array(efforts)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:

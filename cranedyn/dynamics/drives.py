@@ -105,8 +105,7 @@ class EffortDrives:
     def __init__(self, crane: Crane, dt: float, outside: Outside | None) -> None:
         self.model = in_steps(crane.model, dt)
         self._limits = Limits(crane)
-        self._dt2 = np.full(crane.layout.m, dt * dt)
-        self._drives = crane.layout.drives
+        self._dt2, self._drives = dt * dt, crane.layout.drives.tolist()
         self._effort = np.zeros(crane.layout.m)
         self._tau = np.zeros(crane.layout.n)
         self.acceleration = self._with_joint_forces(JointForces.of(crane).in_steps(dt), outside)
@@ -131,7 +130,8 @@ class EffortDrives:
         shape (m,) each.
         """
         self._effort = self._limits.cut(command)
-        self._tau[self._drives] = self._dt2 * self._effort
+        for joint, effort in zip(self._drives, self._effort.tolist(), strict=True):
+            self._tau[joint] = self._dt2 * effort
         return command, self._effort
 
     def effort(self, state: State) -> np.ndarray:

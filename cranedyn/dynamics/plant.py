@@ -177,9 +177,7 @@ class Plant:
         """
         layout = self.topology.layout
         tension = rope_tension(layout, self.joint.damping, self.joint.springs, q, v, hoist_force)
-        height = rigid_body.height(
-            self.tree, rigid_body.frames(self.tree, q), self.topology.bodies[0], self.levers[0]
-        )
+        height = rigid_body.height(self.tree, q, self.topology.bodies[0], self.levers[0])
         found = [*bounds(layout, self.lower, self.upper, q, tension, height, buffers=self.buffers)]
         if self.drive != "effort":
             rates = self.rate_limit if self.drive == "motion" else None
@@ -295,7 +293,7 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
     )
     return Plant(
         topology,
-        tree.with_numbers(values[:count]),
+        rigid_body.regrouped(tree.with_numbers(values[:count])),
         JointForces(damping, springs),
         stops,
         lower,

@@ -13,7 +13,7 @@ bodies), §6.5 (factorisation).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,6 +70,43 @@ class Bodies:
             parts.append(array(numbers[first : first + old.size]).reshape(old.shape))
             first += old.size
         return Bodies(self.parents, *parts)
+
+
+def regrouped(tree: Bodies) -> Bodies:
+    """The same tree with less in its bodies: what a joint moves as its parent does anyway is
+    counted with the parent, which leaves dynamics and energy as they are.
+
+    That is the inertia about the centre of mass where the joint does not turn, and the mass where
+    the centre lies on an axis of the frame about which it turns.
+
+    Source: Gautier and Khalil, IEEE Trans. Robotics and Automation 6 (1990), 368-373.
+    """
+    mass, lever, inertia = tree.mass.copy(), tree.lever.copy(), tree.inertia.copy()
+    for i in range(len(tree) - 1, -1, -1):
+        parent, (_, about), turn = tree.parents[i], tree.axis[i], tree.rotation[i]
+        axes = [k for k, part in enumerate(about) if not _is_zero(part)]
+        if parent < 0 or len(axes) > 1:
+            continue
+        if not axes:
+            inertia[parent] = inertia[parent] + turn @ inertia[i] @ turn.T
+            inertia[i] = 0.0
+        elif all(_is_zero(part) for part in np.delete(lever[i], axes)):
+            _add_mass(mass, lever, inertia, parent, mass[i], tree.translation[i] + turn @ lever[i])
+            mass[i], lever[i] = 0.0, 0.0
+    return replace(tree, mass=mass, lever=lever, inertia=inertia)
+
+
+def _add_mass(
+    mass: np.ndarray, lever: np.ndarray, inertia: np.ndarray, i: int, more: Any, at: np.ndarray
+) -> None:
+    """Put a point mass [kg] somewhere on a body [m]."""
+    if _is_zero(more):
+        return
+    whole = mass[i] + more
+    apart, share = at - lever[i], more / whole
+    arm = _skew(apart)
+    inertia[i] = inertia[i] - arm @ arm * (mass[i] * share)
+    mass[i], lever[i] = whole, lever[i] + apart * share
 
 
 class Frame(NamedTuple):
@@ -201,9 +238,9 @@ def inverse_dynamics(
         spin, turn, gain = (
             motions[tree.parents[i]] if tree.parents[i] >= 0 else (zero, zero, -tree.gravity)
         )
-        gain = rotation.T @ (gain + _of_point(spin, turn, origin))
+        sliding = 2.0 * (tree.rotation[i] @ (along * rate))
+        gain = rotation.T @ (gain + _of_point(spin, turn, origin, sliding))
         spin, turn = rotation.T @ spin, rotation.T @ turn
-        gain = gain + cross(2.0 * spin, along * rate)
         turn = turn + cross(spin, about * rate)
         spin = spin + about * rate
         if a is not None:
@@ -254,27 +291,36 @@ def mass_matrix(tree: Bodies, where: Sequence[Frame]) -> np.ndarray:
 def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solution of mass @ x = right for a symmetric positive definite matrix; what is zero through
     branches of the tree is left out.
+
+    Unknowns are eliminated from the last, two at a time: by determinants two take one division,
+    where one after the other they take two, and the second waits for the first.
     """
-    n, lower, x = len(mass), mass.copy(), right.copy()
-    reciprocals = array([0.0] * n)
-    for k in range(n - 1, min(n, 2) - 1, -1):
-        reciprocals[k] = 1.0 / lower[k, k]
-        for i in range(k - 1, -1, -1):
-            share = lower[k, i] * reciprocals[k]
+    lower, x, blocks = mass.copy(), right.copy(), list[tuple[range, np.ndarray]]()
+    end = len(mass)
+    while end:
+        begin = end - (1 if end == 1 or isinstance(lower[end - 1, end - 1], float) else 2)
+        block = range(begin, end)
+        inverse = _inverse(lower[begin:end, begin:end])
+        shares = inverse @ lower[begin:end, :begin]
+        for i in range(begin):
             for j in range(i + 1):
-                lower[i, j] = lower[i, j] - share * lower[k, j]
-            x[i] = x[i] - share * x[k]
-            lower[k, i] = share
-    if n == 1:
-        return x / lower[0, 0]
-    # two equations are left; by determinants they take one division where elimination takes one
-    # after the other
-    (a, c), (b, d) = (lower[0, 0], lower[1, 0]), (lower[1, 1], 1.0)
-    inverse = d / (a * b - c * c)
-    x[0], x[1] = (b * x[0] - c * x[1]) * inverse, (a * x[1] - c * x[0]) * inverse
-    for k in range(2, n):
-        x[k] = x[k] * reciprocals[k] - lower[k, :k] @ x[:k]
+                lower[i, j] = lower[i, j] - shares[:, i] @ lower[begin:end, j]
+            x[i] = x[i] - shares[:, i] @ x[begin:end]
+        x[begin:end] = inverse @ x[begin:end]
+        blocks.append((block, shares))
+        end = begin
+    for block, shares in reversed(blocks):
+        x[block] = x[block] - shares @ x[: block.start]
     return x
+
+
+def _inverse(block: np.ndarray) -> np.ndarray:
+    """Of the lower triangle of a symmetric matrix of one row or two."""
+    if len(block) == 1:
+        return 1.0 / block
+    (a, c), b = (block[0, 0], block[1, 0]), block[1, 1]
+    inverse = 1.0 / (a * b - c * c)
+    return np.array([[b * inverse, -(c * inverse)], [-(c * inverse), a * inverse]], dtype=object)
 
 
 def lost_digits(mass: np.ndarray) -> float:
@@ -313,17 +359,31 @@ def potential_energy(tree: Bodies, where: Sequence[Frame]) -> Any:
     return energy
 
 
-def height(tree: Bodies, where: Sequence[Frame], body: int, point: np.ndarray) -> Any:
-    """Height of a point of a body above the origin of the world [m]; the point is given in the
-    joint's frame [m], shape (3,).
+def height(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> Any:
+    """Height of a point of a body above the origin of the world [m].
+
+    Only the vertical is carried from joint to joint, which is a third of the work of `frames`.
+
+    Args:
+        tree: The bodies.
+        q: Coordinates, shape (n,).
+        body: The body.
+        point: In the joint's frame [m], shape (3,).
     """
     chain = [body]
     while (parent := tree.parents[chain[-1]]) >= 0:
         chain.append(parent)
     up, found = array([0.0, 0.0, 1.0]), 0.0
     for i in reversed(chain):
-        found = found + up @ where[i].origin
-        up = where[i].rotation.T @ up
+        found, up = found + up @ tree.translation[i], tree.rotation[i].T @ up
+        (along, about), coordinate = tree.axis[i], q[i : i + 1]
+        found = found + up @ (along * coordinate)
+        if all(map(_is_zero, about)):
+            continue
+        level = about * array([about @ up])
+        if not all(map(_is_zero, up - level)):
+            cosine, sine = np.cos(coordinate), np.sin(coordinate)
+            up = level + cosine * (up - level) - sine * cross(about, up)
     return found + up @ point
 
 
@@ -339,9 +399,7 @@ def heights(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> np.nda
     Returns:
         Heights [m], shape (rows,).
     """
-    return np.broadcast_to(
-        np.asarray(height(tree, frames(tree, rows(q)), body, point), dtype=float), len(q)
-    )
+    return np.broadcast_to(np.asarray(height(tree, rows(q), body, point), dtype=float), len(q))
 
 
 def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:
@@ -354,11 +412,13 @@ def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) ->
     return vector
 
 
-def _of_point(spin: np.ndarray, turn: np.ndarray, point: np.ndarray) -> np.ndarray:
+def _of_point(
+    spin: np.ndarray, turn: np.ndarray, point: np.ndarray, sliding: np.ndarray | float = 0.0
+) -> np.ndarray:
     """Acceleration of a point beyond that of the origin, in a frame that spins at a rate and turns
-    up at an acceleration.
+    up at an acceleration; sliding is twice the rate at which the point moves in it.
     """
-    return cross(turn, point) + cross(spin, cross(spin, point))
+    return cross(turn, point) + cross(spin, cross(spin, point) + sliding)
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -386,8 +446,11 @@ class _Body(NamedTuple):
         first = frame.rotation @ self.first
         arm = _skew(frame.origin)
         mixed = arm @ _skew(first)
+        # the part that is the same about every axis is the same in every frame
+        same = np.diag(self.second[[0], [0]].repeat(3))
         second = (
-            frame.rotation @ self.second @ frame.rotation.T
+            frame.rotation @ (self.second - same) @ frame.rotation.T
+            + same
             - mixed
             - mixed.T
             - arm @ arm * self.mass

@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from cranedyn.clocks import Clocks
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.drives import EffortDrives, MotionDrives, Outside, VelocityDrives
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.dynamics.pinocchio import energy
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.simulation.log import Log
@@ -76,7 +76,7 @@ class Engine:
             model does not hold for.
     """
 
-    look_back = 200
+    look_back = 1000
 
     def __init__(self, setting: Setting, start: State) -> None:
         """Begin at a state, without command."""
@@ -115,8 +115,11 @@ class Engine:
     def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Mechanical energy of states in rows [J], zero of height at the ground, shape (n,)."""
         crane = self._setting.crane
-        found = (energy(crane, State(*row)) for row in zip(q, v, strict=True))
-        return np.fromiter(found, float, len(q))  # a generator is Python, which answers Ctrl-C
+        mechanical, model, data = pin.computeMechanicalEnergy, crane.model, crane.data
+        # A generator is Python, which answers Ctrl-C.
+        rigid = (mechanical(model, data, *row) for row in zip(q, v, strict=True))
+        found = np.fromiter(rigid, float, len(q))
+        return found + crane.springs.energy(q.T) if crane.springs.any else found
 
     @property
     def cut(self) -> bool:

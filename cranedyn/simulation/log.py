@@ -5,16 +5,23 @@ becomes.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from inspect import unwrap
 from typing import Any
 
 import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import point_positions
-from cranedyn.dynamics.validity import hoisting, valid
+from cranedyn.dynamics.validity import Event, first_event, hoisting, valid
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
+
+# Arrays of the log are what they should be.
+_first_event, _hoisting, _valid = unwrap(first_event), unwrap(hoisting), unwrap(valid)
+
+_TOGETHER = 256
+"""Rows that are kept as they came until they are written together."""
 
 _LARGEST = 4e9
 """Memory that the log of a run and the trajectory made of it may take [byte]."""
@@ -49,6 +56,7 @@ class Log:
             raise OutOfRange("duration", f"{(rows - 1) * period:g}", f"{most}: {takes}", "s")
         self._crane, self._since, self._period, self._lead = crane, since, period, lead
         self._rows, self._looked = 0, 0
+        self._fresh = list[tuple[np.ndarray, ...]]()
         self._q, self._v = np.empty((rows, crane.layout.n)), np.empty((rows, crane.layout.n))
         self._setpoint, self._command, self._effort, self._before = (
             np.empty((rows, crane.layout.m)) for _ in range(4)
@@ -58,11 +66,12 @@ class Log:
             np.zeros(rows),
             np.zeros(rows),
         )
-        self._energy, self._cut = np.full(rows, np.nan), np.zeros(rows, dtype=bool)
+        self._energy, self._valid = np.full(rows, np.nan), np.full(rows, np.nan)
+        self._cut = np.zeros(rows, dtype=bool)
 
     def __len__(self) -> int:
         """Number of rows so far."""
-        return self._rows
+        return self._rows + len(self._fresh)
 
     def row(
         self,
@@ -72,38 +81,44 @@ class Log:
         effort: np.ndarray,
         before: np.ndarray,
     ) -> None:
-        """Add a row: effort is what acts from here on, before what acted until here."""
-        k = self._rows
-        self._q[k], self._v[k] = state
-        self._setpoint[k], self._command[k], self._effort[k], self._before[k] = (
-            setpoint,
-            command,
-            effort,
-            before,
-        )
-        self._rows = k + 1
+        """Add a row: effort is what acts from here on, before what acted until here; contiguous
+        arrays that nobody changes any more.
+        """
+        self._fresh.append((*state, setpoint, command, effort, before))
+        if len(self._fresh) == _TOGETHER:
+            self._write()
+
+    def _write(self) -> None:
+        """Put fresh rows where they belong; many together take less time than one by one."""
+        rows = slice(self._rows, len(self))
+        columns = self._q, self._v, self._setpoint, self._command, self._effort, self._before
+        for column, parts in zip(columns, zip(*self._fresh, strict=True), strict=False):
+            column[rows] = np.frombuffer(b"".join(parts)).reshape(-1, column.shape[1])
+        self._rows = rows.stop
+        self._fresh.clear()
 
     def force(self, force: np.ndarray) -> None:
         """Add the forces from outside to the row that comes next, shape (points, 3)."""
-        self._force[self._rows] = force.ravel()
+        self._force[len(self)] = force.ravel()
 
     def buffers(self, work: float, stop_force: float) -> None:
         """Add to the row that comes next what the buffers did [J], and what those at the ends of
         the cable push [N].
         """
-        self._buffer_work[self._rows], self._stop_force[self._rows] = work, stop_force
+        self._buffer_work[len(self)], self._stop_force[len(self)] = work, stop_force
 
     def cut(self, cut: bool) -> None:
         """Say of the row that comes next whether a converter was told more than it follows."""
-        self._cut[self._rows] = cut
+        self._cut[len(self)] = cut
 
-    def block(self, setpoint: np.ndarray, block: Mapping[str, np.ndarray]) -> None:
+    def block(self, setpoint: np.ndarray, block: Mapping[str, np.ndarray], holds: bool) -> None:
         """Add many rows at once.
 
         Args:
             setpoint: Setpoint of the drives, shape (rows, m).
             block: q, v, command, effort, before as for `row`; energy, buffers, stop_force, and of
                 converters cut, in columns, shape (rows, 1).
+            holds: Whether the model is known to hold at all of them, and drives can.
         """
         rows = slice(self._rows, self._rows + len(setpoint))
         self._q[rows], self._v[rows], self._setpoint[rows] = block["q"], block["v"], setpoint
@@ -117,24 +132,29 @@ class Log:
         )
         if "cut" in block:
             self._cut[rows] = block["cut"][:, 0] == 1.0
+        if holds:
+            self._valid[rows] = 1.0
         self._rows = rows.stop
 
-    def needed(self) -> np.ndarray:
-        """What the drives were told to exert in the rows not looked at before, shape (rows, m)."""
-        return self._command[self._looked : self._rows]
-
-    def fresh(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coordinates, rates and what holds the load of the rows not looked at before."""
+    def event(self, drive: str, *, buffers: bool) -> Event | None:
+        """Where the model ceases to hold among the rows not looked at before, which are looked at
+        then; None if it holds at all of them. That frequency converters cannot is no event.
+        """
+        self._write()
         rows = slice(self._looked, self._rows)
-        return (
-            self._q[rows],
-            self._v[rows],
-            hoisting(self._crane, self._effort[rows]) + self._stop_force[rows],
-        )
+        if not (self._valid[rows] == 1.0).all():
+            q, v, hoist = self._q[rows], self._v[rows], self._hoist(rows)
+            needed = self._command[rows] if drive == "motion" else None
+            if event := _first_event(self._crane, q, v, hoist, buffers=buffers, needed=needed):
+                return event
+            if drive != "velocity":
+                self._valid[rows] = 1.0
+        self._looked = rows.stop
+        return None
 
-    def looked_at(self) -> None:
-        """Have all rows looked at."""
-        self._looked = self._rows
+    def _hoist(self, rows: slice | np.ndarray) -> np.ndarray:
+        """What holds the load at some rows [N]."""
+        return _hoisting(self._crane, self._effort[rows]) + self._stop_force[rows]
 
     def keep(self, fresh_row: int) -> float:
         """Drop what comes behind a row, counted from the first not looked at; returns its time
@@ -160,6 +180,7 @@ class Log:
         positions is taken off. Where motion is prescribed the mean of the efforts at both ends of a
         period stands for them. Dissipation is integrated by the trapezoidal rule.
         """
+        self._write()
         n, crane, period = self._rows, self._crane, self._period
         q, v, effort, force = self._q[:n], self._v[:n], self._effort[:n], self._force[:n]
         middle = q - self._lead * v
@@ -184,24 +205,11 @@ class Log:
             dissipated=dissipated,
             force=force,
             outside=np.stack([self._work_of_forces(middle, force), self._buffer_work[:n]], axis=1),
-            valid=self._valid(drive, buffers=buffers).astype(float),
+            valid=self._judged(drive, buffers=buffers),
             columns=crane.layout.columns(),
             parameters=parameters,
             record=record,
         )
-
-    def _valid(self, drive: str, *, buffers: bool) -> np.ndarray:
-        n = self._rows
-        holds = valid(
-            self._crane,
-            self._q[:n],
-            self._v[:n],
-            hoisting(self._crane, self._effort[:n]) + self._stop_force[:n],
-            buffers=buffers,
-            needed=None if drive == "effort" else self._command[:n],
-            converters=drive == "velocity",
-        )
-        return holds & ~self._cut[:n]
 
     def _filled(self, energies: Energies) -> np.ndarray:
         """Mechanical energy of each row [J], computed where it was not logged."""
@@ -212,6 +220,23 @@ class Log:
                 self._q[: self._rows][missing], self._v[: self._rows][missing]
             )
         return energy
+
+    def _judged(self, drive: str, *, buffers: bool) -> np.ndarray:
+        """Whether the model holds at each row, and drives can, found out where nobody has."""
+        known = self._valid[: self._rows].copy()
+        missing = np.flatnonzero(np.isnan(known))
+        if len(missing):
+            holds = _valid(
+                self._crane,
+                self._q[missing],
+                self._v[missing],
+                self._hoist(missing),
+                buffers=buffers,
+                needed=None if drive == "effort" else self._command[missing],
+                converters=drive == "velocity",
+            )
+            known[missing] = holds & ~self._cut[missing]
+        return known
 
     def _work_of_forces(self, middle: np.ndarray, force: np.ndarray) -> np.ndarray:
         work = np.zeros(len(force))

@@ -95,15 +95,15 @@ def _array(value: np.ndarray) -> Any:
     if value.dtype.kind not in "fiub":
         return _kind(value)
     if value.size <= _WHOLE:
-        return (
-            np.vectorize(lambda number: written_down(number), otypes=[object])(value).tolist()
-            if value.size
-            else []
-        )
+        return _listed(value.tolist())
     return {
         "shape": list(value.shape),
         "sha256": hashlib.sha256(np.ascontiguousarray(value, dtype=float).tobytes()).hexdigest(),
     }
+
+
+def _listed(value: Any) -> Any:
+    return list(map(_listed, value)) if isinstance(value, list) else written_down(value)
 
 
 def _kind(value: object) -> str:

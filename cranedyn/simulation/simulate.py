@@ -12,7 +12,6 @@ from cranedyn.clocks import Timed, clocks
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.dynamics.validity import first_event
 from cranedyn.errors import CraneError, OutOfRange, RunError, number
 from cranedyn.interfaces import (
     Controller,
@@ -25,7 +24,7 @@ from cranedyn.interfaces import (
 )
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold
-from cranedyn.references.tabulated import checked_setpoint
+from cranedyn.references.tabulated import Setpoints
 from cranedyn.simulation.engine import DIVERGED
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.record import record_of
@@ -153,8 +152,7 @@ def simulate(
     def look_back() -> None:
         if validity == "mark":
             return
-        needed = log.needed() if drive == "motion" else None
-        event = first_event(crane, *log.fresh(), buffers=buffers, needed=needed)
+        event = log.event(drive, buffers=buffers)
         if event is not None:
             at = log.keep(event.row)
             hint = "" if buffers else "; validity = mark goes on all the same"
@@ -165,9 +163,8 @@ def simulate(
                 value=event.value,
                 trajectory=recorded(),
             )
-        log.looked_at()
 
-    t, drives = since, (layout.m,)
+    t, setpoints = since, Setpoints(reference, layout.m)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             ahead = 0
@@ -181,16 +178,19 @@ def simulate(
                 t = since + k * control_period
                 if not math.hypot(*state.v.tolist()) < DIVERGED:
                     raise diverged(layout, t, state)
-                setpoint = checked_setpoint(reference(t), drives)
+                setpoint = setpoints(t)
                 before = moving.effort()
                 if disturbance is not None:
                     log.force(moving.take_force(force_of(disturbance(t, state), layout)))
                 if buffers:
                     log.buffers(*moving.buffers())
                 command, effort = moving.take(command_of(controller(t, state, setpoint), t, layout))
+                aims = setpoint.position
+                if setpoint is not setpoints.steady:
+                    aims = np.array(aims, dtype=float)
                 if stepper.converters is not None:
                     log.cut(moving.cut)
-                log.row(state, setpoint.position, command, effort, before)
+                log.row(state, aims, command, effort, before)
                 if k % moving.look_back == 0:
                     look_back()
                 if progress is not None:

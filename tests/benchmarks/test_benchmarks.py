@@ -19,6 +19,7 @@ from benchmarks.timing import race, stretch
 from benchmarks.workload import Case, Contestant, Result, Run, plain
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import CraneError, ModelError
+from cranedyn.model.load import load_crane
 from tests.helpers import crane, extrapolated
 from tests.lagrangian import Lagrangian
 
@@ -144,6 +145,14 @@ def test_without_the_plain_loop_nothing_is_compared() -> None:
         CraneError, match="Nothing can be compared without the plain loop: it does not take part"
     ):
         engines.benchmark(1, True, [shifted(0.0, many=False)])
+
+
+def test_a_double_pendulum_is_compared_by_those_that_run_any_crane() -> None:
+    hook = Case(load_crane(hook_mass=engines.HOOK_MASS))
+    able = [one for one in CONTESTANTS if one.any_crane and not one.missing()]
+    assert {"plain loop", "compiled closed loop"} <= {one.name for one in able}
+    ready, refused = sort(hook, able)
+    assert refused == [] and len(ready) == len(able)
 
 
 # --- C --------------------------------------------------------------------------------------------

@@ -159,3 +159,30 @@ def test_two_ways_to_solve_may_differ_by_the_condition_of_a_matrix_whatever_the_
     assert rigid_body.lost_digits(np.array([[1.0, 1e3 * near], [0.0, 1e6]])) == pytest.approx(
         1e3 * 2.0**-52 * 2e6, rel=1e-3
     )
+
+
+@given(q=vectors, v=vectors)
+def test_counting_with_the_parent_what_moves_with_it_anyway_changes_nothing(
+    q: np.ndarray, v: np.ndarray
+) -> None:
+    for model in (ARM, crane().model):
+        tree, n = _tree(model), model.nv
+        less = rigid_body.regrouped(tree)
+        where = rigid_body.frames(tree, q[:n])
+        assert_allclose(
+            _plain(rigid_body.mass_matrix(less, where)),
+            _plain(rigid_body.mass_matrix(tree, where)),
+            rtol=1e-12,
+            atol=1e-9,
+        )
+        expected = _plain(rigid_body.inverse_dynamics(tree, where, v[:n]))
+        found = _plain(rigid_body.inverse_dynamics(less, where, v[:n]))
+        assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+        energies = [float(rigid_body.potential_energy(one, where)) for one in (tree, less)]
+        assert_allclose(*energies, rtol=1e-12, atol=1e-9)
+
+
+def test_a_crane_keeps_no_mass_in_its_universal_joint() -> None:
+    tree = rigid_body.regrouped(_tree(crane().model))
+    assert tree.mass[crane().layout.passive].tolist() == [0.0, 0.0]
+    assert sum(tree.mass) == sum(_tree(crane().model).mass)

@@ -1,0 +1,65 @@
+"""Where the model holds, as code says it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+
+from cranedyn.compiled.batch import simulate_batch
+from cranedyn.controllers import hold_controller
+from cranedyn.dynamics import validity
+from cranedyn.model.load import load_crane
+from cranedyn.simulation import log
+from cranedyn.simulation.simulate import simulate
+from tests.helpers import crane
+
+_LINK = """<link name="{name}"><inertial><mass value="10"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+_JOINT = """<joint name="{name}" type="prismatic"><parent link="{above}"/><child link="{below}"/>
+<axis xyz="{axis}"/><origin xyz="0 0 {up}"/>
+<limit lower="-5" upper="5" effort="100" velocity="9"/></joint>"""
+
+
+def test_a_crane_whose_load_stays_at_one_height_runs_in_code(tmp_path: Path) -> None:
+    parts = [
+        '<robot name="table"><link name="base"/>',
+        *(_LINK.format(name=name) for name in ("cart", "load")),
+        _JOINT.format(name="bridge", above="base", below="cart", axis="1 0 0", up=3),
+        _JOINT.format(name="trolley", above="cart", below="load", axis="0 1 0", up=0),
+        "</robot>",
+    ]
+    (tmp_path / "table.urdf").write_text("".join(parts))
+    table = load_crane(tmp_path / "table.urdf", driven=["bridge", "trolley"])
+    hold = hold_controller(table)
+    assert simulate(table, hold, duration=0.1, engine="compiled").valid.all()
+    assert simulate_batch(table, hold, duration=0.1).valid_until[0] == np.inf
+
+
+def test_where_code_says_that_the_model_holds_nobody_asks_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = list[int]()
+
+    def counted(*given: object, **named: object) -> object:
+        asked.append(1)
+        return validity.valid(*given, **named)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(log, "_valid", counted)
+    monkeypatch.setattr(log, "_first_event", counted)
+    start, hold = crane().state(phi=0.1), hold_controller(crane())
+    run = simulate(crane(), hold, start=start, duration=20.0, engine="compiled")
+    assert not asked and (run.valid == 1.0).all()
+
+
+def test_rows_are_marked_where_code_says_that_the_model_does_not_hold() -> None:
+    start, hold = crane().state(phi=1.5, theta=1.5), hold_controller(crane())
+    plain, code = (
+        simulate(crane(), hold, start=start, duration=15.0, validity="mark", engine=engine)
+        for engine in ("pinocchio", "compiled")
+    )
+    assert 0 < plain.valid.sum() < len(plain.valid)
+    assert np.array_equal(plain.valid, code.valid)
