@@ -236,6 +236,13 @@ class Loop:
         for name in ("numbers", "offset"):
             if widths[name]:
                 _known(name, memory[name], infinite=name == "numbers")
+        if recipe.programme is not None:
+            self._bind(
+                "horizon",
+                memory["horizon"],
+                (self._groups, recipe.programme.parts(lanes).size),
+                written=True,
+            )
         if not all(recipe.shared):
             self._bind("starts", memory["starts"], (self._groups, 3, lanes), np.int64)
         for i, (name, parts) in enumerate(

@@ -14,6 +14,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.call import CALL, SLOTS, Parts, Sizes, places, size
 from cranedyn.compiled.code import INTEGER, Code, Value, Variable
+from cranedyn.compiled.horizon.control import Control, Programme, emit_plan
 from cranedyn.compiled.machine import Machine, translated
 from cranedyn.compiled.step import stepped
 from cranedyn.dynamics.integrators import Integrator
@@ -35,6 +36,7 @@ class Recipe:
         forces: Whether there are forces from outside.
         shared: Whether all lanes have one controller, one aim, the same forces.
         log, summary: Whether rows are recorded, and whether a summary is kept.
+        programme: Of a predictive controller; None for one that is affine in the state.
     """
 
     lanes: int
@@ -47,6 +49,7 @@ class Recipe:
     shared: tuple[bool, bool, bool]
     log: bool
     summary: bool
+    programme: Programme | None = None
 
 
 class Kernel(NamedTuple):
@@ -80,6 +83,8 @@ def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe
 def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> ir.Module:
     """The code as a text for LLVM, see `kernel`."""
     module = ir.Module()
+    if recipe.programme is not None:
+        emit_plan(module, recipe.programme)
     _Loop(Code(module, "run", ["call"], recipe.lanes), topology, constants, recipe).emit()
     _emit_answer(
         Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes),
@@ -284,6 +289,11 @@ class _Loop:
             z = z + array(
                 [code.load(self.given["offset"], i * code.lanes) for i in range(self.sizes.z)]
             )
+        if self.recipe.programme is not None:
+            control = Control(code, self.recipe.programme, self.given["horizon"])
+            row, due = control.counted()
+            n = self.sizes.n
+            return control.command(z[:n], z[n:], aim["position"], row, due)
         command = law["feed_forward"] - law["gain"].reshape(self.sizes.m, self.sizes.z) @ (
             z - aim["setpoint"]
         )

@@ -82,7 +82,7 @@ class Parts(NamedTuple):
 
     Attributes:
         query: See `cranedyn.compiled.horizon.planning`.
-        counts: Whole numbers: control instants since the run began, row of the path then.
+        counts: Whole numbers: control instants up to now, and up to the run's beginning.
         lanes: What each lane remembers: accelerations held, estimates, rates expected, whether
             nothing was cut.
         plans: The plan of each lane.
@@ -170,11 +170,15 @@ class Control:
         """Row of the path now and whether an optimisation is due, by counting instants."""
         code = self.code
         count = code.load_one(self.memory, self.parts.counts, INTEGER)
-        offset = code.load_one(self.memory, self.parts.counts + 1, INTEGER)
         place = pointer(code, self.memory, self.parts.counts)
         code.builder.store(code.builder.add(count, code.integer(1)), place, align=8)
-        due = code.builder.srem(count, code.integer(self.programme.ratio))
-        return code.builder.add(count, offset), code.builder.icmp_signed("==", due, code.integer(0))
+        turn = code.builder.srem(count, code.integer(self.programme.ratio))
+        first = code.load_one(self.memory, self.parts.counts + 1, INTEGER)
+        due = code.builder.or_(
+            code.builder.icmp_signed("==", turn, code.integer(0)),
+            code.builder.icmp_signed("==", count, first),
+        )
+        return count, due
 
     def command(
         self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value

@@ -110,10 +110,23 @@ class Receding:
         found[parts.path : parts.path + self.path.size] = self.path.ravel()
         return found
 
+    def fresh(self, t: float, lanes: int) -> np.ndarray:
+        """As `memory`, for a compiled loop that begins at a time [s]."""
+        found = self.memory(lanes)
+        found[self.programme.parts(lanes).counts :][:2].view(np.int64)[:] = self._count(t)
+        return found
+
     @property
     def marks(self) -> Marks:
         """What came of the optimisations so far."""
-        return marks(self.programme, self._memory, 1)[0]
+        return self.marked(self._memory, 1)[0]
+
+    def marked(self, memory: np.ndarray, lanes: int) -> list[Marks]:
+        """The same of each lane of a memory."""
+        size, shape = plan_size(self.programme.shape), self.programme.shape
+        first = self.programme.parts(lanes).plans - shape.lanes
+        ends = [first + (lane + 1) * size for lane in range(lanes)]
+        return [Marks(*memory[end : end + len(MARKS)].tolist()) for end in ends]
 
     def run_begins(self, t: float, control_period: float) -> None:
         """See `cranedyn.clocks.Timed`.
@@ -134,20 +147,33 @@ class Receding:
             OutOfRange: If a coordinate or rate is not finite.
         """
         check_finite(state)
-        count = math.floor(t / self.programme.period + SAME)
+        count = self._count(t)
         period = count // self.programme.ratio
         if t < self._last:
-            self._memory[:] = self.memory(1)
-        due = period != self._when or t < self._last
+            self._begin()
+        due = period != self._when
         self._when, self._last = period, t
-        return self._instant(np.concatenate([*state, setpoint.position]), max(count, 0), due)
+        return self._instant(np.concatenate([*state, setpoint.position]), count, due)
 
+    def _count(self, t: float) -> int:
+        return max(0, math.floor(t / self.programme.period + SAME))
 
-def marks(programme: Programme, memory: np.ndarray, lanes: int) -> list[Marks]:
-    """What came of the optimisations of each lane."""
-    size, shape = plan_size(programme.shape), programme.shape
-    ends = [Parts.of(programme, lanes).plans + (lane + 1) * size - shape.lanes for lane in range(lanes)]
-    return [Marks(*memory[end : end + len(MARKS)].tolist()) for end in ends]
+    def _begin(self) -> None:
+        self._memory[:], self._when = self.memory(1), None
+
+    def ahead(self, t: float) -> np.ndarray:
+        """Its memory for a compiled loop that goes on from a control instant [s], shape (1,
+        doubles).
+        """
+        if t < self._last:
+            self._begin()
+        counts = self._memory[self.programme.parts(1).counts :][:2].view(np.int64)
+        counts[:] = self._count(t), self._count(t) if self._when is None else -1
+        return self._memory[None]
+
+    def went_on(self, t: float) -> None:
+        """Know that a compiled loop went on up to and with a control instant [s]."""
+        self._when, self._last = self._count(t) // self.programme.ratio, t
 
 
 @lru_cache(maxsize=64)
