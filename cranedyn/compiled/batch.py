@@ -227,7 +227,9 @@ def simulate_batch(
     )
 
 
-def _horizon(planned: Receding, drive: Drive, since: float, clock: Clocks, groups: int) -> np.ndarray:
+def _horizon(
+    planned: Receding, drive: Drive, since: float, clock: Clocks, groups: int
+) -> np.ndarray:
     """Memory of a predictive controller for groups of lanes, shape (groups, doubles).
 
     Raises:

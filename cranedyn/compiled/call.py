@@ -132,7 +132,8 @@ CALL = {
     DOUBLE: ("dt", "period"),
 }
 """What a call of the loop gives, eight bytes each. Addresses: memory of a group of lanes, tables,
-where each lane's tables start [rows], memory of a predictive controller. Whole numbers: rows of the tables; control instants from the
+where each lane's tables start [rows], memory of a predictive controller.
+Whole numbers: rows of the tables; control instants from the
 first up to, but without, the last, of which that at the end is not followed by steps; steps in a
 period; small steps in a step where buffers act; instants for a row of the log; instant from which a
 swing is residual; 1 where the first instant was begun before and goes on with steps, else 0. Times

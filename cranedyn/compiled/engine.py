@@ -126,7 +126,7 @@ class CompiledEngine(Engine):
             end=end,
             state=state,
             log=log.reshape(1, -1, 1),
-            **({} if self._horizon is None else {"horizon": self._horizon}),
+            horizon=np.empty(0) if self._horizon is None else self._horizon,
         )
 
     def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -27,7 +27,7 @@ from cranedyn.references import hold
 from cranedyn.references.tabulated import checked_setpoint
 from cranedyn.simulation.engine import DIVERGED
 from cranedyn.simulation.log import Log
-from cranedyn.simulation.record import record_of
+from cranedyn.simulation.record import notes_of, record_of
 from cranedyn.simulation.stepper import Stepper, command_of, diverged, force_of
 
 
@@ -134,7 +134,9 @@ def simulate(
             "integrator": integrator.name,
             "validity": validity,
         }
-        return log.trajectory(made, record, moving.energies, buffers=buffers)
+        noted = notes_of(controller)
+        told = record | ({"notes": noted} if noted else {})
+        return log.trajectory(made, told, moving.energies, buffers=buffers)
 
     def look_back() -> None:
         if validity == "mark":

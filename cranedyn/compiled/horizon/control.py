@@ -247,7 +247,9 @@ class Control:
         estimate, expected = self._remembered(1), self._remembered(2)
         rates = v[layout.drives]
         gain = free * (programme.share / programme.period)
-        estimate = array([e + gain * (r - x) for e, r, x in zip(estimate, rates, expected, strict=True)])
+        estimate = array(
+            [e + gain * (r - x) for e, r, x in zip(estimate, rates, expected, strict=True)]
+        )
         crane = plant(programme.topology, list(programme.numbers), "motion", False)
         wanted = crane.answer(q, v, told - estimate, None)[1]
         cut = [clipped(f, -most, most) for f, most in zip(wanted, crane.effort_limit, strict=True)]

@@ -73,7 +73,7 @@ class Dual:
         return self._chain(self.value.cos(), -self.value.sin())
 
 
-def variables(*groups: Sequence[Any]) -> list[np.ndarray]:
+def variables(*groups: np.ndarray) -> list[np.ndarray]:
     """Variables by which all derivatives are, some groups of them, as arrays of such numbers."""
     count, first, found = sum(map(len, groups)), 0, []
     for group in groups:
@@ -89,7 +89,7 @@ def variables(*groups: Sequence[Any]) -> list[np.ndarray]:
     return found
 
 
-def constants(values: Sequence[Any], count: int) -> np.ndarray:
+def constants(values: np.ndarray, count: int) -> np.ndarray:
     """Numbers whose derivatives by so many variables are zero."""
     return array([Dual(value, [0.0] * count) for value in values])
 

@@ -28,7 +28,7 @@ from cranedyn.compiled.horizon.memory import (
 )
 from cranedyn.compiled.horizon.riccati import call, total
 
-_MOST = 22
+_MOST = 20
 """Iterations."""
 
 _SHORT = 0.995
@@ -155,7 +155,10 @@ class _Solve:
         """Curvature of the barriers, and the slope towards the bounds themselves."""
         forces = {}
         for side in _SIDES:
-            per_force, per_relief = 1.0 / here.get(f"force_{side}"), 1.0 / here.get(f"relief_{side}")
+            per_force, per_relief = (
+                1.0 / here.get(f"force_{side}"),
+                1.0 / here.get(f"relief_{side}"),
+            )
             here.put(f"per_force_{side}", per_force)
             here.put(f"per_relief_{side}", per_relief)
             stiff = 1.0 / (
@@ -186,7 +189,9 @@ class _Solve:
         code = self.code
         for side in _SIDES:
             dforce = -(here.get(f"stiff_{side}") * self._room(here.get("there"), side))
-            share, against = (dforce * here.get(f"per_{kind}_{side}") for kind in ("force", "relief"))
+            share, against = (
+                dforce * here.get(f"per_{kind}_{side}") for kind in ("force", "relief")
+            )
             dslack = -(here.get(f"slack_{side}") * (1.0 + share))
             dexcess = -(here.get(f"excess_{side}") * (1.0 - against))
             for part in (-share, 1.0 + share, against, 1.0 - against):
@@ -217,7 +222,9 @@ class _Solve:
             dforce = here.get(f"stiff_{side}") * (here.get(f"bend_{side}") - room)
             share, against = dforce * per_force, dforce * per_relief
             dslack = (centred - here.get(f"dslack_{side}")) * per_force - slack * (1.0 + share)
-            dexcess = (centred - here.get(f"dexcess_{side}")) * per_relief - excess * (1.0 - against)
+            dexcess = (centred - here.get(f"dexcess_{side}")) * per_relief - excess * (
+                1.0 - against
+            )
             for part in (-share, against, -(dslack / slack), -(dexcess / excess)):
                 ratio.set(_larger(code, ratio.get(), part))
             here.put(f"dforce_{side}", dforce)

@@ -108,9 +108,7 @@ class Shape:
     @property
     def size(self) -> int:
         """Doubles in all."""
-        return self.lanes * (
-            sum(self.common.values()) + self.padded * sum(self.stage.values())
-        )
+        return self.lanes * (sum(self.common.values()) + self.padded * sum(self.stage.values()))
 
     @property
     def stride(self) -> int:
@@ -129,8 +127,9 @@ class Shape:
         return self.lanes * sum(self.common.values())
 
 
-REPORT = ("barrier", "flag", "iterations", "gap", "open", "excess")
-"""What stands in the first lanes of the report. Given: the barrier to begin with. Found: 1 if
+REPORT = ("barrier", "flag", "iterations", "gap", "open", "excess", "first")
+"""What stands in the first lanes of the report. Given: the barrier to begin with; last, that of an
+optimisation after one that succeeded. Found: 1 if
 solved, 0 if not; iterations; mean product of slacks and multipliers; what is left of the gradient
 at the beginning; largest share by which a bound is exceeded without bounds in the way."""
 

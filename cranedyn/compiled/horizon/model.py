@@ -1,4 +1,5 @@
-"""A crane predicted over a horizon, in code: the trace of its equations of motion, with derivatives.
+"""A crane predicted over a horizon, in code: the trace of its equations of motion and their
+derivatives.
 
 The inputs are the accelerations of the drives, held over a stage; what they cost is then a linear
 function at hand for limits of the efforts and for the tension of the rope. Stages are linearised
@@ -151,9 +152,7 @@ def emit(module: ir.Module, shape: Shape, plant: Plant, length: float) -> Entrie
         ]
         node = array(
             [
-                code.gathered(
-                    code.argument["work"], [each.at("node", 0, i) for each in stages]
-                )
+                code.gathered(code.argument["work"], [each.at("node", 0, i) for each in stages])
                 for i in range(shape.both)
             ]
         )
@@ -174,9 +173,7 @@ def _scatter(work: Work, block: ir.Value, written: Entries) -> None:
     kind = ir.ArrayType(INTEGER, len(places))
     table = ir.GlobalVariable(code.function.module, kind, "places")
     table.global_constant, table.initializer = True, ir.Constant(kind, places)
-    first = builder.add(
-        code.product(block, BLOCK * shape.stride), code.integer(shape.first)
-    )
+    first = builder.add(code.product(block, BLOCK * shape.stride), code.integer(shape.first))
     with code.loop(0, len(places)) as row:
         at = builder.add(code.product(row, BLOCK), code.integer(shape.place("block")))
         place = builder.load(builder.gep(table, [row], source_etype=INTEGER), typ=INTEGER)

@@ -1,7 +1,7 @@
 """One optimisation in code: shift the last plan, linearise along it, solve, keep what is found.
 
 This is one real-time iteration (Diehl, Bock and Schlöder 2005, "A real-time iteration scheme for
-nonlinear optimization in optimal feedback control"); the first plan of a run takes several.
+nonlinear optimization in optimal feedback control").
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from cranedyn.compiled.horizon.memory import REPORT, Other, Shape, Work, everywh
 from cranedyn.compiled.horizon.riccati import call, mask, total
 from cranedyn.model.layout import Layout
 
-ROUNDS = 4
-"""Iterations of a run's first plan."""
+_WIDER, _WIDEST = 10.0, 100.0
+"""By what the barrier grows for the next optimisation when one fails, and how often at most."""
 
 QUERY = ("row", "last", "hop")
 """Whole numbers that follow the state in a query: row of the path now, its last row, rows from one
@@ -61,18 +61,13 @@ class _Plan:
             code.store(still, given["plan"], code.product(k, shape.lanes))
         self._shift()
         self._aim()
-        rounds = code.builder.select(fresh, code.integer(ROUNDS), code.integer(1))
-        with code.loop(0, rounds) as done:
-            with code.when(code.builder.icmp_signed(">", done, code.integer(0))):
-                self._again()
-            call(code, "linearise")
-            call(code, "end")
-            aim = [
-                self.common.get("end", i) * self.common.every("goal", 0, i)
-                for i in range(shape.states)
-            ]
-            self.common.put("end_gradient", -total(aim))
-            call(code, "solve")
+        call(code, "linearise")
+        call(code, "end")
+        aim = [
+            self.common.get("end", i) * self.common.every("goal", 0, i) for i in range(shape.states)
+        ]
+        self.common.put("end_gradient", -total(aim))
+        call(code, "solve")
         self._keep()
         code.end()
 
@@ -99,20 +94,11 @@ class _Plan:
         inputs = mask(code, shape.both) - mask(code, shape.states)
         first.put("node", first.get("node") * inputs + self.common.get("start"))
 
-    def _again(self) -> None:
-        """Nodes on the plan that was just found."""
-        code, shape = self.code, self.shape
-        with code.loop(0, shape.padded) as k:
-            from_ = self.work.stage(code.least(k, code.integer(shape.stages - 1)))
-            self.work.stage(k).put("node", from_.get("here"))
-
     def _aim(self) -> None:
         """Weights for where the path ends, and gradients of the cost, which is about the path."""
         code, shape, layout = self.code, self.shape, self.layout
         query, path = code.argument["query"], code.argument["path"]
-        row, last, hop = (
-            code.load_one(query, shape.lanes + i, INTEGER) for i in range(len(QUERY))
-        )
+        row, last, hop = (code.load_one(query, shape.lanes + i, INTEGER) for i in range(len(QUERY)))
 
         def number(k: ir.Value, i: int) -> Value:
             there = code.least(code.builder.add(row, code.builder.mul(hop, k)), last)
@@ -148,6 +134,10 @@ class _Plan:
             with code.when(solved):
                 kept.set(here.get("here"))
             code.store(kept.get(), plan, code.product(k, shape.lanes))
+        first = self.common.one("report", 0, REPORT.index("first"))
+        barrier = self.common.one("report", 0, REPORT.index("barrier"))
+        wider = one.call("llvm.minnum", _WIDER * barrier, _WIDEST * first)
+        self.common.put_one("report", 0, 0, one.chosen(solved, first, wider))
         failed = self._mark("failures") + one.chosen(solved, 0.0, 1.0)
         found = {
             "begun": 1.0,

@@ -121,6 +121,10 @@ class Receding:
         """What came of the optimisations so far."""
         return self.marked(self._memory, 1)[0]
 
+    def notes(self) -> dict[str, int]:
+        """See `cranedyn.simulation.record.Noting`."""
+        return {"failed_optimisations": int(self.marks.failures)}
+
     def marked(self, memory: np.ndarray, lanes: int) -> list[Marks]:
         """The same of each lane of a memory."""
         size, shape = plan_size(self.programme.shape), self.programme.shape
@@ -198,6 +202,7 @@ def receding(
     stage: float = 0.2,
     state_weight: np.ndarray | None = None,
     input_weight: np.ndarray | None = None,
+    payload_errors: Sequence[float] = PAYLOAD_ERRORS,
     settling: float = 0.1,
 ) -> Receding:
     """Model predictive control on the nonlinear crane, from any state.
@@ -220,6 +225,8 @@ def receding(
         state_weight: Q for coordinates and rates, shape (2 n, 2 n); None for errors that weigh
             alike.
         input_weight: R for the accelerations of the drives, shape (m, m); None for the same.
+        payload_errors: Errors of the payload's place [m] and rate [m/s] that weigh alike, where
+            no Q is given.
         settling: Time in which it learns what disturbs the drives [s].
 
     Raises:
@@ -228,14 +235,19 @@ def receding(
         CraneError: If the crane is elastic.
     """
     check_word("drive", drive, Drive)
+    finite("payload errors", np.asarray(payload_errors), (2,))
     layout = crane.layout
     if crane.springs.any:
-        raise CraneError("This predictive controller is made for a rigid crane; this one has springs.")
+        raise CraneError(
+            "This predictive controller is made for a rigid crane; this one has springs."
+        )
     ratio = multiple("period", period, "control_period", control_period)
     multiple("stage", stage, "control_period", control_period)
     within("stages", whole("stages", stages, 2, "stages"), 2, _STAGES)
     within("settling", number("settling", settling, "s", "> 0"), control_period, 1e3, "s")
-    swing = within("swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, 1.57, "rad")
+    swing = within(
+        "swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, 1.57, "rad"
+    )
     if motion is not None and not math.isclose(motion.period, control_period, rel_tol=SAME_PERIOD):
         raise OutOfRange(
             "period of the motion", motion.period, f"the control period, {control_period:g}", "s"
@@ -256,8 +268,10 @@ def receding(
         len(path),
         min(1.0, control_period / settling),
         TAUT * weight,
-        () if state_weight is not None else tuple(2 * [ERROR[joint.kind] for joint in layout.joints]),
-        PAYLOAD_ERRORS,
+        ()
+        if state_weight is not None
+        else tuple(2 * [ERROR[joint.kind] for joint in layout.joints]),
+        tuple(number("payload error", error, "", "> 0") for error in payload_errors),
     )
     cost = _weights(crane, accelerations, state_weight, input_weight)
     table = _table(programme, cost, *_bounds(crane, rates, accelerations, swing, programme.taut))
@@ -321,7 +335,8 @@ def _table(
     row("low")[:], row("high")[:], row("price")[:] = -_NONE, _NONE, PRICE
     for name, values in (("low", low), ("high", high), ("price", PRICE / size)):
         row(name)[: len(values)] = values
-    row("report")[REPORT.index("barrier")] = _BARRIER * PRICE
+    for name in ("barrier", "first"):
+        row("report")[REPORT.index(name)] = _BARRIER * PRICE
     stages = table[shape.first :].reshape(shape.padded, shape.stride)
     for name, i, lane, value in emit_plan(ir.Module(), programme):
         stages[:, shape.place(name, i) + lane] = value

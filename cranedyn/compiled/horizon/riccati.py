@@ -64,9 +64,7 @@ def _emit_factor(work: Work) -> None:
         common.put("togo", common.get("end", i), i)
     with code.loop(0, shape.stages) as count:
         here = work.stage(code.builder.sub(code.integer(shape.stages - 1), count))
-        carried = [
-            common.get("togo", j) * here.every("shift", 0, j) for j in range(shape.states)
-        ]
+        carried = [common.get("togo", j) * here.every("shift", 0, j) for j in range(shape.states)]
         here.put("carried", total(carried))
         _eliminate(work, here, bounded=True, kept=here)
     code.end()
@@ -77,9 +75,7 @@ def _eliminate(work: Work, here: Rows, *, bounded: bool, kept: Rows | None) -> N
     code, shape, common = work.code, work.shape, work.common
     z, w, m = shape.states, shape.both, shape.inputs
     forward = [here.get("forward", i) for i in range(z)]
-    product = [
-        total([common.every("togo", i, j) * forward[j] for j in range(z)]) for i in range(z)
-    ]
+    product = [total([common.every("togo", i, j) * forward[j] for j in range(z)]) for i in range(z)]
     curve = here.get("curve") if bounded else None
     extra = [here.get("extra", i) for i in range(m)] if bounded else []
     weighted = [here.every("curve", 0, w + i) * extra[i] for i in range(len(extra))]
@@ -119,7 +115,10 @@ def _emit_sweep(work: Work) -> None:
             + [here.get("forward", i) * common.every("spill", 0, i) for i in range(z)]
         )
         held = total(
-            [here.get("feedback", c) * everywhere(code, element(code, felt, z + c)) for c in range(m)]
+            [
+                here.get("feedback", c) * everywhere(code, element(code, felt, z + c))
+                for c in range(m)
+            ]
         )
         here.put("open", held)
         slope.set(felt - held)
@@ -135,12 +134,11 @@ def _emit_sweep(work: Work) -> None:
             for c in range(m)
         ]
         both = with_elements(code, now, {z + c: inputs[c] for c in range(m)})
-        further = {
-            w + i: over_lanes(code, here.get("extra", i) * both, "fadd") for i in range(m)
-        }
+        further = {w + i: over_lanes(code, here.get("extra", i) * both, "fadd") for i in range(m)}
         here.put("there", with_elements(code, both, further) + here.get("apart"))
         state.set(
-            far + total([here.get("columns", z + c) * everywhere(code, inputs[c]) for c in range(m)])
+            far
+            + total([here.get("columns", z + c) * everywhere(code, inputs[c]) for c in range(m)])
         )
     code.end()
 
