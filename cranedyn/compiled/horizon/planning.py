@@ -14,7 +14,8 @@ from cranedyn.compiled.horizon.riccati import call, mask, total
 from cranedyn.model.layout import Layout
 
 _WIDER, _WIDEST = 10.0, 100.0
-"""By what the barrier grows for the next optimisation when one fails, and how often at most."""
+"""By what the barrier is wider for the first optimisation, and for the next when one fails, and by
+what at most."""
 
 QUERY = ("row", "last", "hop")
 """Whole numbers that follow the state in a query: row of the path now, its last row, rows from one
@@ -56,6 +57,9 @@ class _Plan:
         code, shape, given = self.code, self.shape, self.code.argument
         self.common.put("start", code.load(given["query"]) * mask(code, shape.states))
         fresh = self._mark("begun") < 0.5
+        with code.when(fresh):
+            first = self.common.one("report", 0, REPORT.index("first"))
+            self.common.put_one("report", 0, REPORT.index("barrier"), _WIDER * first)
         with code.when(fresh), code.loop(0, shape.stages) as k:
             still = code.load(given["query"]) * mask(code, shape.states // 2)
             code.store(still, given["plan"], code.product(k, shape.lanes))
@@ -137,7 +141,7 @@ class _Plan:
         first = self.common.one("report", 0, REPORT.index("first"))
         barrier = self.common.one("report", 0, REPORT.index("barrier"))
         wider = one.call("llvm.minnum", _WIDER * barrier, _WIDEST * first)
-        self.common.put_one("report", 0, 0, one.chosen(solved, first, wider))
+        self.common.put_one("report", 0, REPORT.index("barrier"), one.chosen(solved, first, wider))
         failed = self._mark("failures") + one.chosen(solved, 0.0, 1.0)
         found = {
             "begun": 1.0,
