@@ -422,7 +422,7 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(
 
 
 def test_limits_of_other_drives_are_refused() -> None:
-    with pytest.raises(CraneError, match="rate limit.*three numbers: slew, trolley, hoist"):
+    with pytest.raises(CraneError, match=r"rate limit.*three numbers: slew, trolley, hoist"):
         receding(crane(), Limits(rates=(1.0, 1.0), accelerations=(1.0, 1.0)))
 
 

@@ -34,7 +34,7 @@ _MOST = 20
 _SHORT = 0.995
 """Share of the way to where a slack or a multiplier would be zero that a step takes."""
 
-_GAP, _OPEN = 1e-9, 1e-9
+_GAP, _OPEN = 1e-8, 1e-9
 """Where it ends: mean product of slacks and multipliers, as a share of the barrier that it began
 with, and share of the gradient's residual at the beginning."""
 
