@@ -7,9 +7,10 @@ import importlib.util
 import numpy as np
 import pytest
 
+from benchmarks.horizon import Problem, by_clarabel, by_daqp
 from cranedyn.compiled.horizon.memory import Shape
 from cranedyn.compiled.machine import Machine
-from tests.compiled.programmes import Problem, Solved, by_clarabel, by_daqp, made, random, solved
+from tests.compiled.programmes import Solved, made, random, solved
 
 SHAPE = Shape(10, 3, 40)
 MACHINE = made(SHAPE)
@@ -27,7 +28,7 @@ def test_what_it_finds_costs_no_more_than_what_clarabel_finds(tight: float) -> N
     rng = np.random.default_rng(int(10 * tight))
     for _ in range(4):
         problem = random(rng, tight, SHAPE)
-        ours, theirs = solved(MACHINE, problem), by_clarabel(problem)
+        ours, theirs = solved(MACHINE, problem), by_clarabel(problem)()
         assert ours.report["flag"] == 1.0
         assert problem.gap(ours.found) < 1e-9  # rounding
         best = problem.value(theirs)
@@ -39,7 +40,7 @@ def test_what_it_finds_costs_no_more_than_what_clarabel_finds(tight: float) -> N
 
 def check_against_daqp(machine: Machine, problem: Problem) -> Solved:
     """Keep bounds, at the cost of DAQP's answer, which cannot exceed them."""
-    ours, theirs = solved(machine, problem), by_daqp(problem)
+    ours, theirs = solved(machine, problem), by_daqp(problem)()
     shape = problem.shape
     gap = 4 * shape.stages * shape.lanes * ours.report["gap"]
     best = problem.value(theirs)
@@ -72,7 +73,7 @@ def test_without_a_bound_in_the_way_it_is_the_riccati_solution_at_once() -> None
     ours = solved(MACHINE, problem)
     assert ours.report["iterations"] == 0.0
     assert ours.report["excess"] < 0.0
-    np.testing.assert_allclose(ours.found, by_daqp(problem), atol=1e-9)  # rounding
+    np.testing.assert_allclose(ours.found, by_daqp(problem)(), atol=1e-9)  # rounding
 
 
 @pytest.mark.parametrize(("states", "inputs", "stages"), [(4, 1, 7), (6, 2, 16), (8, 3, 9)])
