@@ -121,6 +121,10 @@ class Receding:
         """What came of the optimisations so far."""
         return self.marked(self._memory, 1)[0]
 
+    def memory_of_optimisation(self) -> np.ndarray:
+        """A copy of what the last optimisation left, see `cranedyn.compiled.horizon.memory`."""
+        return self._memory[self.programme.parts(1).work :].copy()
+
     def notes(self) -> dict[str, int]:
         """See `cranedyn.simulation.record.Noting`."""
         return {"failed_optimisations": int(self.marks.failures)}

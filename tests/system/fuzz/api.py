@@ -50,6 +50,7 @@ PUBLIC = {
         "cranedyn.controllers",
         "cranedyn.controllers.damped",
         "cranedyn.controllers.integral",
+        "cranedyn.compiled.horizon.receding",
     ),
     "references": (
         "cranedyn.references",
@@ -104,6 +105,8 @@ WITHIN = (
 HEAVY = {
     "optimal": 0.03,
     "mpc": 0.1,
+    "receding": 0.03,
+    "Receding": 0.03,
     "record": 0.1,
     "Live": 0.1,
     "sweep": 0.3,
