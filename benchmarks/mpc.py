@@ -208,8 +208,8 @@ def _beside(programmes: Sequence[Optimised]) -> Table:
         ],
         rows,
         "Processor time, of each the shortest of three; of others from their matrices to their "
-        "answer, prediction not counted. Cost: largest, as a share of the lowest that a solver found. DAQP "
-        "cannot exceed a bound.",
+        "answer, prediction not counted. Cost: largest, as a share of the lowest that a solver "
+        "found. DAQP cannot exceed a bound.",
     )
 
 

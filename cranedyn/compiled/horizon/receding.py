@@ -77,6 +77,7 @@ class Marks(NamedTuple):
     excess: float
 
 
+@checked
 @dataclass(eq=False)
 class Receding:
     """A predictive controller; it remembers: make a new one for each run.
@@ -97,7 +98,14 @@ class Receding:
     _last: float = field(default=-math.inf, init=False)
 
     def __post_init__(self) -> None:
-        """Have code and memory."""
+        """Have code and memory.
+
+        Raises:
+            OutOfRange: If the table or the path is not of the programme's size.
+        """
+        shape = self.programme.shape
+        finite("table", self.table, (shape.size,))
+        finite("path", self.path, (self.programme.rows, shape.states))
         made = _made(self.programme)
         self._memory = self.memory(1)
         self._instant = Instant(made, self._memory, self.programme)
