@@ -99,6 +99,8 @@ WITHIN = (
     "diverged",
     "late",
     "unproven_time",
+    "Receding",
+    "Marks",
 )
 """What only our own code calls, of modules that people import from."""
 
@@ -106,7 +108,6 @@ HEAVY = {
     "optimal": 0.03,
     "mpc": 0.1,
     "receding": 0.03,
-    "Receding": 0.03,
     "record": 0.1,
     "Live": 0.1,
     "sweep": 0.3,
