@@ -139,8 +139,10 @@ def _limits(moved: Crane) -> Limits:
 # ---------------- to a setpoint
 
 
-@pytest.mark.parametrize("name", list(MOVES))
-@pytest.mark.parametrize("drive", ["effort", "motion"])
+@pytest.mark.parametrize(
+    ("name", "drive"),
+    [("trolley", "effort"), ("slew", "effort"), ("combined", "effort"), ("combined", "motion")],
+)
 def test_it_settles_within_one_and_a_half_times_the_least_time_and_keeps_all_limits(
     name: str, drive: Drive
 ) -> None:
@@ -304,8 +306,7 @@ def test_along_a_motion_nothing_is_left_at_its_end() -> None:
 # ---------------- in code, and in batches
 
 
-@pytest.mark.parametrize("drive", ["effort", "motion"])
-@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize(("drive", "moving"), [("effort", False), ("motion", True)])
 def test_the_compiled_loop_does_what_python_does_to_the_bit(drive: Drive, moving: bool) -> None:
     start, goal = map(at, MOVES["combined"])
     motion = flat(crane(), start, goal, 20.0) if moving else None
@@ -370,7 +371,7 @@ def receding_of(made: Receding) -> Receding:
 def test_an_optimisation_that_fails_leaves_the_last_plan_and_a_note_in_the_record() -> None:
     start, goal = map(at, MOVES["combined"])
     made = failing(receding(crane(), LIMITS))
-    run = to(goal, start, made)
+    run = to(goal, start, made, duration=5.0)
     failed = run.record["notes"]["failed_optimisations"]
     assert failed == made.marks.failures > 0
     assert np.isfinite(run.q).all()
