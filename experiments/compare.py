@@ -41,6 +41,7 @@ from experiments.scenarios.moves import (
 )
 from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, UNOBSERVED, make
 from experiments.scenarios.strategies import (
+    COMPILED_MPC,
     FASTEST,
     FLAT,
     MPC,
@@ -49,6 +50,7 @@ from experiments.scenarios.strategies import (
     STRATEGIES,
     SWING,
     TIME,
+    TO_GOAL,
     mpc_period,
     on_converters,
 )
@@ -60,6 +62,9 @@ UNSEEING = "it does not look at the swing"
 
 IDEAL = "ideal"
 """Drives that take what each strategy answers."""
+
+PREDICTIVE = (MPC, COMPILED_MPC, TO_GOAL)
+"""Strategies whose time to compute is noted."""
 
 RECORDED = (PD, PAPER, FLAT, TIME)
 """Strategies that are drawn into each other in the recording."""
@@ -175,7 +180,7 @@ def _made(
         calls: list[float] = []
         noted = (
             plan._replace(controller=partial(_timed, plan.controller, calls))
-            if strategy == MPC
+            if strategy in PREDICTIVE
             else plan
         )
         try:
@@ -471,20 +476,28 @@ def _claims_of_converters(of_move: Mapping[str, Results]) -> list[harness.Claim]
 
 
 def _in_time(setup: harness.Setup, moves: Iterable[Results]) -> list[harness.Claim]:
-    """Whether the MPC is done within its period, in every period of every run."""
+    """Whether each MPC is done within its period, in every period of every run."""
+    made = list(moves)
+    return [claim for strategy in PREDICTIVE for claim in _one_in_time(setup, made, strategy)]
+
+
+def _one_in_time(
+    setup: harness.Setup, moves: Iterable[Results], strategy: str
+) -> list[harness.Claim]:
     runs = [
         result.calls
         for found in moves
-        for result in found.get(MPC, {}).values()
+        for result in found.get(strategy, {}).values()
         if len(result.calls)
     ]
     if not runs:
         return []
+    name = "The MPC" if strategy == MPC else f"{strategy[0].upper()}{strategy[1:]}"
     calls, period = np.concatenate(runs), mpc_period(setup)
     solves = np.concatenate([run[:: round(period / setup.control_period)] for run in runs])
     return [
         harness.Claim(
-            f"The MPC is done within its period of {1e3 * period:g} ms: it takes "
+            f"{name} is done within its period of {1e3 * period:g} ms: it takes "
             f"{1e3 * calls.max():.2g} ms of processor time at most, "
             f"{1e3 * np.median(solves):.2g} ms in the median, in {len(solves):,} periods on this "
             "machine.",

@@ -17,6 +17,7 @@ from cranedyn.compiled import inputs
 from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop
+from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.compiled.step import check_rule
@@ -47,6 +48,8 @@ class Batch:
         command, effort: What the controllers asked for and what acted, shape (cranes, rows, m)
             each.
         energy: Mechanical energy [J], shape (cranes, rows).
+        failures: How many optimisations of a predictive controller failed, so that the plan before
+            went on, shape (cranes,).
     """
 
     end: State
@@ -60,6 +63,7 @@ class Batch:
     command: np.ndarray
     effort: np.ndarray
     energy: np.ndarray
+    failures: np.ndarray
 
     def __len__(self) -> int:
         """Number of cranes."""
@@ -95,7 +99,8 @@ def simulate_batch(
 
     Args:
         crane: One crane or n, or `Cranes` of `cranedyn.dynamics.cranes.load_cranes`.
-        controller: One or n, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`. Those with a
+        controller: One or n, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`, or one
+            predictive controller of `cranedyn.compiled.horizon.receding` for all. Those with a
             memory begin with what they remember, and are left as they are.
         reference: One or n; None holds the drives where they start.
         start: One state, n states, or one with n rows; None for where each crane starts.
@@ -170,6 +175,7 @@ def simulate_batch(
         log=rows > 0,
         summary=True,
         late=late,
+        programme=None if control.planned is None else control.planned.programme,
     )
     if response is not None and len(response) > 1:  # numbers of their own: of crane and converter
         distinct, which, response = inputs.paired(distinct, which, response)
@@ -200,6 +206,9 @@ def simulate_batch(
     memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), _LANES))
     if offsets is not None:
         memory["offset"] = grouped([offsets], _LANES)
+    if control.planned is not None:
+        memory["horizon"] = _horizon(control.planned, drive, since, clock, len(memory["state"]))
+        inputs.fit("number of cranes", str(cranes), taken + memory["horizon"].size)
     if not all(recipe.shared):
         memory["starts"] = grouped([table.starts[:, None] for table in tables], _LANES, np.int64)
     run(
@@ -231,7 +240,32 @@ def simulate_batch(
         t=times[:: max(every, 1)][:rows],
         **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort")},
         energy=log[:, :, row_at["energy"]][:, :, 0],
+        failures=_failures(control.planned, memory, cranes),
     )
+
+
+def _horizon(
+    planned: Receding, drive: Drive, since: float, clock: Clocks, groups: int
+) -> np.ndarray:
+    """Memory of a predictive controller for groups of lanes, shape (groups, doubles).
+
+    Raises:
+        OutOfRange: If it was made for other drives or another control period.
+    """
+    if planned.programme.drive != drive:
+        raise OutOfRange("drive", drive, f"the controller's, {planned.programme.drive}")
+    planned.run_begins(since, clock.period)
+    one = planned.fresh(since, _LANES)
+    inputs.fit("number of cranes", f"{groups * _LANES}", groups * one.size)
+    return np.tile(one, (groups, 1))
+
+
+def _failures(planned: Receding | None, memory: dict[str, np.ndarray], cranes: int) -> np.ndarray:
+    """How many optimisations failed, by crane."""
+    if planned is None:
+        return np.zeros(cranes, dtype=int)
+    marks = [found for one in memory["horizon"] for found in planned.marked(one, _LANES)]
+    return np.array([found.failures for found in marks[:cranes]], dtype=int)
 
 
 def _instant(t: float | None, since: float, clock: Clocks) -> int:

@@ -120,7 +120,18 @@ TURNS = 16
 """Steps over which sines and cosines are carried along by turning them; each adds a rounding."""
 
 CALL = {
-    POINTER: ("state", "numbers", "offset", "law", "aim", "force", "starts", "log", "summary"),
+    POINTER: (
+        "state",
+        "numbers",
+        "offset",
+        "law",
+        "aim",
+        "force",
+        "starts",
+        "log",
+        "summary",
+        "horizon",
+    ),
     INTEGER: (
         "law_rows",
         "aim_rows",
@@ -137,7 +148,8 @@ CALL = {
     DOUBLE: ("dt", "period"),
 }
 """What a call of the loop gives, eight bytes each. Addresses: memory of a group of lanes, tables,
-where each lane's tables start [rows]. Whole numbers: rows of the tables; control instants from the
+where each lane's tables start [rows], memory of a predictive controller.
+Whole numbers: rows of the tables; control instants from the
 first up to, but without, the last, of which that at the end is not followed by steps; steps in a
 period; small steps in a step where buffers act; instants for a row of the log; instant from which a
 swing is residual; 1 where the first instant was begun before and goes on with steps, else 0. Times

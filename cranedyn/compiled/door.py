@@ -20,6 +20,7 @@ from cranedyn.errors import Misshapen, OutOfRange, number, whole
 
 if TYPE_CHECKING:
     from cranedyn.clocks import Clocks
+    from cranedyn.compiled.horizon.control import Programme
     from cranedyn.compiled.kernel import Kernel
     from cranedyn.compiled.machine import Machine
     from cranedyn.compiled.tables import Table
@@ -128,6 +129,43 @@ def accelerations(code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.nd
     return found
 
 
+class Instant:
+    """The control instant of a predictive controller, bound to the memory of one crane."""
+
+    def __init__(self, machine: Machine, memory: np.ndarray, programme: Programme) -> None:
+        """Look at the memory and take its address.
+
+        Raises:
+            Misshapen: If it is of another size, or no contiguous doubles.
+        """
+        layout, size = programme.topology.layout, programme.parts(1).size
+        self._numbers = 2 * layout.n + layout.m
+        self._given, self._command = np.zeros(self._numbers + 2), np.zeros(layout.m)
+        self._counts = self._given[self._numbers :].view(np.int64)
+        self._run, self._kept = machine.function("instant", 3), (machine, memory)
+        self._addresses = (
+            _address("memory", memory, (size,), written=True),
+            self._given.ctypes.data,
+            self._command.ctypes.data,
+        )
+
+    def __call__(self, numbers: np.ndarray, row: int, due: bool) -> np.ndarray:
+        """The command at coordinates, rates and a setpoint of the drives, all in a row; with the
+        row of the path, and whether an optimisation is due.
+
+        Raises:
+            Misshapen: If there are more or fewer numbers.
+            OutOfRange: If one is not finite.
+        """
+        if numbers.shape != (self._numbers,):
+            raise Misshapen("state and setpoint", f"{numbers.size} numbers", f"{self._numbers}")
+        _known("state and setpoint", numbers)
+        self._given[: self._numbers] = numbers
+        self._counts[:] = whole("row", row, 0), due
+        self._run(*self._addresses)
+        return self._command.copy()
+
+
 class Loop:
     """A closed loop bound to the arrays that it works on, for some groups of lanes."""
 
@@ -198,6 +236,13 @@ class Loop:
         for name in ("numbers", "offset"):
             if widths[name]:
                 _known(name, memory[name], infinite=name == "numbers")
+        if recipe.programme is not None:
+            self._bind(
+                "horizon",
+                memory["horizon"],
+                (self._groups, recipe.programme.parts(lanes).size),
+                written=True,
+            )
         if not all(recipe.shared):
             self._bind("starts", memory["starts"], (self._groups, 3, lanes), np.int64)
         for i, (name, parts) in enumerate(

@@ -13,9 +13,11 @@ from cranedyn.arrays import fixed
 from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop, Rows
+from cranedyn.compiled.horizon.control import Programme
+from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.step import check_rule
-from cranedyn.compiled.tables import Table, aim, alone, law, one_command
+from cranedyn.compiled.tables import Table, aim, alone, law, no_law, one_command
 from cranedyn.controllers.affine import Affine, Remembering, form
 from cranedyn.dynamics.drives import Limits, VelocityDrives
 from cranedyn.errors import Misshapen
@@ -67,8 +69,10 @@ class CompiledEngine(Engine):
         self._here = self._memory[: sizes.z]
         self._law, self._aim = one_command(sizes)
         self._last_command = self._law[0, places(sizes.law)["feed_forward"]]
-        self._codes: dict[tuple[bool, bool], Kernel] = {}
+        self._codes: dict[tuple[bool, bool, Programme | None], Kernel] = {}
+        self._planned: Receding | None = None
         self._step: Callable[[], None] | None = None
+        self._horizon: np.ndarray | None = None
         self._blocks: dict[tuple[bool, int, int, int], _Block] = {}
         self.begin(start)
 
@@ -89,11 +93,13 @@ class CompiledEngine(Engine):
 
     def _code(self, *, integral: bool, log: bool) -> Kernel:
         """Code, made and checked at the first need."""
-        if (integral, log) not in self._codes:
-            self._codes[integral, log] = self._made(integral=integral, log=log)
-        return self._codes[integral, log]
+        planned = self._planned if log else None
+        which = integral, log, None if planned is None else planned.programme
+        if which not in self._codes:
+            self._codes[which] = self._made(*which)
+        return self._codes[which]
 
-    def _made(self, *, integral: bool, log: bool) -> Kernel:
+    def _made(self, integral: bool, log: bool, programme: Programme | None) -> Kernel:
         recipe = Recipe(
             1,
             self._setting.drive,
@@ -106,6 +112,7 @@ class CompiledEngine(Engine):
             log=log,
             summary=log,
             late=self._setting.late,
+            programme=programme,
         )
         made = self._setting.converters
         numbers = None if made is None else np.concatenate(made.response)
@@ -124,6 +131,7 @@ class CompiledEngine(Engine):
             last=last,
             end=end,
             state=self._memory.reshape(1, -1, 1),
+            horizon=np.empty(0) if self._horizon is None else self._horizon,
             **memory,
         )
 
@@ -197,19 +205,29 @@ class CompiledEngine(Engine):
         if self._setting.forces:
             return
         clocks, first = self._setting.clocks, 0
+        planned = controller if isinstance(controller, Receding) else None
+        if planned is not None and planned.programme.drive != self._setting.drive:
+            return
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
         while first <= periods:
             times = fixed(since + clocks.period * np.arange(first, min(first + ahead, periods + 1)))
             try:
                 setpoint = tabulated(reference, times, self._sizes.m).position
-                common = form(controller, times, setpoint, self._sizes.z)
+                common = (
+                    form(controller, times, setpoint, self._sizes.z)
+                    if planned is None
+                    else no_law(self._sizes)
+                )
             except Misshapen:
                 raise
             except Exception:  # it comes again at the instant at which it belongs
                 common = None
+            self._plan_with(planned, float(times[0]))
             ran = None if common is None else self._run(common, setpoint, periods - first)
             if ran is None:
                 break
+            if planned is not None:
+                planned.went_on(float(times[-1]))
             if isinstance(controller, Remembering):
                 controller.resume(float(times[-1]), self._memory[self._at["integral"]].copy())
             log.block(setpoint, *ran)
@@ -226,6 +244,7 @@ class CompiledEngine(Engine):
         before, if a number for it or in it is not finite or a joint moves too fast.
         """
         before, n = self._memory.copy(), len(setpoint)
+        planned = None if self._horizon is None else self._horizon.copy()
         block = self._block(
             bool(common.integral_gain.any()), len(common.feed_forward), n, min(end, n)
         )
@@ -243,7 +262,16 @@ class CompiledEngine(Engine):
         if known and (np.square(found["v"]).sum(axis=1) < DIVERGED**2).all():
             return found, bool(np.isinf(block.invalid[0]))
         self._memory[:] = before
+        if self._horizon is not None:
+            self._horizon[:] = planned
         return None
+
+    def _plan_with(self, planned: Receding | None, t: float) -> None:
+        """Have the memory of a predictive controller at hand, which goes on from a time [s]."""
+        if planned is not self._planned:
+            self._blocks.clear()
+        self._planned = planned
+        self._horizon = None if planned is None else planned.ahead(t)
 
     def _block(self, integral: bool, laws: int, instants: int, end: int) -> _Block:
         """What a block of a size is run with, made once."""

@@ -10,7 +10,8 @@ import numpy as np
 from cranedyn.arrays import finite
 from cranedyn.clocks import Clocks
 from cranedyn.compiled.call import Sizes, size
-from cranedyn.compiled.tables import Table, aim, law, shortened, table
+from cranedyn.compiled.horizon.receding import Receding
+from cranedyn.compiled.tables import Table, aim, law, no_law, shortened, table
 from cranedyn.controllers.affine import Affine, form
 from cranedyn.dynamics.converters import fitting
 from cranedyn.dynamics.cranes import Cranes
@@ -37,12 +38,14 @@ class Control(NamedTuple):
         law, aim: The tables.
         integrals: What was integrated before, shape (cranes, m).
         integrates: Whether any controller does.
+        planned: The predictive controller of all cranes; None for those that are affine.
     """
 
     law: Table
     aim: Table
     integrals: np.ndarray
     integrates: bool
+    planned: Receding | None
 
 
 def count(**given: Any) -> int:
@@ -140,7 +143,11 @@ def control(
     longest_law = longest_aim = 0
     for which, about in (divmod(pair, len(references)) for pair in pairs.tolist()):
         setpoint = tabulated(references[about], times, crane.layout.m).position
-        common = _form(controllers[which], times, setpoint, sizes.z)
+        common = (
+            no_law(sizes)
+            if isinstance(controllers[which], Receding)
+            else _form(controllers[which], times, setpoint, sizes.z)
+        )
         integrals.append(common.integral)
         integrates = integrates or bool(common.integral_gain.any())
         aims.append(shortened(aim(sizes, common, setpoint)))
@@ -162,7 +169,23 @@ def control(
         table(aims, pair_of),
         np.array(integrals)[pair_of],
         integrates,
+        _planned(controllers),
     )
+
+
+def _planned(controllers: Sequence[Any]) -> Receding | None:
+    """The predictive controller of all cranes, if they have one.
+
+    Raises:
+        CraneError: If there is another controller besides.
+    """
+    found = next((one for one in controllers if isinstance(one, Receding)), None)
+    if found is not None and len(controllers) > 1:
+        raise CraneError(
+            "A batch has one predictive controller for all cranes, and references that differ; "
+            f"these have {len(controllers)} controllers."
+        )
+    return found
 
 
 def _references(

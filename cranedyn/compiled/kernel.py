@@ -14,6 +14,7 @@ from llvmlite import ir
 
 from cranedyn.compiled.call import CALL, SLOTS, TURNS, Parts, Sizes, places, size
 from cranedyn.compiled.code import INTEGER, Code, Value, Variable
+from cranedyn.compiled.horizon.control import Control, Programme, emit_instant, emit_plan
 from cranedyn.compiled.machine import Machine, translated
 from cranedyn.compiled.step import stepped
 from cranedyn.dynamics.integrators import Integrator
@@ -39,6 +40,7 @@ class Recipe:
             without.
         turns: Steps over which sines and cosines are carried along; with 1 a motion is the same to
             the bit whatever control periods it is made of.
+        programme: Of a predictive controller; None for one that is affine in the state.
     """
 
     lanes: int
@@ -53,6 +55,7 @@ class Recipe:
     summary: bool
     late: int | None = None
     turns: int = TURNS
+    programme: Programme | None = None
 
 
 class Kernel(NamedTuple):
@@ -87,6 +90,10 @@ def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe
 def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> ir.Module:
     """The code as a text for LLVM, see `kernel`."""
     module = ir.Module()
+    if recipe.programme is not None:
+        emit_plan(module, recipe.programme)
+        if recipe.lanes == 1:
+            emit_instant(module, recipe.programme)
     _Loop(Code(module, "run", ["call"], recipe.lanes), topology, constants, recipe).emit()
     _emit_answer(
         Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes),
@@ -365,6 +372,12 @@ class _Loop:
             z = z + array(
                 [code.load(self.given["offset"], i * code.lanes) for i in range(self.sizes.z)]
             )
+        if self.recipe.programme is not None:
+            control = Control(code, self.recipe.programme, self.given["horizon"])
+            row, due = control.counted()
+            n = self.sizes.n
+            one = control.asked if code.lanes == 1 else control.command
+            return one(z[:n], z[n:], aim["position"], row, due)
         command = law["feed_forward"] - law["gain"].reshape(self.sizes.m, self.sizes.z) @ (
             z - aim["setpoint"]
         )

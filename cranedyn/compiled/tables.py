@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.compiled.call import Sizes, places, size
-from cranedyn.controllers.affine import Affine
+from cranedyn.controllers.affine import Affine, without_integral
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +84,12 @@ def shortened(rows: np.ndarray) -> np.ndarray:
     """Rows without those at the end that repeat the one before."""
     changes = np.flatnonzero((rows[1:] != rows[:-1]).any(axis=1))
     return rows[: int(changes[-1]) + 2 if len(changes) else 1].copy()
+
+
+def no_law(sizes: Sizes) -> Affine:
+    """The common form of a controller that has none: what it is about is the setpoint alone."""
+    nothing, z = np.zeros((1, sizes.m)), sizes.z
+    return without_integral(nothing, np.zeros((1, sizes.m, z)), np.zeros((1, z)))
 
 
 def one_command(sizes: Sizes) -> tuple[np.ndarray, np.ndarray]:

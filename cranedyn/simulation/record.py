@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,6 +21,24 @@ _WHOLE = 64
 """Arrays of more numbers are written by their shape and checksum."""
 
 _DEEPEST = 6
+
+
+@runtime_checkable
+class Noting(Protocol):
+    """A controller that has something to say after a run."""
+
+    def notes(self) -> Mapping[str, Any]:
+        """What it notes, in words and numbers that JSON holds."""
+
+
+def notes_of(controller: object, depth: int = 0) -> dict[str, Any]:
+    """What a controller, or one within it, notes of a run."""
+    if isinstance(controller, Noting):
+        return dict(controller.notes())
+    if depth >= _DEEPEST or not is_dataclass(controller) or isinstance(controller, type):
+        return {}
+    within = (getattr(controller, part.name, None) for part in fields(controller))
+    return {name: note for part in within for name, note in notes_of(part, depth + 1).items()}
 
 
 def record_of(crane: Crane, **actors: object) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from cranedyn.references import hold
 from cranedyn.references.tabulated import Setpoints
 from cranedyn.simulation.engine import DIVERGED
 from cranedyn.simulation.log import Log
-from cranedyn.simulation.record import record_of
+from cranedyn.simulation.record import notes_of, record_of
 from cranedyn.simulation.stepper import Stepper, command_of, diverged, force_of
 
 
@@ -147,7 +147,9 @@ def simulate(
             "integrator": integrator.name,
             "validity": validity,
         }
-        return log.trajectory(made, record, moving.energies, buffers=buffers, drive=drive)
+        noted = notes_of(controller)
+        whole = record | ({"notes": noted} if noted else {})
+        return log.trajectory(made, whole, moving.energies, buffers=buffers, drive=drive)
 
     def look_back() -> None:
         if validity == "mark":

@@ -18,6 +18,7 @@ from cranedyn.controllers.paper import paper_controller
 from cranedyn.controllers.rated import GivenRates, rated
 from cranedyn.interfaces import Controller, Drive, Reference
 from cranedyn.model.crane import Crane
+from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import fastest
 from cranedyn.references.motion import Motion, plumb
@@ -257,6 +258,32 @@ def _mpc(setup: harness.Setup, move: Move) -> Plan:
     )
 
 
+def _receding(setup: harness.Setup, motion: Motion | None, swing: float) -> Controller:
+    from cranedyn.compiled.horizon.receding import receding
+
+    return receding(
+        setup.crane,
+        LIMITS,
+        motion=motion,
+        swing_limit=swing,
+        control_period=setup.control_period,
+        period=mpc_period(setup),
+        stage=setup.control_period * max(1, round(0.2 / setup.control_period)),
+    )
+
+
+def _compiled_mpc(setup: harness.Setup, move: Move) -> Plan:
+    motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
+    return Plan(
+        lambda: _receding(setup, motion, math.pi / 4.0), motion, "effort", motion.arrival, motion
+    )
+
+
+def _to_goal(setup: harness.Setup, move: Move) -> Plan:
+    goal = hold(setup.crane, move.ends(setup.crane)[1])
+    return Plan(lambda: _receding(setup, None, 0.1), goal, "effort", 0.0)
+
+
 def _least_time(setup: harness.Setup, move: Move) -> Plan:
     from cranedyn.planning.optimal import optimal
 
@@ -304,6 +331,7 @@ def mpc_period(setup: harness.Setup) -> float:
     return setup.control_period * max(1, round(0.05 / setup.control_period))
 
 
+COMPILED_MPC, TO_GOAL = "flat + compiled MPC", "MPC to the goal"
 TIME, SWING, FASTEST = "least time + LQR", "least swing + LQR", "fastest flat + LQR"
 
 STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
@@ -313,6 +341,8 @@ STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
     LQR: _lqr,
     FLAT: _flat,
     MPC: _mpc,
+    COMPILED_MPC: _compiled_mpc,
+    TO_GOAL: _to_goal,
     FASTEST: _fastest_flat,
     SWING: _least_swing,
     TIME: _least_time,
@@ -324,4 +354,5 @@ STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
     "operator, drives yield": _damped,
 }
 """Plans by name. The spline alone and the operator have drives that follow exactly, as stiff
-velocity-controlled drives do."""
+velocity-controlled drives do. The setpoint of the MPC to the goal is the goal from the start: it
+arrives at once, and settles when the load is there."""

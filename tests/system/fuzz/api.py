@@ -50,6 +50,7 @@ PUBLIC = {
         "cranedyn.controllers",
         "cranedyn.controllers.damped",
         "cranedyn.controllers.integral",
+        "cranedyn.compiled.horizon.receding",
         "cranedyn.controllers.rated",
         "cranedyn.dynamics.converters",
     ),
@@ -107,12 +108,15 @@ WITHIN = (
     "late",
     "made_otherwise",
     "unproven_time",
+    "Receding",
+    "Marks",
 )
 """What only our own code calls, of modules that people import from."""
 
 HEAVY = {
     "optimal": 0.03,
     "mpc": 0.1,
+    "receding": 0.03,
     "record": 0.1,
     "Live": 0.1,
     "sweep": 0.3,

@@ -1,0 +1,243 @@
+"""Quadratic programmes over a horizon in the forms that solvers of other people take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from cranedyn.compiled.horizon.memory import Shape
+
+NONE = 1e8
+"""From here on a bound is none."""
+
+Solve = Callable[[], np.ndarray]
+"""Answers states and inputs by stage, what is bounded besides included."""
+
+
+class Problem(NamedTuple):
+    """States follow next = a state + b input + c; e (state, input) + d is bounded besides them. To
+    exceed a bound costs its price.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    e: np.ndarray
+    d: np.ndarray
+    q: np.ndarray
+    r: np.ndarray
+    gradient: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    price: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    end_gradient: np.ndarray
+
+    @property
+    def shape(self) -> Shape:
+        """How large it is."""
+        return Shape(self.a.shape[1], self.b.shape[2], len(self.a))
+
+    @property
+    def weight(self) -> np.ndarray:
+        """Of states and inputs together."""
+        return sp.block_diag([self.q, self.r]).toarray()
+
+    def value(self, found: np.ndarray) -> float:
+        """Cost of what is found, what exceeding bounds costs among it."""
+        z, w = self.shape.states, self.shape.both
+        last = self.a[-1] @ found[-1, :z] + self.b[-1] @ found[-1, z:w] + self.c[-1]
+        both = found[:, :w]
+        over = np.maximum(found - self.high, 0.0) + np.maximum(self.low - found, 0.0)
+        cost = 0.5 * np.einsum("ki,ij,kj", both, self.weight, both) + (self.gradient * both).sum()
+        cost += 0.5 * last @ self.end @ last + self.end_gradient @ last
+        return float(cost + (over @ self.price).sum())
+
+    def gap(self, found: np.ndarray) -> float:
+        """How far from the model what is found is."""
+        z, w = self.shape.states, self.shape.both
+        coming = (
+            np.einsum("kij,kj->ki", self.a, found[:, :z])
+            + np.einsum("kij,kj->ki", self.b, found[:, z:w])
+            + self.c
+        )
+        besides = np.einsum("kij,kj->ki", self.e, found[:, :w]) + self.d
+        apart = found[0, :z] - self.start, coming[:-1] - found[1:, :z], besides - found[:, w:]
+        return max(float(np.abs(part).max()) for part in apart)
+
+
+class Sparse(NamedTuple):
+    """½ xᵀ weight x + costᵀ x with follow x = right and sides x <= limits; what is bounded is
+    bounded x + apart.
+    """
+
+    weight: sp.csc_matrix
+    cost: np.ndarray
+    follow: sp.csc_matrix
+    right: np.ndarray
+    sides: sp.csc_matrix
+    limits: np.ndarray
+    bounded: np.ndarray
+    apart: np.ndarray
+
+    def found(self, x: np.ndarray, stages: int) -> np.ndarray:
+        """States, inputs and what else is bounded, by stage."""
+        return (self.bounded @ x[: self.bounded.shape[1]] + self.apart).reshape(stages, -1)
+
+
+def sparse(problem: Problem) -> Sparse:
+    """With states and inputs as variables, and the excess of each bound at a price of one."""
+    shape = problem.shape
+    z, w, n = shape.states, shape.both, shape.stages
+    size, both = n * w + z, w + shape.inputs
+    follow, right = np.zeros((z * (n + 1), size)), np.zeros(z * (n + 1))
+    follow[:z, :z], right[:z] = np.eye(z), problem.start
+    bounded, apart = np.zeros((n * both, size)), np.zeros(n * both)
+    for k in range(n):
+        rows, here = slice(z * (k + 1), z * (k + 2)), slice(k * w, (k + 1) * w)
+        follow[rows, here] = -np.hstack([problem.a[k], problem.b[k]])
+        follow[rows, (k + 1) * w : (k + 1) * w + z] = np.eye(z)
+        right[rows] = problem.c[k]
+        bounded[k * both : k * both + w, here] = np.eye(w)
+        bounded[k * both + w : (k + 1) * both, here] = problem.e[k]
+        apart[k * both + w : (k + 1) * both] = problem.d[k]
+    high, low = (np.tile(bound, n) for bound in (problem.high, problem.low))
+    above, below = np.flatnonzero(high < NONE), np.flatnonzero(low > -NONE)
+    price = np.tile(problem.price, n)
+    scale = np.concatenate([price[above], price[below]]) / problem.price.max()
+    count = len(scale)
+    weight = [*[problem.weight] * n, problem.end, sp.csc_matrix((count, count))]
+    limits = np.concatenate([(high - apart)[above], (apart - low)[below]]) * scale
+    rows_of: list[list[Any]] = [
+        [sp.diags(scale) @ np.vstack([bounded[above], -bounded[below]]), -sp.eye(count)],
+        [None, -sp.eye(count)],
+    ]
+    return Sparse(
+        sp.csc_matrix(sp.block_diag(weight)),
+        np.concatenate(
+            [problem.gradient.ravel(), problem.end_gradient, np.full(count, problem.price.max())]
+        ),
+        sp.csc_matrix(np.hstack([follow, np.zeros((len(follow), count))])),
+        right,
+        sp.csc_matrix(sp.bmat(rows_of)),
+        np.concatenate([limits, np.zeros(count)]),
+        bounded,
+        apart,
+    )
+
+
+def by_clarabel(problem: Problem) -> Solve:
+    """Clarabel's interior point, to 1e-10."""
+    import clarabel
+
+    form, n = sparse(problem), problem.shape.stages
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    upper = sp.csc_matrix(sp.triu(form.weight))
+    rows = sp.csc_matrix(sp.vstack([form.follow, form.sides]))
+    limits = np.concatenate([form.right, form.limits])
+    cones = [clarabel.ZeroConeT(len(form.right)), clarabel.NonnegativeConeT(len(form.limits))]
+
+    def solve() -> np.ndarray:
+        answer = clarabel.DefaultSolver(upper, form.cost, rows, limits, cones, settings).solve()
+        return form.found(np.array(answer.x), n)
+
+    return solve
+
+
+def by_osqp(problem: Problem) -> Solve:
+    """OSQP's splitting, to 1e-4."""
+    import osqp
+
+    form, n = sparse(problem), problem.shape.stages
+    upper = sp.csc_matrix(sp.triu(form.weight))
+    rows = sp.csc_matrix(sp.vstack([form.follow, form.sides]))
+    high = np.concatenate([form.right, form.limits])
+    low = np.concatenate([form.right, np.full(len(form.limits), -np.inf)])
+
+    def solve() -> np.ndarray:
+        solver = osqp.OSQP()
+        solver.setup(upper, form.cost, rows, low, high, verbose=False, eps_abs=1e-4, eps_rel=1e-4)
+        return form.found(np.array(solver.solve().x), n)
+
+    return solve
+
+
+def by_piqp(problem: Problem) -> Solve:
+    """PIQP's proximal interior point, as it comes."""
+    import piqp
+
+    form, n = sparse(problem), problem.shape.stages
+    low = np.full(len(form.limits), -np.inf)
+
+    def solve() -> np.ndarray:
+        solver = piqp.SparseSolver()
+        solver.setup(form.weight, form.cost, form.follow, form.right, form.sides, low, form.limits)
+        solver.solve()
+        return form.found(np.array(solver.result.x), n)
+
+    return solve
+
+
+def by_daqp(problem: Problem) -> Solve:
+    """DAQP's active set, dense in the inputs; a bound has a twin that may be exceeded as little as
+    its price says.
+    """
+    from daqp import solve
+
+    shape = problem.shape
+    z, n, m = shape.states, shape.stages, shape.inputs
+    width = n * m + 1
+    state, rows = np.zeros((z, width)), []
+    state[:, -1] = problem.start
+    hessian, linear = np.zeros((width, width)), np.zeros(width)
+    for k in range(n):
+        inputs = np.zeros((m, width))
+        inputs[:, k * m : (k + 1) * m] = np.eye(m)
+        both = np.vstack([state, inputs])
+        besides = problem.e[k] @ both
+        besides[:, -1] += problem.d[k]
+        rows.append(np.vstack([both, besides]))
+        hessian += both.T @ problem.weight @ both
+        linear += problem.gradient[k] @ both
+        state = problem.a[k] @ state + problem.b[k] @ inputs
+        state[:, -1] += problem.c[k]
+    hessian += state.T @ problem.end @ state
+    linear += problem.end_gradient @ state
+    # The state at the start is given: no input moves it.
+    stacked, high, low = (
+        np.vstack(rows)[z:],
+        np.tile(problem.high, n)[z:],
+        np.tile(problem.low, n)[z:],
+    )
+    real = (high < NONE) | (low > -NONE)
+    stacked, high, low = (
+        stacked[real],
+        high[real] - stacked[real, -1],
+        low[real] - stacked[real, -1],
+    )
+    square = np.ascontiguousarray(hessian[:-1, :-1])
+    cost, sides = hessian[:-1, -1] + linear[:-1], np.ascontiguousarray(stacked[:, :-1])
+    kinds = np.zeros(len(low), dtype=np.int32)
+
+    def answer() -> np.ndarray:
+        inputs, _, flag, _ = solve(square, cost, sides, high, low, kinds)
+        if flag != 1:
+            return np.full((n, shape.both + m), np.nan)
+        return np.array([row @ np.append(inputs, 1.0) for row in rows])
+
+    return answer
+
+
+SOLVERS: dict[str, Callable[[Problem], Solve]] = {
+    "DAQP": by_daqp,
+    "Clarabel": by_clarabel,
+    "PIQP": by_piqp,
+    "OSQP": by_osqp,
+}
+"""Those that are measured beside ours, by name."""

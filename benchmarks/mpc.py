@@ -1,0 +1,232 @@
+"""Predictive control: what an optimisation costs in compiled code, beside other people's solvers on
+the same quadratic programmes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.horizon import SOLVERS, Problem
+from cranedyn.compiled.horizon.receding import Receding, receding
+from cranedyn.interfaces import Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.references import flat, hold
+from cranedyn.simulation.simulate import simulate
+from experiments.harness import Outcome, Table
+from experiments.harness.outcome import show
+from experiments.scenarios.moves import AFTER, LIMITS, MOVES, Move
+
+MODULES = {"DAQP": "daqp", "Clarabel": "clarabel", "PIQP": "piqp", "OSQP": "osqp"}
+
+
+class Optimised(NamedTuple):
+    """An optimisation of ours.
+
+    Attributes:
+        taken: Processor time of the whole control instant [s]: prediction, solution, efforts.
+        iterations: Of the interior point; 0 where no bound was in the way.
+        problem: The quadratic programme; None if it was not kept.
+        found: What was found.
+    """
+
+    taken: float
+    iterations: int
+    problem: Problem | None
+    found: np.ndarray
+
+
+def run(crane: Crane, move: Move, along: bool, every: int) -> list[Optimised]:
+    """All optimisations of a move, along its flat path or to its goal, and each so manieth
+    programme with bounds in the way.
+    """
+    start, goal = move.ends(crane)
+    motion = flat(crane, start, goal, move.duration) if along else None
+    made = receding(crane, LIMITS, motion=motion)
+    found: list[Optimised] = []
+    kept = 0
+
+    def timed(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        nonlocal kept
+        began = time.thread_time()
+        command = made(t, state, setpoint)
+        taken = time.thread_time() - began
+        if round(t / made.programme.period) % made.programme.ratio == 0:
+            iterations = int(made.marks.iterations)
+            kept += iterations > 0
+            keeps = iterations > 0 and kept % every == 0
+            problem, answer = problem_of(made) if keeps else (None, np.empty(0))
+            found.append(Optimised(taken, iterations, problem, answer))
+        return command
+
+    simulate(
+        crane,
+        timed,
+        hold(crane, goal) if motion is None else motion,
+        start=start,
+        duration=move.duration + AFTER,
+        engine="compiled",
+    )
+    return found
+
+
+def problem_of(made: Receding) -> tuple[Problem, np.ndarray]:
+    """The last programme of a controller, and what it found."""
+    shape, work = made.programme.shape, made.memory_of_optimisation()
+    z, w, m = shape.states, shape.both, shape.inputs
+    stages = work[shape.first :].reshape(shape.padded, shape.stride)[: shape.stages]
+
+    def common(name: str, rows: int, columns: int) -> np.ndarray:
+        first = shape.place(name)
+        return work[first:][: rows * shape.lanes].reshape(rows, -1)[:, :columns].copy()
+
+    def each(name: str, rows: int, columns: int) -> np.ndarray:
+        first = shape.place(name)
+        part = stages[:, first : first + rows * shape.lanes]
+        return part.reshape(len(stages), rows, -1)[:, :, :columns].copy()
+
+    forward, weight, end = each("forward", z, w), common("weight", w, w), common("end", z, z)
+    problem = Problem(
+        forward[:, :, :z],
+        forward[:, :, z:],
+        each("shift", 1, z)[:, 0],
+        each("extra", m, w),
+        each("apart", 1, w + m)[:, 0, w:],
+        weight[:z, :z],
+        weight[z:, z:],
+        each("gradient", 1, w)[:, 0],
+        common("low", 1, w + m)[0],
+        common("high", 1, w + m)[0],
+        common("price", 1, w + m)[0],
+        common("start", 1, z)[0],
+        (end + end.T) / 2.0,
+        common("end_gradient", 1, z)[0],
+    )
+    return problem, each("here", 1, w + m)[:, 0]
+
+
+def seconds(task: Callable[[], np.ndarray]) -> tuple[float, np.ndarray]:
+    """Processor time of one call, and its answer."""
+    began = time.thread_time()
+    answer = task()
+    return time.thread_time() - began, answer
+
+
+def repeated(crane: Crane, move: Move, along: bool, every: int, rounds: int) -> list[Optimised]:
+    """A move several times over; the shortest time of each optimisation counts: it is the same work
+    every time, and whatever else the machine does only adds to it.
+    """
+    runs = [run(crane, move, along, every) for _ in range(rounds)]
+    return [
+        one._replace(taken=min(other.taken for other in same))
+        for one, *same in zip(runs[0], *runs, strict=True)
+    ]
+
+
+def measure(every: int, rounds: int) -> list[Table]:
+    """All moves along their paths and to their goals, then their programmes by all solvers."""
+    crane = load_crane()
+    rows, programmes = [], list[Optimised]()
+    for name, along in (("along a flat path", True), ("to the goal", False)):
+        moves = (repeated(crane, move, along, every, rounds) for move in MOVES)
+        found = [one for move in moves for one in move]
+        programmes += [one for one in found if one.problem is not None]
+        taken = 1e3 * np.array([one.taken for one in found])
+        bound = np.array([one.iterations > 0 for one in found])
+        rows.append(
+            (
+                name,
+                len(found),
+                float(np.median(taken)),
+                float(np.median(taken[bound])) if bound.any() else None,
+                float(taken.max()),
+                100.0 * float(bound.mean()),
+                max(one.iterations for one in found),
+            )
+        )
+    ours = Table(
+        "A control instant with an optimisation, 10 states, 3 inputs, 40 stages",
+        [
+            ("moves", ""),
+            ("optimisations", ",d"),
+            ("median [ms]", ".3f"),
+            ("median with bounds [ms]", ".3f"),
+            ("most [ms]", ".3f"),
+            ("with bounds [%]", ".0f"),
+            ("most iterations", "d"),
+        ],
+        rows,
+        "Processor time of prediction, quadratic programme and efforts, called from Python; of "
+        f"each the shortest of {rounds} runs.",
+    )
+    return [ours, _beside(programmes)]
+
+
+def _taken(measured: tuple[float, np.ndarray]) -> float:
+    return measured[0]
+
+
+def _beside(programmes: Sequence[Optimised]) -> Table:
+    kept = [(one, one.problem) for one in programmes if one.problem is not None]
+    values = np.array([problem.value(one.found) for one, problem in kept])
+    columns = {"ours, all of the instant": (np.array([one.taken for one, _ in kept]), values)}
+    for name, solver in SOLVERS.items():
+        if find_spec(MODULES[name]) is None:
+            continue
+        tasks = [(solver(problem), problem) for _, problem in kept]
+        pairs = [(min(map(seconds, [task] * 3), key=_taken), problem) for task, problem in tasks]
+        columns[name] = (
+            np.array([taken for (taken, _), _ in pairs]),
+            np.array([problem.value(answer) for (_, answer), problem in pairs]),
+        )
+    best = np.nanmin([cost for _, cost in columns.values()], axis=0)
+    rows = [
+        (
+            name,
+            1e3 * float(np.median(taken)),
+            1e3 * float(taken.max()),
+            float(np.nanmax((cost - best) / np.abs(best))) if np.isfinite(cost).any() else None,
+            int((~np.isfinite(cost)).sum()),
+        )
+        for name, (taken, cost) in columns.items()
+    ]
+    return Table(
+        f"The same {len(kept)} quadratic programmes, all with bounds in the way",
+        [
+            ("solver", ""),
+            ("median [ms]", ".3f"),
+            ("most [ms]", ".3f"),
+            ("cost above the best", ".1e"),
+            ("unsolved", "d"),
+        ],
+        rows,
+        "Processor time, of each the shortest of three; of others from their matrices to their "
+        "answer, prediction not counted. Cost: largest, as a share of the lowest that a solver "
+        "found. DAQP cannot exceed a bound.",
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.mpc", description=__doc__)
+    parser.add_argument(
+        "--every",
+        type=int,
+        default=25,
+        help="keep every that manieth programme with bounds for the others (default 25)",
+    )
+    parser.add_argument("--rounds", type=int, default=3, help="runs of each move (default 3)")
+    options = parser.parse_args(argv)
+    show(Outcome(measure(max(options.every, 1), max(options.rounds, 1)), ()))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,305 @@
+"""What the drives are told at a control instant, in code: the accelerations of the plan as efforts.
+
+Between optimisations the planned accelerations are held and turned into efforts at every control
+instant by inverse dynamics. What a drive accelerates otherwise than told is a disturbance, a load
+of another mass among them; its estimate is taken off what is told. Efforts are cut to the limits of
+the drives, and the hoist never pays out so hard that the rope would lose its least tension.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+
+from cranedyn.compiled.code import INTEGER, Code, Value
+from cranedyn.compiled.horizon import interior, model, planning, riccati
+from cranedyn.compiled.horizon.memory import Shape, element, pointer
+from cranedyn.compiled.horizon.planning import QUERY
+from cranedyn.dynamics.plant import Plant, Topology, plant
+from cranedyn.dynamics.rigid_body import array
+from cranedyn.dynamics.scalars import clipped
+
+
+@dataclass(frozen=True)
+class Programme:
+    """A predictive controller, as far as its code depends on it.
+
+    Attributes:
+        topology: What its crane has in common with others.
+        numbers: Of the crane that it believes in, see `cranedyn.dynamics.plant.numbers`.
+        drive: What it commands, "effort" or "motion".
+        stages: Of the horizon.
+        length: Of a stage [s].
+        period: Control period [s].
+        ratio: Control periods from one optimisation to the next.
+        rows: Of the path that it tracks; 0 for the setpoint of the moment.
+        share: Of what an estimate is wrong by that is corrected at each instant.
+        taut: Least tension of the rope [N].
+        errors: Of coordinates and rates of each joint that weigh alike, in a row; none if weights
+            are given.
+        payload_errors: Of the payload's place [m] and rate [m/s] that weigh alike.
+    """
+
+    topology: Topology
+    numbers: tuple[float, ...]
+    drive: str
+    stages: int
+    length: float
+    period: float
+    ratio: int
+    rows: int
+    share: float
+    taut: float
+    errors: tuple[float, ...]
+    payload_errors: tuple[float, ...]
+
+    @property
+    def shape(self) -> Shape:
+        """Of the optimisation."""
+        layout = self.topology.layout
+        return Shape(2 * layout.n, layout.m, self.stages)
+
+    def parts(self, lanes: int) -> Parts:
+        """Where in the memory of a group of lanes each part begins."""
+        return Parts.of(self, lanes)
+
+    @property
+    def plant(self) -> Plant:
+        """The crane that it believes in."""
+        return plant(self.topology, list(self.numbers), self.drive, False)
+
+    @property
+    def hop(self) -> int:
+        """Rows of the path from one stage to the next."""
+        return round(self.length / self.period) if self.rows else 0
+
+
+class Parts(NamedTuple):
+    """Where in the memory of a group of lanes each part begins [doubles].
+
+    Attributes:
+        query: See `cranedyn.compiled.horizon.planning`.
+        counts: Whole numbers: control instants up to now, and up to the run's beginning.
+        lanes: What each lane remembers: accelerations held, estimates, rates expected, whether
+            nothing was cut.
+        plans: The plan of each lane.
+        path: The path.
+        work: Memory of the optimisation.
+        size: Of all.
+    """
+
+    query: int
+    counts: int
+    lanes: int
+    plans: int
+    path: int
+    work: int
+    size: int
+
+    @classmethod
+    def of(cls, programme: Programme, lanes: int) -> Parts:
+        """Those of a group of so many lanes."""
+        shape, layout = programme.shape, programme.topology.layout
+        counts = [
+            shape.lanes + 8,
+            8,
+            lanes * -(-(3 * layout.m + 1) // 8) * 8,
+            lanes * plan_size(shape),
+            -(-max(programme.rows, 1) * shape.states // 8) * 8 + shape.lanes,
+            shape.size,
+        ]
+        return cls(0, *np.cumsum(counts).tolist())
+
+
+def plan_size(shape: Shape) -> int:
+    """Doubles of a plan."""
+    return (shape.stages + 1) * shape.lanes
+
+
+def emit_plan(module: ir.Module, programme: Programme) -> list[tuple[str, int, int, float]]:
+    """Add the function `plan` and what it needs; returns what stands in the memory of each stage
+    before all else: name of the row, its number, lane, number.
+    """
+    shape, layout = programme.shape, programme.topology.layout
+    riccati.emit(module, shape)
+    interior.emit(module, shape)
+    crane = plant(programme.topology, list(programme.numbers), "motion", False)
+    known = model.emit(module, shape, crane, programme.length)
+    if programme.errors:
+        errors = np.reshape(programme.errors, (2, layout.n))
+        model.emit_weights(module, shape, crane, errors, np.array(programme.payload_errors))
+    period = programme.ratio * programme.period
+    planning.emit(module, shape, layout, programme.length, period)
+    return known
+
+
+def emit_instant(module: ir.Module, programme: Programme) -> None:
+    """Add the function `instant` for one crane: from the state in the query, the row of the path
+    and whether it is time for an optimisation to the command, which it writes to the query's end.
+    """
+    code = Code(module, "instant", ["memory", "given", "command"], 1)
+    code.function.attributes.add("noinline")  # rounded alike wherever it is called from
+    layout, given = programme.topology.layout, code.argument["given"]
+    z = 2 * layout.n
+    state = array([code.load(given, i) for i in range(z)])
+    position = array([code.load(given, z + i) for i in range(layout.m)])
+    row, due = (code.load_one(given, z + layout.m + i, INTEGER) for i in range(2))
+    control = Control(code, programme, code.argument["memory"])
+    command = control.command(
+        state[: layout.n],
+        state[layout.n :],
+        position,
+        row,
+        code.builder.icmp_signed("!=", due, code.integer(0)),
+    )
+    for i, value in enumerate(command):
+        code.store(value, code.argument["command"], i)
+    code.end()
+
+
+class Control:
+    """The code of a control instant, for one crane or for one in each lane."""
+
+    def __init__(self, code: Code, programme: Programme, memory: ir.Value) -> None:
+        self.code, self.programme, self.memory = code, programme, memory
+        self.parts, self.layout = Parts.of(programme, code.lanes), programme.topology.layout
+
+    def counted(self) -> tuple[ir.Value, ir.Value]:
+        """Row of the path now and whether an optimisation is due, by counting instants."""
+        code = self.code
+        count = code.load_one(self.memory, self.parts.counts, INTEGER)
+        place = pointer(code, self.memory, self.parts.counts)
+        code.builder.store(code.builder.add(count, code.integer(1)), place, align=8)
+        turn = code.builder.srem(count, code.integer(self.programme.ratio))
+        first = code.load_one(self.memory, self.parts.counts + 1, INTEGER)
+        due = code.builder.or_(
+            code.builder.icmp_signed("==", turn, code.integer(0)),
+            code.builder.icmp_signed("==", count, first),
+        )
+        return count, due
+
+    def command(
+        self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
+    ) -> np.ndarray:
+        """What the drives are told, shape (m,).
+
+        Args:
+            q: Coordinates.
+            v: Rates.
+            position: Setpoint of the drives; of no account where there is a path.
+            row: Of the path now.
+            due: Whether it is time for an optimisation.
+        """
+        code = self.code
+        with code.when(due):
+            for lane in range(code.lanes):
+                self._plan(lane, q, v, position, row)
+        told = self._remembered(0)
+        if self.programme.drive == "motion":
+            return self._taut(q, v, told)
+        return self._efforts(q, v, told)
+
+    def asked(
+        self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
+    ) -> np.ndarray:
+        """As `command`, for one crane: of the function that Python asks, see `emit_instant`, so
+        that both are the same to the bit.
+        """
+        code = self.code
+        numbers = [*q, *v, *position]
+        with code.builder.goto_entry_block():
+            given, command = (
+                code.builder.alloca(ir.DoubleType(), size)
+                for size in (len(numbers) + 2, len(position))
+            )
+        for i, value in enumerate(numbers):
+            code.store(value, given, i)
+        for i, number in enumerate((row, code.builder.zext(due, INTEGER)), len(numbers)):
+            bits = code.builder.bitcast(number, ir.DoubleType())
+            code.store(Value(code, bits), given, i)
+        function = code.function.module.globals["instant"]
+        code.builder.call(function, [self.memory, given, command])
+        return array([code.load(command, i) for i in range(len(position))])
+
+    def _plan(
+        self, lane: int, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value
+    ) -> None:
+        code, parts, shape = self.code, self.parts, self.programme.shape
+        query, path = (pointer(code, self.memory, at) for at in (parts.query, parts.path))
+        for i, value in enumerate([*q, *v]):
+            self._store_one(element(code, value, lane), query, i)
+        rows = self.programme.rows
+        if rows:
+            numbers = row, code.integer(rows - 1), code.integer(self.programme.hop)
+        else:
+            numbers = code.integer(0), code.integer(0), code.integer(0)
+            for drive, value in zip(self.layout.drives.tolist(), position, strict=True):
+                self._store_one(element(code, value, lane), path, drive)
+        for i, number in enumerate(numbers):
+            code.builder.store(number, pointer(code, query, shape.lanes + i), align=8)
+        assert len(numbers) == len(QUERY)
+        plan = pointer(code, self.memory, parts.plans + lane * plan_size(shape))
+        work = pointer(code, self.memory, parts.work)
+        code.builder.call(code.function.module.globals["plan"], [work, plan, query, path])
+        for i in range(self.layout.m):
+            value = code.load_one(plan, shape.states + i, ir.DoubleType())
+            to = pointer(code, self.memory, parts.lanes + i * code.lanes + lane)
+            code.builder.store(value, to, align=8)
+
+    def _store_one(self, value: Value, base: ir.Value, place: int) -> None:
+        self.code.builder.store(value.register, pointer(self.code, base, place), align=8)
+
+    def _place(self, group: int, i: int) -> int:
+        return self.parts.lanes + (group * self.layout.m + i) * self.code.lanes
+
+    def _remembered(self, group: int) -> np.ndarray:
+        code, m = self.code, self.layout.m
+        return array([code.load(self.memory, self._place(group, i)) for i in range(m)])
+
+    def _remember(self, group: int, values: Any) -> None:
+        for i, value in enumerate(values):
+            self.code.store(value, self.memory, self._place(group, i))
+
+    def _efforts(self, q: np.ndarray, v: np.ndarray, told: np.ndarray) -> np.ndarray:
+        """Efforts that accelerate as told, what disturbs taken off; and what it learns of that."""
+        code, programme, layout = self.code, self.programme, self.layout
+        free = code.load(self.memory, self._place(3, 0))
+        estimate, expected = self._remembered(1), self._remembered(2)
+        rates = v[layout.drives]
+        gain = free * (programme.share / programme.period)
+        estimate = array(
+            [e + gain * (r - x) for e, r, x in zip(estimate, rates, expected, strict=True)]
+        )
+        crane = plant(programme.topology, list(programme.numbers), "motion", False)
+        wanted = crane.answer(q, v, told - estimate, None)[1]
+        cut = [clipped(f, -most, most) for f, most in zip(wanted, crane.effort_limit, strict=True)]
+        hoist = layout.drive_of("hoist")
+        if hoist is not None:
+            joint = int(layout.drives[hoist])
+            most = crane.joint.damping[joint] * v[joint] - programme.taut
+            cut[hoist] = code.chosen(cut[hoist] > most, most, cut[hoist])
+        same = [code.call("llvm.fabs", a - b) <= 0.0 for a, b in zip(cut, wanted, strict=True)]
+        self._remember(1, estimate)
+        self._remember(2, rates + programme.period * told)
+        code.store(code.chosen(code.both(*same), 1.0, 0.0), self.memory, self._place(3, 0))
+        return array(cut)
+
+    def _taut(self, q: np.ndarray, v: np.ndarray, told: np.ndarray) -> np.ndarray:
+        """Accelerations as told, but for a hoist that would leave the rope with less than its
+        least tension: what the hoist exerts is linear in its own acceleration.
+        """
+        code, layout, crane = self.code, self.layout, self.programme.plant
+        hoist = layout.drive_of("hoist")
+        if hoist is None:
+            return told
+        joint = int(layout.drives[hoist])
+        faster = told.copy()
+        faster[hoist] = told[hoist] + 1.0
+        force, more = (crane.answer(q, v, u, None)[1][hoist] for u in (told, faster))
+        over = force - (crane.joint.damping[joint] * v[joint] - self.programme.taut)
+        less = told[hoist] - over / (more - force)
+        told[hoist] = code.chosen(over > 0.0, less, told[hoist])
+        return told

@@ -1,0 +1,106 @@
+"""Numbers that carry their derivatives, so that what computes a number also computes its
+derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cranedyn.dynamics.rigid_body import array
+
+
+class Dual:
+    """A number of any kind with its derivatives by some variables.
+
+    Attributes:
+        value: The number.
+        slopes: Its derivatives; those that are the float 0 cost nothing.
+    """
+
+    __slots__ = ("slopes", "value")
+
+    def __init__(self, value: Any, slopes: Sequence[Any]) -> None:
+        self.value, self.slopes = value, slopes
+
+    def _both(self, value: Any, mine: Any, other: Dual, its: Any) -> Dual:
+        """Of a function whose partial derivatives are known."""
+        pairs = zip(self.slopes, other.slopes, strict=True)
+        return Dual(value, [mine * a + its * b for a, b in pairs])
+
+    def _chain(self, value: Any, slope: Any) -> Dual:
+        return Dual(value, [slope * a for a in self.slopes])
+
+    def __add__(self, other: Any) -> Dual:
+        if isinstance(other, Dual):
+            return self._both(self.value + other.value, 1.0, other, 1.0)
+        return Dual(self.value + other, self.slopes)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Dual:
+        if isinstance(other, Dual):
+            return self._both(self.value - other.value, 1.0, other, -1.0)
+        return Dual(self.value - other, self.slopes)
+
+    def __rsub__(self, other: Any) -> Dual:
+        return self._chain(other - self.value, -1.0)
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Dual):
+            return self._both(self.value * other.value, other.value, other, self.value)
+        return 0.0 if _is_zero(other) else self._chain(self.value * other, other)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Dual:
+        if isinstance(other, Dual):
+            value = self.value / other.value
+            return self._both(value, 1.0 / other.value, other, -(value / other.value))
+        return self._chain(self.value / other, 1.0 / other)
+
+    def __neg__(self) -> Dual:
+        return self._chain(-self.value, -1.0)
+
+    def sin(self) -> Dual:
+        """Sine of an angle [rad]."""
+        return self._chain(self.value.sin(), self.value.cos())
+
+    def cos(self) -> Dual:
+        """Cosine of an angle [rad]."""
+        return self._chain(self.value.cos(), -self.value.sin())
+
+
+def variables(*groups: np.ndarray) -> list[np.ndarray]:
+    """Variables by which all derivatives are, some groups of them, as arrays of such numbers."""
+    count, first, found = sum(map(len, groups)), 0, []
+    for group in groups:
+        found.append(
+            array(
+                [
+                    Dual(value, [float(j == first + i) for j in range(count)])
+                    for i, value in enumerate(group)
+                ]
+            )
+        )
+        first += len(group)
+    return found
+
+
+def constants(values: np.ndarray, count: int) -> np.ndarray:
+    """Numbers whose derivatives by so many variables are zero."""
+    return array([Dual(value, [0.0] * count) for value in values])
+
+
+def slopes(numbers: np.ndarray, count: int) -> np.ndarray:
+    """Derivatives of numbers, some of which may be plain ones, shape (n, count)."""
+    found = np.zeros((len(numbers), count), dtype=object)
+    for row, number in zip(found, numbers, strict=True):
+        row[:] = number.slopes if isinstance(number, Dual) else [0.0] * count
+    return found
+
+
+def _is_zero(other: Any) -> bool:
+    return isinstance(other, float) and other == 0.0

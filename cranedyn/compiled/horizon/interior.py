@@ -1,0 +1,260 @@
+"""A primal-dual interior-point method in code, for bounds that may be exceeded at a price.
+
+Each number y of a stage has bounds low <= y <= high. To exceed one by s costs price s, so that
+there always is a solution, and a bound is kept wherever keeping it costs less than that. With the
+room g up to a bound, slack t - s = g, multiplier of the bound λ and price - λ of s >= 0, the
+central path is t λ = s (price - λ) = μ. Predictor and corrector after Mehrotra (1992), "On the
+implementation of a primal-dual interior point method"; the linear algebra is that of
+`cranedyn.compiled.horizon.riccati`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+
+from cranedyn.compiled.code import Code, Value
+from cranedyn.compiled.horizon.memory import (
+    REPORT,
+    Other,
+    Rows,
+    Shape,
+    Work,
+    element,
+    everywhere,
+    over_lanes,
+    with_elements,
+)
+from cranedyn.compiled.horizon.riccati import call, total
+
+_MOST = 20
+"""Iterations."""
+
+_SHORT = 0.995
+"""Share of the way to where a slack or a multiplier would be zero that a step takes."""
+
+_GAP, _OPEN = 1e-8, 1e-9
+"""Where it ends: mean product of slacks and multipliers, as a share of the barrier that it began
+with, and share of the gradient's residual at the beginning."""
+
+_SIDES = {"high": 1.0, "low": -1.0}
+
+
+def emit(module: ir.Module, shape: Shape) -> None:
+    """Add the function `solve`, from the stages' model, gradient and bounds to what is best."""
+    _Solve(Work(Code(module, "solve", ["work"], shape.lanes), shape)).emit()
+
+
+class _Solve:
+    """The function under construction."""
+
+    def __init__(self, work: Work) -> None:
+        self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
+        self.single = Other(self.code, 1)
+
+    def emit(self) -> None:
+        code = self.code
+        self._free()
+        exceeded = self._reported("excess")
+        self._report("flag", 1.0)
+        self._report("iterations", 0.0)
+        with code.when(exceeded > 0.0):
+            self._begin()
+            self._report("flag", 0.0)
+            barrier = self._reported("barrier")
+            gap, left = self.single.variables([barrier, 1.0])
+            with code.loop(0, _MOST) as count, code.when(self._reported("flag") < 0.5):
+                step = self._iterate(gap.get())
+                gap.set(self._move(step))
+                left.set(left.get() * (1.0 - step))
+                self._report("iterations", Other(code, 1).from_integer(count) + 1.0)
+                self._report("gap", gap.get())
+                self._report("open", left.get())
+                done = code.both(gap.get() < _GAP * barrier, left.get() < _OPEN)
+                self._report("flag", self.single.chosen(done, 1.0, 0.0))
+        code.end()
+
+    def _report(self, name: str, value: Any) -> None:
+        self.common.put_one("report", 0, REPORT.index(name), value)
+
+    def _reported(self, name: str) -> Value:
+        return self.common.one("report", 0, REPORT.index(name))
+
+    def _free(self) -> None:
+        """What is best without bounds, and by how much it exceeds them."""
+        code, work = self.code, self.work
+        with code.loop(0, self.shape.stages) as k:
+            here = work.stage(k)
+            here.put("curve", 0.0)
+            here.put("slope", here.get("gradient"))
+        call(code, "factor")
+        call(code, "sweep")
+        worst = code.variables([-1.0])[0]
+        low, high = self.common.get("low"), self.common.get("high")
+        with code.loop(0, self.shape.stages) as k:
+            here = work.stage(k)
+            there = here.get("there")
+            here.put("here", there)
+            over = _larger(code, there - high, low - there)
+            worst.set(_larger(code, worst.get(), over))
+        self._report("excess", over_lanes(code, worst.get(), "fmax"))
+
+    def _begin(self) -> None:
+        """On the central path of the barrier, where the nodes are."""
+        code, common, shape = self.code, self.common, self.shape
+        price = common.get("price")
+        barrier = everywhere(code, self._reported("barrier"))
+        soft = barrier / price
+        with code.loop(0, self.shape.stages) as k:
+            here = self.work.stage(k)
+            node = here.get("node")
+            further = {
+                shape.both + i: over_lanes(code, here.get("extra", i) * node, "fadd")
+                for i in range(shape.inputs)
+            }
+            node = with_elements(code, node, further) + here.get("apart")
+            here.put("here", node)
+            for side in _SIDES:
+                room = self._room(node, side)
+                root = code.call("llvm.sqrt", room * room + 4.0 * (soft * soft))
+                slack, excess = soft + 0.5 * (root + room), soft + 0.5 * (root - room)
+                here.put(f"slack_{side}", slack)
+                here.put(f"excess_{side}", excess)
+                here.put(f"force_{side}", barrier / slack)
+                here.put(f"relief_{side}", barrier / excess)
+
+    def _room(self, value: Value, side: str) -> Value:
+        bound = self.common.get(side)
+        return bound - value if side == "high" else value - bound
+
+    def _iterate(self, gap: Value) -> Value:
+        """The step of an iteration, prepared in the stages; returns how much of it may be taken."""
+        code = self.code
+        with code.loop(0, self.shape.stages) as k:
+            self._weigh(self.work.stage(k))
+        call(code, "factor")
+        call(code, "sweep")
+        ratio, crossed = code.variables([1.0, 0.0])
+        with code.loop(0, self.shape.stages) as k:
+            self._predict(self.work.stage(k), ratio, crossed)
+        step = 1.0 / over_lanes(code, ratio.get(), "fmax")
+        count = 4.0 * self.shape.stages * self.shape.lanes
+        cross = over_lanes(code, crossed.get(), "fadd") * (1.0 / count)
+        predicted = (gap * (1.0 - step) + cross * (step * step)) / gap
+        centred = everywhere(code, gap * (predicted * predicted * predicted))
+        with code.loop(0, self.shape.stages) as k:
+            self._bend(self.work.stage(k), centred)
+        call(code, "sweep")
+        ratio = code.variables([_SHORT])[0]
+        with code.loop(0, self.shape.stages) as k:
+            self._correct(self.work.stage(k), centred, ratio)
+        return _SHORT / over_lanes(code, ratio.get(), "fmax")
+
+    def _weigh(self, here: Rows) -> None:
+        """Curvature of the barriers, and the slope towards the bounds themselves."""
+        forces = {}
+        for side in _SIDES:
+            per_force, per_relief = (
+                1.0 / here.get(f"force_{side}"),
+                1.0 / here.get(f"relief_{side}"),
+            )
+            here.put(f"per_force_{side}", per_force)
+            here.put(f"per_relief_{side}", per_relief)
+            stiff = 1.0 / (
+                here.get(f"slack_{side}") * per_force + here.get(f"excess_{side}") * per_relief
+            )
+            here.put(f"stiff_{side}", stiff)
+            forces[side] = here.get(f"force_{side}"), stiff
+        here.put("curve", forces["high"][1] + forces["low"][1])
+        self._slope(here, {side: 0.0 for side in _SIDES})
+
+    def _slope(self, here: Rows, bent: dict[str, Any]) -> None:
+        """Gradient of cost and barriers at zero, in states and inputs."""
+        code, shape = self.code, self.shape
+        pull: Any = here.get("curve") * here.get("apart")
+        for side, sign in _SIDES.items():
+            bound = self.common.get(side)
+            aim = bound - bent[side] if sign > 0.0 else -bound - bent[side]
+            pull = pull + sign * (here.get(f"force_{side}") - here.get(f"stiff_{side}") * aim)
+        parts = [here.get("gradient"), pull]
+        for i in range(shape.inputs):
+            parts.append(
+                here.get("extra", i) * everywhere(code, element(code, pull, shape.both + i))
+            )
+        here.put("slope", total(parts))
+
+    def _predict(self, here: Rows, ratio: Any, crossed: Any) -> None:
+        """Where the step would lead that aims at the bounds themselves."""
+        code = self.code
+        for side in _SIDES:
+            dforce = -(here.get(f"stiff_{side}") * self._room(here.get("there"), side))
+            share, against = (
+                dforce * here.get(f"per_{kind}_{side}") for kind in ("force", "relief")
+            )
+            dslack = -(here.get(f"slack_{side}") * (1.0 + share))
+            dexcess = -(here.get(f"excess_{side}") * (1.0 - against))
+            for part in (-share, 1.0 + share, against, 1.0 - against):
+                ratio.set(_larger(code, ratio.get(), part))
+            product, other = dforce * dslack, -(dforce * dexcess)
+            here.put(f"dslack_{side}", product)
+            here.put(f"dexcess_{side}", other)
+            crossed.set(crossed.get() + product + other)
+
+    def _bend(self, here: Rows, centred: Value) -> None:
+        """The slope that aims at a point of the central path, to second order."""
+        bent = {}
+        for side in _SIDES:
+            per_force, per_relief = here.get(f"per_force_{side}"), here.get(f"per_relief_{side}")
+            bent[side] = (centred - here.get(f"dslack_{side}")) * per_force - (
+                centred - here.get(f"dexcess_{side}")
+            ) * per_relief
+            here.put(f"bend_{side}", bent[side])
+        self._slope(here, bent)
+
+    def _correct(self, here: Rows, centred: Value, ratio: Any) -> None:
+        """The step itself, and how much of it may be taken."""
+        code = self.code
+        for side in _SIDES:
+            per_force, per_relief = here.get(f"per_force_{side}"), here.get(f"per_relief_{side}")
+            slack, excess = here.get(f"slack_{side}"), here.get(f"excess_{side}")
+            room = self._room(here.get("there"), side)
+            dforce = here.get(f"stiff_{side}") * (here.get(f"bend_{side}") - room)
+            share, against = dforce * per_force, dforce * per_relief
+            dslack = (centred - here.get(f"dslack_{side}")) * per_force - slack * (1.0 + share)
+            dexcess = (centred - here.get(f"dexcess_{side}")) * per_relief - excess * (
+                1.0 - against
+            )
+            for part in (-share, against, -(dslack / slack), -(dexcess / excess)):
+                ratio.set(_larger(code, ratio.get(), part))
+            here.put(f"dforce_{side}", dforce)
+            here.put(f"dslack_{side}", dslack)
+            here.put(f"dexcess_{side}", dexcess)
+
+    def _move(self, step: Value) -> Value:
+        """Take the step; returns the mean product of slacks and multipliers after it."""
+        code = self.code
+        share, products = everywhere(code, step), code.variables([0.0])[0]
+        with code.loop(0, self.shape.stages) as k:
+            here = self.work.stage(k)
+            at = here.get("here")
+            here.put("here", at + share * (here.get("there") - at))
+            for side in _SIDES:
+                dforce = share * here.get(f"dforce_{side}")
+                force = here.get(f"force_{side}") + dforce
+                relief = here.get(f"relief_{side}") - dforce
+                slack = here.get(f"slack_{side}") + share * here.get(f"dslack_{side}")
+                excess = here.get(f"excess_{side}") + share * here.get(f"dexcess_{side}")
+                for name, value in zip(
+                    ("force", "relief", "slack", "excess"),
+                    (force, relief, slack, excess),
+                    strict=True,
+                ):
+                    here.put(f"{name}_{side}", value)
+                products.set(products.get() + force * slack + relief * excess)
+        count = 4.0 * self.shape.stages * self.shape.lanes
+        return over_lanes(code, products.get(), "fadd") * (1.0 / count)
+
+
+def _larger(code: Code, a: Value, b: Value) -> Value:
+    return code.chosen(a > b, a, b)

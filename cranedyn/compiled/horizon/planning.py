@@ -1,0 +1,155 @@
+"""One optimisation in code: shift the last plan, linearise along it, solve, keep what is found.
+
+This is one real-time iteration (Diehl, Bock and Schlöder 2005, "A real-time iteration scheme for
+nonlinear optimization in optimal feedback control").
+"""
+
+from __future__ import annotations
+
+from llvmlite import ir
+
+from cranedyn.compiled.code import INTEGER, Code, Value
+from cranedyn.compiled.horizon.memory import REPORT, Other, Shape, Work, everywhere
+from cranedyn.compiled.horizon.riccati import call, mask, total
+from cranedyn.model.layout import Layout
+
+_WIDER, _WIDEST = 10.0, 100.0
+"""By what the barrier is wider for the first optimisation, and for the next when one fails, and by
+what at most."""
+
+QUERY = ("row", "last", "hop")
+"""Whole numbers that follow the state in a query: row of the path now, its last row, rows from one
+stage to the next."""
+
+MARKS = ("begun", "failures", "flag", "iterations", "excess")
+"""What stands in the first lanes of the row that ends a plan: 1 once there is one; optimisations
+that failed; of the last one, whether it succeeded, its iterations, and how far a bound would be
+exceeded if there were none."""
+
+
+def emit(module: ir.Module, shape: Shape, layout: Layout, length: float, period: float) -> None:
+    """Add the function `plan`.
+
+    Its arguments: memory of an optimisation; a plan, rows of states and inputs by stage and a row
+    of `MARKS`; a query, the state and the numbers of `QUERY`; a path, rows of coordinates and
+    rates where to be.
+
+    Args:
+        module: Where to add it.
+        shape: Of the problem.
+        layout: Of the crane.
+        length: Of a stage [s].
+        period: From one optimisation to the next [s].
+    """
+    code = Code(module, "plan", ["work", "plan", "query", "path"], shape.lanes)
+    _Plan(Work(code, shape), layout, length, period).emit()
+
+
+class _Plan:
+    """The function under construction."""
+
+    def __init__(self, work: Work, layout: Layout, length: float, period: float) -> None:
+        self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
+        self.layout, self.length, self.period = layout, length, period
+        self.one, self.marks = Other(self.code, 1), self.shape.stages * self.shape.lanes
+
+    def emit(self) -> None:
+        code, shape, given = self.code, self.shape, self.code.argument
+        self.common.put("start", code.load(given["query"]) * mask(code, shape.states))
+        fresh = self._mark("begun") < 0.5
+        with code.when(fresh):
+            first = self.common.one("report", 0, REPORT.index("first"))
+            self.common.put_one("report", 0, REPORT.index("barrier"), _WIDER * first)
+        with code.when(fresh), code.loop(0, shape.stages) as k:
+            still = code.load(given["query"]) * mask(code, shape.states // 2)
+            code.store(still, given["plan"], code.product(k, shape.lanes))
+        self._shift()
+        self._aim()
+        call(code, "linearise")
+        call(code, "end")
+        aim = [
+            self.common.get("end", i) * self.common.every("goal", 0, i) for i in range(shape.states)
+        ]
+        self.common.put("end_gradient", -total(aim))
+        call(code, "solve")
+        self._keep()
+        code.end()
+
+    def _mark(self, name: str) -> Value:
+        return self.one.load(self.code.argument["plan"], self.marks + MARKS.index(name))
+
+    def _shift(self) -> None:
+        """Nodes on the last plan, as much later as it is; the first at the state."""
+        code, shape = self.code, self.shape
+        ahead, share = divmod(self.period / self.length, 1.0)
+        last = code.integer(shape.stages - 1)
+        with code.loop(0, shape.padded) as k:
+            before = code.least(code.builder.add(k, code.integer(int(ahead))), last)
+            after = code.least(code.builder.add(before, code.integer(1)), last)
+            parts = [
+                code.load(code.argument["plan"], code.product(row, shape.lanes))
+                for row in (before, after)
+            ]
+            self.work.stage(k).put("node", (1.0 - share) * parts[0] + share * parts[1])
+        self._begin_at_state()
+
+    def _begin_at_state(self) -> None:
+        code, shape, first = self.code, self.shape, self.work.stage(0)
+        inputs = mask(code, shape.both) - mask(code, shape.states)
+        first.put("node", first.get("node") * inputs + self.common.get("start"))
+
+    def _aim(self) -> None:
+        """Weights for where the path ends, and gradients of the cost, which is about the path."""
+        code, shape, layout = self.code, self.shape, self.layout
+        query, path = code.argument["query"], code.argument["path"]
+        row, last, hop = (code.load_one(query, shape.lanes + i, INTEGER) for i in range(len(QUERY)))
+
+        def number(k: ir.Value, i: int) -> Value:
+            there = code.least(code.builder.add(row, code.builder.mul(hop, k)), last)
+            first = code.product(there, shape.states)
+            return self.one.load(path, code.builder.add(first, code.integer(i)))
+
+        for i in range(shape.states):
+            self.common.put_one("goal", 0, i, number(code.integer(shape.stages), i))
+        if "weigh" in code.function.module.globals:
+            call(code, "weigh")
+        with code.loop(0, shape.stages) as k:
+            for i in range(shape.states):
+                self.common.put_one("spill", 0, i, number(k, i))
+            coming = code.builder.add(k, code.integer(1))
+            parts = [
+                self.common.get("weight", i) * self.common.every("spill", 0, i)
+                for i in range(shape.states)
+            ]
+            for c, drive in enumerate((layout.n + layout.drives).tolist()):
+                pull = (number(coming, drive) - number(k, drive)) * (1.0 / self.length)
+                parts.append(self.common.get("weight", shape.states + c) * everywhere(code, pull))
+            self.work.stage(k).put("gradient", -total(parts))
+
+    def _keep(self) -> None:
+        """What was found becomes the plan; if nothing was, the last plan goes on."""
+        code, shape, one = self.code, self.shape, self.one
+        plan = code.argument["plan"]
+        flag = self.common.one("report", 0, REPORT.index("flag"))
+        solved = flag > 0.5
+        with code.loop(0, shape.stages) as k:
+            here = self.work.stage(k)
+            kept = code.variables([here.get("node")])[0]
+            with code.when(solved):
+                kept.set(here.get("here"))
+            code.store(kept.get(), plan, code.product(k, shape.lanes))
+        first = self.common.one("report", 0, REPORT.index("first"))
+        barrier = self.common.one("report", 0, REPORT.index("barrier"))
+        wider = one.call("llvm.minnum", _WIDER * barrier, _WIDEST * first)
+        self.common.put_one("report", 0, REPORT.index("barrier"), one.chosen(solved, first, wider))
+        failed = self._mark("failures") + one.chosen(solved, 0.0, 1.0)
+        found = {
+            "begun": 1.0,
+            "failures": failed,
+            **{
+                name: self.common.one("report", 0, REPORT.index(name))
+                for name in ("flag", "iterations", "excess")
+            },
+        }
+        for name, value in found.items():
+            one.store(value, plan, self.marks + MARKS.index(name))

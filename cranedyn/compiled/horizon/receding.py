@@ -1,0 +1,355 @@
+"""Model predictive control to a setpoint or along a motion, whose optimisation is compiled code."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from llvmlite import ir
+
+from cranedyn.arguments import check_word, checked
+from cranedyn.arrays import finite
+from cranedyn.clocks import SAME_PERIOD, multiple
+from cranedyn.compiled.door import Instant
+from cranedyn.compiled.horizon.control import (
+    Parts,
+    Programme,
+    emit_instant,
+    emit_plan,
+    plan_size,
+)
+from cranedyn.compiled.horizon.memory import REPORT
+from cranedyn.compiled.horizon.planning import MARKS
+from cranedyn.compiled.machine import Machine, translated
+from cranedyn.controllers.tracking import check_finite
+from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.dynamics.plant import Topology, numbers
+from cranedyn.errors import CraneError, OutOfRange, number, whole, within
+from cranedyn.interfaces import DirectDrive, Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.references.limits import Limits
+from cranedyn.references.motion import Motion
+from cranedyn.references.rows import SAME
+
+PRICE = 1e6
+"""Cost of exceeding a bound by as much as its own size, in one stage."""
+
+_BARRIER = 0.02
+"""Share of a bound's size by which the first iterate is away from it."""
+
+_NONE = 1e9
+"""A bound that nothing meets."""
+
+_STAGES = 200
+
+TAUT = 0.1
+"""Least tension of the rope, as a share of the payload's weight."""
+
+PAYLOAD_ERRORS = (0.1, 0.3)
+"""Errors of the payload's place [m] and rate [m/s] that weigh alike, ours."""
+
+ERROR = {"revolute": 0.1, "prismatic": 1.0}
+"""The same of each joint by itself, by its kind: of its coordinate and of its rate, ours."""
+
+INPUT = 10.0
+"""Accelerations of the drives that weigh as much, as a multiple of their limits."""
+
+
+class Marks(NamedTuple):
+    """What came of the optimisations so far.
+
+    Attributes:
+        begun: 1 once there was one.
+        failures: How many failed; the plan before went on.
+        flag: Of the last one, 1 if it succeeded.
+        iterations: Of the last one; 0 where no bound was in the way.
+        excess: How far the optimum without bounds would exceed one, negative if it would not.
+    """
+
+    begun: float
+    failures: float
+    flag: float
+    iterations: float
+    excess: float
+
+
+@checked
+@dataclass(eq=False)
+class Receding:
+    """A predictive controller; it remembers: make a new one for each run.
+
+    Attributes:
+        programme: What its code is made from.
+        table: Memory of an optimisation before the first, shape (doubles,).
+        path: Coordinates and rates to be at by control instant, shape (rows, 2 n); none where it
+            goes by the setpoint.
+    """
+
+    programme: Programme
+    table: np.ndarray
+    path: np.ndarray
+    _instant: Instant = field(init=False, repr=False)
+    _memory: np.ndarray = field(init=False, repr=False)
+    _when: int | None = field(default=None, init=False)
+    _last: float = field(default=-math.inf, init=False)
+
+    def __post_init__(self) -> None:
+        """Have code and memory.
+
+        Raises:
+            OutOfRange: If the table or the path is not of the programme's size.
+        """
+        shape = self.programme.shape
+        finite("table", self.table, (shape.size,))
+        finite("path", self.path, (self.programme.rows, shape.states))
+        made = _made(self.programme)
+        self._memory = self.memory(1)
+        self._instant = Instant(made, self._memory, self.programme)
+
+    def memory(self, lanes: int) -> np.ndarray:
+        """Memory of a group of so many cranes before a run, shape (doubles,)."""
+        parts = Parts.of(self.programme, lanes)
+        found = np.zeros(parts.size)
+        found[parts.work :] = self.table
+        found[parts.path : parts.path + self.path.size] = self.path.ravel()
+        return found
+
+    def fresh(self, t: float, lanes: int) -> np.ndarray:
+        """As `memory`, for a compiled loop that begins at a time [s]."""
+        found = self.memory(lanes)
+        found[self.programme.parts(lanes).counts :][:2].view(np.int64)[:] = self._count(t)
+        return found
+
+    @property
+    def marks(self) -> Marks:
+        """What came of the optimisations so far."""
+        return self.marked(self._memory, 1)[0]
+
+    def memory_of_optimisation(self) -> np.ndarray:
+        """A copy of what the last optimisation left, see `cranedyn.compiled.horizon.memory`."""
+        return self._memory[self.programme.parts(1).work :].copy()
+
+    def notes(self) -> dict[str, int]:
+        """See `cranedyn.simulation.record.Noting`."""
+        return {"failed_optimisations": int(self.marks.failures)}
+
+    def marked(self, memory: np.ndarray, lanes: int) -> list[Marks]:
+        """The same of each lane of a memory."""
+        size, shape = plan_size(self.programme.shape), self.programme.shape
+        first = self.programme.parts(lanes).plans - shape.lanes
+        ends = [first + (lane + 1) * size for lane in range(lanes)]
+        return [Marks(*memory[end : end + len(MARKS)].tolist()) for end in ends]
+
+    def run_begins(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Timed`.
+
+        Raises:
+            OutOfRange: If the run's control period is another than the controller's.
+        """
+        own = self.programme.period
+        if not math.isclose(control_period, own, rel_tol=SAME_PERIOD):
+            raise OutOfRange(
+                "control period of the run", control_period, f"the controller's, {own:g}", "s"
+            )
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Efforts [N m or N], or accelerations, shape (m,).
+
+        Raises:
+            OutOfRange: If a coordinate or rate is not finite.
+        """
+        check_finite(state)
+        count = self._count(t)
+        period = count // self.programme.ratio
+        if t < self._last:
+            self._begin()
+        due = period != self._when
+        self._when, self._last = period, t
+        return self._instant(np.concatenate([*state, setpoint.position]), count, due)
+
+    def _count(self, t: float) -> int:
+        return max(0, math.floor(t / self.programme.period + SAME))
+
+    def _begin(self) -> None:
+        self._memory[:], self._when = self.memory(1), None
+
+    def ahead(self, t: float) -> np.ndarray:
+        """Its memory for a compiled loop that goes on from a control instant [s], shape (1,
+        doubles).
+        """
+        if t < self._last:
+            self._begin()
+        counts = self._memory[self.programme.parts(1).counts :][:2].view(np.int64)
+        counts[:] = self._count(t), self._count(t) if self._when is None else -1
+        return self._memory[None]
+
+    def went_on(self, t: float) -> None:
+        """Know that a compiled loop went on up to and with a control instant [s]."""
+        self._when, self._last = self._count(t) // self.programme.ratio, t
+
+
+@lru_cache(maxsize=64)
+def _made(programme: Programme) -> Machine:
+    module = ir.Module()
+    emit_plan(module, programme)
+    emit_instant(module, programme)
+    return translated(module)
+
+
+@checked
+def receding(
+    crane: Crane,
+    limits: Limits,
+    *,
+    motion: Motion | None = None,
+    drive: DirectDrive = "effort",
+    swing_limit: float = 0.1,
+    control_period: float = 5e-3,
+    period: float = 0.05,
+    stages: int = 40,
+    stage: float = 0.2,
+    state_weight: np.ndarray | None = None,
+    input_weight: np.ndarray | None = None,
+    payload_errors: Sequence[float] = PAYLOAD_ERRORS,
+    settling: float = 0.1,
+) -> Receding:
+    """Model predictive control on the nonlinear crane, from any state.
+
+    Kept are, where they can be, the ranges of the joints, rates and accelerations of the drives,
+    their effort limits, a bound of the swing, and a least tension of the rope; what cannot be kept
+    is exceeded as little as possible. Whatever is found, efforts are cut to their limits and the
+    hoist never slackens the rope.
+
+    Args:
+        crane: The crane, rigid.
+        limits: Of the rates and accelerations of the drives.
+        motion: What to track; None to go to the setpoint of the reference.
+        drive: What it commands, "effort" or "motion".
+        swing_limit: Largest size of each swing [rad], below π/2.
+        control_period: Of the run [s].
+        period: Time between optimisations [s], a multiple of the control period.
+        stages: How many the horizon has.
+        stage: Length of each [s], a multiple of the control period.
+        state_weight: Q for coordinates and rates, shape (2 n, 2 n); None for errors that weigh
+            alike.
+        input_weight: R for the accelerations of the drives, shape (m, m); None for the same.
+        payload_errors: Errors of the payload's place [m] and rate [m/s] that weigh alike, where
+            no Q is given.
+        settling: Time in which it learns what disturbs the drives [s].
+
+    Raises:
+        OutOfRange: If a number is out of range, times do not divide, or a weight is not symmetric
+            and positive definite.
+        CraneError: If the crane is elastic.
+    """
+    check_word("drive", drive, DirectDrive)
+    finite("payload errors", np.asarray(payload_errors), (2,))
+    layout = crane.layout
+    if crane.springs.any:
+        raise CraneError(
+            "This predictive controller is made for a rigid crane; this one has springs."
+        )
+    ratio = multiple("period", period, "control_period", control_period)
+    multiple("stage", stage, "control_period", control_period)
+    within("stages", whole("stages", stages, 2, "stages"), 2, _STAGES)
+    within("settling", number("settling", settling, "s", "> 0"), control_period, 1e3, "s")
+    swing = within(
+        "swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, 1.57, "rad"
+    )
+    if motion is not None and not math.isclose(motion.period, control_period, rel_tol=SAME_PERIOD):
+        raise OutOfRange(
+            "period of the motion", motion.period, f"the control period, {control_period:g}", "s"
+        )
+    rates = layout.for_drives("rate limit", limits.rates, "/s", "> 0")
+    accelerations = layout.for_drives("acceleration limit", limits.accelerations, "/s²", "> 0")
+    hoist = layout.drive_of("hoist")
+    weight = 0.0 if hoist is None else float(abs(holding_effort(crane, crane.start.q)[hoist]))
+    path = np.zeros((0, 2 * layout.n)) if motion is None else np.hstack([motion.q, motion.v])
+    programme = Programme(
+        Topology.of(crane),
+        tuple(numbers(crane).tolist()),
+        drive,
+        stages,
+        stage,
+        control_period,
+        ratio,
+        len(path),
+        min(1.0, control_period / settling),
+        TAUT * weight,
+        ()
+        if state_weight is not None
+        else tuple(2 * [ERROR[joint.kind] for joint in layout.joints]),
+        tuple(number("payload error", error, "", "> 0") for error in payload_errors),
+    )
+    cost = _weights(crane, accelerations, state_weight, input_weight)
+    table = _table(programme, cost, *_bounds(crane, rates, accelerations, swing, programme.taut))
+    return Receding(programme, table, path)
+
+
+def _weights(
+    crane: Crane,
+    accelerations: np.ndarray,
+    state_weight: np.ndarray | None,
+    input_weight: np.ndarray | None,
+) -> np.ndarray:
+    """Weight of states and inputs together, shape (2 n + m, 2 n + m)."""
+    layout = crane.layout
+    z = 2 * layout.n
+    q = np.eye(z) if state_weight is None else state_weight
+    r = np.diag((INPUT * accelerations) ** -2.0) if input_weight is None else input_weight
+    found = np.zeros((z + layout.m, z + layout.m))
+    found[:z, :z] = finite("state weight", q, (z, z))
+    found[z:, z:] = finite("input weight", r, (layout.m, layout.m))
+    for name, part in (("state weight", found[:z, :z]), ("input weight", found[z:, z:])):
+        if not np.allclose(part, part.T) or np.linalg.eigvalsh(part).min() <= 0.0:
+            raise OutOfRange(name, part.tolist(), "symmetric and positive definite")
+    return found
+
+
+def _bounds(
+    crane: Crane, rates: np.ndarray, accelerations: np.ndarray, swing: float, taut: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Least and largest of all that is bounded, and how large each is."""
+    layout = crane.layout
+    n, m, drives = layout.n, layout.m, layout.drives
+    low, high = np.full(2 * n + 2 * m, -_NONE), np.full(2 * n + 2 * m, _NONE)
+    size = np.ones(len(low))
+    low[drives], high[drives] = crane.lower[drives], crane.upper[drives]
+    low[crane.swings], high[crane.swings], size[crane.swings] = -swing, swing, swing
+    for first, limit in (
+        (n + drives, rates),
+        (2 * n + np.arange(m), accelerations),
+        (2 * n + m + np.arange(m), crane.effort_limit),
+    ):
+        low[first], high[first], size[first] = -limit, limit, limit
+    hoist = layout.drive_of("hoist")
+    if hoist is not None:
+        high[2 * n + m + hoist] = -taut
+    return low, high, size
+
+
+def _table(
+    programme: Programme, cost: np.ndarray, low: np.ndarray, high: np.ndarray, size: np.ndarray
+) -> np.ndarray:
+    """Memory of an optimisation before the first."""
+    shape = programme.shape
+    table = np.zeros(shape.size)
+
+    def row(name: str, i: int = 0) -> np.ndarray:
+        return table[shape.place(name, i) :][: shape.lanes]
+
+    for i, numbers_ in enumerate(cost):
+        row("weight", i)[: len(cost)] = numbers_
+    row("low")[:], row("high")[:], row("price")[:] = -_NONE, _NONE, PRICE
+    for name, values in (("low", low), ("high", high), ("price", PRICE / size)):
+        row(name)[: len(values)] = values
+    for name in ("barrier", "first"):
+        row("report")[REPORT.index(name)] = _BARRIER * PRICE
+    stages = table[shape.first :].reshape(shape.padded, shape.stride)
+    for name, i, lane, value in emit_plan(ir.Module(), programme):
+        stages[:, shape.place(name, i) + lane] = value
+    return table

@@ -1,0 +1,89 @@
+"""Random quadratic programmes over a horizon, laid out for our solver and for others."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from llvmlite import ir
+
+from benchmarks.horizon import Problem
+from cranedyn.compiled.horizon import interior, riccati
+from cranedyn.compiled.horizon.memory import REPORT, Shape
+from cranedyn.compiled.machine import Machine, translated
+
+
+def random(rng: np.random.Generator, tight: float, shape: Shape) -> Problem:
+    """A stable model of any numbers, with bounds that are met the more, the tighter they are."""
+    z, m, n = shape.states, shape.inputs, shape.stages
+    a = rng.normal(size=(z, z))
+    a *= 0.99 / np.abs(np.linalg.eigvals(a)).max()
+    both = shape.both + m
+    q = np.diag(rng.uniform(0.1, 2.0, z))
+    return Problem(
+        a + 0.01 * rng.normal(size=(n, z, z)),
+        0.3 * rng.normal(size=(z, m)) + 0.01 * rng.normal(size=(n, z, m)),
+        0.05 * rng.normal(size=(n, z)),
+        0.3 * rng.normal(size=(n, m, z + m)),
+        0.1 * rng.normal(size=(n, m)),
+        q,
+        np.diag(rng.uniform(0.1, 1.0, m)),
+        0.3 * rng.normal(size=(n, z + m)),
+        -rng.uniform(0.3, 1.5, both) / tight,
+        rng.uniform(0.3, 1.5, both) / tight,
+        np.full(both, 1e3),
+        rng.normal(size=z),
+        5.0 * q,
+        np.zeros(z),
+    )
+
+
+def made(shape: Shape) -> Machine:
+    """The solver's code."""
+    module = ir.Module()
+    riccati.emit(module, shape)
+    interior.emit(module, shape)
+    return translated(module)
+
+
+class Solved(NamedTuple):
+    """What our solver found, by stage: states, inputs, and what is bounded besides; its report."""
+
+    found: np.ndarray
+    report: dict[str, float]
+
+
+def solved(machine: Machine, problem: Problem) -> Solved:
+    """By our solver."""
+    shape, work = problem.shape, np.zeros(problem.shape.size)
+    z, w, m = shape.states, shape.both, shape.inputs
+
+    def common(name: str, i: int = 0) -> np.ndarray:
+        return work[shape.place(name, i) :][: shape.lanes]
+
+    stages = work[shape.first :].reshape(shape.padded, shape.stride)
+
+    def put(name: str, values: np.ndarray, i: int = 0, first: int = 0) -> None:
+        place = shape.place(name, i) + first
+        stages[: shape.stages, place : place + values.shape[1]] = values
+
+    for i in range(z):
+        common("weight", i)[:z], common("end", i)[:z] = problem.q[i], problem.end[i]
+        put("forward", np.hstack([problem.a[:, i], problem.b[:, i]]), i)
+    for i in range(m):
+        common("weight", z + i)[z:w] = problem.r[i]
+        put("extra", problem.e[:, i], i)
+    for j in range(w):
+        put("columns", np.dstack([problem.a, problem.b])[:, :, j], j)
+    put("shift", problem.c)
+    put("gradient", problem.gradient)
+    put("apart", problem.d, first=w)
+    common("start")[:z] = problem.start
+    common("low")[:], common("high")[:], common("price")[:] = -1e9, 1e9, problem.price[0]
+    for name in ("low", "high", "price"):
+        common(name)[: w + m] = getattr(problem, name)
+    common("report")[REPORT.index("barrier")] = 0.1 * problem.price[0]
+    machine.function("solve", 1)(work.ctypes.data)
+    place = shape.place("here")
+    found = stages[: shape.stages, place : place + w + m].copy()
+    return Solved(found, dict(zip(REPORT, common("report").tolist(), strict=False)))

@@ -1,0 +1,457 @@
+"""Predictive control in compiled code: to a setpoint from any state, along a motion, in batches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+import pytest
+from llvmlite import ir
+from scipy.integrate import solve_ivp
+
+from cranedyn.compiled.batch import simulate_batch
+from cranedyn.compiled.horizon import model
+from cranedyn.compiled.horizon.memory import REPORT
+from cranedyn.compiled.horizon.receding import Receding, receding
+from cranedyn.compiled.machine import translated
+from cranedyn.controllers import hold_controller, sensed
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.pinocchio import payload_position, prescribed_acceleration
+from cranedyn.dynamics.validity import hoisting
+from cranedyn.errors import CraneError
+from cranedyn.interfaces import Drive, Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.planning.optimal import optimal
+from cranedyn.references import flat, hold
+from cranedyn.references.limits import Limits
+from tests.helpers import ROOT, crane, quickly
+
+LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
+MOVES = {
+    "trolley": ((0.0, 10.0, 15.0), (0.0, 20.0, 15.0)),
+    "slew": ((0.0, 15.0, 15.0), (0.6, 15.0, 15.0)),
+    "combined": ((0.0, 10.0, 15.0), (0.6, 20.0, 10.0)),
+}
+
+
+def at(place: Sequence[float], **more: float) -> State:
+    gamma, x, length = place
+    return crane().state(gamma=gamma, x=x, l=length, **more)
+
+
+@cache
+def overhead() -> Crane:
+    return load_crane(ROOT / "urdf" / "overhead_crane.urdf.xacro")
+
+
+def to(goal: State, start: State, made: Receding, duration: float = 25.0) -> Trajectory:
+    return quickly(
+        crane(),
+        made,
+        hold(crane(), goal),
+        start=start,
+        duration=duration,
+        drive=made.programme.drive,
+        engine="compiled",
+        validity="mark",
+    )
+
+
+def settled(run: Trajectory, goal: State, moved: Crane, within: float = 0.01) -> float:
+    """Time from which the payload stays so near its goal [s]."""
+    place = payload_position(moved, goal.q)
+    off = np.array([np.linalg.norm(payload_position(moved, q) - place) for q in run.q])
+    far = np.flatnonzero(off > within)
+    assert off[-1] <= within
+    return float(run.t[far[-1]]) if len(far) else 0.0
+
+
+# --------------------------------------------------------------------------------------------------
+# ---------------- what is predicted
+
+
+@pytest.mark.parametrize("which", ["tower", "overhead"])
+def test_a_stage_goes_where_the_crane_goes_and_its_slopes_are_those_of_the_crane(
+    which: str,
+) -> None:
+    moved = crane() if which == "tower" else overhead()
+    made, layout = receding(moved, _limits(moved), drive="motion"), moved.layout
+    shape, length = made.programme.shape, 0.05
+    n, z, w = layout.n, shape.states, shape.both
+    module = ir.Module()
+    known = model.emit(module, shape, made.programme.plant, length)
+    work = np.zeros(shape.size)
+    stages = work[shape.first :].reshape(shape.padded, shape.stride)
+    for name, i, lane, value in known:
+        stages[:, shape.place(name, i) + lane] = value
+    rng = np.random.default_rng(1)
+    nodes = np.concatenate([moved.start.q, np.zeros(w - n)]) + 0.03 * rng.normal(size=(8, w))
+    first = shape.place("node")
+    stages[:8, first : first + w] = nodes
+    machine = translated(module)
+    machine.function("linearise", 1)(work.ctypes.data)
+
+    def flow(node: np.ndarray) -> np.ndarray:
+        def rates(_: float, y: np.ndarray) -> np.ndarray:
+            a = prescribed_acceleration(moved, State(y[:n], y[n:]), node[z:])[0]
+            return np.concatenate([y[n:], a])
+
+        return solve_ivp(rates, (0.0, length), node[:z], rtol=1e-11, atol=1e-13).y[:, -1]
+
+    def effort(node: np.ndarray) -> np.ndarray:
+        return prescribed_acceleration(moved, State(node[:n], node[n:z]), node[z:])[1]
+
+    for k in (0, 5):
+        row = {
+            name: stages[k, shape.place(name) :][: rows * shape.lanes].reshape(rows, shape.lanes)
+            for name, rows in shape.stage.items()
+        }
+        ahead, node = row["forward"][:, :w], nodes[k]
+        # the next power of a stage's length times how its slopes change along it
+        np.testing.assert_allclose(
+            ahead @ node + row["shift"][0, :z], flow(node), atol=2e-3 * length**2
+        )
+        np.testing.assert_array_equal(row["columns"][:, :z].T, ahead)
+        besides = row["extra"][:, :w], row["apart"][0, w : w + layout.m]
+        scale = np.abs(effort(node)).max()
+        np.testing.assert_allclose(besides[0] @ node + besides[1], effort(node), atol=1e-12 * scale)
+        for j in range(w):
+            near = 1e-5 * np.eye(w)[j]
+            slope = (flow(node + near) - flow(node - near)) / 2e-5
+            np.testing.assert_allclose(ahead[:, j], slope, atol=0.1 * length**2)
+            slope = (effort(node + near) - effort(node - near)) / 2e-5
+            # rounding of a difference of efforts
+            np.testing.assert_allclose(besides[0][:, j], slope, atol=1e-9 * scale / 1e-5)
+
+
+def _limits(moved: Crane) -> Limits:
+    kinds = [joint.kind == "revolute" for joint in moved.layout.driven]
+    return Limits(
+        rates=tuple(0.0838 if turns else 1.0 for turns in kinds),
+        accelerations=tuple(0.02 if turns else 0.4 for turns in kinds),
+    )
+
+
+# --------------------------------------------------------------------------------------------------
+# ---------------- to a setpoint
+
+
+@pytest.mark.parametrize(
+    ("name", "drive"),
+    [("trolley", "effort"), ("slew", "effort"), ("combined", "effort"), ("combined", "motion")],
+)
+def test_it_settles_within_one_and_a_half_times_the_least_time_and_keeps_all_limits(
+    name: str, drive: Drive
+) -> None:
+    start, goal = map(at, MOVES[name])
+    run = to(goal, start, receding(crane(), LIMITS, drive=drive))
+    assert run.valid.all()
+    assert settled(run, goal, crane()) < 1.5 * least(name)
+    drives = crane().layout.drives
+    # Of a crane that takes efforts the acceleration follows within what a held effort misses.
+    tolerance = 2e-3 if drive == "effort" else 1e-5
+    assert (np.abs(run.v[:, drives]) <= np.array(LIMITS.rates) * (1.0 + tolerance)).all()
+    faster = np.diff(run.v[:, drives], axis=0) / 5e-3
+    assert (np.abs(faster) <= np.array(LIMITS.accelerations) * (1.0 + tolerance)).all()
+    # The swing is kept at the stages' ends; between them it bulges by what its curvature is there.
+    assert np.abs(run.q[:, crane().swings]).max() < 0.1 * 1.005
+
+
+@cache
+def least(name: str) -> float:
+    start, goal = map(at, MOVES[name])
+    return optimal(crane(), start, goal, LIMITS, swing=0.1).arrival
+
+
+STARTS = {
+    "a load that swings": at((0.0, 10.0, 15.0), phi=0.15, theta=0.1),
+    "drives that move already": at(
+        (0.0, 10.0, 15.0), gamma_dot=-0.05, x_dot=-1.2, l_dot=0.8, phi=0.05
+    ),
+    "the goal itself": at((0.6, 20.0, 10.0)),
+    "beyond the limit of the rate": at((0.0, 8.0, 12.0), x_dot=2.0),
+}
+
+
+@pytest.mark.parametrize("which", list(STARTS))
+def test_from_any_state_the_load_comes_to_rest_at_the_goal(which: str) -> None:
+    goal = at((0.6, 20.0, 10.0))
+    made = receding(crane(), LIMITS)
+    run = to(goal, STARTS[which], made, duration=30.0)
+    assert settled(run, goal, crane()) < 24.0
+    assert made.marks.failures == 0
+    assert np.abs(run.q[-1, crane().swings]).max() < 1e-3
+
+
+def test_on_the_numbers_of_grampcs_tower_crane_it_settles_as_fast_as_that() -> None:
+    # GRAMPC's example Crane_3D, run to its end, keeps trolley, cable, slew and swing together
+    # within 10 mm of where they shall be from 2.99 s on, within 5 mm from 3.73 s on.
+    lab = load_crane(
+        trolley_min=0.1,
+        trolley_max=1.0,
+        trolley_init=0.7,
+        hoist_min=0.1,
+        hoist_max=1.0,
+        hoist_init=0.7,
+        payload_mass=1.0,
+        payload_inertia=0.0,
+        trolley_mass=1.0,
+        trolley_inertia=1e-3,
+        slewing_inertia=1.0,
+        upper_mass=1.0,
+        dummy_mass=1e-3,
+        dummy_inertia=1e-6,
+        damp_swing=0.0,
+    )
+    start, goal = lab.state(gamma=-1.0472), lab.state(gamma=1.0472, x=0.2, l=0.25)
+    made = receding(
+        lab,
+        Limits(rates=(3.0, 3.0, 3.0), accelerations=(2.0, 2.0, 2.0)),
+        drive="motion",
+        swing_limit=0.3,
+        period=0.01,
+        stage=0.05,
+        payload_errors=(0.01, 0.1),
+    )
+    run = quickly(
+        lab,
+        made,
+        hold(lab, goal),
+        start=start,
+        duration=5.0,
+        drive="motion",
+        engine="compiled",
+        validity="mark",
+    )
+    gamma, x, phi, theta, length = run.q.T
+    away = np.hypot(np.hypot(x - 0.2, length - 0.25), (gamma - 1.0472) * x)
+    off = away + length * np.hypot(phi, theta)
+    for within, published in ((0.010, 2.99), (0.005, 3.73)):
+        assert run.t[np.flatnonzero(off > within)[-1]] < published
+
+
+@pytest.mark.parametrize("drive", ["effort", "motion"])
+def test_it_never_commands_a_slack_rope_however_fast_the_hoist_may_be(drive: Drive) -> None:
+    fast = Limits(rates=(0.5, 5.0, 8.0), accelerations=(0.5, 5.0, 40.0))
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        start = at(
+            (0.0, rng.uniform(4, 20), rng.uniform(6, 20)),
+            phi=rng.uniform(-0.3, 0.3),
+            theta=rng.uniform(-0.3, 0.3),
+            l_dot=rng.uniform(-2.0, 2.0),
+        )
+        goal = at((rng.uniform(-1, 1), rng.uniform(4, 20), rng.uniform(6, 20)))
+        made = receding(crane(), fast, drive=drive, swing_limit=0.5, stage=0.1)
+        run = to(goal, start, made, duration=2.0)
+        tension = -hoisting(crane(), run.effort)
+        # A tenth of the weight, which the effort of a held acceleration meets at control instants.
+        assert tension.min() >= made.programme.taut * (1.0 - 1e-9)
+
+
+@pytest.mark.parametrize("load", [500.0, 1500.0])
+def test_a_load_of_another_mass_ends_where_it_shall_since_what_disturbs_is_estimated(
+    load: float,
+) -> None:
+    goal, other = at((0.3, 15.0, 12.0)), crane(payload_mass=load)
+    run = quickly(
+        other,
+        receding(crane(), LIMITS),
+        hold(crane(), goal),
+        start=at((0.0, 10.0, 15.0)),
+        duration=25.0,
+        engine="compiled",
+        validity="mark",
+    )
+    np.testing.assert_allclose(run.q[-1], goal.q, atol=2e-4)
+
+
+def test_an_overhead_crane_is_brought_to_its_goal_by_the_same_controller() -> None:
+    moved = overhead()
+    start = moved.start
+    goal = State(start.q.copy(), np.zeros(moved.layout.n))
+    goal.q[moved.layout.drives] += np.array([3.0, 2.0, -1.0])[: moved.layout.m]
+    run = quickly(
+        moved,
+        receding(moved, _limits(moved)),
+        hold(moved, goal),
+        start=start,
+        duration=25.0,
+        engine="compiled",
+        validity="mark",
+    )
+    assert run.valid.all()
+    assert settled(run, goal, moved) < 20.0
+
+
+# --------------------------------------------------------------------------------------------------
+# ---------------- along a motion
+
+
+def test_along_a_motion_nothing_is_left_at_its_end() -> None:
+    start, goal = map(at, MOVES["combined"])
+    motion = flat(crane(), start, goal, 20.0)
+    made = receding(crane(), LIMITS, motion=motion, swing_limit=0.2)
+    run = quickly(
+        crane(), made, motion, start=start, duration=25.0, engine="compiled", validity="mark"
+    )
+    assert np.abs(run.q[4000:, crane().swings]).max() < 5e-5
+    assert made.marks.failures == 0
+
+
+# --------------------------------------------------------------------------------------------------
+# ---------------- in code, and in batches
+
+
+@pytest.mark.parametrize(("drive", "moving"), [("effort", False), ("motion", True)])
+def test_the_compiled_loop_does_what_python_does_to_the_bit(drive: Drive, moving: bool) -> None:
+    start, goal = map(at, MOVES["combined"])
+    motion = flat(crane(), start, goal, 20.0) if moving else None
+
+    def made() -> Receding:
+        return receding(crane(), LIMITS, motion=motion, drive=drive)
+
+    asked, inside = made(), made()
+    runs = [
+        quickly(
+            crane(),
+            controller,
+            hold(crane(), goal),
+            start=start,
+            duration=11.0,  # more than one block
+            drive=drive,
+            engine="compiled",
+            validity="mark",
+        )
+        for controller in (lambda t, state, setpoint: asked(t, state, setpoint), inside)
+    ]
+    np.testing.assert_array_equal(runs[0].q, runs[1].q)
+    assert asked.marks == inside.marks
+
+
+def test_a_batch_does_what_each_crane_does_alone() -> None:
+    rng = np.random.default_rng(7)
+    starts = [at((0.0, rng.uniform(6, 20), rng.uniform(8, 20)), phi=0.02) for _ in range(11)]
+    goals = [at((rng.uniform(-0.5, 0.5), rng.uniform(6, 20), 12.0)) for _ in range(11)]
+    references = [hold(crane(), goal) for goal in goals]
+    made = receding(crane(), LIMITS)
+    batch = simulate_batch(crane(), made, references, start=starts, duration=4.0)
+    assert (batch.failures == 0).all()
+    for i in (0, 7, 10):
+        run = to(goals[i], starts[i], receding(crane(), LIMITS), duration=4.0)
+        # sums of eight cranes in lanes may be fused otherwise than of one
+        np.testing.assert_allclose(batch.end.q[i], run.q[-1], atol=1e-9)
+
+
+def test_a_second_run_does_not_go_on_with_the_plan_of_the_first() -> None:
+    made, goal = receding(crane(), LIMITS), at((0.3, 15.0, 12.0))
+    first, second = (to(goal, at((0.0, 10.0, 15.0)), made, duration=3.0) for _ in range(2))
+    np.testing.assert_array_equal(first.q, second.q)
+
+
+# --------------------------------------------------------------------------------------------------
+# ---------------- what fails, and what is refused
+
+
+def failing(made: Receding) -> Receding:
+    """The controller with a solver that begins so near its bounds that it does not get away."""
+    first = made.programme.shape.place("report")
+    for name in ("barrier", "first"):
+        made.table[first + REPORT.index(name)] = 1e-7
+    return receding_of(made)
+
+
+def receding_of(made: Receding) -> Receding:
+    return Receding(made.programme, made.table, made.path)
+
+
+def test_an_optimisation_that_fails_leaves_the_last_plan_and_a_note_in_the_record() -> None:
+    start, goal = map(at, MOVES["combined"])
+    made = failing(receding(crane(), LIMITS))
+    run = to(goal, start, made, duration=5.0)
+    failed = run.record["notes"]["failed_optimisations"]
+    assert failed == made.marks.failures > 0
+    assert np.isfinite(run.q).all()
+    assert run.valid.all()
+    batch = simulate_batch(crane(), failing(receding(crane(), LIMITS)), [hold(crane(), goal)] * 2,
+                           start=start, duration=2.0)  # fmt: skip
+    assert (batch.failures > 0).all()
+
+
+def test_a_note_is_found_in_a_controller_behind_sensors() -> None:
+    goal = at((0.3, 15.0, 12.0))
+    behind = sensed(crane(), receding(crane(), LIMITS), delay=1, rng=np.random.default_rng(1))
+    run = quickly(crane(), behind, hold(crane(), goal), start=at((0.0, 10.0, 15.0)), duration=0.1)
+    assert run.record["notes"] == {"failed_optimisations": 0}
+
+
+def test_a_state_that_is_not_finite_is_refused() -> None:
+    still = Setpoint(np.array([0.0, 10.0, 15.0]), np.zeros(3), np.zeros(3))
+    with pytest.raises(CraneError, match="coordinate 4 of the state is nan"):
+        receding(crane(), LIMITS)(
+            0.0, State(np.array([0.0, 10.0, 0.0, math.nan, 15.0]), np.zeros(5)), still
+        )
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"period": 0.052}, "period is 0.052 s; allowed is a multiple of control_period"),
+        ({"stage": 0.052}, "stage is 0.052 s; allowed is a multiple of control_period"),
+        ({"stages": 1}, "stages is 1 stages; allowed is a whole number >= 2"),
+        ({"stages": 1000}, "stages is 1000; allowed is 2 to 200"),
+        ({"swing_limit": 0.0}, "swing limit is 0.0 rad; allowed is > 0"),
+        ({"swing_limit": 2.0}, "swing limit is 2.0 rad"),
+        ({"settling": 1e-4}, "settling is 0.0001 s; allowed is 0.005 to 1000"),
+        ({"state_weight": np.zeros((10, 10))}, "state weight"),
+        ({"input_weight": np.eye(2)}, "input weight"),
+        ({"payload_errors": (0.1, 0.0)}, "payload error is 0.0; allowed is > 0"),
+        ({"payload_errors": (0.1,)}, "payload errors"),
+        ({"drive": "steam"}, "drive"),
+        ({"drive": "motion", "control_period": 0.0}, "control_period is 0.0 s; allowed is > 0"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_one_sentence(
+    given: dict[str, object], words: str
+) -> None:
+    with pytest.raises(CraneError, match=words.replace("(", r"\(")) as caught:
+        receding(crane(), LIMITS, **given)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+
+
+def test_limits_of_other_drives_are_refused() -> None:
+    with pytest.raises(CraneError, match=r"rate limit.*three numbers: slew, trolley, hoist"):
+        receding(crane(), Limits(rates=(1.0, 1.0), accelerations=(1.0, 1.0)))
+
+
+def test_a_crane_with_springs_is_refused() -> None:
+    with pytest.raises(CraneError, match="made for a rigid crane; this one has springs"):
+        receding(crane(rope_stiffness=1e6), LIMITS)
+
+
+def test_a_run_with_another_control_period_or_other_drives_is_refused() -> None:
+    goal, start = at((0.3, 15.0, 12.0)), at((0.0, 10.0, 15.0))
+    with pytest.raises(
+        CraneError, match=r"control period of the run is 0\.01 s; allowed is the con"
+    ):
+        quickly(
+            crane(),
+            receding(crane(), LIMITS),
+            hold(crane(), goal),
+            start=start,
+            duration=1.0,
+            control_period=0.01,
+        )
+    with pytest.raises(CraneError, match="drive is motion; allowed is the controller's, eff"):
+        simulate_batch(
+            crane(), receding(crane(), LIMITS), start=start, duration=1.0, drive="motion"
+        )
+
+
+def test_a_batch_of_two_predictive_controllers_is_refused() -> None:
+    pair = [receding(crane(), LIMITS), hold_controller(crane())]
+    with pytest.raises(CraneError, match="one predictive controller for all cranes"):
+        simulate_batch(crane(), pair, start=[at((0.0, 10.0, 15.0))] * 2, duration=1.0)
