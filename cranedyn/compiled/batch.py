@@ -7,19 +7,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from cranedyn.arguments import check_word, checked
 from cranedyn.arrays import fixed
 from cranedyn.clocks import Clocks, clocks
-from cranedyn.compiled import inputs
+from cranedyn.compiled import cuda, inputs
 from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.compiled.step import check_rule
+from cranedyn.compiled.threads import WARP
 from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, number, whole, within
@@ -27,6 +29,9 @@ from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
 
 _LANES, _THREADS = 8, 1024
+
+Device = Literal["cpu", "cuda"]
+"""Where a batch runs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +89,7 @@ def simulate_batch(
     residual_from: float | None = None,
     record: int = 0,
     threads: int | None = None,
+    device: Device = "cpu",
 ) -> Batch:
     """Run many cranes under controllers that are affine in the state, by compiled code; each as
     `simulate` with validity = mark.
@@ -113,15 +119,24 @@ def simulate_batch(
             end.
         record: Record every that manieth control instant; 0 for none.
         threads: How many, 1024 at most; by default one for each processor.
+        device: "cpu", or "cuda" for an NVIDIA GPU, one crane a thread, see
+            `cranedyn.compiled.cuda`.
 
     Raises:
         OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not
             finite, a time is not in the run, or cranes, records and tables would not fit into 4 GB.
-        CraneError: If a controller is not affine in the state.
+        CraneError: If a controller is not affine in the state, or there is no GPU where one is
+            asked for.
         ModelError: If the code would not do what Pinocchio does.
     """
     clock = clocks(duration, dt, control_period)
     check_word("drive", drive, Drive)
+    check_word("device", device, Device)
+    if device == "cuda":
+        if threads is not None:
+            raise OutOfRange("threads", threads, "None on a GPU, where each crane has one")
+        cuda.check_there()
+    lanes = WARP if device == "cuda" else _LANES
     if buffers and drive != "effort":
         raise OutOfRange("buffers", buffers, "False where the drives follow prescribed motion")
     check_rule(integrator)
@@ -151,7 +166,7 @@ def simulate_batch(
         inputs.forces(force, cranes, sizes),
     )
     recipe = Recipe(
-        _LANES,
+        lanes,
         drive,
         integrator,
         buffers,
@@ -161,6 +176,7 @@ def simulate_batch(
         shared=(control.law.shared, control.aim.shared, forces.shared),
         log=rows > 0,
         summary=True,
+        threads=device == "cuda",
     )
     code, varied = compiled(distinct, recipe)
     inputs.fit("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
@@ -168,36 +184,37 @@ def simulate_batch(
     memory = {
         "state": grouped(
             [state.q, state.v, control.integrals, np.broadcast_to(0.0, (cranes, sizes.m + 1))],
-            _LANES,
+            lanes,
         ),
-        "numbers": grouped([varied[which]], _LANES),
+        "numbers": grouped([varied[which]], lanes),
         "summary": grouped(
             [
                 np.broadcast_to(
                     [0.0, 0.0, math.inf, *[0.0] * sizes.m], (cranes, size(sizes.summary))
                 )
             ],
-            _LANES,
+            lanes,
         ),
     }
-    memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), _LANES))
+    memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), lanes))
     if offsets is not None:
-        memory["offset"] = grouped([offsets], _LANES)
+        memory["offset"] = grouped([offsets], lanes)
     if not all(recipe.shared):
-        memory["starts"] = grouped([table.starts[:, None] for table in tables], _LANES, np.int64)
-    run(
-        Loop(
-            code,
-            clock,
-            tables,
-            last=clock.periods + 1,
-            end=clock.periods,
-            every=max(every, 1),
-            after=after,
-            **memory,
-        ),
-        workers,
+        memory["starts"] = grouped([table.starts[:, None] for table in tables], lanes, np.int64)
+    loop = Loop(
+        code,
+        clock,
+        tables,
+        last=clock.periods + 1,
+        end=clock.periods,
+        every=max(every, 1),
+        after=after,
+        **memory,
     )
+    if device == "cuda":
+        cuda.run(loop, code, distinct, varied)
+    else:
+        run(loop, workers)
     state_at, row_at, kept_at = places(sizes.state), places(sizes.row), places(sizes.summary)
     end, kept = (
         ungrouped(memory["state"][:, : sizes.z], cranes),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -22,6 +22,9 @@ from cranedyn.model.crane import Crane
 
 _CHECKED, _REMEMBERED = 16, 4096
 _MAKING = threading.Lock()
+
+Answers = Callable[[Kernel, np.ndarray, np.ndarray], np.ndarray]
+"""Accelerations at one state in each lane, see `cranedyn.compiled.door.accelerations`."""
 
 
 def compiled(cranes: Sequence[Crane] | Cranes, recipe: Recipe) -> tuple[Kernel, np.ndarray]:
@@ -46,11 +49,27 @@ def compiled(cranes: Sequence[Crane] | Cranes, recipe: Recipe) -> tuple[Kernel, 
         code = _kernel(Topology.of(cranes[0]), constants.tobytes(), recipe)
         if len(code.agreed) > _REMEMBERED:
             code.agreed.clear()
-        for crane, row in zip(cranes[:_CHECKED], own, strict=False):
-            if row.tobytes() not in code.agreed:
-                check(crane, code, row)
-                code.agreed.add(row.tobytes())
+        check_all(cranes, code, own, code.agreed)
     return code, own
+
+
+def check_all(
+    cranes: Sequence[Crane] | Cranes,
+    code: Kernel,
+    own: np.ndarray,
+    agreed: set[bytes],
+    answers: Answers = accelerations,
+) -> None:
+    """Compare accelerations of the first 16 cranes with Pinocchio's, unless they are known to
+    agree.
+
+    Raises:
+        ModelError: If they differ by more than round-off.
+    """
+    for crane, row in zip(cranes[:_CHECKED], own, strict=False):
+        if row.tobytes() not in agreed:
+            check(crane, code, row, answers)
+            agreed.add(row.tobytes())
 
 
 def elsewhere(crane: Crane, recipe: Recipe) -> bytes:
@@ -71,13 +90,14 @@ def _kernel(topology: Topology, constants: bytes, recipe: Recipe) -> Kernel:
     return kernel(topology, known, recipe)
 
 
-def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
+def check(crane: Crane, code: Kernel, varied: np.ndarray, answers: Answers = accelerations) -> None:
     """Compare accelerations with Pinocchio's at random states.
 
     Args:
         crane: The crane.
         code: The code.
         varied: The numbers that this crane has of its own.
+        answers: Where the code runs, see `cranedyn.compiled.door.accelerations`.
 
     Raises:
         ModelError: If they differ by more than round-off.
@@ -123,7 +143,7 @@ def check(crane: Crane, code: Kernel, varied: np.ndarray) -> None:
                 external,
             )
         given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
-        if off := rigid_body.disagreement(accelerations(code, given, own).T, expected, mass):
+        if off := rigid_body.disagreement(answers(code, given, own).T, expected, mass):
             raise ModelError(
                 "The compiled crane moves otherwise than Pinocchio's: accelerations differ by "
                 f"{off:.1e} of the largest."

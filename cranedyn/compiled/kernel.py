@@ -16,6 +16,7 @@ from cranedyn.compiled.call import CALL, SLOTS, Parts, Sizes, places, size
 from cranedyn.compiled.code import INTEGER, Code, Value, Variable
 from cranedyn.compiled.machine import Machine, translated
 from cranedyn.compiled.step import stepped
+from cranedyn.compiled.threads import THREAD, one_after_another
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.plant import Plant, Topology, plant
 from cranedyn.dynamics.rigid_body import array
@@ -35,6 +36,8 @@ class Recipe:
         forces: Whether there are forces from outside.
         shared: Whether all lanes have one controller, one aim, the same forces.
         log, summary: Whether rows are recorded, and whether a summary is kept.
+        threads: Whether each lane is a thread with plain doubles, as on a GPU, instead of a part of
+            a vector.
     """
 
     lanes: int
@@ -47,6 +50,7 @@ class Recipe:
     shared: tuple[bool, bool, bool]
     log: bool
     summary: bool
+    threads: bool = False
 
 
 class Kernel(NamedTuple):
@@ -60,6 +64,7 @@ class Kernel(NamedTuple):
             more several, the loop for each of many groups.
         varied: How many numbers each lane has of its own.
         agreed: Varied numbers of the cranes with which it was compared with Pinocchio.
+        topology, constants: What it was made of, for code that runs elsewhere.
     """
 
     recipe: Recipe
@@ -67,22 +72,30 @@ class Kernel(NamedTuple):
     machine: Machine
     varied: int
     agreed: set[bytes]
+    topology: Topology
+    constants: tuple[float | None, ...]
 
 
 def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> Kernel:
     """Make the code for a crane whose numbers are constants, or None where each lane has its
     own.
     """
-    made = translated(text(topology, constants, recipe))
-    return Kernel(recipe, Sizes.of(topology.layout), made, list(constants).count(None), set())
+    module = text(topology, constants, recipe)
+    if recipe.threads:
+        one_after_another(module)
+    varied, sizes = list(constants).count(None), Sizes.of(topology.layout)
+    return Kernel(recipe, sizes, translated(module), varied, set(), topology, tuple(constants))
 
 
 def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> ir.Module:
-    """The code as a text for LLVM, see `kernel`."""
-    module = ir.Module()
-    _Loop(Code(module, "run", ["call"], recipe.lanes), topology, constants, recipe).emit()
+    """The code as a text for LLVM, see `kernel`; that of threads is for one of them, see
+    `cranedyn.compiled.threads`.
+    """
+    module, lanes = ir.Module(), 1 if recipe.threads else recipe.lanes
+    run, answer = THREAD if recipe.threads else ("run", "answer")
+    _Loop(Code(module, run, ["call"], lanes, recipe.lanes), topology, constants, recipe).emit()
     _emit_answer(
-        Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes),
+        Code(module, answer, ["given", "numbers", "accelerations"], lanes, recipe.lanes),
         topology,
         constants,
         recipe,
@@ -91,7 +104,7 @@ def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) 
         _emit_energies(
             Code(module, "energies", ["given", "count", "energies"], 1), topology, constants, recipe
         )
-    if recipe.lanes > 1 and not recipe.log:
+    if lanes > 1 and not recipe.log:
         _emit_several(Code(module, "several", ["calls", "count"], 1), module.globals["run"])
     return module
 
@@ -101,7 +114,7 @@ def _plant(
 ) -> Plant:
     varied = count()
     values = [
-        code.load(own, next(varied) * code.lanes) if constant is None else constant
+        code.load(own, next(varied) * code.apart) if constant is None else constant
         for constant in constants
     ]
     return plant(topology, values, recipe.drive, recipe.buffers)
@@ -112,10 +125,10 @@ def _emit_answer(
 ) -> None:
     crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
     parts = Sizes.of(topology.layout).given
-    given = [code.load(code.argument["given"], i * code.lanes) for i in range(size(parts))]
+    given = [code.load(code.argument["given"], i * code.apart) for i in range(size(parts))]
     q, v, command, forces = (array(given[where]) for where in places(parts).values())
     for i, a in enumerate(crane.answer(q, v, command, forces if recipe.forces else None)[0]):
-        code.store(a, code.argument["accelerations"], i * code.lanes)
+        code.store(a, code.argument["accelerations"], i * code.apart)
     code.end()
 
 
@@ -164,13 +177,13 @@ class _Loop:
     def _variables(self, name: str, parts: Parts) -> dict[str, list[Variable]]:
         code = self.code
         found = [
-            Variable(code, code.load(self.given[name], i * code.lanes)) for i in range(size(parts))
+            Variable(code, code.load(self.given[name], i * code.apart)) for i in range(size(parts))
         ]
         return {part: found[where] for part, where in places(parts).items()}
 
     def _keep(self, name: str, variables: dict[str, list[Variable]]) -> None:
         for i, variable in enumerate(variable for part in variables.values() for variable in part):
-            self.code.store(variable.get(), self.given[name], i * self.code.lanes)
+            self.code.store(variable.get(), self.given[name], i * self.code.apart)
 
     def _row(self, table: int, name: str, parts: Parts, instant: ir.Value) -> dict[str, np.ndarray]:
         """The row of a table for an instant, beyond its end the last."""
@@ -180,7 +193,7 @@ class _Loop:
             firsts = [code.product(row, size(parts))]
         else:
             starts = [
-                code.load_one(self.given["starts"], table * code.lanes + lane, INTEGER)
+                code.load_one(self.given["starts"], table * code.apart + lane, INTEGER)
                 for lane in range(code.lanes)
             ]
             firsts = [code.product(code.builder.add(start, row), size(parts)) for start in starts]
@@ -282,7 +295,7 @@ class _Loop:
         z = np.concatenate([q, v])
         if self.recipe.offset:
             z = z + array(
-                [code.load(self.given["offset"], i * code.lanes) for i in range(self.sizes.z)]
+                [code.load(self.given["offset"], i * code.apart) for i in range(self.sizes.z)]
             )
         command = law["feed_forward"] - law["gain"].reshape(self.sizes.m, self.sizes.z) @ (
             z - aim["setpoint"]
@@ -307,10 +320,10 @@ class _Loop:
         with code.when(
             code.builder.icmp_signed("==", code.builder.srem(instant, every), code.integer(0))
         ):
-            first = code.product(code.builder.sdiv(instant, every), len(row) * code.lanes)
+            first = code.product(code.builder.sdiv(instant, every), len(row) * code.apart)
             for i, value in enumerate(row):
                 code.store(
-                    value, self.given["log"], code.builder.add(first, code.integer(i * code.lanes))
+                    value, self.given["log"], code.builder.add(first, code.integer(i * code.apart))
                 )
 
     def _summarise(

@@ -1,0 +1,306 @@
+"""The door to a GPU, without one: PTX assembles without spills, it does on a machine that runs PTX
+what vectors do, and one crane a thread does on the processor what the plain loop does.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+
+from cranedyn.compiled import cuda, memory
+from cranedyn.compiled.batch import Batch, simulate_batch
+from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.ptx import ptx
+from cranedyn.compiled.threads import WARP
+from cranedyn.controllers import follow, hold_controller
+from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
+from cranedyn.dynamics.plant import Topology, numbers
+from cranedyn.errors import CraneError, ModelError, OutOfRange
+from cranedyn.model.load import load_crane
+from cranedyn.simulation.simulate import simulate
+from tests.compiled import ptx_machine
+from tests.compiled.test_batch import _controllers, _cranes, _references, _starts
+from tests.helpers import crane
+
+HOOK = {"hook_mass": 300.0, "sling_length": 4.0}
+"""The tower crane with a double pendulum."""
+
+QUANTITIES = ("q", "v", "command", "effort", "energy")
+CLOCK: dict[str, Any] = {"dt": 1e-3, "control_period": 1e-2, "record": 1}
+RNG = np.random.default_rng(4)
+FORCE, OFFSET = RNG.normal(size=(9, 30, 6)) * 200.0, RNG.normal(size=(9, 10)) * 0.01
+
+
+def _whirling() -> dict[str, Any]:
+    """One controller for all; swings whose angles must be reduced, and some beyond validity."""
+    starts = [crane().state(phi=swing, x=8.0, x_dot=0.3) for swing in (0.01, 0.8, 1.2, 1.5)]
+    return {"crane": crane(), "controller": hold_controller(crane(), gravity=9.81), "start": starts}
+
+
+def _all_different() -> dict[str, Any]:
+    return {
+        "crane": _cranes(9),
+        "controller": _controllers(9),
+        "reference": _references(9),
+        "start": _starts(9),
+        "force": FORCE,
+        "sensor_offset": OFFSET,
+    }
+
+
+def _at_buffers() -> dict[str, Any]:
+    c = crane(trolley_max=11.0)
+    starts = [c.state(x=9.0 + 0.24 * i, x_dot=0.5, phi=0.05) for i in range(9)]
+    return {
+        "crane": c,
+        "controller": hold_controller(c, gravity=9.81),
+        "start": starts,
+        "buffers": True,
+        "integrator": rk4,
+        "dt": 1e-2,
+    }
+
+
+def _moved() -> dict[str, Any]:
+    references = _references(9)
+    return {
+        "crane": _cranes(9),
+        "controller": [follow(crane(), one, 1e-2) for one in references],
+        "reference": references,
+        "start": _starts(9),
+        "drive": "motion",
+    }
+
+
+def _another_crane() -> dict[str, Any]:
+    c = load_crane(**HOOK)
+    return {
+        "crane": c,
+        "controller": hold_controller(c),
+        "start": [c.state(phi=0.1 * i) for i in range(3)],
+    }
+
+
+STUDIES = {
+    "one controller": _whirling,
+    "all different": _all_different,
+    "buffers and RK4": _at_buffers,
+    "motion": _moved,
+    "two pendulums": _another_crane,
+}
+
+
+def _apart(one: Batch, other: Batch) -> float:
+    """The largest difference, as a share of the largest value of the quantity."""
+    assert np.array_equal(one.valid_until, other.valid_until)
+    found = []
+    for name in (*QUANTITIES, "peak_swing", "residual_swing", "largest_effort"):
+        a, b = getattr(one, name), getattr(other, name)
+        assert np.isfinite(a).all()
+        found.append(np.abs(a - b).max() / (np.abs(a).max() or 1.0))
+    return float(np.max(found))
+
+
+@pytest.fixture
+def one_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The threads of a GPU run on this processor."""
+    monkeypatch.setattr(cuda, "check_there", lambda: None)
+    monkeypatch.setattr(cuda, "run", lambda loop, *_: memory.run(loop, 1))
+
+
+@pytest.mark.usefixtures("one_after_another")
+@pytest.mark.parametrize("study", STUDIES)
+def test_one_crane_a_thread_does_what_eight_in_a_vector_do(study: str) -> None:
+    given = {**CLOCK, **STUDIES[study](), "duration": 0.5}
+    # Round-off alone: sums are fused in another order.
+    assert _apart(simulate_batch(**given), simulate_batch(**given, device="cuda")) < 1e-13
+
+
+@pytest.mark.usefixtures("one_after_another")
+def test_one_crane_a_thread_does_what_the_plain_loop_does() -> None:
+    c, starts = crane(), [crane().state(phi=0.04 * i, x=8.0) for i in range(1, WARP + 2)]
+    brake, how = hold_controller(c, gravity=9.81), {"duration": 1.0, "dt": 1e-3}
+    batch = simulate_batch(c, brake, start=starts, record=1, device="cuda", **how)
+    for i in (0, 2, WARP):
+        alone = simulate(c, brake, start=starts[i], validity="mark", **how)
+        for name in QUANTITIES:
+            expected, found = getattr(alone, name), getattr(batch, name)[i]
+            off = np.abs(found - expected).max(axis=0) / (np.abs(expected).max() + 1e-300)
+            assert (off < 1e-13).all(), (name, off)
+
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[SimpleNamespace]:
+    """A driver that runs PTX on this processor."""
+    made = ptx_machine.driver()
+    for kept in (cuda._primary, cuda._module):
+        kept.cache_clear()
+    monkeypatch.setattr(cuda, "_driver", lambda: made)
+    yield made
+    for kept in (cuda._primary, cuda._module):
+        kept.cache_clear()
+
+
+@pytest.mark.parametrize("study", ["one controller", "all different", "buffers and RK4"])
+def test_ptx_does_what_the_processor_does(machine: SimpleNamespace, study: str) -> None:
+    given = {**CLOCK, **STUDIES[study](), "duration": 0.05}
+    assert _apart(simulate_batch(**given), simulate_batch(**given, device="cuda")) < 1e-13
+    assert machine.calls.count("cuMemAlloc") == machine.calls.count("cuMemFree") > 0
+
+
+def test_a_run_on_the_gpu_goes_on_from_piece_to_piece_to_the_bit(
+    machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = {**CLOCK, **_whirling(), "duration": 0.05, "device": "cuda"}
+    whole = simulate_batch(**given)
+    before = machine.calls.count("cuLaunchKernel")
+    monkeypatch.setattr(cuda, "_PIECE", 25 * WARP)
+    pieces = simulate_batch(**given)
+    assert machine.calls.count("cuLaunchKernel") - before == 6
+    assert _apart(whole, pieces) == 0.0
+    monkeypatch.setattr(cuda, "_PIECE", 4 * WARP)  # less than a control period
+    assert _apart(whole, simulate_batch(**given)) == 0.0
+
+
+def test_code_that_does_otherwise_on_the_gpu_is_refused(
+    machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wrong = ptx_machine.OPERATIONS["rcp.f64"]
+    monkeypatch.setitem(ptx_machine.OPERATIONS, "rcp.f64", lambda a: wrong(a) + np.uint64(1 << 20))
+    with pytest.raises(ModelError, match="moves otherwise than Pinocchio's"):
+        simulate_batch(**CLOCK, **_whirling(), duration=0.01, device="cuda")
+    assert machine.calls.count("cuMemAlloc") == machine.calls.count("cuMemFree")
+
+
+def test_a_gpu_that_refuses_is_told_of_and_leaves_nothing_behind(
+    machine: SimpleNamespace,
+) -> None:
+    machine.cuMemcpyHtoD = lambda *_: (SimpleNamespace(name="CUDA_ERROR_UNKNOWN"),)
+    with pytest.raises(CraneError, match=r"The GPU refused cuMemcpyHtoD: CUDA_ERROR_UNKNOWN\."):
+        simulate_batch(**CLOCK, **_whirling(), duration=0.01, device="cuda")
+    assert machine.calls.count("cuMemAlloc") == machine.calls.count("cuMemFree") == 1
+
+
+# --- NVIDIA's own ---------------------------------------------------------------------------------
+
+
+def _assembler() -> Path:
+    found = find_spec("nvidia.cuda_nvcc") if find_spec("nvidia") else None
+    for place in found.submodule_search_locations or () if found else ():
+        for file in Path(place).glob("bin/ptxas*"):
+            return file
+    pytest.skip("extra ptxas (nvidia-cuda-nvcc-cu12) is not installed")
+
+
+def _recipes() -> dict[str, tuple[Recipe, bool]]:
+    """Whether the cranes differ, too."""
+    yes, no = (True, True, True), (False, False, False)
+    euler = semi_implicit_euler
+    given: dict[str, tuple[Any, ...]] = {
+        "alike": ("effort", euler, False, False, False, False, yes, False, True),
+        "different": ("effort", euler, False, False, False, False, yes, False, True),
+        "everything": ("effort", euler, True, True, True, True, no, True, True),
+        "RK4": ("effort", rk4, True, False, False, False, yes, False, True),
+        "motion": ("motion", euler, False, False, False, False, no, True, True),
+    }
+    return {
+        name: (Recipe(WARP, *parts, threads=True), name in ("different", "everything"))
+        for name, parts in given.items()
+    }
+
+
+@pytest.mark.parametrize("kind", _recipes())
+@pytest.mark.parametrize("description", [{}, HOOK], ids=["tower crane", "two pendulums"])
+def test_ptx_assembles_without_spills(
+    kind: str, description: dict[str, float], tmp_path: Path
+) -> None:
+    assembler, c = _assembler(), load_crane(**description)
+    recipe, differ = _recipes()[kind]
+    constants: list[float | None] = numbers(c).tolist()
+    if differ:
+        masses = load_crane(**description, payload_mass=c.payload_mass / 2.0)
+        constants = np.where(numbers(masses) == numbers(c), numbers(c), None).tolist()
+        assert 0 < constants.count(None) < 12
+    file = tmp_path / "crane.ptx"
+    file.write_text(ptx(Topology.of(c), constants, recipe))
+    assert not re.search(r"\.local|\bcall\b|\tld\.b64|\tst\.b64", file.read_text())
+    for chip in ("sm_75", "sm_90"):
+        told = subprocess.run(
+            [str(assembler), "-v", f"-arch={chip}", str(file), "-o", str(tmp_path / "crane.cubin")],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert told.returncode == 0, told.stderr
+        spilled = [int(count) for count in re.findall(r"(\d+) bytes spill", told.stderr)]
+        # RK4 of a crane with seven joints keeps up to 16 numbers more than there are registers for.
+        allowed = 128 if kind == "RK4" and description else 0
+        assert len(spilled) == 4 and max(spilled) <= allowed, told.stderr
+        assert len(registers := re.findall(r"Used (\d+) registers", told.stderr)) == 2
+        assert max(map(int, registers)) <= 255
+
+
+def test_every_function_of_the_driver_is_one_of_nvidias_and_gets_what_it_takes() -> None:
+    driver = pytest.importorskip(
+        "cuda.bindings.driver", reason="extra cuda (cuda-bindings) is not installed"
+    )
+    source = inspect.getsource(cuda)
+    called = re.findall(r'_call\("(cu\w+)"((?:[^()]|\([^()]*\))*)\)', source)
+    assert len({name for name, _ in called}) == 11
+    for name, given in called:
+        asked = re.search(r"\((.*)\)", str(getattr(driver, name).__doc__).splitlines()[0])
+        expected = len([word for word in asked[1].split(",") if word.strip()]) if asked else -1
+        inner = re.sub(r"\([^()]*\)", "", given)
+        assert inner.count(",") == expected, (name, given)
+
+
+def test_without_a_gpu_a_sentence_says_what_is_lacking(monkeypatch: pytest.MonkeyPatch) -> None:
+    cuda._driver.cache_clear()
+    given = {**CLOCK, **_whirling(), "duration": 0.01, "device": "cuda"}
+    fake = SimpleNamespace(
+        cuInit=lambda flags: (SimpleNamespace(name="CUDA_ERROR_NO_DEVICE"),),
+        CUresult=SimpleNamespace(CUDA_SUCCESS=0),
+    )
+    monkeypatch.setitem(sys.modules, "cuda.bindings", SimpleNamespace(driver=fake))
+    with pytest.raises(CraneError, match=r"no GPU that CUDA can use here: CUDA_ERROR_NO_DEVICE\."):
+        simulate_batch(**given)
+
+    def missing(flags: int) -> None:
+        raise RuntimeError("Failed to dlopen libcuda.so.1")
+
+    fake.cuInit = missing
+    with pytest.raises(CraneError, match="needs NVIDIA's driver, which is not on this machine"):
+        simulate_batch(**given)
+    monkeypatch.setitem(sys.modules, "cuda.bindings", None)
+    with pytest.raises(CraneError, match=r"needs cuda-bindings.*pip install 'cranedyn\[cuda\]'"):
+        simulate_batch(**given)
+
+
+def test_words_and_threads_that_mean_nothing_are_refused() -> None:
+    given = {**CLOCK, **_whirling(), "duration": 0.01}
+    with pytest.raises(OutOfRange, match="device is gpu; allowed is cpu or cuda"):
+        simulate_batch(**given, device="gpu")
+    with pytest.raises(OutOfRange, match="threads is 2; allowed is None on a GPU"):
+        simulate_batch(**given, device="cuda", threads=2)
+
+
+def test_a_gpu_does_what_the_processor_does() -> None:
+    try:
+        cuda.check_there()
+    except CraneError as error:
+        pytest.skip(str(error))
+    for study in STUDIES.values():
+        given = {**CLOCK, **study(), "duration": 0.5}
+        assert _apart(simulate_batch(**given), simulate_batch(**given, device="cuda")) < 1e-13
