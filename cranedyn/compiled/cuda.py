@@ -6,6 +6,7 @@ Before code is used, what it answers on the GPU is held against Pinocchio.
 
 from __future__ import annotations
 
+import ctypes
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -137,14 +138,14 @@ class _Memory:
         """Copy a contiguous array there, and answer its address; see `Loop.elsewhere`."""
         place = _call("cuMemAlloc", max(array.nbytes, 1))
         self._kept.append((place, array, written))
-        _call("cuMemcpyHtoD", place, array.ctypes.data, array.nbytes)
+        _call("cuMemcpyHtoD", place, array, array.nbytes)
         return int(place)
 
     def bring_back(self) -> None:
         """Copy what was written to back into the arrays."""
         for place, array, written in self._kept:
             if written:
-                _call("cuMemcpyDtoH", array.ctypes.data, place, array.nbytes)
+                _call("cuMemcpyDtoH", array, place, array.nbytes)
 
 
 class _Module:
@@ -155,8 +156,7 @@ class _Module:
     """
 
     def __init__(self, text: str) -> None:
-        image = np.frombuffer(text.encode() + b"\0", dtype=np.uint8)
-        self._module = _call("cuModuleLoadData", image.ctypes.data)
+        self._module = _call("cuModuleLoadData", text.encode() + b"\0")
         self._functions = {
             name: _call("cuModuleGetFunction", self._module, name.encode())
             for name in ("run", "answer")
@@ -165,9 +165,9 @@ class _Module:
 
     def start(self, name: str, arguments: np.ndarray, threads: int) -> None:
         """Run a kernel with arguments of eight bytes each, to its end."""
-        addresses = arguments.ctypes.data + 8 * np.arange(len(arguments), dtype=np.uint64)
+        given = tuple(arguments.tolist()), (ctypes.c_int64,) * len(arguments)
         blocks, block = -(-threads // _BLOCK), min(threads, _BLOCK)
-        function, given = self._functions[name], addresses.ctypes.data
+        function = self._functions[name]
         _call("cuLaunchKernel", function, blocks, 1, 1, block, 1, 1, 0, 0, given, 0)
         _call("cuCtxSynchronize")
 

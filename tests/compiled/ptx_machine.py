@@ -6,7 +6,6 @@ Products and sums that are fused there are rounded twice here.
 
 from __future__ import annotations
 
-import ctypes
 import re
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -127,7 +126,8 @@ class Kernel:
     """An entry of a text of PTX."""
 
     def __init__(self, text: str, name: str) -> None:
-        body = text.split(f".entry {name}(", 1)[1].split("\n}", 1)[0].split("\n{", 1)[1]
+        head, body = text.split(f".entry {name}(", 1)[1].split("\n}", 1)[0].split("\n{", 1)
+        self.parameters = head.count(".param")
         self.lines: list[tuple[str, str, str, list[Any]]] = []
         self.labels: dict[str, int] = {}
         for line in body.splitlines():
@@ -210,30 +210,23 @@ def driver() -> SimpleNamespace:
     done = SimpleNamespace(name="CUDA_SUCCESS")
     memory, calls = Memory(), list[str]()
 
-    def launch(kernel: Kernel, *given: int) -> None:
-        blocks, block, addresses = given[0], given[3], given[8]
-        count = 3 if kernel.name == "answer" else kernel.count
-        places = np.frombuffer((ctypes.c_uint64 * count).from_address(addresses), np.uint64)
-        values = [ctypes.c_uint64.from_address(int(place)).value for place in places]
+    def launch(kernel: Kernel, *given: Any) -> None:
+        values, kinds = given[8]
+        assert len(values) == len(kinds) == kernel.parameters
         with np.errstate(all="ignore"):
-            kernel.run(memory, np.array(values, np.uint64), blocks, block)
+            kernel.run(memory, np.array(values, np.int64), given[0], given[3])
 
-    def found(text: str, name: bytes) -> Kernel:
-        kernel = Kernel(text, name.decode())
-        kernel.name = name.decode()
-        kernel.count = len(re.findall(rf"\b{kernel.name}_param_\d+,?\n", text))
-        return kernel
+    def inside(place: int, array: np.ndarray, size: int) -> np.ndarray:
+        assert size == array.nbytes and array.itemsize == 8
+        cells = memory.at(np.uint64(place) + np.arange(0, size, 8, dtype=np.uint64))
+        assert (np.diff(cells) == 1).all()
+        return cells
 
-    def copied(to: int, source: int, size: int) -> None:
-        assert size % 8 == 0
-        inside, outside = (to, source) if to >= BASE else (source, to)
-        first = (inside - BASE) // 8
-        assert memory.owned[first : first + size // 8].all()
-        part = memory.cells[first : first + size // 8]
-        if inside == to:
-            ctypes.memmove(part.ctypes.data, outside, size)
-        else:
-            ctypes.memmove(outside, part.ctypes.data, size)
+    def brought(place: int, array: np.ndarray, size: int) -> None:
+        memory.cells[inside(place, array, size)] = array.reshape(-1).view(np.uint64)
+
+    def taken(array: np.ndarray, place: int, size: int) -> None:
+        array.reshape(-1).view(np.uint64)[:] = memory.cells[inside(place, array, size)]
 
     functions: dict[str, Callable[..., Any]] = {
         "cuInit": lambda flags: None,
@@ -242,12 +235,12 @@ def driver() -> SimpleNamespace:
         "cuCtxPushCurrent": lambda context: None,
         "cuCtxPopCurrent": lambda: "context",
         "cuCtxSynchronize": lambda: None,
-        "cuModuleLoadData": lambda image: ctypes.string_at(image).decode(),
-        "cuModuleGetFunction": found,
+        "cuModuleLoadData": lambda image: image.decode(),
+        "cuModuleGetFunction": lambda text, name: Kernel(text, name.decode()),
         "cuMemAlloc": memory.allocate,
         "cuMemFree": lambda place: None,
-        "cuMemcpyHtoD": copied,
-        "cuMemcpyDtoH": copied,
+        "cuMemcpyHtoD": brought,
+        "cuMemcpyDtoH": taken,
         "cuLaunchKernel": launch,
     }
 
