@@ -7,11 +7,8 @@ from __future__ import annotations
 import ctypes
 import inspect
 import re
-import subprocess
 import sys
 from collections.abc import Iterator
-from importlib.util import find_spec
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,14 +17,12 @@ import pytest
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
 
+from benchmarks import gpu
 from cranedyn.compiled import cuda, memory
 from cranedyn.compiled.batch import Batch, simulate_batch
-from cranedyn.compiled.kernel import Recipe
-from cranedyn.compiled.ptx import ptx
 from cranedyn.compiled.threads import WARP
 from cranedyn.controllers import follow, hold_controller
-from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
-from cranedyn.dynamics.plant import Topology, numbers
+from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
@@ -197,60 +192,36 @@ def test_a_gpu_that_refuses_is_told_of_and_leaves_nothing_behind(
 # --- NVIDIA's own ---------------------------------------------------------------------------------
 
 
-def _assembler() -> Path:
-    found = find_spec("nvidia.cuda_nvcc") if find_spec("nvidia") else None
-    for place in found.submodule_search_locations or () if found else ():
-        for file in Path(place).glob("bin/ptxas*"):
-            return file
-    pytest.skip("extra ptxas (nvidia-cuda-nvcc-cu12) is not installed")
+@pytest.mark.parametrize("kind", gpu.KINDS)
+@pytest.mark.parametrize("name", gpu.CRANES)
+def test_ptx_assembles_without_spills(name: str, kind: str) -> None:
+    if (assembler := gpu.assembler()) is None:
+        pytest.skip("extra ptxas (nvidia-cuda-nvcc-cu12) is not installed")
+    text = gpu.text(gpu.CRANES[name], kind)
+    # Nothing in memory of a thread, nothing called, no address but of the GPU's own memory.
+    assert not re.search(r"\.local|\bcall\b|\tld\.b64|\tst\.b64", text)
+    # RK4 of a crane with seven joints keeps up to 16 numbers more than there are registers for.
+    allowed = 128 if "RK4" in kind and "hook" in name else 0
+    for chip in gpu.CHIPS:
+        found = gpu.assembled(assembler, text, chip)
+        assert found.spilled <= allowed and 30 < found.registers <= 255, (chip, found)
 
 
-def _recipes() -> dict[str, tuple[Recipe, bool]]:
-    """Whether the cranes differ, too."""
-    yes, no = (True, True, True), (False, False, False)
-    euler = semi_implicit_euler
-    given: dict[str, tuple[Any, ...]] = {
-        "alike": ("effort", euler, False, False, False, False, yes, False, True),
-        "different": ("effort", euler, False, False, False, False, yes, False, True),
-        "everything": ("effort", euler, True, True, True, True, no, True, True),
-        "RK4": ("effort", rk4, True, False, False, False, yes, False, True),
-        "motion": ("motion", euler, False, False, False, False, no, True, True),
-    }
-    return {
-        name: (Recipe(WARP, *parts, threads=True), name in ("different", "everything"))
-        for name, parts in given.items()
-    }
+def test_what_the_assembler_refuses_is_no_success() -> None:
+    if (assembler := gpu.assembler()) is None:
+        pytest.skip("extra ptxas (nvidia-cuda-nvcc-cu12) is not installed")
+    text = gpu.text({}, "cranes that are alike")
+    with pytest.raises(CraneError, match="ptxas does not assemble it: "):
+        gpu.assembled(assembler, text.replace("fma.rn.f64", "fma.f64", 1), "sm_90")
 
 
-@pytest.mark.parametrize("kind", _recipes())
-@pytest.mark.parametrize("description", [{}, HOOK], ids=["tower crane", "two pendulums"])
-def test_ptx_assembles_without_spills(
-    kind: str, description: dict[str, float], tmp_path: Path
-) -> None:
-    assembler, c = _assembler(), load_crane(**description)
-    recipe, differ = _recipes()[kind]
-    constants: list[float | None] = numbers(c).tolist()
-    if differ:
-        masses = load_crane(**description, payload_mass=c.payload_mass / 2.0)
-        constants = np.where(numbers(masses) == numbers(c), numbers(c), None).tolist()
-        assert 0 < constants.count(None) < 12
-    file = tmp_path / "crane.ptx"
-    file.write_text(ptx(Topology.of(c), constants, recipe))
-    assert not re.search(r"\.local|\bcall\b|\tld\.b64|\tst\.b64", file.read_text())
-    for chip in ("sm_75", "sm_90"):
-        told = subprocess.run(
-            [str(assembler), "-v", f"-arch={chip}", str(file), "-o", str(tmp_path / "crane.cubin")],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert told.returncode == 0, told.stderr
-        spilled = [int(count) for count in re.findall(r"(\d+) bytes spill", told.stderr)]
-        # RK4 of a crane with seven joints keeps up to 16 numbers more than there are registers for.
-        allowed = 128 if kind == "RK4" and description else 0
-        assert len(spilled) == 4 and max(spilled) <= allowed, told.stderr
-        assert len(registers := re.findall(r"Used (\d+) registers", told.stderr)) == 2
-        assert max(map(int, registers)) <= 255
+@pytest.mark.usefixtures("one_after_another")
+def test_the_benchmark_of_a_gpu_runs_both_sides(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gpu, "COUNTS", (3, 40))
+    rows = list(gpu.speed(simulated=3.0, rounds=1))
+    assert [row[0] for row in rows] == [3, 40]
+    for _, there, here, ratio in rows:
+        assert 0.0 < there == pytest.approx(ratio * here)
 
 
 def test_nvidias_functions_take_what_they_are_given() -> None:
