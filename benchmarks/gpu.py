@@ -156,9 +156,7 @@ def assembly() -> Table:
     return Table("Assembled for a GPU", columns, rows, note)
 
 
-def speed(
-    simulated: float = 1e5, rounds: int = 3
-) -> Iterator[tuple[int, float, float, float]]:
+def speed(simulated: float = 1e5, rounds: int = 3) -> Iterator[tuple[int, float, float, float]]:
     """For each number of cranes million steps a second on the GPU and on the processor, copies to
     and fro included, the best of some rounds.
 
