@@ -238,7 +238,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         document = read_document(options.document, "sweeping") if options.document else None
-        found = tables((1,), 24, 100) if options.quick else tables(WORKERS, 64, 40_000)
+        found = tables((1,), 24, 100) if options.quick else tables(WORKERS, 128, 4000)
         show(Outcome(found, ()))
         if document is not None:
             document.write(found)
