@@ -7,13 +7,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from cranedyn.arguments import check_word, checked
 from cranedyn.arrays import fixed
 from cranedyn.clocks import Clocks, clocks
-from cranedyn.compiled import inputs
+from cranedyn.compiled import cuda, inputs
 from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop
@@ -21,6 +22,7 @@ from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.compiled.step import check_rule
+from cranedyn.compiled.threads import WARP
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
@@ -29,6 +31,9 @@ from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
 
 _LANES, _THREADS = 8, 1024
+
+Device = Literal["cpu", "cuda"]
+"""Where a batch runs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +95,7 @@ def simulate_batch(
     record: int = 0,
     threads: int | None = None,
     converters: Converters | Sequence[Converters] | None = None,
+    device: Device = "cpu",
 ) -> Batch:
     """Run many cranes under controllers that are affine in the state, by compiled code; each as
     `simulate` with validity = mark.
@@ -122,15 +128,24 @@ def simulate_batch(
         threads: How many, 1024 at most; by default one for each processor.
         converters: Frequency converters of drives that take velocities, one set for all cranes or
             n, of one delay; None for those typical for the first crane.
+        device: "cpu", or "cuda" for an NVIDIA GPU, one crane a thread, see
+            `cranedyn.compiled.cuda`.
 
     Raises:
         OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not
             finite, a time is not in the run, or cranes, records and tables would not fit into 4 GB.
-        CraneError: If a controller is not affine in the state.
+        CraneError: If a controller is not affine in the state, or there is no GPU where one is
+            asked for.
         ModelError: If the code would not do what Pinocchio does.
     """
     clock = clocks(duration, dt, control_period)
     check_word("drive", drive, Drive)
+    check_word("device", device, Device)
+    if device == "cuda":
+        if threads is not None:
+            raise OutOfRange("threads", threads, "None on a GPU, where each crane has one")
+        cuda.check_there()
+    lanes = WARP if device == "cuda" else _LANES
     if buffers and drive != "effort":
         raise OutOfRange("buffers", buffers, "False where the drives take no efforts")
     check_rule(integrator)
@@ -163,8 +178,10 @@ def simulate_batch(
         inputs.control(distinct[0], controller, reference, state, fixed(times), taken),
         inputs.forces(force, cranes, sizes),
     )
+    if control.planned is not None and device == "cuda":
+        raise OutOfRange("device", device, "cpu where the controller is a predictive one")
     recipe = Recipe(
-        _LANES,
+        lanes,
         drive,
         integrator,
         buffers,
@@ -176,6 +193,7 @@ def simulate_batch(
         summary=True,
         late=late,
         programme=None if control.planned is None else control.planned.programme,
+        threads=device == "cuda",
     )
     if response is not None and len(response) > 1:  # numbers of their own: of crane and converter
         distinct, which, response = inputs.paired(distinct, which, response)
@@ -191,39 +209,40 @@ def simulate_batch(
                 np.broadcast_to(0.0, (cranes, sizes.m + 1)),
                 *inputs.remembered(sizes, state.v[:, layout.drives]),
             ],
-            _LANES,
+            lanes,
         ),
-        "numbers": grouped([varied[which]], _LANES),
+        "numbers": grouped([varied[which]], lanes),
         "summary": grouped(
             [
                 np.broadcast_to(
                     [0.0, 0.0, math.inf, *[0.0] * sizes.m], (cranes, size(sizes.summary))
                 )
             ],
-            _LANES,
+            lanes,
         ),
     }
-    memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), _LANES))
+    memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), lanes))
     if offsets is not None:
-        memory["offset"] = grouped([offsets], _LANES)
+        memory["offset"] = grouped([offsets], lanes)
     if control.planned is not None:
         memory["horizon"] = _horizon(control.planned, drive, since, clock, len(memory["state"]))
         inputs.fit("number of cranes", str(cranes), taken + memory["horizon"].size)
     if not all(recipe.shared):
-        memory["starts"] = grouped([table.starts[:, None] for table in tables], _LANES, np.int64)
-    run(
-        Loop(
-            code,
-            clock,
-            tables,
-            last=clock.periods + 1,
-            end=clock.periods,
-            every=max(every, 1),
-            after=after,
-            **memory,
-        ),
-        workers,
+        memory["starts"] = grouped([table.starts[:, None] for table in tables], lanes, np.int64)
+    loop = Loop(
+        code,
+        clock,
+        tables,
+        last=clock.periods + 1,
+        end=clock.periods,
+        every=max(every, 1),
+        after=after,
+        **memory,
     )
+    if device == "cuda":
+        cuda.run(loop, code, distinct, varied, response)
+    else:
+        run(loop, workers)
     state_at, row_at, kept_at = places(sizes.state), places(sizes.row), places(sizes.summary)
     end, kept = (
         ungrouped(memory["state"][:, : sizes.z], cranes),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
+from itertools import repeat
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -23,6 +25,9 @@ from cranedyn.model.crane import Crane
 
 _CHECKED, _REMEMBERED = 16, 4096
 _MAKING = threading.Lock()
+
+Answers = Callable[[Kernel, np.ndarray, np.ndarray], np.ndarray]
+"""Accelerations at one state in each lane, see `cranedyn.compiled.door.accelerations`."""
 
 
 def compiled(
@@ -53,17 +58,37 @@ def compiled(
     varied = (rows != rows[0]).any(axis=0)
     constants = np.where(varied, np.nan, rows[0])
     own = np.ascontiguousarray(rows[:, varied])
-    count = 0 if converters is None else converters.shape[-1]
     with _MAKING:
         code = _kernel(Topology.of(cranes[0]), constants.tobytes(), recipe)
         if len(code.agreed) > _REMEMBERED:
             code.agreed.clear()
-        first = cranes[:_CHECKED]
-        for crane, row, whole in zip(first, own, rows, strict=False):
-            if row.tobytes() not in code.agreed:
-                check(crane, code, row, whole[len(whole) - count :])
-                code.agreed.add(row.tobytes())
+        check_all(cranes, code, own, code.agreed, converters)
     return code, own
+
+
+def check_all(
+    cranes: Sequence[Crane] | Cranes,
+    code: Kernel,
+    own: np.ndarray,
+    agreed: set[bytes],
+    converters: np.ndarray | None = None,
+    answers: Answers = accelerations,
+) -> None:
+    """Compare accelerations of the first 16 cranes with Pinocchio's, unless they are known to
+    agree; with numbers of their frequency converters as of `compiled`.
+
+    Raises:
+        ModelError: If they differ by more than round-off.
+    """
+    rows: Any = (
+        repeat(None)
+        if converters is None
+        else np.broadcast_to(converters, (len(own), converters.shape[-1]))
+    )
+    for crane, row, response in zip(cranes[:_CHECKED], own, rows, strict=False):
+        if row.tobytes() not in agreed:
+            check(crane, code, row, response, answers)
+            agreed.add(row.tobytes())
 
 
 def elsewhere(crane: Crane, recipe: Recipe) -> bytes:
@@ -85,7 +110,11 @@ def _kernel(topology: Topology, constants: bytes, recipe: Recipe) -> Kernel:
 
 
 def check(
-    crane: Crane, code: Kernel, varied: np.ndarray, converters: np.ndarray | None = None
+    crane: Crane,
+    code: Kernel,
+    varied: np.ndarray,
+    converters: np.ndarray | None = None,
+    answers: Answers = accelerations,
 ) -> None:
     """Compare accelerations with Pinocchio's at random states.
 
@@ -94,6 +123,7 @@ def check(
         code: The code.
         varied: The numbers that this crane has of its own.
         converters: Numbers of its frequency converters, see `cranedyn.dynamics.converters`.
+        answers: Where the code runs, see `cranedyn.compiled.door.accelerations`.
 
     Raises:
         ModelError: If they differ by more than round-off.
@@ -152,7 +182,7 @@ def check(
                 external,
             )
         given = np.repeat(np.concatenate([q, v, command, force])[:, None], lanes, axis=1)
-        if off := rigid_body.disagreement(accelerations(code, given, own).T, expected, mass):
+        if off := rigid_body.disagreement(answers(code, given, own).T, expected, mass):
             raise ModelError(
                 "The compiled crane moves otherwise than Pinocchio's: accelerations differ by "
                 f"{off:.1e} of the largest."

@@ -97,12 +97,20 @@ class Code:
 
     Attributes:
         lanes: How many numbers a value holds; 1 is a plain double.
+        apart: How far apart the numbers of one crane stand in memory.
         builder: Where the next instruction goes.
         argument: The arguments, all of them addresses, by name.
     """
 
-    def __init__(self, module: ir.Module, name: str, arguments: Sequence[str], lanes: int) -> None:
-        self.lanes = lanes
+    def __init__(
+        self,
+        module: ir.Module,
+        name: str,
+        arguments: Sequence[str],
+        lanes: int,
+        apart: int | None = None,
+    ) -> None:
+        self.lanes, self.apart = lanes, apart or lanes
         self.type = ir.VectorType(DOUBLE, lanes) if lanes > 1 else DOUBLE
         self.function = ir.Function(
             module, ir.FunctionType(ir.VoidType(), [POINTER] * len(arguments)), name

@@ -8,7 +8,7 @@ are called in pieces, between which Python answers Ctrl-C.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING
@@ -207,6 +207,7 @@ class Loop:
             list[tuple[int, int, int]](),
         )
         self._kept = (code, tables, memory)
+        self._arrays = dict[str, tuple[np.ndarray, int, bool]]()
         counts = {
             "end": end,
             "small": small,
@@ -264,6 +265,7 @@ class Loop:
         self._moving.append(
             (SLOTS[name], _address(name, array, shape, kind, written=written), array.strides[0])
         )
+        self._arrays[name] = (array, array.strides[0], written)
 
     def _bind_table(self, name: str, table: Table, columns: int, starts: np.ndarray | None) -> None:
         total, length = len(table.rows), whole(f"rows of {name}", table.length, 1)
@@ -275,6 +277,7 @@ class Loop:
                 "to read what is in it",
             )
         self._call[SLOTS[name]] = _address(f"table of {name}", table.rows, (total, columns))
+        self._arrays[name] = (table.rows, 0, False)
         self._call[SLOTS[f"{name}_rows"]] = length
         # Limits of a law may be infinite.
         _known(f"table of {name}", table.rows, infinite=name == "law")
@@ -283,16 +286,16 @@ class Loop:
         """Number of groups."""
         return self._groups
 
-    def _pieces(self) -> Iterator[tuple[int, int, int, bool]]:
+    def _pieces(self, piece: int = _PIECE) -> Iterator[tuple[int, int, int, bool]]:
         """The run in pieces: instants from the first up to, but without, the last, steps of each,
         whether the first goes on from steps.
         """
-        together = _PIECE // (self._steps * self._weight + _INSTANT)
+        together = piece // (self._steps * self._weight + _INSTANT)
         if together:
             for first in range(0, self._last, together):
                 yield first, min(first + together, self._last), self._steps, False
             return
-        together = TURNS * max(1, _PIECE // (TURNS * self._weight))
+        together = TURNS * max(1, piece // (TURNS * self._weight))
         for instant in range(self._last):
             for done in range(0, self._steps if instant < self._end else 1, together):
                 yield instant, instant + 1, min(together, self._steps - done), done > 0
@@ -313,6 +316,30 @@ class Loop:
                 if stopped():
                     return
                 self._run(address)
+
+    def elsewhere(
+        self, placed: Callable[[np.ndarray, bool], int], strides: Sequence[str], most: int
+    ) -> Iterator[np.ndarray]:
+        """The calls, one for each piece of the run, by which all groups run on a device that has
+        memory of its own.
+
+        Args:
+            placed: Puts an array into that memory and answers its address there; it is told whether
+                the code writes to it.
+            strides: Whose strides, from group to group, stand behind the slots of each call
+                [numbers].
+            most: Steps of all cranes together in a piece, or those of one control instant.
+        """
+        call = np.concatenate([self._call, np.zeros(len(strides), dtype=np.int64)])
+        for name, (array, stride, written) in self._arrays.items():
+            call[SLOTS[name]] = placed(array, written)
+            if stride:
+                call[len(SLOTS) + strides.index(name)] = stride // array.itemsize
+        names = [SLOTS[name] for name in ("first", "last", "steps", "going_on")]
+        cranes = self._groups * self._kept[0].recipe.lanes
+        for piece in self._pieces(min(_PIECE, max(1, most // cranes))):
+            call[names] = piece
+            yield call
 
     def alone(self) -> Callable[[], None]:
         """The run of all groups, as quick to call as can be where it is one group and one piece."""

@@ -17,6 +17,7 @@ from cranedyn.compiled.code import INTEGER, Code, Value, Variable
 from cranedyn.compiled.horizon.control import Control, Programme, emit_instant, emit_plan
 from cranedyn.compiled.machine import Machine, translated
 from cranedyn.compiled.step import stepped
+from cranedyn.compiled.threads import THREAD, one_after_another
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.dynamics.plant import Plant, Topology, plant
 from cranedyn.dynamics.rigid_body import array
@@ -41,6 +42,8 @@ class Recipe:
         turns: Steps over which sines and cosines are carried along; with 1 a motion is the same to
             the bit whatever control periods it is made of.
         programme: Of a predictive controller; None for one that is affine in the state.
+        threads: Whether each lane is a thread with plain doubles, as on a GPU, instead of a part of
+            a vector.
     """
 
     lanes: int
@@ -56,6 +59,7 @@ class Recipe:
     late: int | None = None
     turns: int = TURNS
     programme: Programme | None = None
+    threads: bool = False
 
 
 class Kernel(NamedTuple):
@@ -69,6 +73,7 @@ class Kernel(NamedTuple):
             more several, the loop for each of many groups.
         varied: How many numbers each lane has of its own.
         agreed: Varied numbers of the cranes with which it was compared with Pinocchio.
+        topology, constants: What it was made of, for code that runs elsewhere.
     """
 
     recipe: Recipe
@@ -76,27 +81,34 @@ class Kernel(NamedTuple):
     machine: Machine
     varied: int
     agreed: set[bytes]
+    topology: Topology
+    constants: tuple[float | None, ...]
 
 
 def kernel(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> Kernel:
     """Make the code for a crane whose numbers are constants, or None where each lane has its
     own.
     """
-    made = translated(text(topology, constants, recipe))
-    sizes = Sizes.of(topology.layout, recipe.late)
-    return Kernel(recipe, sizes, made, list(constants).count(None), set())
+    module = text(topology, constants, recipe)
+    if recipe.threads:
+        one_after_another(module)
+    varied, sizes = list(constants).count(None), Sizes.of(topology.layout, recipe.late)
+    return Kernel(recipe, sizes, translated(module), varied, set(), topology, tuple(constants))
 
 
 def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) -> ir.Module:
-    """The code as a text for LLVM, see `kernel`."""
-    module = ir.Module()
+    """The code as a text for LLVM, see `kernel`; that of threads is for one of them, see
+    `cranedyn.compiled.threads`.
+    """
+    module, lanes = ir.Module(), 1 if recipe.threads else recipe.lanes
     if recipe.programme is not None:
         emit_plan(module, recipe.programme)
         if recipe.lanes == 1:
             emit_instant(module, recipe.programme)
-    _Loop(Code(module, "run", ["call"], recipe.lanes), topology, constants, recipe).emit()
+    run, answer = THREAD if recipe.threads else ("run", "answer")
+    _Loop(Code(module, run, ["call"], lanes, recipe.lanes), topology, constants, recipe).emit()
     _emit_answer(
-        Code(module, "answer", ["given", "numbers", "accelerations"], recipe.lanes),
+        Code(module, answer, ["given", "numbers", "accelerations"], lanes, recipe.lanes),
         topology,
         constants,
         recipe,
@@ -105,7 +117,7 @@ def text(topology: Topology, constants: Sequence[float | None], recipe: Recipe) 
         _emit_energies(
             Code(module, "energies", ["given", "count", "energies"], 1), topology, constants, recipe
         )
-    if recipe.lanes > 1 and not recipe.log:
+    if lanes > 1 and not recipe.log:
         _emit_several(Code(module, "several", ["calls", "count"], 1), module.globals["run"])
     return module
 
@@ -115,7 +127,7 @@ def _plant(
 ) -> Plant:
     varied = count()
     values = [
-        code.load(own, next(varied) * code.lanes) if constant is None else constant
+        code.load(own, next(varied) * code.apart) if constant is None else constant
         for constant in constants
     ]
     return plant(topology, values, recipe.drive, recipe.buffers)
@@ -124,14 +136,14 @@ def _plant(
 def _emit_answer(
     code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
 ) -> None:
-    for attribute in ("noinline", "optnone"):  # it is called some times only
+    for attribute in () if recipe.threads else ("noinline", "optnone"):  # called some times only
         code.function.attributes.add(attribute)
     crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
     parts = Sizes.of(topology.layout).given
-    given = [code.load(code.argument["given"], i * code.lanes) for i in range(size(parts))]
+    given = [code.load(code.argument["given"], i * code.apart) for i in range(size(parts))]
     q, v, command, forces = (array(given[where]) for where in places(parts).values())
     for i, a in enumerate(crane.answer(q, v, command, forces if recipe.forces else None)[0]):
-        code.store(a, code.argument["accelerations"], i * code.lanes)
+        code.store(a, code.argument["accelerations"], i * code.apart)
     code.end()
 
 
@@ -186,13 +198,13 @@ class _Loop:
     def _variables(self, name: str, parts: Parts) -> dict[str, list[Variable]]:
         code = self.code
         found = [
-            Variable(code, code.load(self.given[name], i * code.lanes)) for i in range(size(parts))
+            Variable(code, code.load(self.given[name], i * code.apart)) for i in range(size(parts))
         ]
         return {part: found[where] for part, where in places(parts).items()}
 
     def _keep(self, name: str, variables: dict[str, list[Variable]]) -> None:
         for i, variable in enumerate(variable for part in variables.values() for variable in part):
-            self.code.store(variable.get(), self.given[name], i * self.code.lanes)
+            self.code.store(variable.get(), self.given[name], i * self.code.apart)
 
     def _row(self, table: int, name: str, parts: Parts, instant: ir.Value) -> dict[str, np.ndarray]:
         """The row of a table for an instant, beyond its end the last."""
@@ -202,7 +214,7 @@ class _Loop:
             firsts = [code.product(row, size(parts))]
         else:
             starts = [
-                code.load_one(self.given["starts"], table * code.lanes + lane, INTEGER)
+                code.load_one(self.given["starts"], table * code.apart + lane, INTEGER)
                 for lane in range(code.lanes)
             ]
             firsts = [code.product(code.builder.add(start, row), size(parts)) for start in starts]
@@ -370,7 +382,7 @@ class _Loop:
         z = np.concatenate([q, v])
         if self.recipe.offset:
             z = z + array(
-                [code.load(self.given["offset"], i * code.lanes) for i in range(self.sizes.z)]
+                [code.load(self.given["offset"], i * code.apart) for i in range(self.sizes.z)]
             )
         if self.recipe.programme is not None:
             control = Control(code, self.recipe.programme, self.given["horizon"])
@@ -401,10 +413,10 @@ class _Loop:
         with code.when(
             code.builder.icmp_signed("==", code.builder.srem(instant, every), code.integer(0))
         ):
-            first = code.product(code.builder.sdiv(instant, every), len(row) * code.lanes)
+            first = code.product(code.builder.sdiv(instant, every), len(row) * code.apart)
             for i, value in enumerate(row):
                 code.store(
-                    value, self.given["log"], code.builder.add(first, code.integer(i * code.lanes))
+                    value, self.given["log"], code.builder.add(first, code.integer(i * code.apart))
                 )
 
     def _summarise(

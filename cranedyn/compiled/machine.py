@@ -72,6 +72,23 @@ def object_code(module: ir.Module) -> bytes:
     return target.emit_object(code)
 
 
+def assembly(module: ir.Module, triple: str, processor: str) -> str:
+    """Translate a module into the assembly language of another kind of machine.
+
+    Args:
+        module: The code.
+        triple: LLVM's name of the kind, such as "nvptx64-nvidia-cuda".
+        processor: LLVM's name of the oldest processor that shall run it, such as "sm_75".
+    """
+    binding.initialize_all_targets()
+    binding.initialize_all_asmprinters()
+    target = binding.Target.from_triple(triple).create_target_machine(cpu=processor, opt=3)
+    module.triple, module.data_layout = triple, str(target.target_data)
+    code = binding.parse_assembly(str(module), binding.create_context())
+    _optimise(code, target)
+    return target.emit_assembly(code)
+
+
 def _optimise(code: Any, target: Any) -> None:
     passes = binding.create_pass_builder(
         target, binding.create_pipeline_tuning_options(speed_level=2)

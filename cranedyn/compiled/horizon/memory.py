@@ -138,7 +138,8 @@ class Other(Code):
     """The same function with values of another number of lanes."""
 
     def __init__(self, code: Code, lanes: int) -> None:
-        self.lanes, self.function, self.builder = lanes, code.function, code.builder
+        self.lanes = self.apart = lanes
+        self.function, self.builder = code.function, code.builder
         self.type = ir.VectorType(DOUBLE, lanes) if lanes > 1 else DOUBLE
         self.argument, self._angles, self._turns, self._results = code.argument, {}, {}, {}
 

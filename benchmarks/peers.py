@@ -1,0 +1,137 @@
+"""Many cranes at once, by whoever can: this engine beside MuJoCo, MJX, JAX by hand, Drake, PyBullet
+and C by hand, all in double precision on this machine, as one chart.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from benchmarks.agreement import ALLOWED, STRETCH, Ready, sort
+from benchmarks.conduct import conduct
+from benchmarks.contestants import CONTESTANTS, jax, ours
+from benchmarks.timing import race, stretch
+from benchmarks.workload import Case, Contestant
+from cranedyn.errors import CraneError
+from cranedyn.plotting.figures import panels
+from experiments.harness.outcome import Table
+
+CRANES = 1024
+"""How many cranes run together, where an engine runs many."""
+
+COLUMNS = (
+    ("strategy", ""),
+    ("cranes", ",d"),
+    ("million steps/s", ",.6g"),
+    ("of this engine", ".3g"),
+    ("apart", ".0e"),
+)
+
+_OURS, _LIMIT, _OTHER = "#1f77b4", "#444444", "#bbbbbb"
+
+
+def peers() -> tuple[Contestant, ...]:
+    """Everybody, less those of this project and C on one thread that are no faster than another
+    here.
+    """
+    best = ("compiled batch, all cores", "plain loop", f"C by hand, {os.cpu_count()} threads")
+    own = {one.name for one in ours.CONTESTANTS} - {*best}
+    return tuple(
+        one
+        for one in (*CONTESTANTS, *jax.CONTESTANTS)
+        if one.name not in own and not (one.name.startswith("C by hand") and one.name not in best)
+    )
+
+
+Rows = list[list[float | str | None]]
+
+
+def measure(case: Case, ready: Sequence[Ready], rounds: int, budget: float) -> Rows:
+    """A row for each engine, the fastest first: steps a second, its share of this engine's, how far
+    it is from the plain loop.
+
+    Args:
+        case: What to run.
+        ready: Who.
+        rounds: How often; each number is the median.
+        budget: How long each takes in a round [s].
+    """
+    sizes = [CRANES if one.contestant.many else 1 for one in ready]
+    lengths = [stretch(case, one.run, size, budget) for one, size in zip(ready, sizes, strict=True)]
+    tasks = [
+        partial(one.run, case.starts(size), length)
+        for one, size, length in zip(ready, sizes, lengths, strict=True)
+    ]
+    times = np.median(race(tasks, rounds, np.random.default_rng(0)), axis=1)
+    steps = [
+        size * case.steps * case.periods(length)
+        for size, length in zip(sizes, lengths, strict=True)
+    ]
+    rates = 1e-6 * np.array(steps) / times
+    names = [one.contestant.name for one in ready]
+    if "compiled batch, all cores" not in names:
+        raise CraneError("Nothing can be compared: the compiled batch cannot run here.")
+    own = rates[names.index("compiled batch, all cores")]
+    rows: Rows = [
+        [name, size, float(f"{rate:.3g}"), float(f"{rate / own:.3g}"), one.max_deviation]
+        for name, size, rate, one in zip(names, sizes, rates.tolist(), ready, strict=True)
+    ]
+    return sorted(rows, key=lambda row: -float(row[2] or 0.0))
+
+
+def chart(rows: Rows) -> Figure:
+    """A bar for each engine with its number, the fastest on top."""
+    figure, (ax,) = panels(height=0.4 * len(rows) + 1.2, width=9.0)
+    names = [
+        f"{name}{'' if cranes == CRANES else ' (one crane)'}".replace(
+            "compiled batch, all cores", "cranedyn, compiled batch"
+        )
+        for name, cranes, *_ in rows
+    ]
+    rates = [float(row[2] or 0.0) for row in rows]
+    colours = [
+        _OURS if row[0] in ("compiled batch, all cores", "plain loop")
+        else _LIMIT if str(row[0]).startswith("C by hand")
+        else _OTHER
+        for row in rows
+    ]  # fmt: skip
+    ax.barh(names, rates, color=colours)
+    for place, rate in enumerate(rates):
+        ax.text(1.08 * rate, place, f"{rate:,.3g}", va="center")
+    ax.set(xscale="log", xlim=(0.5 * min(rates), 4.0 * max(rates)))
+    ax.set(xlabel=f"million physics steps a second, {CRANES:,} cranes (log)")
+    ax.invert_yaxis()
+    return figure
+
+
+def benchmark(
+    rounds: int, quick: bool, contestants: Sequence[Contestant] | None = None
+) -> tuple[Sequence[Table], Callable[[], Figure]]:
+    """The table, who is not shown and why, and the chart of it."""
+    case = Case()
+    ready, refused = sort(case, peers() if contestants is None else contestants)
+    rows = measure(case, ready, rounds, 0.05 if quick else 0.5)
+    note = (
+        f"Median of {rounds} shuffled rounds on {os.cpu_count()} processors that had "
+        f"{os.getloadavg()[1]:.0f} processes to run on average; compiling not counted. Apart: "
+        f"largest difference from the plain loop over {STRETCH:g} s; who differs by more than "
+        f"{ALLOWED:g} is not shown."
+    )
+    made = [Table(f"{CRANES:,} cranes, or one where an engine runs one", COLUMNS, rows, note)]
+    if refused:
+        made.append(Table("Not shown", (("strategy", ""), ("why", "")), refused))
+    return made, lambda: chart(rows)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    return conduct("peers", __doc__, benchmark, argv, rounds=5)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

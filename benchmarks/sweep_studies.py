@@ -1,0 +1,53 @@
+"""What workers of `benchmarks.sweeping` compute, in a module that they import in no time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from cranedyn.controllers.hold import Hold
+    from cranedyn.model.crane import Crane
+
+PAUSE, SWING = 0.05, 20.0
+"""Of a chunk that only waits [s]; simulated time of a swing [s]."""
+
+Columns = Mapping[str, np.ndarray]
+
+
+def nothing(cases: Columns) -> Columns:
+    """A number for each case, at no cost."""
+    return {"y": cases["x"]}
+
+
+def waiting(cases: Columns) -> Columns:
+    """The same, after a while in which no processor is needed."""
+    time.sleep(PAUSE)
+    return nothing(cases)
+
+
+def swinging(cases: Columns) -> Columns:
+    """Free swings of the crane, eight in a vector, on one thread; and what each costs."""
+    from cranedyn.compiled.batch import simulate_batch
+    from cranedyn.interfaces import State
+
+    before = time.process_time()
+    crane, controller = _crane()
+    q, v = (np.tile(part, (len(cases["x"]), 1)) for part in crane.start)
+    q[:, crane.swings[0]] = 0.3 * cases["x"]
+    found = simulate_batch(crane, controller, start=State(q, v), duration=SWING, threads=1)
+    spent = (time.process_time() - before) / len(q)
+    return {"peak_rad": found.peak_swing, "spent_s": np.full(len(q), spent)}
+
+
+@cache
+def _crane() -> tuple[Crane, Hold]:
+    from cranedyn.controllers import hold_controller
+    from cranedyn.model.load import load_crane
+
+    crane = load_crane()
+    return crane, hold_controller(crane)

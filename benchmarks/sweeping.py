@@ -1,0 +1,251 @@
+"""What a sweep adds to its cases: by processes of this machine and by Dask's workers, how it grows
+with them, and what follows for a billion cases.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.sweep_studies import PAUSE, SWING, nothing, swinging, waiting
+from cranedyn.command import command
+from cranedyn.errors import CraneError
+from cranedyn.sweep import Design, Progress, Study, results, sweep
+from experiments.harness.document import read_document
+from experiments.harness.outcome import Outcome, Table, show
+
+WORKERS = (2, 4, 8)
+CRANES = 256
+"""Cases of a chunk that computes."""
+
+
+class Way(NamedTuple):
+    """Who computes.
+
+    Attributes:
+        name: What it is called.
+        workers: How many processes.
+        scheduler: Address of Dask's scheduler; None for processes of the sweep's own.
+    """
+
+    name: str
+    workers: int
+    scheduler: str | None
+
+
+def _counted(count: int, word: str) -> str:
+    ending = "" if count == 1 else "es" if word.endswith("s") else "s"
+    return f"{count} {word}{ending}"
+
+
+@contextmanager
+def way(kind: str, workers: int) -> Iterator[Way]:
+    """Processes, or workers of Dask that are there for as long as the context."""
+    if kind == "processes":
+        yield Way(_counted(workers, "process"), workers, None)
+        return
+    try:
+        from distributed import LocalCluster
+    except ModuleNotFoundError:
+        raise CraneError("Dask is not installed: pip install 'cranedyn[dask]'") from None
+    with LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        worker_dashboard_address="127.0.0.1:0",
+        silence_logs=50,
+    ) as cluster:
+        yield Way(f"Dask, {_counted(workers, 'worker')}", workers, cluster.scheduler_address)
+
+
+class Pace(NamedTuple):
+    """How a sweep went.
+
+    Attributes:
+        first: Time to its first part [s].
+        each: Time between parts from then on [s].
+        busy: Processor time of the program that sweeps, for each part [s].
+        spent: Processor time of a case [s], the middle one, where the study tells it; else 0.
+    """
+
+    first: float
+    each: float
+    busy: float
+    spent: float
+
+
+def pace(study: Study, by: Way, parts: int, chunk: int) -> Pace:
+    """Of a sweep of so many parts of so many cases; from the third part of each worker on, when all
+    have what they need, and up to where workers run out of parts.
+    """
+    design = Design({"x": np.linspace(0.0, 1.0, parts * chunk)})
+    stamps = [(time.perf_counter(), time.process_time())]
+
+    def stamp(progress: Progress) -> None:
+        if progress.errors:
+            raise CraneError(f"{progress.errors} of {progress.done} cases went wrong.")
+        if progress.done:
+            stamps.append((time.perf_counter(), time.process_time()))
+
+    with tempfile.TemporaryDirectory() as folder:
+        sweep(
+            study,
+            design,
+            Path(folder) / "sweep",
+            chunk=chunk,
+            workers=None if by.scheduler else by.workers,
+            scheduler=by.scheduler,
+            progress=stamp,
+        )
+        table = results(Path(folder) / "sweep")
+    spent = table["spent_s"].to_numpy() if "spent_s" in table.column_names else np.zeros(1)
+    begin, end = 2 * by.workers, parts + 1 - by.workers
+    wall, busy = (np.array(stamps[end]) - np.array(stamps[begin])) / (end - begin)
+    return Pace(stamps[1][0] - stamps[0][0], float(wall), float(busy), float(np.median(spent)))
+
+
+class Overhead(NamedTuple):
+    """What a sweep costs besides its cases: time until its first part is there [s], and processor
+    time of the program that sweeps for each part [s] and each case [s].
+    """
+
+    once: float
+    part: float
+    case: float
+
+
+def overhead(by: Way, parts: int, chunk: int) -> Overhead:
+    """From sweeps that compute nothing, of many small parts and of large ones."""
+    small, large = pace(nothing, by, parts, 1), pace(nothing, by, parts, chunk)
+    return Overhead(small.first, small.busy, (large.busy - small.busy) / (chunk - 1))
+
+
+def growth(by: Way, parts: int) -> tuple[float, float, float]:
+    """Share of the ideal with chunks that only wait, swings a second, and processor time of a swing
+    [s].
+    """
+    waited, swung = pace(waiting, by, parts, 1), pace(swinging, by, parts, CRANES)
+    return PAUSE / by.workers / waited.each, CRANES / swung.each, swung.spent
+
+
+def bytes_a_case(parts: int = 2, chunk: int = 1000) -> float:
+    """Of a part on disk, with a parameter and a result that no compression makes smaller."""
+    design = Design({"x": np.random.default_rng(0).uniform(size=parts * chunk)})
+    with tempfile.TemporaryDirectory() as folder:
+        sweep(nothing, design, Path(folder) / "sweep", chunk=chunk, workers=1)
+        files = (Path(folder) / "sweep").glob("*.parquet")
+        return sum(file.stat().st_size for file in files) / (parts * chunk)
+
+
+def plan(measured: Overhead, spent: float, size: float, workers: int) -> Table:
+    """What a billion cases would take at the measured numbers: a calculation, nothing was run.
+
+    Args:
+        measured: Of a sweep by Dask.
+        spent: Processor time of a case [s].
+        size: Of a case on disk [byte].
+        workers: Of the sweep that was measured.
+    """
+    cases, chunk, at_once = 1e9, 1e5, 1e7
+    parts, sweeps = cases / chunk, cases / at_once
+    writing = sweeps * measured.once + parts * measured.part + cases * measured.case
+    computing = cases * spent
+    rows: list[list[float | str | None]] = [
+        ["sweeps, each a folder that goes on by itself", f"{sweeps:,.0f} of {at_once:,.0f} cases"],
+        ["parts of a sweep, of 100,000 cases each", f"{parts / sweeps:,.0f}"],
+        ["memory of a design with three parameters", f"{at_once * 3 * 8 / 1e9:.2g} GB"],
+        ["disk, a parameter and a result of a case", f"{cases * size / 1e9:,.0f} GB"],
+        ["computing on one processor", f"{computing / 86400:,.1f} days"],
+        ["the one program that hands out and writes", f"{writing / 3600:.1f} h"],
+        ["processors that it keeps busy", f"{computing / writing:,.0f}"],
+        ["with 64 processors", f"{max(computing / 64, writing) / 3600:,.1f} h"],
+    ]
+    note = (
+        "Calculated from the tables above, not run. A case is a free swing of "
+        f"{SWING:g} s; overhead is that of Dask with {workers} workers."
+    )
+    return Table("A billion cases, on paper", (("what", ""), ("how much", "")), rows, note)
+
+
+def tables(workers: Sequence[int], parts: int, chunk: int) -> list[Table]:
+    """Overhead, growth, and the plan."""
+    alone = 0.0
+    costs: list[list[float | str | None]] = []
+    grown: list[list[float | str | None]] = []
+    kinds = [("processes", 1), ("processes", workers[0]), *(("Dask", count) for count in workers)]
+    for kind, count in kinds:
+        print(f"measuring: {kind}, {count}", file=sys.stderr)
+        with way(kind, count) as by:
+            found, (share, rate, spent) = overhead(by, parts, chunk), growth(by, 6 * count)
+        alone = alone or rate
+        costs.append([by.name, found.once, 1e3 * found.part, 1e6 * found.case])
+        grown.append([by.name, 100.0 * share, rate, rate / alone, 1e3 * spent])
+    note = (
+        f"On {os.cpu_count()} processors that had {os.getloadavg()[1]:.0f} processes to run on "
+        "average. First part: by the clock; a part, a case: processor time of the program that "
+        f"sweeps, by sweeps that compute nothing, of {parts} parts of one case and of {chunk:,}."
+    )
+    return [
+        Table(
+            "What a sweep adds",
+            (
+                ("by", ""),
+                ("first part after [s]", ".2f"),
+                ("a part [ms]", ".2f"),
+                ("a case [µs]", ".2f"),
+            ),
+            costs,
+            note,
+        ),
+        Table(
+            "Growth",
+            (
+                ("by", ""),
+                ("waiting [%]", ".0f"),
+                ("swings/s", ",.0f"),
+                ("ratio", ".2f"),
+                ("a swing [ms]", ".3f"),
+            ),
+            grown,
+            f"Waiting: share of the ideal where each chunk waits {1e3 * PAUSE:g} ms and needs no "
+            f"processor. Swings: of {SWING:g} s, in chunks of {CRANES}, and the ratio to one "
+            f"process, on {os.cpu_count()} processors; a swing: processor time of one.",
+        ),
+        plan(found, spent, bytes_a_case(), count),
+    ]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.sweeping", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="less of each, and less precisely")
+    parser.add_argument(
+        "--document",
+        metavar="FILE.md",
+        help="put the tables between their marks <!-- sweeping: title --> there",
+    )
+    options = parser.parse_args(argv)
+
+    def run() -> int:
+        document = read_document(options.document, "sweeping") if options.document else None
+        found = tables((1,), 24, 100) if options.quick else tables(WORKERS, 128, 4000)
+        show(Outcome(found, ()))
+        if document is not None:
+            document.write(found)
+        return 0
+
+    return command(run)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,194 @@
+"""Compiled loops on an NVIDIA GPU, one crane a thread, by the driver's own functions.
+
+The arrays are those that `cranedyn.compiled.door` has looked at; they are copied there and back.
+Before code is used, what it answers on the GPU is held against Pinocchio.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cranedyn.compiled.call import size
+from cranedyn.compiled.checked import check_all
+from cranedyn.compiled.ptx import ptx
+from cranedyn.compiled.threads import MOVING, WARP
+from cranedyn.errors import CraneError
+
+if TYPE_CHECKING:
+    from cranedyn.compiled.door import Loop
+    from cranedyn.compiled.kernel import Kernel, Recipe
+    from cranedyn.dynamics.cranes import Cranes
+    from cranedyn.dynamics.plant import Topology
+    from cranedyn.model.crane import Crane
+
+_BLOCK, _PIECE = 128, 1_000_000_000
+"""Threads of a block, and steps of all cranes together after which Python may answer Ctrl-C; a
+second or two on a small GPU."""
+
+_LOADING = threading.Lock()
+
+
+def check_there() -> None:
+    """Return if there is a GPU.
+
+    Raises:
+        CraneError: If there is none, or no driver, or no `cuda-bindings`.
+    """
+    _driver()
+
+
+def run(
+    loop: Loop,
+    code: Kernel,
+    cranes: Sequence[Crane] | Cranes,
+    own: np.ndarray,
+    converters: np.ndarray | None = None,
+) -> None:
+    """Run a loop over all its groups of lanes on the first GPU.
+
+    Args:
+        loop: The loop, of threads.
+        code: Its code.
+        cranes: Different cranes that it was made for.
+        own: The numbers in which these differ, shape (n, m).
+        converters: Of their drives, see `cranedyn.compiled.checked.compiled`.
+
+    Raises:
+        CraneError: If there is no GPU, see `check_there`, or too little memory on it.
+        ModelError: If the code does not do on the GPU what Pinocchio does.
+    """
+    with _context():
+        with _LOADING:
+            module = _module(code.topology, code.constants, code.recipe)
+            check_all(cranes, code, own, module.agreed, converters, module.accelerations)
+        threads = len(loop) * WARP
+        with _Memory() as memory:
+            for call in loop.elsewhere(memory.placed, MOVING, _PIECE):
+                module.start("run", np.append(call, threads), threads)
+            memory.bring_back()
+
+
+@cache
+def _driver() -> Any:
+    """The functions of NVIDIA's driver, initialised.
+
+    Raises:
+        CraneError: If there are none, or there is no GPU.
+    """
+    try:
+        from cuda.bindings import driver
+    except ModuleNotFoundError:
+        raise CraneError(
+            "Running on a GPU needs cuda-bindings, which is not installed: pip install "
+            "'cranedyn[cuda]'."
+        ) from None
+    try:
+        (outcome,) = driver.cuInit(0)
+    except Exception as error:  # cuda-bindings has kinds of its own where there is no driver
+        raise CraneError(
+            "Running on a GPU needs NVIDIA's driver, which is not on this machine."
+        ) from error
+    if outcome != driver.CUresult.CUDA_SUCCESS:
+        raise CraneError(f"There is no GPU that CUDA can use here: {outcome.name}.")
+    return driver
+
+
+def _call(name: str, *arguments: Any) -> Any:
+    """What a function of the driver answers.
+
+    Raises:
+        CraneError: If it could not do it.
+    """
+    driver = _driver()
+    outcome, *answer = getattr(driver, name)(*arguments)
+    if outcome != driver.CUresult.CUDA_SUCCESS:
+        raise CraneError(f"The GPU refused {name}: {outcome.name}.")
+    return answer[0] if answer else None
+
+
+@contextmanager
+def _context() -> Iterator[None]:
+    """Use the first GPU, with the context that it has for all who do in this process."""
+    _call("cuCtxPushCurrent", _primary())
+    try:
+        yield
+    finally:
+        _call("cuCtxPopCurrent")
+
+
+@cache
+def _primary() -> Any:
+    return _call("cuDevicePrimaryCtxRetain", _call("cuDeviceGet", 0))
+
+
+class _Memory:
+    """Arrays in the memory of the GPU, freed at the end."""
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[Any, np.ndarray, bool]] = []
+
+    def __enter__(self) -> _Memory:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for place, *_ in self._kept:
+            _call("cuMemFree", place)
+
+    def placed(self, array: np.ndarray, written: bool) -> int:
+        """Copy a contiguous array there, and answer its address; see `Loop.elsewhere`."""
+        place = _call("cuMemAlloc", max(array.nbytes, 1))
+        self._kept.append((place, array, written))
+        _call("cuMemcpyHtoD", place, array, array.nbytes)
+        return int(place)
+
+    def bring_back(self) -> None:
+        """Copy what was written to back into the arrays."""
+        for place, array, written in self._kept:
+            if written:
+                _call("cuMemcpyDtoH", array, place, array.nbytes)
+
+
+class _Module:
+    """Kernels in the GPU.
+
+    Attributes:
+        agreed: Varied numbers of the cranes with which it was compared with Pinocchio there.
+    """
+
+    def __init__(self, text: str) -> None:
+        self._module = _call("cuModuleLoadData", text.encode() + b"\0")
+        self._functions = {
+            name: _call("cuModuleGetFunction", self._module, name.encode())
+            for name in ("run", "answer")
+        }
+        self.agreed: set[bytes] = set()
+
+    def start(self, name: str, arguments: np.ndarray, threads: int) -> None:
+        """Run a kernel with arguments of eight bytes each, to its end."""
+        given = tuple(arguments.tolist()), (ctypes.c_int64,) * len(arguments)
+        blocks, block = -(-threads // _BLOCK), min(threads, _BLOCK)
+        function = self._functions[name]
+        _call("cuLaunchKernel", function, blocks, 1, 1, block, 1, 1, 0, 0, given, 0)
+        _call("cuCtxSynchronize")
+
+    def accelerations(self, code: Kernel, given: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """As `cranedyn.compiled.door.accelerations`, on the GPU."""
+        found = np.empty((code.sizes.n, WARP))
+        assert given.shape == (size(code.sizes.given), WARP) and len(numbers) == code.varied
+        with _Memory() as memory:
+            places = [memory.placed(given, False), memory.placed(numbers, False)]
+            self.start("answer", np.array([*places, memory.placed(found, True)]), WARP)
+            memory.bring_back()
+        return found
+
+
+@lru_cache(maxsize=256)
+def _module(topology: Topology, constants: tuple[float | None, ...], recipe: Recipe) -> _Module:
+    return _Module(ptx(topology, constants, recipe))
