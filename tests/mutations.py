@@ -315,8 +315,8 @@ MUTATIONS = (
     Mutation(
         "cranes of a batch have each other's numbers",
         "cranedyn/compiled/batch.py",
-        "grouped([varied[which]], _LANES)",
-        "grouped([varied[which[::-1]]], _LANES)",
+        "grouped([varied[which]], lanes)",
+        "grouped([varied[which[::-1]]], lanes)",
         ("batch",),
     ),
     Mutation(

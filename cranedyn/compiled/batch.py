@@ -129,7 +129,7 @@ def simulate_batch(
         converters: Frequency converters of drives that take velocities, one set for all cranes or
             n, of one delay; None for those typical for the first crane.
         device: "cpu", or "cuda" for an NVIDIA GPU, one crane a thread, see
-            `cranedyn.compiled.cuda`.
+            `cranedyn.compiled.cuda`, but for predictive controllers.
 
     Raises:
         OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not

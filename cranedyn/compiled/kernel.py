@@ -192,7 +192,7 @@ class _Loop:
         self.turns = {
             i: code.variables([0.0, 0.0])
             for i, joint in enumerate(topology.layout.joints)
-            if joint.kind == "revolute"
+            if joint.kind == "revolute" and not recipe.threads  # of which registers are scarce
         }
 
     def _variables(self, name: str, parts: Parts) -> dict[str, list[Variable]]:
@@ -271,36 +271,42 @@ class _Loop:
         computed anew every some steps and at the end.
         """
         code, steps, turns = self.code, self.given["steps"], self.recipe.turns
+        if not self.turns:
+            return self._steps(0, steps, forces)
         pieces = code.builder.sdiv(
             code.builder.add(steps, code.integer(turns - 1)), code.integer(turns)
         )
         with code.loop(0, pieces) as piece:
             first = code.product(piece, turns)
             last = code.least(code.builder.add(first, code.integer(turns)), steps)
-            with code.loop(first, last):
-                work = self.state["buffers"][0].get()
-                v, last_command = self._get("v"), self._get("last_command")
-                if self.recipe.late is not None:
-                    reference, rising = self._ramped(last_command, v)
-                    self._set("reference", reference)
-                    self._set("rising", rising)
-                    last_command = array(reference)
-                q, v, work = stepped(
-                    self.recipe.integrator,
-                    self.plant,
-                    self._coordinates(),
-                    v,
-                    last_command,
-                    forces,
-                    self.dt,
-                    work,
-                    self.given["small"],
-                )
-                self._set("q", q)
-                self._set("v", v)
-                self._set("buffers", [work])
-                self._keep_angles(q)
+            self._steps(first, last, forces)
             self._keep_angles(self._get("q"))
+
+    def _steps(self, first: Any, last: ir.Value, forces: np.ndarray | None) -> None:
+        """Steps from the first up to, but without, the last."""
+        with self.code.loop(first, last):
+            work = self.state["buffers"][0].get()
+            v, last_command = self._get("v"), self._get("last_command")
+            if self.recipe.late is not None:
+                reference, rising = self._ramped(last_command, v)
+                self._set("reference", reference)
+                self._set("rising", rising)
+                last_command = array(reference)
+            q, v, work = stepped(
+                self.recipe.integrator,
+                self.plant,
+                self._coordinates(),
+                v,
+                last_command,
+                forces,
+                self.dt,
+                work,
+                self.given["small"],
+            )
+            self._set("q", q)
+            self._set("v", v)
+            self._set("buffers", [work])
+            self._keep_angles(q)
 
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
         return (

@@ -232,8 +232,8 @@ def test_ptx_assembles_without_spills(name: str, kind: str) -> None:
     text = gpu.text(gpu.CRANES[name], kind)
     # Nothing in memory of a thread, nothing called, no address but of the GPU's own memory.
     assert not re.search(r"\.local|\bcall\b|\tld\.b64|\tst\.b64", text)
-    # RK4 of a crane with seven joints keeps up to 16 numbers more than there are registers for.
-    allowed = 128 if "RK4" in kind and "hook" in name else 0
+    # RK4 of a crane with seven joints keeps up to 20 numbers more than there are registers for.
+    allowed = 160 if "RK4" in kind and "hook" in name else 0
     for chip in gpu.CHIPS:
         found = gpu.assembled(assembler, text, chip)
         assert found.spilled <= allowed and 30 < found.registers <= 255, (chip, found)
