@@ -11,8 +11,11 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller
+from cranedyn.controllers.hold import Hold
 from cranedyn.dynamics import validity
+from cranedyn.interfaces import Drive
 from cranedyn.model.load import load_crane
+from cranedyn.references import hold
 from cranedyn.simulation import log
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane
@@ -34,9 +37,9 @@ def test_a_crane_whose_load_stays_at_one_height_runs_in_code(tmp_path: Path) -> 
     ]
     (tmp_path / "table.urdf").write_text("".join(parts))
     table = load_crane(tmp_path / "table.urdf", driven=["bridge", "trolley"])
-    hold = hold_controller(table)
-    assert simulate(table, hold, duration=0.1, engine="compiled").valid.all()
-    assert simulate_batch(table, hold, duration=0.1).valid_until[0] == np.inf
+    brake = hold_controller(table)
+    assert simulate(table, brake, duration=0.1, engine="compiled").valid.all()
+    assert simulate_batch(table, brake, duration=0.1).valid_until[0] == np.inf
 
 
 def test_where_code_says_that_the_model_holds_nobody_asks_again(
@@ -50,16 +53,46 @@ def test_where_code_says_that_the_model_holds_nobody_asks_again(
 
     monkeypatch.setattr(log, "_valid", counted)
     monkeypatch.setattr(log, "_first_event", counted)
-    start, hold = crane().state(phi=0.1), hold_controller(crane())
-    run = simulate(crane(), hold, start=start, duration=20.0, engine="compiled")
+    start, brake = crane().state(phi=0.1), hold_controller(crane())
+    run = simulate(crane(), brake, start=start, duration=20.0, engine="compiled")
     assert not asked and (run.valid == 1.0).all()
 
 
 def test_rows_are_marked_where_code_says_that_the_model_does_not_hold() -> None:
-    start, hold = crane().state(phi=1.5, theta=1.5), hold_controller(crane())
+    start, brake = crane().state(phi=1.5, theta=1.5), hold_controller(crane())
     plain, code = (
-        simulate(crane(), hold, start=start, duration=15.0, validity="mark", engine=engine)
+        simulate(crane(), brake, start=start, duration=15.0, validity="mark", engine=engine)
         for engine in ("pinocchio", "compiled")
     )
     assert 0 < plain.valid.sum() < len(plain.valid)
     assert np.array_equal(plain.valid, code.valid)
+
+
+@pytest.mark.parametrize(
+    ("drive", "effort", "away"),
+    [
+        ("motion", 1e5, 0.2),
+        ("motion", 20.0, 0.2),
+        ("velocity", 1e5, 0.2),
+        ("velocity", 200.0, 0.2),
+        ("velocity", 1e5, 4.0),
+    ],
+)
+def test_code_says_whether_drives_can_and_rows_are_marked_where_they_cannot(
+    drive: Drive, effort: float, away: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    c, none = crane(trolley_effort=effort), np.zeros(3)
+    law = Hold(c, np.ones(3), np.ones(3) * (drive == "motion"), none)
+    goal = hold(c, c.state(x=float(c.start.q[1]) + away))
+    plain, asked = simulate(c, law, goal, duration=4.0, drive=drive, validity="mark"), []
+
+    def counted(*given: object, **named: object) -> object:
+        asked.append(1)
+        return judged(*given, **named)
+
+    judged = log._valid
+    monkeypatch.setattr(log, "_valid", counted)
+    code = simulate(c, law, goal, duration=4.0, drive=drive, validity="mark", engine="compiled")
+    assert np.array_equal(plain.valid, code.valid)
+    can = effort == 1e5 and away == 0.2
+    assert plain.valid.all() == can == (not asked)
