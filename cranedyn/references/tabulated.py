@@ -84,8 +84,8 @@ class Setpoints:
             OutOfRange: If it is none, see `checked_setpoint`.
         """
         answer = self._reference(t)
-        if answer is self.steady:
-            return answer
+        if self.steady is not None and answer is self.steady:
+            return self.steady
         setpoint = checked_setpoint(answer, self._shape)
         if answer is self._last and all(
             part.dtype is DOUBLE and part.flags.owndata and not part.flags.writeable
