@@ -15,6 +15,7 @@ from experiments.harness.outcome import Table
 from experiments.scenarios.moves import CLOSE, MOVES, SWINGING, Score
 from experiments.scenarios.perturbations import NOMINAL, UNOBSERVED
 from experiments.scenarios.strategies import (
+    COMPILED_MPC,
     FASTEST,
     FLAT,
     LQR,
@@ -22,6 +23,7 @@ from experiments.scenarios.strategies import (
     PAPER,
     PD,
     STRATEGIES,
+    TO_GOAL,
     on_converters,
 )
 from tests.helpers import FAST, ROOT
@@ -65,6 +67,8 @@ def test_the_page_on_drives_shows_it_as_printed(found: dict[str, Results]) -> No
 def test_every_strategy_runs_on_converters(strategy: str) -> None:
     if strategy == MPC:
         pytest.importorskip("daqp", reason="extra mpc (daqp) is not installed")
+    if strategy in (COMPILED_MPC, TO_GOAL):
+        pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
     setup = harness.Setup(engine=FAST)
     plan = on_converters(setup, STRATEGIES[strategy](setup, MOVES[0]))
     assert plan.drive == "velocity"
