@@ -35,7 +35,7 @@ def notes_of(controller: object, depth: int = 0) -> dict[str, Any]:
     """What a controller, or one within it, notes of a run."""
     if isinstance(controller, Noting):
         return dict(controller.notes())
-    if depth >= _DEEPEST or not is_dataclass(controller) or isinstance(controller, type):
+    if depth >= _DEEPEST or not is_dataclass(controller) or isinstance(controller, type | Crane):
         return {}
     within = (getattr(controller, part.name, None) for part in fields(controller))
     return {name: note for part in within for name, note in notes_of(part, depth + 1).items()}
