@@ -320,7 +320,8 @@ def _inverse(block: np.ndarray) -> np.ndarray:
         return 1.0 / block
     (a, c), b = (block[0, 0], block[1, 0]), block[1, 1]
     inverse = 1.0 / (a * b - c * c)
-    return np.array([[b * inverse, -(c * inverse)], [-(c * inverse), a * inverse]], dtype=object)
+    across = -(c * inverse)
+    return array([b * inverse, across, across, a * inverse]).reshape(2, 2)
 
 
 def lost_digits(mass: np.ndarray) -> float:
