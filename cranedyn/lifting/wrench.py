@@ -93,7 +93,9 @@ class Moving:
         external = [] if outside is None else list(outside.reshape(-1, 3))
         points = zip(topology.bodies, made.levers, external, strict=bool(acting))
         a = np.stack([np.broadcast_to(np.asarray(one, dtype=float), len(q)) for one in caused], 1)
-        return cls(made.tree, q, v, a, tuple(ExternalForce(*one) for one in points))
+        tree = rigid_body.bodies(crane.model)  # that of the plant counts masses with their parents
+        tree = tree.with_numbers(tree.numbers().tolist())
+        return cls(tree, q, v, a, tuple(ExternalForce(*one) for one in points))
 
     def through(self, joint: int | None) -> Wrench:
         """What passes through a joint; for None through the ground, about the world's origin.
