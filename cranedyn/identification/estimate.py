@@ -21,7 +21,7 @@ HORIZONS = (0.125, 0.25, 0.5, 1.0)
 """Shares of a record that are fitted one after the other: over a short time a wrong period loses
 no whole turn, so that the search finds its way from far off."""
 
-_STEP, _LEAST, _MOST, _LAGS, _WHITE = 1e-6, 12.0, 60, 20, 1e-3
+_LEAST, _MOST, _LAGS, _WHITE = 12.0, 60, 20, 1e-3
 _FAR, _NEAR, _CLOSE, _QUIET = 1e6, 1e-3, 1e-9, 0.2
 
 
@@ -84,6 +84,15 @@ class Estimate:
             if one.record is None
         }
 
+    @property
+    def found_arguments(self) -> dict[str, float]:
+        """Values of the arguments of the crane that were found, gravity among them, by name."""
+        return {
+            one.name: self.value(one.name)
+            for one in self.model.parameters
+            if one.kind == "argument"
+        }
+
     @cached_property
     def at_bound(self) -> tuple[str, ...]:
         """Names of parameters that ended at the end of what is allowed; their intervals say
@@ -101,8 +110,7 @@ class Estimate:
 def identify(model: Model, *, progress: Callable[[int], object] | None = None) -> Estimate:
     """Find the parameters of a model by least squares, each channel weighted by what it leaves.
 
-    The Jacobian's columns are cranes of one batch: one beside each parameter, a millionth of its
-    scale off.
+    The Jacobian's columns are cranes of one batch, one beside each parameter.
 
     Args:
         model: Records, and what is to be found.
@@ -219,12 +227,8 @@ def jacobian(
     parameter, shape (channels, rows, parameters).
     """
     places = model.of_record(index)
-    steps = np.array(
-        [
-            _STEP * one.scale * (-1.0 if value + one.scale * _STEP > one.high else 1.0)
-            for one, value in zip(model.parameters, values.tolist(), strict=True)
-        ]
-    )
+    ends = np.array([one.high for one in model.parameters])
+    steps = np.where(values + model.steps > ends, -1.0, 1.0) * model.steps
     variants = np.tile(values, (len(places) + 1, 1))
     variants[np.arange(1, len(places) + 1), places] += steps[places]
     shown = model.predicted(index, variants, until)

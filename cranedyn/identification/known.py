@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from cranedyn.arguments import checked
 from cranedyn.errors import UnknownName, number
+from cranedyn.identification.family import Family
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, Argument, arguments
 from cranedyn.model.load import load_crane
@@ -28,6 +30,7 @@ class Known:
     urdf: str | Path | None = None
     values: Mapping[str, object] = field(default_factory=dict)
     gravity: float = STANDARD_GRAVITY
+    _families: dict[Any, Family] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
     def crane(self) -> Crane:
@@ -47,6 +50,13 @@ class Known:
         given = {**self.values, **values}
         gravity = float(given.pop("gravity", self.gravity))  # type: ignore[arg-type]
         return load_crane(self.urdf, gravity=gravity, **given)  # type: ignore[arg-type]
+
+    def family(self, first: Mapping[str, float], other: Mapping[str, float]) -> Family:
+        """Cranes of this description, see `Family`; the same are made once."""
+        key = (*first.items(), *other.items())
+        if key not in self._families:
+            self._families[key] = Family(self.load, first, other)
+        return self._families[key]
 
     def value(self, name: str) -> float:
         """What one believes of an argument.

@@ -14,6 +14,7 @@ from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.tracking import Tracking
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.identification.family import Family
@@ -29,12 +30,16 @@ from cranedyn.identification.parameters import (
     usual,
 )
 from cranedyn.identification.record import Record, setpoint_column
-from cranedyn.interfaces import State
+from cranedyn.interfaces import Drive, State
+from cranedyn.model.crane import Crane
 from cranedyn.references import hold
+from cranedyn.simulation.simulate import simulate
 
 PERIODS = {"motion": 0.02, "effort": 5e-3, "hold": 5e-3}
 """Time between control instants, which is that between steps [s]: drives that are prescribed are
 smooth, a brake holds its command for one."""
+
+_CHANGE = 1e-6
 
 _SMOOTH = {"rad": 1e-3, "m": 1e-2}
 """Rate at which dry friction is three quarters of itself [per second], which makes it smooth."""
@@ -123,6 +128,26 @@ class Model:
         """A usual change of each parameter, shape (parameters,)."""
         return np.array([one.scale for one in self.parameters])
 
+    @cached_property
+    def steps(self) -> np.ndarray:
+        """How far apart variants stand for a slope, shape (parameters,): so far that some channel
+        changes by a millionth of its range.
+        """
+        count = len(self.parameters)
+        sign = np.array([-1.0 if one.start + one.scale > one.high else 1.0 for one in
+                         self.parameters])  # fmt: skip
+        tried, most = 1e-3 * sign * self.scale, np.zeros(count)
+        for index in range(len(self.records)):
+            places, measured = self.of_record(index), self.measured(index)
+            variants = np.tile(self.first, (len(places) + 1, 1))
+            variants[np.arange(1, len(places) + 1), places] += tried[places]
+            shown = self.predicted(index, variants)
+            change = np.abs(shown[1:] - shown[0]).max(axis=2)
+            share = (change / np.maximum(np.ptp(measured, axis=1), 1e-9)).max(axis=1)
+            most[places] = np.maximum(most[places], np.where(np.isfinite(share), share, 0.0))
+        factor = np.where(most > 0.0, _CHANGE / np.maximum(most, 1e-300), 1.0)
+        return tried * np.clip(factor, 1e-6, 1e3)
+
     def of_record(self, index: int) -> list[int]:
         """Places of the parameters that a record hangs on."""
         return [i for i, one in enumerate(self.parameters) if one.record in (None, index)]
@@ -132,9 +157,7 @@ class Model:
         """The cranes."""
         found = [one for one in self.parameters if one.kind == "argument"]
         first = {one.name: one.start for one in found}
-        return Family(
-            self.known.load, first, {one.name: one.start + 0.5 * one.scale for one in found}
-        )
+        return self.known.family(first, {one.name: one.start + 0.5 * one.scale for one in found})
 
     @cached_property
     def channels(self) -> tuple[tuple[Channel, ...], ...]:
@@ -186,14 +209,48 @@ class Model:
             values: Of all parameters for each variant, shape (variants, parameters).
             until: Look at rows up to this time only [s].
         """
-        run = _Run(self, index, values, until)
-        return run.outputs(run.batch())
+        # Numbers in which all cranes agree go into the code: one alone would have code of its own.
+        beside = values[:1] + np.where(self._varied, 1e-3 * self.scale, 0.0)
+        made = Variants(self, index, np.vstack([values, beside]), until)
+        return made.outputs(made.batch())[:-1]
+
+    @cached_property
+    def _varied(self) -> np.ndarray:
+        """Which parameters change the crane."""
+        return np.array([one.kind == "argument" for one in self.parameters])
+
+    def run(self, index: int, values: np.ndarray, crane: Crane) -> Trajectory:
+        """A record made again by one crane, as a run.
+
+        Args:
+            index: Of the record.
+            values: Of all parameters, shape (parameters,).
+            crane: The crane with these values.
+        """
+        made = Variants(self, index, values[None])
+        (controller, *_), (reference, *_) = made.laws([crane])
+        begins = made.start()
+        return simulate(
+            crane,
+            controller,
+            reference,
+            start=State(begins.q[0], begins.v[0]),
+            duration=made.duration,
+            dt=made.period,
+            control_period=made.period,
+            drive=made.drive,
+            integrator=rk4,
+            validity="mark",
+            engine="compiled",
+        )
 
 
-class _Run:
-    """One record made again by variants of the crane."""
+class Variants:
+    """One record made again by variants of the crane, each with its values of the parameters."""
 
-    def __init__(self, model: Model, index: int, values: np.ndarray, until: float) -> None:
+    def __init__(
+        self, model: Model, index: int, values: np.ndarray, until: float = np.inf
+    ) -> None:
         self.model, self.index, self.values = model, index, values
         self.record, self.layout = model.records[index], model.known.crane.layout
         self.period = PERIODS[model.drives]
@@ -213,45 +270,51 @@ class _Run:
         place = self.places.get(name)
         return np.full(len(self.values), otherwise) if place is None else self.values[:, place]
 
-    def cranes(self) -> list[Any]:
+    def cranes(self) -> list[Crane]:
         """The crane of each variant, the same object where it is the same crane."""
         family = self.model.family
         places = [self.places[name] for name in family.names]
-        made = {key: family.at(np.array(key)) for key in {tuple(row) for row in
-                self.values[:, places].tolist()}}  # fmt: skip
-        return [made[tuple(row)] for row in self.values[:, places].tolist()]
+        rows = [tuple(row) for row in self.values[:, places].tolist()]
+        made = {row: family.at(np.array(row)) for row in dict.fromkeys(rows)}
+        return [made[row] for row in rows]
 
     def batch(self) -> Batch:
         """All variants simulated."""
-        position, velocity = self._drives()
-        cranes, start = self.cranes(), self._start(position, velocity)
-        controller: Any
-        reference: Any = hold(cranes[0], cranes[0].start)
-        if self.model.drives == "motion":
-            same = position.shape[0] == 1
-            each = [
-                follow(cranes[0], Rows(self.period, place, rate), self.period)
-                for place, rate in zip(position, velocity, strict=True)
-            ]
-            controller = each[0] if same else each
-        elif self.model.drives == "effort":
-            controller = self._efforts()
-        else:
-            controller, reference = self._brakes(cranes)
+        cranes, start = self.cranes(), self.start()
+        controller, reference = self.laws(cranes)
         return simulate_batch(
             cranes,
-            controller,
-            reference,
+            controller[0] if len(controller) == 1 else controller,
+            reference[0] if len(reference) == 1 else reference,
             start=start,
-            duration=float(self.period * (len(self.grid) - 1)),
+            duration=self.duration,
             dt=self.period,
             control_period=self.period,
-            drive="motion" if self.model.drives == "motion" else "effort",
+            drive=self.drive,
             integrator=rk4,
             record=1,
         )
 
-    def _drives(self) -> tuple[np.ndarray, np.ndarray]:
+    def laws(self, cranes: Sequence[Crane]) -> tuple[list[Any], list[Any]]:
+        """Controllers and references, one for all variants or one for each."""
+        still = [hold(cranes[0], cranes[0].start)]
+        if self.model.drives == "motion":
+            rows = [Rows(self.period, *one) for one in zip(*self.motion, strict=True)]
+            return [follow(cranes[0], one, self.period) for one in rows], still
+        return ([self._efforts()], still) if self.model.drives == "effort" else self._brakes()
+
+    @property
+    def duration(self) -> float:
+        """How long it runs [s]."""
+        return float(self.period * (len(self.grid) - 1))
+
+    @property
+    def drive(self) -> Drive:
+        """How the drives take commands."""
+        return "motion" if self.model.drives == "motion" else "effort"
+
+    @cached_property
+    def motion(self) -> tuple[np.ndarray, np.ndarray]:
         """Where the drives are and how they move, shape (variants or 1, rows, m) each."""
         lags = [self.value(f"{j.symbol}_lag") for j in self.layout.driven]
         driven = self.layout.driven
@@ -274,7 +337,9 @@ class _Run:
                 )
         return position, velocity
 
-    def _start(self, position: np.ndarray, velocity: np.ndarray) -> State:
+    def start(self) -> State:
+        """Where each variant begins."""
+        position, velocity = self.motion
         crane, variants = self.model.known.crane, len(self.values)
         q = np.tile(crane.start.q, (variants, 1))
         v = np.zeros_like(q)
@@ -300,7 +365,7 @@ class _Run:
         gain = np.zeros((len(rows), self.layout.m, width))
         return Tracking(self.period, efforts, gain, np.zeros((len(rows), width)))
 
-    def _brakes(self, cranes: Sequence[Any]) -> tuple[list[Hold], list[Any]]:
+    def _brakes(self) -> tuple[list[Any], list[Any]]:
         usual, crane = hold_controller(self.model.known.crane), self.model.known.crane
         gains = {
             kind: np.stack(

@@ -112,6 +112,7 @@ class Outcome:
         trajectories: Runs to keep, by file name without ending.
         figures: Figures to keep, by file name without ending.
         recording: Runs to record for the viewer.
+        texts: Texts to keep, by file name.
     """
 
     tables: Sequence[Table]
@@ -120,6 +121,7 @@ class Outcome:
     trajectories: Mapping[str, Trajectory] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
     recording: Sequence[Run] = ()
+    texts: Mapping[str, str] = field(default_factory=dict)
 
 
 def show(outcome: Outcome) -> None:
