@@ -101,12 +101,29 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     """Identify what the command line asks for."""
     if options.coverage is not None:
         return covered(options, setup)
+    check_effect(options)
     known = Known(
         options.urdf,
         parse_values(options.values),
         number("gravity", options.believed, "m/s²", "> 0"),
     )
     return files(options, setup, known) if options.file else examples(setup)
+
+
+def check_effect(options: argparse.Namespace) -> None:
+    """Return if every argument has an effect.
+
+    Raises:
+        DataError: If one has none.
+    """
+    if options.workers is not None:
+        raise DataError("--workers has no effect without --coverage; leave it out.")
+    usual = {"estimate": None, "drives": None, "since": -math.inf, "columns": [], "joints": []}
+    usual |= {"urdf": None, "gravity": STANDARD_GRAVITY, "set": []}
+    dest = {"gravity": "believed", "set": "values"}
+    for name, value in usual.items():
+        if not options.file and getattr(options, dest.get(name, name)) != value:
+            raise DataError(f"--{name} has no effect without a FILE; leave it out.")
 
 
 def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> harness.Outcome:
@@ -220,8 +237,7 @@ def _values(one: Found, of: str, truth: Mapping[str, float]) -> harness.Table:
     note = f"±: half the 95 % interval. {words[:1].upper()}{words[1:]}" + "." * bool(words)
     if bound:
         note += f" At the end of what is allowed, where an interval says nothing: {_list(bound)}."
-    for record in one.estimate.model.records:
-        note += "".join(f" {words}" for words in record.notes)
+    note = " ".join([note, *(n for record in one.estimate.model.records for n in record.notes)])
     shown = [row[: len(columns)] for row in rows]
     return harness.Table(_titled("What the records say", of), columns, shown, note.strip())
 
@@ -275,7 +291,7 @@ def _doubts(one: Found, of: str) -> list[harness.Table]:
         return [made]
     doubtful = list(
         dict.fromkeys([*(n for p in judged.alike for n in (p.one, p.other)), *judged.blind])
-    ) or list(judged.margins)
+    )
     columns = [("a further record", ""), *((f"± {name}", ".2g") for name in doubtful)]
     if judged.alike:
         columns.append(("correlation", ".3f"))

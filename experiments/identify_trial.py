@@ -13,6 +13,7 @@ import numpy as np
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import follow
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.integrators import rk4
 from cranedyn.identification import Estimate, Known, Record
 from cranedyn.identification.motion import Rows, lagged
 from cranedyn.interfaces import State
@@ -93,7 +94,9 @@ def trial_run() -> Trajectory:
         aims,
         start=start,
         duration=DURATION,
+        dt=_STEP,
         drive="motion",
+        integrator=rk4,
         engine="compiled",
     )
 

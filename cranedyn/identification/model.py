@@ -19,7 +19,7 @@ from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.identification.family import Family
 from cranedyn.identification.known import Known
-from cranedyn.identification.motion import Rows, lagged, recorded_motion
+from cranedyn.identification.motion import Rows, lagged, recorded_motion, recorded_setpoint
 from cranedyn.identification.parameters import (
     EARLY,
     LATE,
@@ -35,7 +35,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.references import hold
 from cranedyn.simulation.simulate import simulate
 
-PERIODS = {"motion": 0.02, "effort": 5e-3, "hold": 5e-3}
+PERIODS = {"motion": 0.01, "effort": 5e-3, "hold": 5e-3}
 """Time between control instants, which is that between steps [s]: drives that are prescribed are
 smooth, a brake holds its command for one."""
 
@@ -330,7 +330,7 @@ class Variants:
             if motion is not None:
                 position[:, :, i], velocity[:, :, i] = motion(self.inside), motion(self.inside, 1)
                 continue
-            aim = np.interp(self.inside, self.record.t, self.record.columns[setpoint_column(joint)])
+            aim = recorded_setpoint(self.record, joint)(self.inside)
             for lane in range(variants):
                 position[lane, :, i], velocity[lane, :, i] = lagged(
                     aim, self.period, float(lags[i][lane])
@@ -393,7 +393,7 @@ class Variants:
         for i, (joint, at) in enumerate(zip(self.layout.driven, self.layout.drives, strict=True)):
             column, own = setpoint_column(joint), self.own.get(("setpoint", joint.symbol))
             if column in self.record.columns:
-                aims[:, :, i] = np.interp(self.inside, self.record.t, self.record.columns[column])
+                aims[:, :, i] = recorded_setpoint(self.record, joint)(self.inside)
             elif own is not None:
                 aims[:, :, i] = self.values[:, own][:, None]
             else:
@@ -438,7 +438,7 @@ class Variants:
 
     def _lagged(self, channel: Channel, t: np.ndarray) -> np.ndarray:
         joint = self.layout.joints[channel.at]
-        aim = np.interp(self.inside, self.record.t, self.record.columns[setpoint_column(joint)])
+        aim = recorded_setpoint(self.record, joint)(self.inside)
         return np.array(
             [
                 np.interp(t, self.grid, lagged(aim, self.period, float(lag))[0])

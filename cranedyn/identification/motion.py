@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 from scipy.signal import lfilter
 
 from cranedyn.identification.record import Record, setpoint_column
@@ -40,6 +40,11 @@ def recorded_motion(record: Record, joint: Joint, still: float) -> Any:
     if setpoint_column(joint) in record.columns:
         return None
     return CubicSpline(record.t[[0, -1]], [still, still])
+
+
+def recorded_setpoint(record: Record, joint: Joint) -> Any:
+    """A function of time through the setpoints of a drive that nowhere overshoots them."""
+    return PchipInterpolator(record.t, record.columns[setpoint_column(joint)])
 
 
 def lagged(setpoint: np.ndarray, period: float, lag: float) -> tuple[np.ndarray, np.ndarray]:

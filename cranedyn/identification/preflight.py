@@ -59,7 +59,8 @@ class Preflight:
         alike: Those that are not told apart.
         blind: Those of which next to nothing is said: half the interval is more than a quarter of
             what is allowed, or than the value itself.
-        advice: What further moves would do, the best first; none where drives are not prescribed.
+        advice: What further moves would do, the best first; none where all is told, or drives are
+            not prescribed.
     """
 
     margins: dict[str, float]
@@ -96,7 +97,7 @@ def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
     )
     doubtful = [names.index(name) for name in dict.fromkeys([*_names(alike), *blind])]
     advice = []
-    for move, further in moves(model, values):
+    for move, further in moves(model, values) if doubtful else ():
         again = _with(model, further)
         own = _values(again, model, values)
         spread = [_for(again, model, noise)]
@@ -105,8 +106,7 @@ def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
         advice.append(
             Advice(move, dict(zip(names, more.tolist(), strict=True)), max(pairs, default=0.0))
         )
-    judged = doubtful or list(range(len(names)))
-    advice.sort(key=lambda one: sum(np.log([one.margins[names[i]] for i in judged])))
+    advice.sort(key=lambda one: sum(np.log([one.margins[names[i]] for i in doubtful])))
     return Preflight(
         dict(zip(names, margins.tolist(), strict=True)), correlation, alike, blind, tuple(advice)
     )
