@@ -22,7 +22,7 @@ HORIZONS = (0.125, 0.25, 0.5, 1.0)
 no whole turn, so that the search finds its way from far off."""
 
 _LEAST, _MOST, _LAGS, _WHITE = 12.0, 60, 20, 1e-3
-_FAR, _NEAR, _CLOSE, _QUIET = 1e6, 1e-3, 1e-9, 0.2
+_FAR, _NEAR, _CLOSE, _QUIET, _ROOM = 1e6, 1e-3, 1e-9, 0.2, 1e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
     """
     check_units(model)
     search = _Search(model, progress)
-    values, noise = model.first.copy(), initial_noise(model)
+    values, noise = inside(model), initial_noise(model)
     for share in HORIZONS:
         values = search.solved(values, noise, share)
     for _ in range(3):
@@ -141,6 +141,17 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
     return Estimate(
         model, values, covariance, tuple(noise), residuals, white, search.evaluations
     )
+
+
+def inside(model: Model) -> np.ndarray:
+    """Where the search begins, shape (parameters,): where one believes, but so far from the ends of
+    what is allowed that a channel changes by a hundredth of its range; a search that begins at an
+    end leaves it slowly.
+    """
+    ends = (np.array([getattr(one, end) for one in model.parameters]) for end in ("low", "high"))
+    low, high = ends
+    room = np.minimum(_ROOM * np.abs(model.steps), 0.1 * (high - low))
+    return np.clip(model.first, low + room, high - room)
 
 
 class _Search:
@@ -165,11 +176,11 @@ class _Search:
             for end in ("low", "high")
         )
         self._last = None
-        inside = np.clip(values / scale, low + 1e-9, high - 1e-9)
+        begin = np.clip(values / scale, low + 1e-9, high - 1e-9)
         weights = [1.0 / one for one in noise]
         found = least_squares(
             lambda z: self._both(z * scale, weights, share)[0],
-            inside,
+            begin,
             jac=lambda z: self._both(z * scale, weights, share)[1] * scale,
             bounds=(low, high),
             x_scale="jac",

@@ -146,7 +146,7 @@ class Model:
             share = (change / np.maximum(np.ptp(measured, axis=1), 1e-9)).max(axis=1)
             most[places] = np.maximum(most[places], np.where(np.isfinite(share), share, 0.0))
         factor = np.where(most > 0.0, _CHANGE / np.maximum(most, 1e-300), 1.0)
-        return tried * np.clip(factor, 1e-6, 1e3)
+        return tried * np.clip(factor, 1e-6, 1e6)
 
     def of_record(self, index: int) -> list[int]:
         """Places of the parameters that a record hangs on."""

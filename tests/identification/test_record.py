@@ -90,8 +90,8 @@ def test_csv_parquet_and_mcap_of_a_run_give_the_same_record(tmp_path: Path) -> N
         hold_controller(crane),
         start=crane.state(phi=0.1, theta=0.05),
         duration=16.0,
-        control_period=0.05,
-        dt=5e-3,
+        control_period=0.01,
+        dt=1e-3,
         engine="compiled",
     )
     files = [run.write(tmp_path / name) for name in ("run.csv", "run.parquet")]
