@@ -7,6 +7,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,7 @@ from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import parse_values
 from cranedyn.sweep import grid, results, sweep
 from experiments import gazebo, harness
+from experiments.harness.arguments import ROS
 from experiments.harness.progress import watching
 from experiments.identify_coverage import NAMES, coverage
 from experiments.identify_figures import beside, correlations
@@ -99,9 +101,9 @@ def found(model: Model, setup: harness.Setup, label: str) -> Found:
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Identify what the command line asks for."""
+    check_effect(options)
     if options.coverage is not None:
         return covered(options, setup)
-    check_effect(options)
     known = Known(
         options.urdf,
         parse_values(options.values),
@@ -116,14 +118,23 @@ def check_effect(options: argparse.Namespace) -> None:
     Raises:
         DataError: If one has none.
     """
-    if options.workers is not None:
+    usual = {"estimate": None, "drives": None, "since": -math.inf, "sources": [], "named": []}
+    usual |= {"urdf": None, "believed": STANDARD_GRAVITY, "values": []}
+    flags = {"sources": "columns", "named": "joints", "believed": "gravity", "values": "set"}
+    given = [name for name, value in usual.items() if getattr(options, name) != value]
+    synthetic = options.coverage is not None
+    if synthetic and options.file:
+        raise DataError("A FILE has no effect beside --coverage; leave it out.")
+    if options.workers is not None and not synthetic:
         raise DataError("--workers has no effect without --coverage; leave it out.")
-    usual = {"estimate": None, "drives": None, "since": -math.inf, "columns": [], "joints": []}
-    usual |= {"urdf": None, "gravity": STANDARD_GRAVITY, "set": []}
-    dest = {"gravity": "believed", "set": "values"}
-    for name, value in usual.items():
-        if not options.file and getattr(options, dest.get(name, name)) != value:
-            raise DataError(f"--{name} has no effect without a FILE; leave it out.")
+    kinds = {Path(file).suffix in ROS for file in options.file}
+    for name in given:
+        needed = {"sources": "a .csv or .parquet FILE", "named": "an .mcap or .bag FILE"}
+        if not ({"sources": {False}, "named": {True}}.get(name, {False, True}) & kinds):
+            raise DataError(
+                f"--{flags.get(name, name)} has no effect without {needed.get(name, 'a FILE')}; "
+                "leave it out."
+            )
 
 
 def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> harness.Outcome:
@@ -132,8 +143,8 @@ def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> ha
         read_record(
             file,
             known.crane,
-            sources=parse_sources(options.columns),
-            joints=_joints(options.joints),
+            sources=parse_sources(options.sources),
+            joints=_joints(options.named),
             since=options.since,
         )
         for file in options.file
@@ -511,10 +522,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     made.add_argument("--since", type=float, default=-math.inf, metavar="T",
                       help="leave out what was recorded before this time [s]")  # fmt: skip
-    made.add_argument("--columns", nargs="+", action="extend", default=[],
+    made.add_argument("--columns", dest="sources", nargs="+", action="extend", default=[],
                       metavar="OURS=NAME[UNIT]", help="what columns are called in CSV and Parquet, "
                       "and their units, as phi_rad=Angle[deg]")  # fmt: skip
-    made.add_argument("--joints", nargs="+", default=[], metavar="l=NAME",
+    made.add_argument("--joints", dest="named", nargs="+", default=[], metavar="l=NAME",
                       help="names of joints in .mcap and .bag files")  # fmt: skip
     made.add_argument("--urdf", metavar="FILE", default=None,
                       help="a .xacro or URDF of another crane")  # fmt: skip
@@ -527,7 +538,6 @@ def main(argv: Sequence[str] | None = None) -> int:
                       "hold the truth")  # fmt: skip
     made.add_argument("--workers", type=int, default=None, metavar="N",
                       help="processes for that, by default one for each processor")  # fmt: skip
-    harness.add_mode(made, "coverage", "workers")
     return harness.conduct(made, experiment, argv)
 
 

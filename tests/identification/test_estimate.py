@@ -102,7 +102,7 @@ def test_intervals_of_95_percent_hold_the_truth_as_often() -> None:
     """Fewer cranes than `python -m experiments.identify --coverage 1000`, by the same study; what
     is allowed is binomial, at one in ten thousand to either side.
     """
-    cranes = 10
+    cranes = 6
     study = coverage({"seed": np.arange(100, 100 + cranes)})
     scores = np.array([study[f"{name}_off"] / study[f"{name}_margin"] for name in NAMES])
     hits, count = int((np.abs(scores) <= 1.0).sum()), scores.size
