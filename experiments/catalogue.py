@@ -165,6 +165,18 @@ EXPERIMENTS = {
         ("--sites", "20"),
         ("--sites", "1"),
     ),
+    "identify": Entry(
+        "A crane, identified",
+        "From records of a crane's drives and swing to its numbers with intervals, and a twin of "
+        "it.",
+        (),
+        (),
+        {
+            "twin_*": "Swing as recorded and by the twin, what is left of it, and both spectra.",
+            "gazebo": "The same of a free swing in Gazebo Classic.",
+            "correlation": "What setpoints alone cannot tell apart: red and blue are alike.",
+        },
+    ),
     "demo": Entry(
         "Demo",
         "The seven legs of the article, with their swing controlled.",

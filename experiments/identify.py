@@ -27,7 +27,7 @@ from cranedyn.identification import (
     read_record,
     twin_of,
 )
-from cranedyn.identification.parameters import MEANINGS
+from cranedyn.identification.parameters import MEANINGS, Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import parse_values
 from cranedyn.sweep import grid, results, sweep
@@ -48,6 +48,9 @@ FREE = ("a1_l5", "a1_l10", "a1_l15", "a1_l20")
 
 HELD = ("a1_l5", "a1_l15")
 """Those of which the brake's gains are found, too."""
+
+UNTIL = 42.0
+"""And up to when they are looked at for that [s]."""
 
 WORLD = ("gravity", "dummy_inertia", "damp_swing")
 GAINS = ("x_stiffness", "x_damping", "l_stiffness", "l_damping")
@@ -118,8 +121,8 @@ def check_effect(options: argparse.Namespace) -> None:
     Raises:
         DataError: If one has none.
     """
-    usual = {"estimate": None, "drives": None, "since": -math.inf, "sources": [], "named": []}
-    usual |= {"urdf": None, "believed": STANDARD_GRAVITY, "values": []}
+    usual = {"estimate": None, "drives": None, "since": -math.inf, "until": math.inf}
+    usual |= {"sources": [], "named": [], "urdf": None, "believed": STANDARD_GRAVITY, "values": []}
     flags = {"sources": "columns", "named": "joints", "believed": "gravity", "values": "set"}
     given = [name for name, value in usual.items() if getattr(options, name) != value]
     synthetic = options.coverage is not None
@@ -146,6 +149,7 @@ def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> ha
             sources=parse_sources(options.sources),
             joints=_joints(options.named),
             since=options.since,
+            until=options.until,
         )
         for file in options.file
     ]
@@ -177,7 +181,9 @@ def examples(setup: harness.Setup) -> harness.Outcome:
     """Identify Gazebo's world from its recordings, and the crane of the trial from its record."""
     world = Known()
     free = found(_recordings(world, FREE, WORLD, "motion"), setup, "free swing in Gazebo")
-    held = found(_recordings(world, HELD, (*WORLD, *GAINS), "hold"), setup, "brake in Gazebo")
+    held = found(
+        _recordings(world, HELD, (*WORLD, *GAINS), "hold", UNTIL), setup, "brake in Gazebo"
+    )
     alone = found(
         Model.of(world, [trial_record(world, positions=False)]), setup, "trial, setpoints"
     )
@@ -212,13 +218,17 @@ def examples(setup: harness.Setup) -> harness.Outcome:
 
 
 def _recordings(
-    known: Known, names: Sequence[str], parameters: Sequence[str], drives: str
+    known: Known,
+    names: Sequence[str],
+    parameters: Sequence[str],
+    drives: Drives,
+    until: float = math.inf,
 ) -> Model:
     records = [
-        read_record(gazebo.RECORDINGS / f"{name}.parquet", known.crane, since=12.0)
+        read_record(gazebo.RECORDINGS / f"{name}.parquet", known.crane, since=12.0, until=until)
         for name in names
     ]
-    return Model.of(known, records, parameters, drives=drives)  # type: ignore[arg-type]
+    return Model.of(known, records, parameters, drives=drives)
 
 
 def tables(one: Found, of: str, truth: Mapping[str, float]) -> list[harness.Table]:
@@ -393,8 +403,7 @@ def _of_trials(trials: Sequence[Tried]) -> list[harness.Table]:
     if not trials:
         return []
     rows = [
-        (one.strategy, one.designed, *(1e3 * np.quantile(one.swing, [0.5, 1.0])))
-        for one in trials
+        (one.strategy, one.designed, *(1e3 * np.quantile(one.swing, [0.5, 1.0]))) for one in trials
     ]
     columns = [
         ("strategy", ""),
@@ -522,6 +531,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     made.add_argument("--since", type=float, default=-math.inf, metavar="T",
                       help="leave out what was recorded before this time [s]")  # fmt: skip
+    made.add_argument("--until", type=float, default=math.inf, metavar="T",
+                      help="leave out what was recorded after this time [s]")  # fmt: skip
     made.add_argument("--columns", dest="sources", nargs="+", action="extend", default=[],
                       metavar="OURS=NAME[UNIT]", help="what columns are called in CSV and Parquet, "
                       "and their units, as phi_rad=Angle[deg]")  # fmt: skip

@@ -19,9 +19,7 @@ _LINES = {"recorded": "#777777", "left": "#000000"}
 def beside(estimate: Estimate, index: int) -> Figure:
     """Each swing of a record as recorded and as predicted, what is left, and both spectra."""
     model = estimate.model
-    channels = [
-        (c, one) for c, one in enumerate(model.channels[index]) if one.kind == "swing"
-    ]
+    channels = [(c, one) for c, one in enumerate(model.channels[index]) if one.kind == "swing"]
     record, rows = model.records[index], model.rows(index)
     t, measured = record.t[rows], model.measured(index)
     figure, axes = panels(len(channels), 3, height=2.8, width=13.0)

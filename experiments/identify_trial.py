@@ -131,8 +131,7 @@ def tried(estimate: Estimate) -> list[Tried]:
     draws = _draws(estimate)
     family = estimate.model.family
     cranes = [
-        family.at(np.array([float(draws[name][i]) for name in family.names]))
-        for i in range(DRAWS)
+        family.at(np.array([float(draws[name][i]) for name in family.names])) for i in range(DRAWS)
     ]
     beliefs = {
         "believed": (harness.Setup(known.gravity, known.values), dict[str, float]()),

@@ -138,9 +138,7 @@ def identify(model: Model, *, progress: Callable[[int], object] | None = None) -
     jacobians = [jacobian(model, values, i)[1] for i in range(len(model.records))]
     white = tuple(np.array([is_white(one) for one in part]) for part in residuals)
     covariance = _covariance(model, jacobians, residuals, noise, white)
-    return Estimate(
-        model, values, covariance, tuple(noise), residuals, white, search.evaluations
-    )
+    return Estimate(model, values, covariance, tuple(noise), residuals, white, search.evaluations)
 
 
 def inside(model: Model) -> np.ndarray:
@@ -263,7 +261,9 @@ def initial_noise(model: Model) -> list[np.ndarray]:
     return found
 
 
-def noise_of(model: Model, residuals: list[np.ndarray] | tuple[np.ndarray, ...]) -> list[np.ndarray]:
+def noise_of(
+    model: Model, residuals: list[np.ndarray] | tuple[np.ndarray, ...]
+) -> list[np.ndarray]:
     """Noise of each channel as its residual shows it, with the rows that parameters cost."""
     total = sum(one.size for one in residuals)
     free = total - len(model.parameters)
@@ -272,9 +272,7 @@ def noise_of(model: Model, residuals: list[np.ndarray] | tuple[np.ndarray, ...])
             f"The records have {total} numbers for {len(model.parameters)} parameters; allowed are "
             "more numbers than parameters."
         )
-    return [
-        np.maximum(np.sqrt(np.mean(one**2, axis=1) * total / free), 1e-14) for one in residuals
-    ]
+    return [np.maximum(np.sqrt(np.mean(one**2, axis=1) * total / free), 1e-14) for one in residuals]
 
 
 def is_white(residual: np.ndarray) -> bool:

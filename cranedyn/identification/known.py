@@ -30,7 +30,9 @@ class Known:
     urdf: str | Path | None = None
     values: Mapping[str, object] = field(default_factory=dict)
     gravity: float = STANDARD_GRAVITY
-    _families: dict[Any, Family] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _families: dict[Any, Family] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @cached_property
     def crane(self) -> Crane:

@@ -175,12 +175,16 @@ class Model:
             weighs = joint.role == "hoist" and "payload_mass" in asked
             if self.drives != "motion" and record.moves(position):
                 found.append(Channel(position, joint.unit, "position", at, drive))
-            if self.drives == "motion" and f"{joint.symbol}_lag" in asked and (
-                {position, setpoint_column(joint)} <= record.columns.keys()
+            if (
+                self.drives == "motion"
+                and f"{joint.symbol}_lag" in asked
+                and ({position, setpoint_column(joint)} <= record.columns.keys())
             ):
                 found.append(Channel(position, joint.unit, "lagged", at, drive))
-            if self.drives == "motion" and joint.effort_column in record.columns and (
-                weighs or f"{joint.symbol}_friction" in asked
+            if (
+                self.drives == "motion"
+                and joint.effort_column in record.columns
+                and (weighs or f"{joint.symbol}_friction" in asked)
             ):
                 effort = joint.effort_column
                 found.append(Channel(effort, joint.effort_unit, "effort", at, drive))
@@ -248,9 +252,7 @@ class Model:
 class Variants:
     """One record made again by variants of the crane, each with its values of the parameters."""
 
-    def __init__(
-        self, model: Model, index: int, values: np.ndarray, until: float = np.inf
-    ) -> None:
+    def __init__(self, model: Model, index: int, values: np.ndarray, until: float = np.inf) -> None:
         self.model, self.index, self.values = model, index, values
         self.record, self.layout = model.records[index], model.known.crane.layout
         self.period = PERIODS[model.drives]
@@ -397,7 +399,9 @@ class Variants:
             elif own is not None:
                 aims[:, :, i] = self.values[:, own][:, None]
             else:
-                still = self.record.columns.get(joint.columns[0], self.model.known.crane.start.q[at])
+                still = self.record.columns.get(
+                    joint.columns[0], self.model.known.crane.start.q[at]
+                )
                 aims[:, :, i] = np.mean(still)
             aims[:, :, i] += self.value(f"{joint.symbol}_offset")[:, None]
         return aims
@@ -496,9 +500,7 @@ def _check_tells(one: Parameter, records: Sequence[Record], drives: Drives) -> N
         "damping": ("hold",),
     }
     if drives not in ways.get(one.kind, (drives,)):
-        raise OutOfRange(
-            f"drives beside {one.name}", drives, " or ".join(ways[one.kind])
-        )
+        raise OutOfRange(f"drives beside {one.name}", drives, " or ".join(ways[one.kind]))
     joint = next((joint for joint in layout.joints if joint.symbol == one.of), None)
     column = {
         "lag": joint and setpoint_column(joint),
@@ -510,5 +512,3 @@ def _check_tells(one: Parameter, records: Sequence[Record], drives: Drives) -> N
         raise DataError(
             f"{one.name} cannot be found: {column} {'never moves' if there else 'is not there'}."
         )
-
-

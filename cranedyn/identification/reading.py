@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -20,7 +21,8 @@ def read_record(
     *,
     sources: Mapping[str, Source] | None = None,
     joints: Mapping[str, str] | None = None,
-    since: float = 0.0,
+    since: float = -math.inf,
+    until: float = math.inf,
 ) -> Record:
     """A record from a file; columns that say nothing of drives or swings are not read.
 
@@ -31,6 +33,7 @@ def read_record(
             see `cranedyn.data.elsewhere.parse_sources`.
         joints: Names of the joints in a recording of ROS by the symbols of coordinates.
         since: From which time on it counts [s], on its own clock.
+        until: Up to which time [s].
 
     Raises:
         DataError: As `cranedyn.data.elsewhere.read_elsewhere`, `cranedyn.bridges.bags.read_columns`
@@ -52,4 +55,4 @@ def read_record(
         ]
         needed = list(dict.fromkeys(["t_s", *wanted, *sources]))
         data = read_elsewhere(path, needed, sources)
-    return Record.of(crane, data, name=path.name, since=since)
+    return Record.of(crane, data, name=path.name, since=since, until=until)

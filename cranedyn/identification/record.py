@@ -46,7 +46,8 @@ class Record:
         columns: Mapping[str, np.ndarray],
         *,
         name: str = "record",
-        since: float = 0.0,
+        since: float = -math.inf,
+        until: float = math.inf,
     ) -> Record:
         """A record from columns, ``t_s`` and a swing among them; those that say nothing of drives
         or swings are left out.
@@ -56,6 +57,7 @@ class Record:
             columns: By their names in a trajectory, such as ``phi_rad``, shape (rows,) each.
             name: What the record is called.
             since: From which time on it counts [s], on its own clock.
+            until: Up to which time [s].
 
         Raises:
             DataError: If there is no swing, all of it stands still or it is beyond 90 degrees, time
@@ -71,7 +73,7 @@ class Record:
             if key in columns and key != "t_s"
         }
         _check_clock(name, t)
-        late = t >= since - 1e-9
+        late = (t >= since - 1e-9) & (t <= until + 1e-9)
         t, kept = t[late], {key: values[late] for key, values in kept.items()}
         dead = _check_swings(name, crane, kept)
         _check_length(name, crane, t, kept)
@@ -157,7 +159,9 @@ def _check_swings(name: str, crane: Crane, columns: Mapping[str, np.ndarray]) ->
     return dead
 
 
-def _check_length(name: str, crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
+def _check_length(
+    name: str, crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> None:
     if len(t) < ROWS:
         raise DataError(f"{name} has {len(t)} rows to go by; allowed are {ROWS} or more.")
     hoist = crane.layout.drive_of("hoist")

@@ -16,9 +16,7 @@ from experiments.identify_figures import spectra
 from tests.identification.test_estimate import TRUTH, recorded
 
 
-def test_the_examples_hold_their_claims(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_examples_hold_their_claims(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Gravity, dummy inertia, damping and gains of Gazebo's world from files alone, and the trial."""
     out = tmp_path / "out"
     assert identify.main(["--out", str(out)]) == 0, capsys.readouterr().out

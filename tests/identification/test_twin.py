@@ -83,9 +83,7 @@ def test_another_cranes_twin_names_it_whole(tmp_path: Path) -> None:
     columns[swing] = model.predicted(0, values[None])[0][0]
     from cranedyn.identification import identify
 
-    estimate = identify(
-        Model.of(known, [Record.of(crane, columns)], ["l_offset", "damp_swing"])
-    )
+    estimate = identify(Model.of(known, [Record.of(crane, columns)], ["l_offset", "damp_swing"]))
     assert estimate.value("l_offset") == pytest.approx(0.25, abs=1e-6)
     file = twin_of(estimate).write(tmp_path / "twin.json")
     assert json.loads(file.read_text())["crane"]["driven"] == [j.name for j in crane.layout.driven]
