@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,20 +13,10 @@ import numpy as np
 from scipy.stats import binom
 
 from cranedyn.data.elsewhere import parse_sources
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, number, quoted, whole
-from cranedyn.identification import (
-    Estimate,
-    Known,
-    Model,
-    Preflight,
-    Record,
-    Twin,
-    identify,
-    preflight,
-    read_record,
-    twin_of,
-)
-from cranedyn.identification.parameters import MEANINGS, Drives
+from cranedyn.identification import Estimate, Known, Model, read_record
+from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import parse_values
 from cranedyn.sweep import grid, results, sweep
@@ -36,6 +25,7 @@ from experiments.harness.arguments import ROS
 from experiments.harness.progress import watching
 from experiments.identify_coverage import NAMES, coverage
 from experiments.identify_figures import beside, correlations
+from experiments.identify_tables import Found, doubts, found, of_trials, tables, values
 from experiments.identify_trial import TRUTH, Tried, trial_record, tried
 
 if TYPE_CHECKING:
@@ -75,33 +65,6 @@ _SHOWN, _APART = 4, 60.0
 _TAIL = 5e-4
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What was found of records.
-
-    Attributes:
-        estimate: The numbers.
-        judged: What these records can tell.
-        twin: The crane that follows.
-    """
-
-    estimate: Estimate
-    judged: Preflight
-    twin: Twin
-
-
-def found(model: Model, setup: harness.Setup, label: str) -> Found:
-    """Identify, judge, and make the twin, with progress under a label."""
-    lines = setup.reporter.lines
-    estimate = identify(
-        model,
-        progress=None
-        if lines is None
-        else lambda n: lines.say(lambda: f"{label}: {n} predictions of the records"),
-    )
-    return Found(estimate, preflight(model, estimate), twin_of(estimate))
-
-
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Identify what the command line asks for."""
     check_effect(options)
@@ -121,7 +84,12 @@ def check_effect(options: argparse.Namespace) -> None:
     Raises:
         DataError: If one has none.
     """
-    usual = {"estimate": None, "drives": None, "since": -math.inf, "until": math.inf}
+    usual: dict[str, object] = {
+        "estimate": None,
+        "drives": None,
+        "since": -math.inf,
+        "until": math.inf,
+    }
     usual |= {"sources": [], "named": [], "urdf": None, "believed": STANDARD_GRAVITY, "values": []}
     flags = {"sources": "columns", "named": "joints", "believed": "gravity", "values": "set"}
     given = [name for name, value in usual.items() if getattr(options, name) != value]
@@ -159,7 +127,7 @@ def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> ha
     model = Model.of(known, records, options.estimate, drives=options.drives)
     one = found(model, setup, "records")
     return harness.Outcome(
-        tables=[*tables(one, "", {}), *_of_trials(_trials(one.estimate))],
+        tables=[*tables(one, "", {}), *of_trials(_trials(one.estimate))],
         claims=[],
         parameters=_parameters(one),
         trajectories=_runs(one),
@@ -194,12 +162,12 @@ def examples(setup: harness.Setup) -> harness.Outcome:
     worlds = {"free swing": free, "brake": held}
     return harness.Outcome(
         tables=[
-            *(_values(one, f"Gazebo Classic 11.1, {name}", MADE_WITH) for name, one in
+            *(values(one, f"Gazebo Classic 11.1, {name}", MADE_WITH) for name, one in
               worlds.items()),
-            _values(alone, "The trial, setpoints of the drives alone", TRUTH),
-            *_doubts(alone, "The trial, setpoints of the drives alone"),
+            values(alone, "The trial, setpoints of the drives alone", TRUTH),
+            *doubts(alone, "The trial, setpoints of the drives alone"),
             *tables(whole_trial, "The trial, positions of the drives recorded, too", TRUTH),
-            *_of_trials(trials),
+            *of_trials(trials),
         ],
         claims=[
             *(claim for name, one in worlds.items() for claim in _worlds_claims(name, one)),
@@ -229,105 +197,6 @@ def _recordings(
         for name in names
     ]
     return Model.of(known, records, parameters, drives=drives)
-
-
-def tables(one: Found, of: str, truth: Mapping[str, float]) -> list[harness.Table]:
-    """All that is said of records: numbers, what is left, and what they cannot tell."""
-    return [_values(one, of, truth), _left(one, of), *_doubts(one, of)]
-
-
-def _titled(title: str, of: str) -> str:
-    return f"{of}: {title[0].lower()}{title[1:]}" if of else title
-
-
-def _values(one: Found, of: str, truth: Mapping[str, float]) -> harness.Table:
-    """Values with their intervals, beside what was believed and what is true."""
-    own = [p for p in one.estimate.model.parameters if p.record is None]
-    rows: list[tuple[float | str | None, ...]] = []
-    for parameter in own:
-        value, margin = one.estimate.found[parameter.name]
-        true = truth.get(parameter.name)
-        row = (parameter.name, parameter.unit, parameter.start, value, margin)
-        rows.append((*row, true, None if true is None else value - true))
-    columns = [("what", ""), ("unit", ""), ("believed", ".6g"), ("found", ".7g"), ("±", ".2g")]
-    if truth:
-        columns += [("true", ".6g"), ("off", "+.2g")]
-    bound = one.estimate.at_bound
-    kinds = dict.fromkeys(p.kind for p in own if p.kind in MEANINGS)
-    words = "; ".join(f"{kind}: {MEANINGS[kind]}" for kind in kinds)
-    note = f"±: half the 95 % interval. {words[:1].upper()}{words[1:]}" + "." * bool(words)
-    if bound:
-        note += f" At the end of what is allowed, where an interval says nothing: {_list(bound)}."
-    note = " ".join([note, *(n for record in one.estimate.model.records for n in record.notes)])
-    shown = [row[: len(columns)] for row in rows]
-    return harness.Table(_titled("What the records say", of), columns, shown, note.strip())
-
-
-def _list(names: Sequence[str]) -> str:
-    return ", ".join(names)
-
-
-def _left(one: Found, of: str) -> harness.Table:
-    """What is left of each channel."""
-    estimate, rows = one.estimate, []
-    for index, record in enumerate(estimate.model.records):
-        for c, channel in enumerate(estimate.model.channels[index]):
-            off = estimate.residuals[index][c]
-            seen = float(np.std(estimate.model.measured(index)[c]))
-            rms = float(np.sqrt(np.mean(off**2)))
-            white = "yes" if estimate.white[index][c] else "no"
-            row = (record.name, channel.column, len(off), seen, rms, float(np.abs(off).max()))
-            rows.append((*row, white))
-    columns = [
-        ("record", ""),
-        ("column", ""),
-        ("rows", "d"),
-        ("recorded, std", ".3g"),
-        ("left, RMS", ".3g"),
-        ("left, most", ".3g"),
-        ("white", ""),
-    ]
-    note = (
-        "White: no memory in what is left, by Ljung and Box at 0.1 %. Where there is, the model "
-        "lacks something, and intervals are those of errors with a memory; what the model gets "
-        "wrong always in the same way they do not know."
-    )
-    return harness.Table(_titled("What the twin leaves", of), columns, rows, note)
-
-
-def _doubts(one: Found, of: str) -> list[harness.Table]:
-    """What records cannot tell, and which moves would."""
-    judged = one.judged
-    pairs: list[tuple[str | float, ...]] = [
-        (f"{pair.one} from {pair.other}", pair.correlation) for pair in judged.alike
-    ]
-    pairs += [(f"{name}, next to nothing", math.nan) for name in judged.blind]
-    shown = [(words, None if rho != rho else rho) for words, rho in pairs]
-    made = harness.Table(
-        _titled("What these records cannot tell", of),
-        [("what", ""), ("correlation", "+.3f")],
-        shown or [("nothing: all parameters are told apart", None)],
-    )
-    if not judged.advice:
-        return [made]
-    doubtful = list(
-        dict.fromkeys([*(n for p in judged.alike for n in (p.one, p.other)), *judged.blind])
-    )
-    columns = [("a further record", ""), *((f"± {name}", ".2g") for name in doubtful)]
-    if judged.alike:
-        columns.append(("correlation", ".3f"))
-    rows = [("none", judged.margins, max((abs(p.correlation) for p in judged.alike), default=0.0))]
-    rows += [(a.move, a.margins, a.correlation) for a in judged.advice]
-    table = [
-        (move, *(_finite(margins[name]) for name in doubtful), rho)[: len(columns)]
-        for move, margins, rho in rows
-    ]
-    note = "Half intervals that a further record would leave together with these, the best first."
-    return [made, harness.Table(_titled("Moves that would tell", of), columns, table, note)]
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _worlds_claims(name: str, one: Found) -> list[harness.Claim]:
@@ -399,26 +268,6 @@ def _trials(estimate: Estimate) -> list[Tried]:
     return tried(estimate) if known.urdf is None else []
 
 
-def _of_trials(trials: Sequence[Tried]) -> list[harness.Table]:
-    if not trials:
-        return []
-    rows = [
-        (one.strategy, one.designed, *(1e3 * np.quantile(one.swing, [0.5, 1.0]))) for one in trials
-    ]
-    columns = [
-        ("strategy", ""),
-        ("designed for", ""),
-        ("median [mrad]", ".3g"),
-        ("worst [mrad]", ".3g"),
-    ]
-    note = (
-        f"Swing left by the combined move of experiment compare on {len(trials[0].swing)} cranes "
-        "that the estimate allows, with their cables and sensors as wrong as they were found; "
-        "lag and delay are not among it."
-    )
-    return [harness.Table("Controllers tried on the twin", columns, rows, note)]
-
-
 def _parameters(one: Found) -> dict[str, object]:
     model = one.estimate.model
     return {
@@ -429,7 +278,7 @@ def _parameters(one: Found) -> dict[str, object]:
     }
 
 
-def _runs(one: Found) -> dict[str, object]:
+def _runs(one: Found) -> dict[str, Trajectory]:
     model = one.estimate.model
     return {
         f"twin_{index + 1}": model.run(index, one.estimate.values, one.twin.crane)
@@ -529,26 +378,66 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="how drives are made again: as they moved, by the efforts that acted, or held at "
         "their setpoints by a brake",
     )
-    made.add_argument("--since", type=float, default=-math.inf, metavar="T",
-                      help="leave out what was recorded before this time [s]")  # fmt: skip
-    made.add_argument("--until", type=float, default=math.inf, metavar="T",
-                      help="leave out what was recorded after this time [s]")  # fmt: skip
-    made.add_argument("--columns", dest="sources", nargs="+", action="extend", default=[],
-                      metavar="OURS=NAME[UNIT]", help="what columns are called in CSV and Parquet, "
-                      "and their units, as phi_rad=Angle[deg]")  # fmt: skip
-    made.add_argument("--joints", dest="named", nargs="+", default=[], metavar="l=NAME",
-                      help="names of joints in .mcap and .bag files")  # fmt: skip
-    made.add_argument("--urdf", metavar="FILE", default=None,
-                      help="a .xacro or URDF of another crane")  # fmt: skip
-    made.add_argument("--gravity", dest="believed", type=float, default=STANDARD_GRAVITY,
-                      metavar="G", help="gravity that one believes in [m/s²]")  # fmt: skip
-    made.add_argument("--set", dest="values", nargs="+", action="extend", default=[],
-                      metavar="name:=value", help="numbers of the crane that one believes in")  # fmt: skip
-    made.add_argument("--coverage", type=int, default=None, metavar="N",
-                      help="identify N synthetic cranes instead, and count how often the intervals "
-                      "hold the truth")  # fmt: skip
-    made.add_argument("--workers", type=int, default=None, metavar="N",
-                      help="processes for that, by default one for each processor")  # fmt: skip
+    for name, ends in (("since", "before"), ("until", "after")):
+        made.add_argument(
+            f"--{name}",
+            type=float,
+            default=-math.inf if name == "since" else math.inf,
+            metavar="T",
+            help=f"leave out what was recorded {ends} this time [s]",
+        )
+    made.add_argument(
+        "--columns",
+        dest="sources",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="OURS=NAME[UNIT]",
+        help="what columns are called in CSV and Parquet, and their units, as phi_rad=Angle[deg]",
+    )
+    made.add_argument(
+        "--joints",
+        dest="named",
+        nargs="+",
+        default=[],
+        metavar="l=NAME",
+        help="names of joints in .mcap and .bag files",
+    )
+    made.add_argument(
+        "--urdf", metavar="FILE", default=None, help="a .xacro or URDF of another crane"
+    )
+    made.add_argument(
+        "--gravity",
+        dest="believed",
+        type=float,
+        default=STANDARD_GRAVITY,
+        metavar="G",
+        help="gravity that one believes in [m/s²]",
+    )
+    made.add_argument(
+        "--set",
+        dest="values",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="name:=value",
+        help="numbers of the crane that one believes in",
+    )
+    made.add_argument(
+        "--coverage",
+        type=int,
+        default=None,
+        metavar="N",
+        help="identify N synthetic cranes instead, and count how often the intervals hold the "
+        "truth",
+    )
+    made.add_argument(
+        "--workers",
+        type=int,
+        default=None,
+        metavar="N",
+        help="processes for that, by default one for each processor",
+    )
     return harness.conduct(made, experiment, argv)
 
 

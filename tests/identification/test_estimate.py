@@ -13,8 +13,9 @@ from cranedyn.controllers import follow, hold_controller
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, DataError, UnknownName
 from cranedyn.identification import Estimate, Known, Model, Record, identify, read_record
-from cranedyn.identification.estimate import is_white, jacobian
 from cranedyn.identification.motion import lagged
+from cranedyn.identification.noise import is_white
+from cranedyn.identification.search import jacobian
 from cranedyn.references import JoystickPulse, operator
 from cranedyn.simulation.simulate import simulate
 from experiments.gazebo import RECORDINGS

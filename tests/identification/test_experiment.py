@@ -17,7 +17,7 @@ from tests.identification.test_estimate import TRUTH, recorded
 
 
 def test_the_examples_hold_their_claims(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Gravity, dummy inertia, damping and gains of Gazebo's world from files alone, and the trial."""
+    """Gravity, inertia, damping and gains of Gazebo's world from files alone, and the trial."""
     out = tmp_path / "out"
     assert identify.main(["--out", str(out)]) == 0, capsys.readouterr().out
     result = json.loads((out / "result.json").read_text())
