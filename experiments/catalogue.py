@@ -167,8 +167,7 @@ EXPERIMENTS = {
     ),
     "identify": Entry(
         "A crane, identified",
-        "From records of a crane's drives and swing to its numbers with intervals, and a twin of "
-        "it.",
+        "A crane's numbers, with intervals, from its records.",
         (),
         (),
         {

@@ -15,7 +15,7 @@ from scipy.stats import binom
 from cranedyn.data.elsewhere import parse_sources
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, number, quoted, whole
-from cranedyn.identification import Estimate, Known, Model, read_record
+from cranedyn.identification import Estimate, Known, Model, load_record
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import parse_values
@@ -111,7 +111,7 @@ def check_effect(options: argparse.Namespace) -> None:
 def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> harness.Outcome:
     """Identify a crane from files."""
     records = [
-        read_record(
+        load_record(
             file,
             known.crane,
             sources=parse_sources(options.sources),
@@ -193,7 +193,7 @@ def _recordings(
     until: float = math.inf,
 ) -> Model:
     records = [
-        read_record(gazebo.RECORDINGS / f"{name}.parquet", known.crane, since=12.0, until=until)
+        load_record(gazebo.RECORDINGS / f"{name}.parquet", known.crane, since=12.0, until=until)
         for name in names
     ]
     return Model.of(known, records, parameters, drives=drives)

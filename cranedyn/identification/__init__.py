@@ -4,7 +4,7 @@ how sure that is, and the crane that follows.
 Records in, numbers with intervals out, a twin to try controllers on::
 
     known = Known()
-    records = [read_record(file, known.crane) for file in files]
+    records = [load_record(file, known.crane) for file in files]
     found = identify(Model.of(known, records))
     print(found.value("l_offset"), found.margin("l_offset"))
 """
@@ -14,7 +14,7 @@ from cranedyn.identification.known import Known
 from cranedyn.identification.model import Model
 from cranedyn.identification.parameters import Parameter
 from cranedyn.identification.preflight import Preflight, preflight
-from cranedyn.identification.reading import read_record
+from cranedyn.identification.reading import load_record
 from cranedyn.identification.record import Record
 from cranedyn.identification.twin import Twin, read_twin, twin_of
 
@@ -28,7 +28,7 @@ __all__ = [
     "Twin",
     "identify",
     "preflight",
-    "read_record",
+    "load_record",
     "read_twin",
     "twin_of",
 ]

@@ -15,7 +15,7 @@ from cranedyn.model.crane import Crane
 
 
 @checked
-def read_record(
+def load_record(
     path: str | Path,
     crane: Crane,
     *,

@@ -12,7 +12,7 @@ from scipy.stats import binom
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, DataError, UnknownName
-from cranedyn.identification import Estimate, Known, Model, Record, identify, read_record
+from cranedyn.identification import Estimate, Known, Model, Record, identify, load_record
 from cranedyn.identification.motion import lagged
 from cranedyn.identification.noise import is_white
 from cranedyn.identification.search import jacobian
@@ -163,7 +163,7 @@ def test_gravity_and_dummy_inertia_of_gazebo_are_found_from_two_files() -> None:
     of them are Gazebo's chords (experiment gazebo).
     """
     records = [
-        read_record(RECORDINGS / f"a1_{name}.parquet", KNOWN.crane, since=12.0)
+        load_record(RECORDINGS / f"a1_{name}.parquet", KNOWN.crane, since=12.0)
         for name in ("l5", "l20")
     ]
     estimate = identify(Model.of(KNOWN, records, ["gravity", "dummy_inertia", "damp_swing"]))

@@ -12,7 +12,7 @@ from cranedyn.bridges import mcap
 from cranedyn.controllers import hold_controller
 from cranedyn.data.elsewhere import parse_sources
 from cranedyn.errors import CraneError, DataError
-from cranedyn.identification import Known, Record, read_record
+from cranedyn.identification import Known, Record, load_record
 from cranedyn.simulation.simulate import simulate
 
 KNOWN = Known()
@@ -75,11 +75,11 @@ def test_files_in_other_names_and_units_give_the_same_record(tmp_path: Path) -> 
     table = np.stack([1e3 * data["t_s"], np.degrees(data["phi_rad"]), data["x_m"]], axis=1)
     np.savetxt(file, table, delimiter=",", header="time,Angle,x_m", comments="", fmt="%.17g")
     sources = parse_sources(["t_s=time[ms]", "phi_rad=Angle[deg]"])
-    found = read_record(file, KNOWN.crane, sources=sources)
+    found = load_record(file, KNOWN.crane, sources=sources)
     for name in ("phi_rad", "x_m"):
         np.testing.assert_allclose(found.columns[name], data[name], atol=1e-15, rtol=1e-15)
     with pytest.raises(DataError, match=re.escape("no column")):
-        read_record(file, KNOWN.crane)
+        load_record(file, KNOWN.crane)
 
 
 def test_csv_parquet_and_mcap_of_a_run_give_the_same_record(tmp_path: Path) -> None:
@@ -96,7 +96,7 @@ def test_csv_parquet_and_mcap_of_a_run_give_the_same_record(tmp_path: Path) -> N
     )
     files = [run.write(tmp_path / name) for name in ("run.csv", "run.parquet")]
     files.append(mcap.export(tmp_path / "run.mcap", crane, run))
-    one, other, ros = (read_record(file, crane) for file in files)
+    one, other, ros = (load_record(file, crane) for file in files)
     assert one.columns.keys() == other.columns.keys()
     assert ros.columns.keys() == {name for name in one.columns if "setpoint" not in name}
     for name, values in ros.columns.items():
