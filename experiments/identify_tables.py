@@ -67,7 +67,7 @@ def values(one: Found, of: str, truth: Mapping[str, float]) -> harness.Table:
     for parameter in own:
         value, margin = one.estimate.found[parameter.name]
         true = truth.get(parameter.name)
-        row = (parameter.name, parameter.unit, parameter.start, value, margin)
+        row = (parameter.name, parameter.unit, parameter.start, value, _finite(margin))
         rows.append((*row, true, None if true is None else value - true))
     columns = [("what", ""), ("unit", ""), ("believed", ".6g"), ("found", ".7g"), ("±", ".2g")]
     if truth:

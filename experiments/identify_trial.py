@@ -158,9 +158,9 @@ def _draws(estimate: Estimate) -> dict[str, np.ndarray]:
     own = [one for one in estimate.model.parameters if one.record is None]
     count = len(own)
     rng = np.random.default_rng(0)
-    spread = rng.multivariate_normal(
-        estimate.values[:count], estimate.covariance[:count, :count], DRAWS, method="eigh"
-    )
+    covariance = estimate.covariance[:count, :count].copy()
+    covariance[np.isinf(covariance)] = 0.0  # of what nothing is said stays what one believed
+    spread = rng.multivariate_normal(estimate.values[:count], covariance, DRAWS, method="eigh")
     low, high = (np.array([getattr(one, end) for one in own]) for end in ("low", "high"))
     return dict(zip([one.name for one in own], np.clip(spread, low, high).T, strict=True))
 

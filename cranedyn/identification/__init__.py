@@ -27,8 +27,8 @@ __all__ = [
     "Record",
     "Twin",
     "identify",
-    "preflight",
     "load_record",
+    "preflight",
     "read_twin",
     "twin_of",
 ]

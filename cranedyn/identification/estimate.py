@@ -26,7 +26,8 @@ class Estimate:
     Attributes:
         model: What it was found with.
         values: Of all parameters, shape (parameters,).
-        covariance: Of these, shape (parameters, parameters).
+        covariance: Of these, shape (parameters, parameters); a variance is inf where the records
+            say nothing of a parameter.
         noise: Standard deviation of what is left of each channel of each record.
         residuals: Recorded less predicted, of each record, shape (channels, rows looked at).
         white: Whether what is left is white noise, channel by channel. Where it is not the model
@@ -59,7 +60,9 @@ class Estimate:
 
     @checked
     def margin(self, name: str) -> float:
-        """Half the width of its interval, which holds the truth with 95 % confidence."""
+        """Half the width of its interval, which holds the truth with 95 % confidence; inf where the
+        records say nothing of it.
+        """
         place = self._place(name)
         return self.factor * float(np.sqrt(self.covariance[place, place]))
 

@@ -31,6 +31,9 @@ from cranedyn.simulation.simulate import simulate
 
 _CHANGE = 1e-6
 
+ROUND_OFF = 1e-12
+"""What of a channel is round-off, as a share of its range."""
+
 
 @dataclass(frozen=True, eq=False)
 class Model:
@@ -102,10 +105,20 @@ class Model:
         """How far apart variants stand for a slope, shape (parameters,): so far that some channel
         changes by a millionth of its range.
         """
-        count = len(self.parameters)
-        sign = np.array([-1.0 if one.start + one.scale > one.high else 1.0 for one in
-                         self.parameters])  # fmt: skip
-        tried, most = 1e-3 * sign * self.scale, np.zeros(count)
+        factor = np.where(self.tells > 0.0, _CHANGE / np.where(self.tells, self.tells, 1.0), 1.0)
+        return self._tried * np.clip(factor, 1e-6, 1e6)
+
+    @cached_property
+    def _tried(self) -> np.ndarray:
+        up = [one.start + one.scale <= one.high for one in self.parameters]
+        return 1e-3 * np.where(up, 1.0, -1.0) * self.scale
+
+    @cached_property
+    def tells(self) -> np.ndarray:
+        """By which share of its range some channel changes with a thousandth of the scale of each
+        parameter, where the search begins; 0 where it is round-off, shape (parameters,).
+        """
+        tried, most = self._tried, np.zeros(len(self.parameters))
         for index in range(len(self.records)):
             places, measured = self.of_record(index), self.measured(index)
             variants = np.tile(self.first, (len(places) + 1, 1))
@@ -114,8 +127,7 @@ class Model:
             change = np.abs(shown[1:] - shown[0]).max(axis=2)
             share = (change / np.maximum(np.ptp(measured, axis=1), 1e-9)).max(axis=1)
             most[places] = np.maximum(most[places], np.where(np.isfinite(share), share, 0.0))
-        factor = np.where(most > 0.0, _CHANGE / np.maximum(most, 1e-300), 1.0)
-        return tried * np.clip(factor, 1e-6, 1e6)
+        return np.where(most > ROUND_OFF, most, 0.0)
 
     def of_record(self, index: int) -> list[int]:
         """Places of the parameters that a record hangs on."""

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from cranedyn.errors import DataError
 from cranedyn.identification.model import Model
 
-_LAGS, _WHITE = 20, 1e-3
+_LAGS, _WHITE, _FLOOR = 20, 1e-3, 1e-13
 
 
 def initial_noise(model: Model) -> list[np.ndarray]:
@@ -58,7 +58,8 @@ def covariance_of(
     white: tuple[np.ndarray, ...],
 ) -> np.ndarray:
     """Covariance of the parameters: that of least squares, or where a residual is not white that of
-    errors with a memory (Newey and West 1987, over a tenth of the record).
+    errors with a memory (Newey and West 1987, over a tenth of the record). Infinite for a parameter
+    of which the records say nothing.
     """
     scale, count = model.scale, len(model.parameters)
     bread, meat = np.zeros((count, count)), np.zeros((count, count))
@@ -68,8 +69,24 @@ def covariance_of(
             own = weighted.T @ weighted
             bread += own
             meat += own if simple else _remembering(weighted * (off / sigma)[:, None])
-    inverse = np.linalg.pinv(bread, rcond=1e-15, hermitian=True)
-    return scale[:, None] * (inverse @ meat @ inverse) * scale
+    inverse, told = inverted(bread)
+    found = scale[:, None] * (inverse @ meat @ inverse) * scale
+    found[~told, ~told] = np.inf
+    return found
+
+
+def inverted(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The inverse of information, and of which parameters it says anything, shape (parameters,).
+
+    What it hardly tells apart keeps a large variance, not the none that a pseudoinverse gives.
+    """
+    size = np.sqrt(np.diag(known))
+    told = size > 0.0
+    unit = np.where(told, size, 1.0)
+    share, axes = np.linalg.eigh(known / np.outer(unit, unit))
+    inverse = (axes / np.maximum(share, _FLOOR)) @ axes.T
+    inverse[~told] = inverse[:, ~told] = 0.0
+    return inverse / np.outer(unit, unit), told
 
 
 def _remembering(scores: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from cranedyn.arguments import checked
 from cranedyn.identification.estimate import Estimate
 from cranedyn.identification.model import Model
 from cranedyn.identification.moves import moves
-from cranedyn.identification.noise import initial_noise
+from cranedyn.identification.noise import initial_noise, inverted
 from cranedyn.identification.parameters import starts
 from cranedyn.identification.record import Record
 from cranedyn.identification.search import jacobian
@@ -23,7 +23,6 @@ ALIKE = 0.95
 """Correlation from which on two parameters count as not told apart."""
 
 _SURE = 1.959963984540054
-_FLOOR = 1e-12
 
 
 class Pair(NamedTuple):
@@ -135,16 +134,11 @@ def information(model: Model, values: np.ndarray, noise: Sequence[np.ndarray]) -
 
 def _spread(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Half widths of intervals, shape (parameters,), and correlations, from information."""
-    size = np.sqrt(np.diag(known))
-    told = size > 0.0
-    unit = np.where(told, size, 1.0)
-    share, axes = np.linalg.eigh(known / np.outer(unit, unit))
-    inverse = (axes / np.maximum(share, _FLOOR)) @ axes.T
+    inverse, told = inverted(known)
     deviation = np.sqrt(np.diag(inverse))
-    margins = np.where(told, _SURE * deviation / unit, np.inf)
-    correlation = inverse / np.outer(deviation, deviation)
-    correlation[~told] = correlation[:, ~told] = 0.0
-    return margins, correlation
+    margins = np.where(told, _SURE * deviation, np.inf)
+    unit = np.where(told, deviation, 1.0)
+    return margins, inverse / np.outer(unit, unit)
 
 
 def _with(model: Model, record: Record) -> Model:

@@ -78,8 +78,15 @@ class Record:
         dead = _check_swings(name, crane, kept)
         _check_length(name, crane, t, kept)
         kept = {key: values for key, values in kept.items() if key not in dead}
-        notes = tuple(f"{name}: {key} never moves and is left out." for key in dead)
-        return cls(name, crane, t - t[0], kept, notes)
+        notes = [f"{name}: {key} never moves and is left out." for key in dead]
+        notes += [
+            f"{name}: nothing is recorded of {joint.symbol}, taken to stand at {at:g} {joint.unit}."
+            for joint, at in zip(
+                crane.layout.driven, crane.start.q[crane.layout.drives].tolist(), strict=True
+            )
+            if not {*joint.columns, setpoint_column(joint), joint.effort_column} & kept.keys()
+        ]
+        return cls(name, crane, t - t[0], kept, tuple(notes))
 
     @property
     def duration(self) -> float:

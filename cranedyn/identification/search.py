@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from cranedyn.errors import DataError
-from cranedyn.identification.model import Model
+from cranedyn.identification.model import ROUND_OFF, Model
 
 HORIZONS = (0.125, 0.25, 0.5, 1.0)
 """Shares of a record that are fitted one after the other: over a short time a wrong period loses
@@ -25,7 +25,7 @@ def inside(model: Model) -> np.ndarray:
     """
     ends = (np.array([getattr(one, end) for one in model.parameters]) for end in ("low", "high"))
     low, high = ends
-    room = np.minimum(_ROOM * np.abs(model.steps), 0.1 * (high - low))
+    room = np.minimum(_ROOM * np.abs(model.steps), 0.1 * (high - low)) * (model.tells > 0.0)
     return np.clip(model.first, low + room, high - room)
 
 
@@ -36,6 +36,7 @@ class Search:
 
     def __init__(self, model: Model, progress: Callable[[int], object] | None) -> None:
         self.model, self.evaluations, self._progress = model, 0, progress
+        self._told = np.ones(len(model.parameters), dtype=bool)
         self._last: tuple[bytes, np.ndarray, np.ndarray] | None = None
 
     def residual(self, values: np.ndarray, index: int) -> np.ndarray:
@@ -53,18 +54,27 @@ class Search:
         self._last = None
         begin = np.clip(values / scale, low + 1e-9, high - 1e-9)
         weights = [1.0 / one for one in noise]
+        self._both(begin * scale, weights, share)
+        free = self._told.copy()  # what nothing shows keeps its value
+
+        def at(part: np.ndarray) -> np.ndarray:
+            whole = begin.copy()
+            whole[free] = part
+            return whole * scale
+
+        close = _CLOSE if share == 1.0 else _NEAR
         found = least_squares(
-            lambda z: self._both(z * scale, weights, share)[0],
-            begin,
-            jac=lambda z: self._both(z * scale, weights, share)[1] * scale,
-            bounds=(low, high),
+            lambda z: self._both(at(z), weights, share)[0],
+            begin[free],
+            jac=lambda z: (self._both(at(z), weights, share)[1] * scale)[:, free],
+            bounds=(low[free], high[free]),
             x_scale="jac",
-            ftol=_CLOSE if share == 1.0 else _NEAR,
-            xtol=_CLOSE if share == 1.0 else _NEAR,
+            ftol=close,
+            xtol=close,
             gtol=None,
             max_nfev=_MOST,
         )
-        return found.x * scale
+        return at(found.x)
 
     def _both(
         self, values: np.ndarray, weights: list[np.ndarray], share: float
@@ -95,6 +105,7 @@ class Search:
         residual[wild] = _FAR
         slope = np.concatenate(slopes)
         slope[wild] = 0.0
+        self._told = slope.any(axis=0)
         turned, upright = np.linalg.qr(slope * self.model.scale)
         along = turned.T @ residual
         beside = float(np.sqrt(max(residual @ residual - along @ along, 0.0)))
@@ -119,9 +130,13 @@ def jacobian(
     variants[np.arange(1, len(places) + 1), places] += steps[places]
     shown = model.predicted(index, variants, until)
     slope = np.zeros((*shown.shape[1:], len(values)))
+    measured = model.measured(index, until)
+    least = ROUND_OFF * (measured.max(axis=1) - measured.min(axis=1))[:, None]
     for lane, place in enumerate(places, start=1):
-        slope[:, :, place] = (shown[lane] - shown[0]) / steps[place]
-    return shown[0] - model.measured(index, until), slope
+        change = shown[lane] - shown[0]
+        if not (np.abs(change) <= least).all():
+            slope[:, :, place] = change / steps[place]
+    return shown[0] - measured, slope
 
 
 def check_units(model: Model) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,8 +28,8 @@ class Twin:
 
     Attributes:
         crane: The crane.
-        identified: Of each parameter that was found value, half width of its 95 % interval, unit
-            and kind, by name.
+        identified: Of each parameter that was found value, half width of its 95 % interval (None
+            where the records say nothing), unit and kind, by name.
         records: Names of the records.
     """
 
@@ -87,7 +88,7 @@ def twin_of(estimate: Estimate) -> Twin:
     identified = {
         one.name: {
             "value": estimate.value(one.name),
-            "margin": estimate.margin(one.name),
+            "margin": margin if math.isfinite(margin := estimate.margin(one.name)) else None,
             "unit": one.unit,
             "kind": one.kind,
         }
@@ -110,7 +111,7 @@ def read_twin(path: str | Path) -> Twin:
         identified = {str(name): dict(one) for name, one in content["identified"].items()}
         records = tuple(str(name) for name in content["records"])
         fine = all(
-            set(one) == set(KINDS) and np.isfinite([one["value"], one["margin"]]).all()
+            set(one) == set(KINDS) and np.isfinite([one["value"], one["margin"] or 0.0]).all()
             for one in identified.values()
         )
     except CraneError:

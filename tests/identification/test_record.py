@@ -60,7 +60,11 @@ def test_what_is_no_record_is_refused_in_one_sentence(
 def test_a_swing_that_never_moves_beside_one_that_does_is_left_out_and_said() -> None:
     record = Record.of(KNOWN.crane, changed(theta_rad=np.zeros(800)))
     assert [joint.symbol for joint in record.swings] == ["phi"]
-    assert record.notes == ("record: theta_rad never moves and is left out.",)
+    assert record.notes == (
+        "record: theta_rad never moves and is left out.",
+        "record: nothing is recorded of gamma, taken to stand at 0 rad.",
+        "record: nothing is recorded of l, taken to stand at 15 m.",
+    )
 
 
 def test_times_count_from_the_first_row_that_is_looked_at() -> None:

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from cranedyn.errors import DataError
-from cranedyn.identification import Known, Model, Record, read_twin, twin_of
+from cranedyn.identification import (
+    Known,
+    Model,
+    Record,
+    identify,
+    preflight,
+    read_twin,
+    twin_of,
+)
 from cranedyn.model.description import parse_values
 from cranedyn.model.load import load_crane
 from tests.identification.test_estimate import TRUTH, found, recorded
@@ -44,6 +52,18 @@ def test_a_twin_run_through_its_record_shows_what_was_recorded() -> None:
         off = np.abs(late + estimate.value(f"{symbol}_bias") - seen).max()
         assert off < 5e-6, symbol  # straight lines between rows 10 ms apart: A ω² dt² / 8
     assert run["l_m"][0] == pytest.approx(12.0 + TRUTH["l_offset"], abs=1e-3)
+
+
+def test_what_the_records_say_nothing_of_has_no_interval_in_the_file(tmp_path: Path) -> None:
+    """The inertia that slews, where the motion is prescribed and no torque recorded."""
+    columns = {name: values for name, values in recorded().items() if name[0] != "F"}
+    record = Record.of(Known().crane, columns)
+    estimate = identify(Model.of(Known(), [record], ["l_offset", "slewing_inertia"]))
+    assert estimate.margin("slewing_inertia") == np.inf
+    assert estimate.value("slewing_inertia") == Known().value("slewing_inertia")
+    assert preflight(estimate.model, estimate).blind == ("slewing_inertia",)
+    file = twin_of(estimate).write(tmp_path / "twin.json")
+    assert read_twin(file).identified["slewing_inertia"]["margin"] is None
 
 
 @pytest.mark.parametrize(
@@ -81,8 +101,6 @@ def test_another_cranes_twin_names_it_whole(tmp_path: Path) -> None:
     values = model.first.copy()
     values[0] = 0.25
     columns[swing] = model.predicted(0, values[None])[0][0]
-    from cranedyn.identification import identify
-
     estimate = identify(Model.of(known, [Record.of(crane, columns)], ["l_offset", "damp_swing"]))
     assert estimate.value("l_offset") == pytest.approx(0.25, abs=1e-6)
     file = twin_of(estimate).write(tmp_path / "twin.json")
