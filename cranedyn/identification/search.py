@@ -36,7 +36,7 @@ class Search:
 
     def __init__(self, model: Model, progress: Callable[[int], object] | None) -> None:
         self.model, self.evaluations, self._progress = model, 0, progress
-        self._told = np.ones(len(model.parameters), dtype=bool)
+        self._told: np.ndarray = np.ones(len(model.parameters), dtype=bool)
         self._last: tuple[bytes, np.ndarray, np.ndarray] | None = None
 
     def residual(self, values: np.ndarray, index: int) -> np.ndarray:
@@ -105,7 +105,7 @@ class Search:
         residual[wild] = _FAR
         slope = np.concatenate(slopes)
         slope[wild] = 0.0
-        self._told = slope.any(axis=0)
+        self._told = np.asarray(slope.any(axis=0))
         turned, upright = np.linalg.qr(slope * self.model.scale)
         along = turned.T @ residual
         beside = float(np.sqrt(max(residual @ residual - along @ along, 0.0)))
