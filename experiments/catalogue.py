@@ -169,7 +169,7 @@ EXPERIMENTS = {
         "A crane, identified",
         "A crane's numbers, with intervals, from its records.",
         (),
-        (),
+        ("--coverage", "2", "--workers", "1"),
         {
             "twin_*": "Swing as recorded and by the twin, what is left of it, and both spectra.",
             "gazebo": "The same of a free swing in Gazebo Classic.",
