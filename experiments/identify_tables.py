@@ -69,7 +69,7 @@ def values(one: Found, of: str, truth: Mapping[str, float]) -> harness.Table:
         true = truth.get(parameter.name)
         row = (parameter.name, parameter.unit, parameter.start, value, _finite(margin))
         rows.append((*row, true, None if true is None else value - true))
-    columns = [("what", ""), ("unit", ""), ("believed", ".6g"), ("found", ".7g"), ("±", ".2g")]
+    columns = [("what", ""), ("unit", ""), ("believed", ".6g"), ("found", ".6g"), ("±", ".2g")]
     if truth:
         columns += [("true", ".6g"), ("off", "+.2g")]
     bound = one.estimate.at_bound
