@@ -50,6 +50,11 @@ def test_margins_foretold_are_those_that_come_out() -> None:
     foretold, estimate = preflight(model), identify(model)
     for name in names:
         assert abs(foretold.margins[name] / estimate.margin(name) - 1.0) < 0.15, name
+    # A bias is the mean of what is left: its interval is 1.96 σ / sqrt(n), the noise being known
+    # within 1 / sqrt(2 n), and little of it goes to other parameters.
+    plain = 1.96 * 2e-3 / np.sqrt(len(model.rows(0)))
+    for name in ("phi_bias", "theta_bias"):
+        assert plain * 0.9 < estimate.margin(name) < plain * 1.15
     assert foretold.alike == ()
     assert foretold.blind == ()
     assert foretold.advice == ()
