@@ -185,6 +185,17 @@ EXPERIMENTS = {
             "needed": "What each strategy needs of the ψ_h that a standard allows for.",
         },
     ),
+    "identify": Entry(
+        "A crane, identified",
+        "A crane's numbers, with intervals, from its records.",
+        (),
+        ("--coverage", "2", "--workers", "1"),
+        {
+            "twin_*": "Swing as recorded and by the twin, what is left of it, and both spectra.",
+            "gazebo": "The same of a free swing in Gazebo Classic.",
+            "correlation": "What setpoints alone cannot tell apart: red and blue are alike.",
+        },
+    ),
     "demo": Entry(
         "Demo",
         "The seven legs of the article, with their swing controlled.",

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cranedyn.arguments import checked, described
-from cranedyn.data.files import parse_json, written
+from cranedyn.data.files import parse_json, read_text, written
 from cranedyn.data.shown import Shown
 from cranedyn.errors import DataError, OutOfRange, UnknownColumn, UnknownName
 from cranedyn.interfaces import State
@@ -374,13 +374,15 @@ def _record(metadata: Mapping[bytes, bytes], path: str | Path) -> dict[str, Any]
 @checked
 def read_record(path: str | Path) -> dict[str, Any]:
     """What a Parquet file says of what moved and what moved it, see `Trajectory.record`; empty if
-    it says nothing.
+    it says nothing. A ``.json`` file is such a record by itself.
 
     Raises:
         DataError: If it cannot be read, or says it in another form.
     """
     from cranedyn.data.tables import metadata_of
 
+    if Path(path).suffix == ".json":
+        return _record({b"cranedyn.record": read_text(path).encode()}, path)
     return _record(metadata_of(path), path)
 
 

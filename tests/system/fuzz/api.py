@@ -43,6 +43,7 @@ from tests.system.fuzz.core import Broken, Case
 from tests.system.fuzz.lines import cheap
 
 PUBLIC = {
+    "identification": ("cranedyn.identification",),
     "simulate": ("cranedyn.simulation.simulate", "cranedyn.simulation.stepper"),
     "batch": ("cranedyn.compiled.batch",),
     "crane": ("cranedyn.model.crane", "cranedyn.model.description", "cranedyn.model.load"),
@@ -122,6 +123,9 @@ HEAVY = {
     "certify": 0.1,
     "perturb": 0.1,
     "wind_limit": 0.1,
+    "identify": 0.05,
+    "preflight": 0.05,
+    "twin_of": 0.05,
 }
 """How often what takes its time is tried, beside the others."""
 
@@ -297,7 +301,11 @@ RIGHT: dict[str, str] = {
     "perturb.spread": "Spread()",
     "plan_lift.start": "site.start",
     "plan_lift.goal": "site.goal",
+    "load_record.path": "RECORDING",
+    "read_twin.path": "twin_of(identify(model)).write('new.json')",
     # by annotation
+    "Model": "model",
+    "Estimate": "identify(model)",
     "Crane": "crane",
     "State": "start",
     "Controller": "law",
@@ -441,6 +449,10 @@ def namespace() -> dict[str, Any]:
         "3e4), (1e6, 5e4, 2e4)))",
         "t": "np.linspace(0.0, 60.0, 1200)",
         "SITE": "Path(cranedyn.__file__).parent / 'planning' / 'sites' / 'open_yard.toml'",
+        "RECORDING": "Path(cranedyn.__file__).parents[1] / 'experiments' / 'recordings' / 'gazebo' "
+        "/ 'a1_l5.parquet'",
+        "model": "Model.of(Known(), [Record.of(crane, {'t_s': t, 'phi_rad': 0.1 * np.sin(t)})], "
+        "['phi_bias'])",
         "site": "read_site(Path(cranedyn.__file__).parent / 'planning' / 'sites' / "
         "'open_yard.toml')",
     }.items():
