@@ -251,7 +251,7 @@ def _family(
     def on_cable(by: float) -> Motion:
         if motion_of is not None:
             return motion_of(by)
-        if all(crane.layout.has(role) for role in ROLES):
+        if {joint.role for joint in crane.layout.joints} == set(ROLES):
             return longer(crane, motion, by)
         q = motion.q.copy()
         q[:, hoist] += by

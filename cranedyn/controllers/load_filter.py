@@ -96,15 +96,15 @@ class LoadFilter:
     def predict(self, effort: np.ndarray) -> None:
         """Go on for one control period under efforts of the drives [N m or N], shape (m,)."""
         n, h = self._n, self._period
-        middle = self.advanced(self.state, effort, h / 2.0)
-        a, _ = linearise(self.crane, middle, effort)
+        before = self.state
+        a, _ = linearise(self.crane, before, effort)
         rate = np.zeros_like(self.covariance)
         rate[:n, n : 2 * n] = np.eye(n)
         rate[n : 2 * n, : 2 * n] = a
-        rate[n : 2 * n, -3] = self._by_inverse_load(middle, effort)
+        rate[n : 2 * n, -3] = self._by_inverse_load(before, effort)
         step = h * rate
         over = np.eye(len(rate)) + step @ (np.eye(len(rate)) + step @ (np.eye(len(rate)) / 2.0))
-        self.mean = np.concatenate([*self.advanced(self.state, effort, h), self.mean[-3:]])
+        self.mean = np.concatenate([*self.advanced(before, effort, h), self.mean[-3:]])
         self.covariance = over @ self.covariance @ over.T + self._added
 
     def advanced(self, state: State, effort: np.ndarray, time: float) -> State:

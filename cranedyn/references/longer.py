@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from cranedyn.arguments import checked
 from cranedyn.errors import number
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
+
+_ASIDE = 0.02
+"""How far before and after a row derivatives are taken from [s]: truncation and rounding are alike
+there for swings that take seconds."""
 
 
 @checked
@@ -33,7 +36,29 @@ def longer(crane: Crane, motion: Motion, by: float) -> Motion:
     slew, trolley, radial, tangential, hoist = crane.layout.tower("A motion on another cable")
     shortest = float(motion.q[:, hoist].min()) + number("by", by, "m")
     number("length of the shortest cable", shortest, "m", "> 0")
-    gamma, x, phi, theta, _ = motion.q[:, [slew, trolley, radial, tangential, hoist]].T
+    parts = [slew, trolley, radial, tangential, hoist]
+
+    def beyond(q: np.ndarray) -> np.ndarray:
+        found = np.zeros_like(q)
+        found[:, parts] = _beyond(q[:, parts], by)
+        return found
+
+    # along q + s v + s² a/2 to both sides of each row, which needs no neighbours and ends at rest
+    here, behind, ahead = (
+        beyond(motion.q + s * motion.v + s**2 / 2.0 * motion.a) for s in (0.0, -_ASIDE, _ASIDE)
+    )
+    return Motion(
+        motion.period,
+        motion.q + here,
+        motion.v + (ahead - behind) / (2.0 * _ASIDE),
+        motion.a + (ahead - 2.0 * here + behind) / _ASIDE**2,
+        motion.drives,
+    )
+
+
+def _beyond(q: np.ndarray, by: float) -> np.ndarray:
+    """What γ, x, φ, θ, l [rad or m], shape (rows, 5), change by."""
+    gamma, x, phi, theta, _ = q.T
     along = np.stack([np.sin(gamma), -np.cos(gamma)], axis=1)
     across = np.stack([np.cos(gamma), np.sin(gamma)], axis=1)
     out, side, up = np.sin(phi) * np.cos(theta), np.sin(theta), np.cos(phi) * np.cos(theta)
@@ -41,22 +66,13 @@ def longer(crane: Crane, motion: Motion, by: float) -> Motion:
     pivot = x[:, None] * along + (by / up)[:, None] * rope
     turned = np.arctan2((pivot * across).sum(axis=1), (pivot * along).sum(axis=1))
     cosine, sine = np.cos(turned), np.sin(turned)
-    further = np.zeros_like(motion.q)
-    further[:, slew] = turned
-    further[:, trolley] = np.hypot(*pivot.T) - x
-    further[:, radial] = np.arctan2(out * cosine + side * sine, up) - phi
-    further[:, tangential] = np.arcsin(side * cosine - out * sine) - theta
-    further[:, hoist] = by / up
-    if len(further) < 4:
-        return Motion(motion.period, motion.q + further, motion.v, motion.a, motion.drives)
-    rows = motion.period * np.arange(len(further))
-    curve = scipy.interpolate.make_interp_spline(rows, further, k=3)
-    rates, accelerations = curve.derivative(1)(rows), curve.derivative(2)(rows)
-    moving, speeding = (part.any(axis=1)[:, None] for part in (motion.v, motion.a))
-    return Motion(
-        motion.period,
-        motion.q + further,
-        motion.v + rates * moving,
-        motion.a + accelerations * speeding,
-        motion.drives,
+    return np.stack(
+        [
+            turned,
+            np.hypot(*pivot.T) - x,
+            np.arctan2(out * cosine + side * sine, up) - phi,
+            np.arcsin(side * cosine - out * sine) - theta,
+            by / up,
+        ],
+        axis=1,
     )
