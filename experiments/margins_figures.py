@@ -40,11 +40,12 @@ def map_figure(
         for ax, (strategy, shown) in zip(here, maps.items(), strict=True):
             drawn = ax.pcolormesh(radii, cables, shown, norm=norm, cmap="viridis", rasterized=True)
             for (i, j), number in np.ndenumerate(shown):
-                bright = norm(number) > 0.6
+                ends = number <= 0.0
+                bright = ends or norm(number) > 0.6
                 ax.text(
                     radii[j],
                     cables[i],
-                    form.format(number),
+                    "unstable" if ends else form.format(number),
                     ha="center",
                     va="center",
                     fontsize=6.5,

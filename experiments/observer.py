@@ -9,6 +9,7 @@ import itertools
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -49,13 +50,14 @@ def left(setup: harness.Setup, sensors: Sequence[str]) -> Cases:
         if cable or kind == KINDS[0]
     ]
     update = setup.reporter.count("observer", len(cases))
+    alone = replace(setup, reporter=harness.ProgressReporter(None))
     found = {}
     for done, case in enumerate(cases, start=1):
         seen, kind, load, cable = case
         cables = {"cable": cable} if kind == "share" else {"offset": cable * COMBINED.start[2]}
         untold = Perturbation(str(case), load=load, observer=seen, **cables)  # type: ignore[arg-type]
         try:
-            _, scored = make(setup, COMBINED, plan, untold, after=AFTER_UNTOLD)
+            _, scored = make(alone, COMBINED, plan, untold, after=AFTER_UNTOLD)
             found[case] = scored.arrival
         except CraneError as error:
             if isinstance(error.__context__, KeyboardInterrupt):

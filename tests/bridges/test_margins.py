@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -30,7 +31,8 @@ REST = crane().state(x=10.0, l=15.0)
 
 def at_rest() -> Motion:
     """A motion that is none."""
-    return Motion(PERIOD, REST.q[None], *np.zeros((2, 1, 5)), crane().layout.drives)
+    still = np.zeros((1, 5))
+    return Motion(PERIOD, REST.q[None], still, still, crane().layout.drives)
 
 
 def integrating() -> HoistIntegral:
@@ -68,7 +70,7 @@ def radius(
     return float(np.abs(np.linalg.eigvals(loop)).max())
 
 
-CONTROLLERS = {
+CONTROLLERS: dict[str, Callable[[], Controller]] = {
     "hold": lambda: hold_controller(crane()),
     "paper": lambda: paper_controller(crane(), at_rest()),
     "lqr": integrating,

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -270,7 +271,7 @@ def test_a_load_that_cannot_be_is_held_within_what_is_thought_possible() -> None
     ],
     ids=lambda given: next(iter(given), "bridge") if isinstance(given, dict) else given,
 )
-def test_other_cranes_find_their_load_too(xacro: str, values: dict[str, float]) -> None:
+def test_other_cranes_find_their_load_too(xacro: str, values: dict[str, Any]) -> None:
     path = ROOT / "urdf" / f"{xacro}.urdf.xacro"
     known = load_crane(path, payload_mass=1000.0, **values)
     other = load_crane(path, payload_mass=1400.0, **values)
