@@ -43,8 +43,8 @@ def map_figure(
                 ends = number <= 0.0
                 bright = ends or norm(number) > 0.6
                 ax.text(
-                    radii[j],
-                    cables[i],
+                    float(radii[j]),
+                    float(cables[i]),
                     "unstable" if ends else form.format(number),
                     ha="center",
                     va="center",
