@@ -137,6 +137,21 @@ EXPERIMENTS = {
             "and air change.",
         },
     ),
+    "observer": Entry(
+        "Untold loads",
+        "Loads and cables that nobody told, by the drives alone.",
+        quick=("--sensors", "drives"),
+        figures={"left": "How much of the grid ends below a swing, for each set of sensors."},
+    ),
+    "margins": Entry(
+        "Margins",
+        "How far each strategy is from its end, over the workspace.",
+        quick=("--points", "2"),
+        figures={
+            "margins_map": "Least damping, and the delay that the worst drive bears, over trolley "
+            "radius and cable length.",
+        },
+    ),
     "sweep": Entry(
         "Sweep",
         "A hundred thousand moves of cranes that are not as planned.",
