@@ -207,7 +207,8 @@ def _cost(move: Move, angle: ca.SX, acceleration: ca.SX, u: ca.SX) -> ca.SX:
     if move.jerk is not None:
         parts.append((move.preference.jerk, u / move.jerk))
     most = sum(weight * part.numel() for weight, part in parts)
-    return sum(weight * ca.sumsqr(part) for weight, part in parts) / (most or 1.0)
+    squares = [weight * ca.sumsqr(part) for weight, part in parts]
+    return ca.sum1(ca.vertcat(*squares)) / (most or 1.0)
 
 
 def periods(move: Move) -> tuple[float, float]:

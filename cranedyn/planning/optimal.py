@@ -37,7 +37,7 @@ from cranedyn.planning.move import (
     periods,
     problem,
 )
-from cranedyn.planning.proof import CLOSE, slew_range, unproven
+from cranedyn.planning.proof import CLOSE, Unproven, slew_range, unproven
 from cranedyn.planning.transcription import Plan
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
@@ -65,22 +65,6 @@ tried where a plan is not proven."""
 _TURNED = 1e-3
 """How far the jib stays from the end of the free slew angles [rad]: more than it turns between rows
 of a motion."""
-
-
-class Unproven(CraneError):
-    """A motion that is not proven to touch nothing.
-
-    Attributes:
-        t: When it is not [s].
-    """
-
-    def __init__(self, t: float, why: str) -> None:
-        """Keep the time and phrase the sentence."""
-        self.t = t
-        super().__init__(
-            f"The motion found is not proven to keep the distance of the site at t = {t:.2f} s: "
-            f"{why}."
-        )
 
 
 @checked

