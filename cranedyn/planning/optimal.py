@@ -62,6 +62,9 @@ _MARGINS = (0.02, 0.1, 0.3)
 """Room beyond what is required at the points of a plan [m], for what it does between them; more is
 tried where a plan is not proven."""
 
+_NEAR = 1e-6
+"""How far a motion may begin and end from where it should [rad or m]."""
+
 _TURNED = 1e-3
 """How far the jib stays from the end of the free slew angles [rad]: more than it turns between rows
 of a motion."""
@@ -250,6 +253,11 @@ def _first(
     begin: Motion | None,
 ) -> Plan:
     """Where the search begins."""
+    if begin is not None:
+        drives = move.crane.layout.drives
+        for row, end in ((begin.q[0], move.start), (begin.q[-1], move.goal)):
+            if len(begin.q) < 2 or np.abs(row - end.q)[drives].max() > _NEAR:
+                raise OutOfRange("begin", "a motion between other places", "one from start to goal")
     slowest, fastest = periods(move)
     longest = min(ramp / 2.0, _INTERVAL) if move.jerk is not None else _INTERVAL
     if interval is not None:

@@ -222,6 +222,12 @@ def test_a_motion_that_is_not_proven_is_not_returned(monkeypatch: pytest.MonkeyP
     assert 0.0 < why.value.t < 40.0
 
 
+def test_a_search_begins_with_a_motion_between_the_same_places_only() -> None:
+    start, goal = lift().states()
+    with pytest.raises(OutOfRange, match="begin is a motion between other places; allowed is one"):
+        optimal(crane(), goal, start, LIMITS, begin=lift().timed.motion)
+
+
 def test_ends_that_are_too_near_to_something_are_refused() -> None:
     asked: Clearance = lift().clearance
     start, _ = lift().states()
