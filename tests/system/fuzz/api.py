@@ -70,7 +70,14 @@ PUBLIC = {
     "recording": ("cranedyn.recording", "cranedyn.recording.snapshot"),
     "planning": tuple(
         f"cranedyn.planning.{name}"
-        for name in ("site_file", "lift", "certificate", "perturbed", "wind_limit")
+        for name in (
+            "site_file",
+            "lift",
+            "least_time",
+            "certificate",
+            "perturbed",
+            "wind_limit",
+        )
     ),
 }
 """What people import from, by the name of a generator."""
@@ -81,8 +88,9 @@ INTERNAL = tuple(
         "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown "
         "data.tables dynamics errors interfaces lifting lifting.wrench"
         " model.layout model.shown model.springs model.urdf"
-        " planning.bim planning.bodies planning.clearance planning.curve planning.fields "
-        "planning.grid planning.neighbour planning.proof"
+        " planning.bim planning.bodies planning.clearance planning.curve planning.driven "
+        "planning.fields planning.grid planning.half_spaces planning.move planning.neighbour "
+        "planning.proof"
         " planning.search planning.site planning.solids planning.timing planning.transcription"
         " plotting processes simulation.engine simulation.log simulation.record bridges"
     ).split()
@@ -119,6 +127,7 @@ HEAVY = {
     "sweep": 0.3,
     "fastest": 0.3,
     "check": 0.3,
+    "in_least_time": 0.01,
     "plan_lift": 0.1,
     "certify": 0.1,
     "perturb": 0.1,
@@ -166,6 +175,8 @@ RIGHT: dict[str, str] = {
     "adapted.motion_of": "lambda by: longer(crane, motion, by)",
     "adapted.disturbance": "np.full(5, 1e-2)",
     "adapted.noise": "np.full(10, 1e-3)",
+    "optimal.interval": "0.5",
+    "in_least_time.interval": "0.5",
     "spline.waypoints": "[(0.0, 12.0, 10.0)]",
     "spline.durations": "[5.0]",
     "shortest.waypoints": "[(0.0, 12.0, 10.0)]",
