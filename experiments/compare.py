@@ -170,7 +170,7 @@ def _workers(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
 
 
 def _made(
-    setup: harness.Setup, move: Move, strategy: str, all_cases: bool, drive: str
+    setup: harness.Setup, move: Move, strategy: str, all_cases: bool, drive: str = IDEAL
 ) -> dict[str, Result]:
     """A move by one strategy, as planned and perhaps under every case; what breaks off or cannot be
     is told, not raised.

@@ -19,7 +19,7 @@ from cranedyn.controllers import hold_controller, lqr, observed, paper_controlle
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.dynamics.linearisation import Sampled, sampled
 from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.errors import CraneError, OutOfRange, whole
+from cranedyn.errors import CraneError, OutOfRange, whole, within
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references.motion import Motion
 from experiments import harness
@@ -42,6 +42,9 @@ AFFECTED = 1e-3
 
 WATCHED = 40.0
 """How long a simulated check lasts [s]."""
+
+MOST = 500
+"""Radii, and cable lengths, of the largest map."""
 
 Mapped = list[list["Margins"]]
 """Margins by cable length, then by radius."""
@@ -197,6 +200,7 @@ def grows(
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Map the margins, then meet them."""
     points = whole("points", options.points, 2)
+    within("points", points, 2, MOST)
     found = mapped(setup, points)
     rows, notes = list[Sequence[float | str]](), list[str]()
     for strategy, here in found.items():

@@ -77,6 +77,7 @@ class Twin:
         return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+@checked
 def twin_of(estimate: Estimate) -> Twin:
     """The crane that was identified.
 

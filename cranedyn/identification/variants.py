@@ -145,8 +145,8 @@ class Variants:
         crane, variants = self.model.known.crane, len(self.values)
         q = np.tile(crane.start.q, (variants, 1))
         v = np.zeros_like(q)
-        q[:, self.layout.drives] = position[:, 0]
-        v[:, self.layout.drives] = velocity[:, 0]
+        at_first, rates = next(zip(position.swapaxes(0, 1), velocity.swapaxes(0, 1), strict=True))
+        q[:, self.layout.drives], v[:, self.layout.drives] = at_first, rates
         for (kind, symbol), place in self.own.items():
             if kind == "start":
                 q[:, self.layout.index(symbol)] = self.values[:, place]

@@ -215,7 +215,7 @@ def test_gusts_swing_a_load_as_far_as_mechanics_has_it() -> None:
         # load moves against the wind by up to 2 m/s.
         assert lean(speed / GUST_FACTOR) - planned < swing
         assert swing < planned + 2.0 * lean(speed + 2.0)
-    assert found.worst["swing"][-1] > 3.0 * found.worst["swing"][0]
+    assert found.worst["swing"][-1] > 2.0 * planned
     assert 4.0 <= found.limit("swing") < 28.0
 
 

@@ -179,6 +179,20 @@ def test_an_interrupted_sweep_says_how_to_go_on(
     finish(folder, log, monkeypatch)
 
 
+def test_an_interruption_while_a_part_is_written_says_what_is_kept_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def sync(file: int) -> None:
+        if "part-" in os.readlink(f"/proc/self/fd/{file}"):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("cranedyn.data.files.os.fsync", sync)
+    with pytest.raises(
+        KeyboardInterrupt, match=r"Interrupted: \d of 8 cases are done, and kept in"
+    ):
+        sweep(studies.squares, grid(x=range(8)), tmp_path / "a", chunk=1, workers=1)
+
+
 def test_an_interruption_while_workers_start_is_as_quiet(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

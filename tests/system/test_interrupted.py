@@ -143,8 +143,8 @@ def experiment(options, world):
     run = simulate(world.crane, hold_controller(world.crane), duration=0.5)
     table = harness.Table("φ and θ", [("φ [rad]", ".3f")], [(0.0,)] * 2000)
     claim = harness.Claim("ω is √(g/l).", True)
-    return harness.Outcome([table], [claim], {}, {"run": run}, {"figure": panels()[0]}, [Run("r",
-    world.crane, run)])
+    figures, shown = {"figure": panels()[0]}, [Run("r", world.crane, run)]
+    return harness.Outcome([table], [claim], {}, {"run": run}, figures, shown)
 
 def trial(*words):
     made = harness.parser("trial", "A trial.")
