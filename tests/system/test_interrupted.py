@@ -267,6 +267,22 @@ def test_an_interruption_while_a_command_is_being_imported_shows_no_traceback(
     assert files(tmp_path) == []
 
 
+_WITHIN_TEXT = """
+from cranedyn.command import command
+
+def run():
+    exec("raise KeyboardInterrupt")
+
+code = command(run)
+assert code == 130, code
+"""
+
+
+def test_an_interruption_within_executed_text_does_not_kill_the_program_at_its_end() -> None:
+    run = python(_WITHIN_TEXT)
+    assert (run.returncode, run.stderr) == (0, "Interrupted.\n")
+
+
 _SERVED = f"""{_TRIAL}
 from cranedyn.recording.process import free, start
 import cranedyn.recording.viewer as viewer
