@@ -73,6 +73,10 @@ def command(run: Callable[[], int]) -> int:
                 return REFUSED
     except KeyboardInterrupt:  # before it began, or when all was said
         return INTERRUPTED
+    finally:
+        # Python kills its own process at the end if an interruption once fell into the text of an
+        # exec (that of a dataclass, say), even one that was caught since; the next text forgets it.
+        exec("")
 
 
 def interrupted(error: BaseException | None) -> bool:

@@ -137,6 +137,21 @@ EXPERIMENTS = {
             "and air change.",
         },
     ),
+    "observer": Entry(
+        "Untold loads",
+        "Loads and cables that nobody told, by the drives alone.",
+        quick=("--sensors", "drives"),
+        figures={"left": "How much of the grid ends below a swing, for each set of sensors."},
+    ),
+    "margins": Entry(
+        "Margins",
+        "How far each strategy is from its end, over the workspace.",
+        quick=("--points", "2"),
+        figures={
+            "margins_map": "Least damping, and the delay that the worst drive bears, over trolley "
+            "radius and cable length.",
+        },
+    ),
     "sweep": Entry(
         "Sweep",
         "A hundred thousand moves of cranes that are not as planned.",
@@ -183,6 +198,17 @@ EXPERIMENTS = {
             "factors": "ψ_h over the mass ratio and β2 of the hoisting classes: formula and "
             "simulation.",
             "needed": "What each strategy needs of the ψ_h that a standard allows for.",
+        },
+    ),
+    "identify": Entry(
+        "A crane, identified",
+        "A crane's numbers, with intervals, from its records.",
+        (),
+        ("--coverage", "2", "--workers", "1"),
+        {
+            "twin_*": "Swing as recorded and by the twin, what is left of it, and both spectra.",
+            "gazebo": "The same of a free swing in Gazebo Classic.",
+            "correlation": "What setpoints alone cannot tell apart: red and blue are alike.",
         },
     ),
     "demo": Entry(

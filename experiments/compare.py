@@ -26,8 +26,10 @@ from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.sweep.processes import end_with_parent
 from experiments import harness
 from experiments.compare_figures import robustness_figure, swing_figure
+from experiments.compare_observers import observer_claims, observer_table
 from experiments.scenarios.colours import strategy_colour
 from experiments.scenarios.moves import (
+    AFTER,
     CLOSE,
     DWELL,
     LIMITS,
@@ -39,7 +41,14 @@ from experiments.scenarios.moves import (
     of_sampling,
     residual,
 )
-from experiments.scenarios.perturbations import NOMINAL, PERTURBATIONS, UNOBSERVED, make
+from experiments.scenarios.perturbations import (
+    AFTER_UNTOLD,
+    NOMINAL,
+    PERTURBATIONS,
+    UNOBSERVED,
+    UNTOLD,
+    make,
+)
 from experiments.scenarios.strategies import (
     COMPILED_MPC,
     FASTEST,
@@ -115,10 +124,12 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             *(_table(move, of_move[move.name]) for move in moves),
             *(_drives_table(move, of_move[move.name], beyond=not ideal) for move in moves),
             *([_tour_table({control: task.result() for task, control in tours.items()})] * ideal),
-            *_case_tables(combined),
+            *_case_tables(_perturbed(combined)),
+            *([observer_table(combined)] * ideal),
         ],
         claims=[
             *(_claims(setup, combined) if ideal else _claims_of_converters(of_move)),
+            *(observer_claims(combined) if ideal else ()),
             *_in_time(setup, of_move.values()),
         ],
         parameters=setup.parameters()
@@ -131,7 +142,10 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         }
         | ({} if ideal else _numbers_of_converters(setup)),
         trajectories={f"compare_{_plain(strategy)}": run for strategy, run in kept.items()},
-        figures={"swing": swing_figure(COMBINED, kept), "robustness": robustness_figure(combined)},
+        figures={
+            "swing": swing_figure(COMBINED, kept),
+            "robustness": robustness_figure(_perturbed(combined)),
+        },
         recording=[
             Run(s, setup.crane, kept[s], colour=strategy_colour(s)) for s in RECORDED if s in kept
         ],
@@ -161,7 +175,7 @@ def _workers(jobs: int | None) -> Iterator[ProcessPoolExecutor]:
 
 
 def _made(
-    setup: harness.Setup, move: Move, strategy: str, all_cases: bool, drive: str
+    setup: harness.Setup, move: Move, strategy: str, all_cases: bool, drive: str = IDEAL
 ) -> dict[str, Result]:
     """A move by one strategy, as planned and perhaps under every case; what breaks off or cannot be
     is told, not raised.
@@ -173,18 +187,21 @@ def _made(
     except CraneError as error:
         return {NOMINAL.name: Result(None, str(error))}
     found = {}
-    for case in PERTURBATIONS if all_cases else (NOMINAL,):
+    cases = (*PERTURBATIONS, *(UNTOLD if drive == IDEAL else ())) if all_cases else (NOMINAL,)
+    for case in cases:
         if case.sensors_only and not plan.uses_swing_sensor:
             found[case.name] = Result(None, UNSEEING)
             continue
         calls: list[float] = []
         noted = (
             plan._replace(controller=partial(_timed, plan.controller, calls))
-            if strategy in PREDICTIVE
+            if strategy in PREDICTIVE and case not in UNTOLD
             else plan
         )
         try:
-            run, scored = make(setup, move, noted, case)
+            run, scored = make(
+                setup, move, noted, case, after=AFTER_UNTOLD if case in UNTOLD else AFTER
+            )
             found[case.name] = Result(
                 scored, "", run if case == NOMINAL and all_cases else None, np.array(calls)
             )
@@ -248,6 +265,15 @@ def _tour(setup: harness.Setup, control: str) -> Toured:
         hook,
         1000.0 * float(np.linalg.norm(run.coordinates("phi", "theta"), axis=1).max()),
     )
+
+
+def _perturbed(found: Results) -> Results:
+    """What came of the cases of `PERTURBATIONS`."""
+    names = [case.name for case in PERTURBATIONS]
+    return {
+        strategy: {name: results[name] for name in names if name in results}
+        for strategy, results in found.items()
+    }
 
 
 def _plain(strategy: str) -> str:

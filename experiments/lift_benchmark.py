@@ -52,6 +52,8 @@ class Tried:
         clearance: Least in the simulation [m].
         means: Duration [s], least distance [m] and swing at the arrival [rad] along the same way as
             planned and by other means, by name.
+        least: The same lift in least time; None if it was not asked for, or its certificate lacks
+            something.
     """
 
     lift: Lift | None
@@ -59,6 +61,7 @@ class Tried:
     seconds: float
     clearance: float
     means: dict[str, tuple[float, float, float]]
+    least: Lift | None = None
 
 
 def sites(crane: Crane, count: int, seed: int = SEED) -> Iterator[Site]:
@@ -103,7 +106,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     count = whole("sites", options.sites, 1)
     shown, tried = setup.reporter.count("sites", count), list[Tried]()
     for site in sites(setup.crane, count):
-        tried.append(_tried(setup, site))
+        tried.append(_tried(setup, site, options.least_time))
         shown(len(tried))
     return harness.Outcome(
         tables=[_summary(tried), _beside(tried), _failed(tried)],
@@ -112,7 +115,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
 
 
-def _tried(setup: harness.Setup, site: Site) -> Tried:
+def _tried(setup: harness.Setup, site: Site, least_time: bool) -> Tried:
     begun = time.monotonic()
     try:
         lift = plan_lift(site, LIMITS, crane=setup.crane, period=setup.control_period)
@@ -123,7 +126,23 @@ def _tried(setup: harness.Setup, site: Site) -> Tried:
     lacking = "; ".join(check.sentence for check in certificate.checks if not check.holds)
     planned = lift.timed.motion.arrival, certificate.nearest.distance, certificate.left
     means = {"planned": planned, **_others(setup, lift)}
-    return Tried(lift, lacking, seconds, certificate.nearest.distance, means)
+    least = None
+    if least_time and not lacking:
+        least, made = _in_least_time(setup, lift)
+        means["in least time"] = made
+    return Tried(lift, lacking, seconds, certificate.nearest.distance, means, least)
+
+
+def _in_least_time(
+    setup: harness.Setup, lift: Lift
+) -> tuple[Lift | None, tuple[float, float, float]]:
+    """The lift as short as it can be, if it is certified, and what is told of it."""
+    from cranedyn.planning.least_time import in_least_time
+
+    shorter = in_least_time(lift)
+    certificate = certify(shorter, dt=setup.dt)
+    told = shorter.timed.motion.arrival, certificate.nearest.distance, certificate.left
+    return (shorter if certificate.holds else None), told
 
 
 def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, float]]:
@@ -216,6 +235,10 @@ def _summary(tried: Sequence[Tried]) -> harness.Table:
         "motion [s]": [lift.timed.motion.arrival for _, lift in held],
         "least clearance [m]": [-one.clearance for one, _ in held],
     }
+    if any(one.least for one, _ in held):
+        measured["least time over drives"] = [
+            one.least.timed.motion.arrival / one.least.timed.bound for one, _ in held if one.least
+        ]
     rows: list[list[float | str | None]] = [
         [name, *(abs(float(np.quantile(values, share))) for share in (0.5, 0.9, 1.0))]
         for name, values in measured.items()
@@ -271,7 +294,15 @@ def _claims(tried: Sequence[Tried]) -> list[harness.Claim]:
     over = [lift.way / lift.on_grid.duration for _, lift in held]
     bound = [lift.timed.motion.arrival / lift.timed.bound for _, lift in held]
     planned = sum(one.lift is not None for one in tried)
+    least = [one.least.timed for one, _ in held if one.least is not None]
+    worst = max((one.motion.arrival / one.bound for one in least), default=math.nan)
+    in_least_time = harness.Claim(
+        f"In least time {len(least)} of {len(held)} are certified and last at most {OF_BOUND:g} "
+        f"times what the drives need: {worst:.3f}.",
+        len(least) == len(held) and worst <= OF_BOUND,
+    )
     return [
+        *([in_least_time] if any("in least time" in one.means for one, _ in held) else []),
         harness.Claim(
             f"Every lift that is planned is certified: {len(held)} of {planned}; {len(refused)} "
             "sites are refused.",
@@ -300,6 +331,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     harness.add_setup(made)
     made.add_argument("--sites", type=int, default=SITES, metavar="N", help="how many sites")
+    made.add_argument(
+        "--least-time",
+        action="store_true",
+        help="also make each lift as short as it can be, some ten seconds a site (extra `optimal`)",
+    )
     return harness.conduct(made, experiment, argv)
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import bz2
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,17 @@ TOPIC = "/joint_states"
 NAMES = {role.symbol: role.joint for role in ROLES.values()}
 """Names of the joints by the symbols of their coordinates, unless others are given."""
 
+_KINDS = {
+    column: (kind, role.symbol)
+    for role in ROLES.values()
+    for kind, column in (
+        ("position", f"{role.symbol}_{'m' if role.kind == 'prismatic' else 'rad'}"),
+        ("velocity", f"{role.symbol}_dot_{'m' if role.kind == 'prismatic' else 'rad'}_s"),
+        ("effort", f"F_{role.symbol}_N" if role.kind == "prismatic" else f"T_{role.symbol}_Nm"),
+    )
+}
+"""What joint states say of a joint, and of which coordinate, by the name of the column."""
+
 _MOST = 100_000_000
 """Most bytes of one compressed piece of a file, unpacked."""
 
@@ -48,7 +60,7 @@ def read_columns(
 
     Args:
         path: The file.
-        columns: Coordinates and rates by their names in a trajectory, and ``t_s``.
+        columns: Coordinates, rates and efforts by their names in a trajectory, and ``t_s``.
         names: Names of joints there by the symbols of coordinates, where they differ from `NAMES`.
 
     Returns:
@@ -59,8 +71,42 @@ def read_columns(
             states, or others than needed.
         UnknownName: If a name is given for no coordinate.
     """
+    with _parsing(Path(path), names):
+        return _columns(Path(path), columns, {**NAMES, **(names or {})})
+
+
+@checked
+def columns(path: str | Path, names: Mapping[str, str] | None = None) -> list[str]:
+    """Names of the columns that a recording has, by its first message of joint states.
+
+    Args:
+        path: The file.
+        names: As for `read_columns`.
+
+    Raises:
+        DataError: As `read_columns`.
+        UnknownName: If a name is given for no coordinate.
+    """
+    with _parsing(Path(path), names):
+        messages, _ = _messages(Path(path))
+    first, named = messages[0], {**NAMES, **(names or {})}
+    return [
+        column
+        for column, (kind, symbol) in _KINDS.items()
+        if named[symbol] in first.name
+        and first.name.index(named[symbol]) < len(getattr(first, kind))
+    ]
+
+
+@contextmanager
+def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[None]:
+    """Where a file of a stranger is parsed: what goes wrong is a sentence.
+
+    Raises:
+        DataError: If the extra is not installed, the file is too large, or a parser fails.
+        UnknownName: If a name is given for no coordinate.
+    """
     check_installed()
-    path = Path(path)
     for symbol in names or {}:
         if symbol not in NAMES:
             raise UnknownName("coordinate", symbol, NAMES)
@@ -68,7 +114,7 @@ def read_columns(
         if file.seek(0, 2) > LARGEST:
             raise DataError(f"Cannot read {path}: it is larger than {LARGEST / 1e6:g} MB.")
     try:
-        return _columns(path, columns, {**NAMES, **(names or {})})
+        yield
     except CraneError:
         raise
     except Exception as error:  # whatever a parser raises over the bytes of a stranger
@@ -78,6 +124,14 @@ def read_columns(
 
 
 def _columns(path: Path, columns: Sequence[str], names: Mapping[str, str]) -> dict[str, np.ndarray]:
+    messages, times = _messages(path)
+    return {
+        name: times if name == "t_s" else _column(path, messages, name, names) for name in columns
+    }
+
+
+def _messages(path: Path) -> tuple[list[Any], np.ndarray]:
+    """Joint states in the order of their times, and these from the first on [s]."""
     decode = _decoder(path)
     found = [
         (topic, time, decode(raw))
@@ -105,25 +159,19 @@ def _columns(path: Path, columns: Sequence[str], names: Mapping[str, str]) -> di
             f"{path} has joint states at {len(times)} times, some of them the same; allowed are "
             "two or more that increase."
         )
-    messages = [chosen[i][1] for i in order.tolist()]
-    return {
-        name: (times - times[0]) / 1e9 if name == "t_s" else _column(path, messages, name, names)
-        for name in columns
-    }
+    return [chosen[i][1] for i in order.tolist()], (times - times[0]) / 1e9
 
 
 def _column(
     path: Path, messages: Sequence[Any], column: str, names: Mapping[str, str]
 ) -> np.ndarray:
-    """One coordinate or rate, shape (n,)."""
-    units = {role.symbol: "m" if role.kind == "prismatic" else "rad" for role in ROLES.values()}
-    kinds = {f"{symbol}_{unit}": ("position", symbol) for symbol, unit in units.items()}
-    kinds |= {f"{symbol}_dot_{unit}_s": ("velocity", symbol) for symbol, unit in units.items()}
-    if column not in kinds:
+    """One coordinate, rate or effort, shape (n,)."""
+    if column not in _KINDS:
         raise DataError(
-            f"{path} cannot have a column {column}: joint states have positions and velocities."
+            f"{path} cannot have a column {column}: joint states have positions, velocities and "
+            "efforts."
         )
-    kind, symbol = kinds[column]
+    kind, symbol = _KINDS[column]
     joint, values = names[symbol], np.empty(len(messages))
     for k, message in enumerate(messages):
         if joint not in message.name:

@@ -2,6 +2,7 @@
 setpoint to three commands.
 """
 
+from cranedyn.controllers.adapted import adapted
 from cranedyn.controllers.follow import follow
 from cranedyn.controllers.hold import Hold, hold_controller
 from cranedyn.controllers.lqr import lqr
@@ -14,6 +15,7 @@ from cranedyn.controllers.tracking import Tracking
 __all__ = [
     "Hold",
     "Tracking",
+    "adapted",
     "follow",
     "hold_controller",
     "lqr",

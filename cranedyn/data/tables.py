@@ -1,4 +1,4 @@
-"""Columns of numbers out of CSV and Parquet files, whoever wrote them."""
+"""Columns of numbers in CSV and Parquet files, read whoever wrote them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from cranedyn.data.files import opened
+from cranedyn.data.files import opened, written
 from cranedyn.errors import DataError
 
 LARGEST = 1_000_000_000
@@ -59,6 +59,24 @@ def read_table(
                 f"{int(np.argmin(finite)) + 1}."
             )
     return found, dict(table.schema.metadata or {})
+
+
+def write_table(path: str | Path, table: pa.Table) -> Path:
+    """Write a table to a ``.csv`` or ``.parquet`` file, every number to the bit.
+
+    Raises:
+        DataError: If the ending is another or the file cannot be written.
+    """
+    path = Path(path)
+    writer = {".csv": pyarrow.csv.write_csv, ".parquet": pyarrow.parquet.write_table}.get(
+        path.suffix
+    )
+    if writer is None:
+        raise DataError(f"Cannot write {path}: the ending must be .csv or .parquet.")
+    # Arrow takes no name that is not UTF-8.
+    with written(path) as draft, draft.open("wb") as file:
+        writer(table, file)
+    return path
 
 
 def column_names(path: str | Path) -> list[str]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cranedyn.arguments import checked, described
-from cranedyn.data.files import parse_json, written
+from cranedyn.data.files import parse_json, read_text
 from cranedyn.data.shown import Shown
 from cranedyn.errors import DataError, OutOfRange, UnknownColumn, UnknownName
 from cranedyn.interfaces import State
@@ -289,19 +289,9 @@ class Trajectory(Shown):
         Raises:
             DataError: If the ending is another or the file cannot be written.
         """
-        import pyarrow.csv
-        import pyarrow.parquet
+        from cranedyn.data.tables import write_table
 
-        path = Path(path)
-        writer = {".csv": pyarrow.csv.write_csv, ".parquet": pyarrow.parquet.write_table}.get(
-            path.suffix
-        )
-        if writer is None:
-            raise DataError(f"Cannot write {path}: the ending must be .csv or .parquet.")
-        # Arrow takes no name that is not UTF-8.
-        with written(path) as draft, draft.open("wb") as file:
-            writer(self.table(), file)
-        return path
+        return write_table(path, self.table())
 
 
 @checked
@@ -374,13 +364,15 @@ def _record(metadata: Mapping[bytes, bytes], path: str | Path) -> dict[str, Any]
 @checked
 def read_record(path: str | Path) -> dict[str, Any]:
     """What a Parquet file says of what moved and what moved it, see `Trajectory.record`; empty if
-    it says nothing.
+    it says nothing. A ``.json`` file is such a record by itself.
 
     Raises:
         DataError: If it cannot be read, or says it in another form.
     """
     from cranedyn.data.tables import metadata_of
 
+    if Path(path).suffix == ".json":
+        return _record({b"cranedyn.record": read_text(path).encode()}, path)
     return _record(metadata_of(path), path)
 
 

@@ -19,13 +19,12 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
-from cranedyn.data.files import written
 from cranedyn.data.shown import Shown
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import rope_tension
 from cranedyn.dynamics.validity import hoisting
-from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownColumn, number
+from cranedyn.errors import CraneError, OutOfRange, UnknownColumn, number
 from cranedyn.lifting.wrench import Moving, Wrench
 from cranedyn.model.crane import Crane
 
@@ -150,18 +149,9 @@ class Loads(Shown):
         Raises:
             DataError: If the ending is another or the file cannot be written.
         """
-        import pyarrow.csv
-        import pyarrow.parquet
+        from cranedyn.data.tables import write_table
 
-        path = Path(path)
-        writer = {".csv": pyarrow.csv.write_csv, ".parquet": pyarrow.parquet.write_table}.get(
-            path.suffix
-        )
-        if writer is None:
-            raise DataError(f"Cannot write {path}: the ending must be .csv or .parquet.")
-        with written(path) as draft, draft.open("wb") as file:
-            writer(self.table(), file)
-        return path
+        return write_table(path, self.table())
 
 
 @checked

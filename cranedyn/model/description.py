@@ -21,7 +21,7 @@ import xacro
 
 from cranedyn.arguments import checked
 from cranedyn.command import Parser, command, interrupted
-from cranedyn.data.files import read_text, written
+from cranedyn.data.files import parse_json, read_text, written
 from cranedyn.errors import DataError, ModelError, UnknownName, number, quoted
 from cranedyn.model.urdf import parse
 
@@ -133,13 +133,18 @@ def describe(
 
 @checked
 def parse_values(pairs: Sequence[str]) -> dict[str, str]:
-    """Values by name from words like ``payload_mass:=2000``.
+    """Values by name from words like ``payload_mass:=2000``, or from a ``.json`` file of a twin
+    that was identified, which says its arguments.
 
     Raises:
-        DataError: If a word is not of that form, or two have the same name.
+        DataError: If a word is not of that form, two have the same name, or a file says no
+            arguments.
     """
     values: dict[str, str] = {}
-    for pair in pairs:
+    words = [
+        word for pair in pairs for word in (_of_twin(pair) if pair.endswith(".json") else [pair])
+    ]
+    for pair in words:
         name, mark, value = pair.partition(":=")
         if not mark:
             raise DataError(f"{pair!r} is not of the form name:=value.")
@@ -147,6 +152,19 @@ def parse_values(pairs: Sequence[str]) -> dict[str, str]:
             raise DataError(f"{quoted(name)} is given twice, as {values[name]!r} and as {value!r}.")
         values[name] = value
     return values
+
+
+def _of_twin(path: str) -> list[str]:
+    """The arguments of this project's crane in the record of a crane, as words."""
+    try:
+        values = parse_json(read_text(path))["crane"]["arguments"]
+        if not all(isinstance(value, float | int) for value in values.values()):
+            raise TypeError
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        raise DataError(
+            f"{path} says no arguments of this crane; allowed is a twin that identify wrote."
+        ) from None
+    return [f"{name}:={value!r}" for name, value in values.items()]
 
 
 def _parse(path: str | Path) -> minidom.Document:

@@ -59,9 +59,9 @@ def load_crane(
         urdf: A ``.xacro`` file to expand, which runs Python expressions in it: only from those
             whose programs you would run, too. Any other file is plain URDF: nothing in it is run,
             fetched or read from elsewhere. None is the tower crane of this project.
-        from_record: A Parquet file of a run instead, or the `record` of a run, in which its crane
-            is written down whole; the looks of this project's own crane are made again, those of
-            any other are not kept.
+        from_record: A Parquet file of a run instead, a twin (``.json``) that was identified, or the
+            `record` of a run, in which its crane is written down whole; the looks of this project's
+            own crane are made again, those of any other are not kept.
         gravity: Gravity [m/s²] along -Z; None for standard gravity.
         joints: Names of the joints that play the parts of a tower crane, by role, for example
             ``{"slew": "base_yaw"}``; None for those that are called as in the tower crane of this

@@ -69,6 +69,26 @@ class Nearest(NamedTuple):
     obstacle: str
 
 
+class Touch(NamedTuple):
+    """Where a body and an obstacle are nearest to each other.
+
+    Attributes:
+        room: By how much their distance is more than required [m].
+        required: The distance that is required [m].
+        body: "load", "hook", "rope" or "trolley".
+        on_body: The point of the body [m], shape (3,).
+        on_obstacle: The point of the obstacle [m], shape (3,).
+        normal: Unit vector from the obstacle to the body, shape (3,).
+    """
+
+    room: float
+    required: float
+    body: str
+    on_body: np.ndarray
+    on_obstacle: np.ndarray
+    normal: np.ndarray
+
+
 @dataclass(frozen=True, eq=False)
 class Clearance:
     """What stands about a crane, and how near the crane comes to it.
@@ -276,6 +296,15 @@ class Clearance:
             for found in self.distances(q).values()
             if found.obstacle not in zones or found.distance <= 0.0
         )
+
+    def touches(self, q: np.ndarray, far: float) -> Iterator[Touch]:
+        """Where all that hangs is nearest to each obstacle with less room than a distance [m], at
+        coordinates of all joints, shape (n,).
+        """
+        for body, kind, moving in self._placed(q):
+            for distance, on_body, on_obstacle, normal in self._fields[kind].witnesses(moving):
+                if (room := distance - moving.inflated) < far:
+                    yield Touch(room, moving.inflated, body, on_body, on_obstacle, normal)
 
     # --- inside -----------------------------------------------------------------------------------
 

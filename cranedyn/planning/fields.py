@@ -5,7 +5,7 @@ bodies that move among them.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import coal
 import numpy as np
@@ -128,6 +128,19 @@ class Field:
                 )
                 found[name] = min(found.get(name, math.inf), distance)
         return found
+
+    def witnesses(self, body: Body) -> Iterator[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
+        """Distance of a body, not inflated, from each thing [m], the points of both that are
+        nearest, and the unit vector from the thing to the body, shape (3,) each.
+        """
+        request = coal.DistanceRequest()
+        for things in self._things.values():
+            for _, one in things:
+                found = coal.DistanceResult()
+                distance = float(coal.distance(body.bare, one, request, found))
+                ours, theirs = found.getNearestPoint1(), found.getNearestPoint2()
+                apart = distance > 1e-6
+                yield distance, ours, theirs, (ours - theirs) / distance if apart else -found.normal
 
 
 def _manager(objects: Sequence[coal.CollisionObject]) -> coal.DynamicAABBTreeCollisionManager:

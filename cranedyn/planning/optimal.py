@@ -7,41 +7,47 @@ inverse dynamics.
 
 from __future__ import annotations
 
-import itertools
 import math
 import threading
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
-from scipy.interpolate import PPoly
 
 from cranedyn.arguments import checked
 from cranedyn.clocks import intervals
-from cranedyn.dynamics import symbolic
-from cranedyn.dynamics.linearisation import free_modes
-from cranedyn.dynamics.pinocchio import holding_effort, payload_position, prescribed_acceleration
-from cranedyn.dynamics.symbolic import ca
-from cranedyn.errors import OutOfRange, number, within
+from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.errors import CraneError, OutOfRange, number, whole, within
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning import transcription
+from cranedyn.planning.clearance import Clearance
+from cranedyn.planning.driven import SOON, Driven
+from cranedyn.planning.half_spaces import half_spaces
+from cranedyn.planning.move import (
+    PLUMB,
+    USUAL,
+    Move,
+    Preference,
+    about,
+    at_rest,
+    begun,
+    guess,
+    periods,
+    problem,
+)
+from cranedyn.planning.proof import CLOSE, Unproven, slew_range, unproven
+from cranedyn.planning.transcription import Plan
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
-from cranedyn.references.spline import spline
 
-_ACCELERATION, _JERK = 0.010, 0.003
-"""A drive at its limit of acceleration, or of jerk, counts like this much swing [rad]: drives are
-quiet where it makes no difference."""
-
-_WORTH = 3.0
-"""Seconds of duration that are worth 1 rad² s of squared swing: little enough that a move loses
-some milliseconds of time to swing at most, and that one whose duration is given does not last
-longer; enough to decide among moves that are equally fast."""
+_LEAST_SWING = 0.03
+"""What the cost is worth where the duration is given: so little that a move does not last longer
+than that."""
 
 _INTERVAL = 0.25
-"""Longest interval of constant jerk [s]."""
+"""Longest interval of constant jerk [s], if none is given."""
 
 _SHARE = 0.25
 """An interval is at most this share of the shortest period in which the passive joints swing."""
@@ -50,33 +56,18 @@ _ALONE = threading.Lock()
 """CasADi counts who holds its symbols without care for threads, so one thread at a time."""
 
 _MOST, _RAMPS = 10_000, (1e-3, 3600.0)
-"""Intervals that a motion may have, and the shortest and longest ramp [s]."""
+"""Intervals that a motion may have, and the shortest and longest ramp [s] that is not none."""
 
-_TAUT = 0.1
-"""Least tension of the rope, as a share of the payload's weight."""
+_MARGINS = (0.02, 0.1, 0.3)
+"""Room beyond what is required at the points of a plan [m], for what it does between them; more is
+tried where a plan is not proven."""
 
-_SIZE = {"revolute": 1.0, "prismatic": 10.0}
-"""Size of the way of a drive [rad or m], by its kind."""
+_NEAR = 1e-6
+"""How far a motion may begin and end from where it should [rad or m]."""
 
-_PLUMB = 1e-9
-"""How far from its balance an elastic crane may be at rest [rad or m]."""
-
-_SOON = 1e-6
-"""What counts as the same time [s]."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Move:
-    """What is asked for; `drives` are those that move, by their place among the drives."""
-
-    crane: Crane
-    start: State
-    goal: State
-    drives: np.ndarray
-    rate: np.ndarray
-    acceleration: np.ndarray
-    jerk: np.ndarray
-    swing: float
+_TURNED = 1e-3
+"""How far the jib stays from the end of the free slew angles [rad]: more than it turns between rows
+of a motion."""
 
 
 @checked
@@ -91,8 +82,14 @@ def optimal(
     ramp: float = 0.5,
     still: Sequence[str] | None = None,
     period: float = 5e-3,
+    interval: float | None = None,
+    preference: Preference = USUAL,
+    tolerance: float = transcription.TOLERANCE,
+    iterations: int = transcription.ITERATIONS,
+    clearance: Clearance | None = None,
+    begin: Motion | None = None,
 ) -> Motion:
-    """The fastest move from rest to rest, or the one of least swing in a given time.
+    """The fastest move from one state to another, or the one of least swing in a given time.
 
     The jerk of the drives is constant over intervals, so accelerations are continuous and a
     controller can track them. Kept are the ranges of the joints, rates, accelerations, the effort
@@ -100,94 +97,202 @@ def optimal(
     and jerks keep their limits at all times; the others do at points an eighth of a second apart or
     less, and between these the swing to second order.
 
-    Swing is the integral of the squares of all swings, with a small share for accelerations and
-    jerks. The longer a move and the shorter its ramp, the more intervals there are and the longer
-    it takes to find it.
+    Without a ramp accelerations are constant over intervals, and jump between them.
+
+    Drives that begin or end in motion do so without acceleration, or where there is no ramp with
+    any. A motion that ends in motion lasts a whole number of periods, and it is the one of least
+    cost of those that last as long; after its last row a `Motion` stands still, so that another has
+    to follow.
+
+    Obstacles are kept away from as in `cranedyn.planning.lift`: everything that hangs by the
+    distance of the site, with an envelope of its swing. What is returned is proven, not sampled. It
+    is the best between planes that part what hangs from the obstacles where the search begins, and
+    so passes these on the same side. With the motion found as a new beginning it may get better.
+
+    The longer a move and the shorter its ramp, the more intervals there are and the longer it takes
+    to find it.
 
     Args:
         crane: The crane.
-        start: Where it hangs at rest.
-        goal: Where it shall hang at rest.
+        start: Where it begins; at rest, or as it moves and swings.
+        goal: Where it shall end; at rest, or in motion.
         limits: Of the rates and accelerations of the drives.
         swing: Largest size of each swing [rad].
         duration: Time for the move [s]; None for the least. The last row of the motion is the first
             at or after its end.
         ramp: Time in which a drive may reach its limit of acceleration [s], which sets the limit of
-            its jerk. Half of it, but no more than 0.25 s, is the length of an interval.
+            its jerk; 0 for accelerations that jump.
         still: Drives that shall not move, by symbol. None for those that have no way to go, but for
-            a trolley, which may always help, since slewing drives the load outward.
+            a trolley, which may always help, since slewing drives the load outward; and none where
+            there are obstacles.
         period: Time between rows [s].
+        interval: Longest interval [s]. None for half of the ramp but no more than 0.25 s. It is
+            also no longer than a quarter of the shortest period of a swing.
+        preference: What decides among motions that are nearly as fast, and how fast that is.
+        tolerance: Relative error at which the optimiser has found the motion.
+        iterations: How many the optimiser makes at most.
+        clearance: Crane and site, so that nothing is touched; the rope then leans no more than the
+            swing of the site. None for no obstacles. For a tower crane only.
+        begin: A motion from the start to the goal with which the search begins, as of a planned
+            lift; None for a straight one.
 
     Raises:
-        OutOfRange: If an end is out of the crane's range or not at rest, both ends are one place, a
-            number is not positive, the hoist cannot hold the load, or the duration is shorter than
-            the least.
+        OutOfRange: If an end is out of the ranges, limits or bounds or, for what does not move, off
+            its balance, both ends are one state, a number makes no sense, the hoist cannot hold
+            the load, or the duration is shorter than the least.
+        MissingRole: If there are obstacles and it is not a tower crane.
         UnknownName: If a drive that shall stand still is none.
+        Unproven: If a motion past obstacles is not proven.
         CraneError: If IPOPT does not converge.
     """
-    _check_ends(crane, start, goal)
     swing, period = number("swing", swing, "rad", "> 0"), number("period", period, "s", "> 0")
     if swing >= math.pi / 2:
         raise OutOfRange("swing", swing, "above 0 and below π/2", "rad")
-    drives = _moving(crane, start, goal, still)
-    rate = crane.layout.for_drives("rate limit", limits.rates, "/s", "> 0")[drives]
-    acceleration = crane.layout.for_drives(
-        "acceleration limit", limits.accelerations, "/s²", "> 0"
-    )[drives]
-    jerk = acceleration / within("ramp", number("ramp", ramp, "s", "> 0"), *_RAMPS, "s")
-    move = _Move(crane, start, goal, drives, rate, acceleration, jerk, swing)
-    least = 0.0 if duration is None else number("duration", duration, "s", "> 0")
-    slowest, fastest = _periods(move)
-    about, interval = (
-        max(least, _about(move, slowest) + ramp),
-        min(ramp / 2.0, _INTERVAL, _SHARE * fastest),
+    within("tolerance", number("tolerance", tolerance), 1e-12, 1e-2)
+    whole("iterations", iterations, 1)
+    drives = _moving(crane, start, goal, still, clearance is not None)
+    layout = crane.layout
+    rate = layout.for_drives("rate limit", limits.rates, "/s", "> 0")
+    acceleration = layout.for_drives("acceleration limit", limits.accelerations, "/s²", "> 0")
+    _check_ends(crane, start, goal, rate, swing)
+    jerk = None
+    if number("ramp", ramp, "s", ">= 0") > 0.0:
+        jerk = (acceleration / within("ramp", ramp, *_RAMPS, "s"))[drives]
+    move = Move(
+        crane,
+        start,
+        goal,
+        drives,
+        rate[drives],
+        acceleration[drives],
+        jerk,
+        swing,
+        preference,
+        preference.longer if duration is None else _LEAST_SWING,
     )
-    intervals("duration", about, period)
-    if about / interval > _MOST:
+    if clearance is not None:
+        move = _among(move, clearance)
+    least = 0.0 if duration is None else number("duration", duration, "s", "> 0")
+    first = _first(move, least, ramp, interval, period, begin)
+    search = _Search(move, clearance, {"tolerance": tolerance, "iterations": iterations})
+    with _ALONE:
+        plan = search.best(first, least)
+        if duration is not None and plan.durations.sum() > duration + SOON:
+            shortest = math.ceil(100.0 * plan.durations.sum()) / 100.0
+            raise OutOfRange(
+                "duration", duration, f"at least {shortest:.2f} s to keep all limits", "s"
+            )
+        if goal.v.any():
+            plan = search.lasting(plan, period * math.ceil(plan.durations.sum() / period - 1e-9))
+    motion = Driven(move, plan).motion(period)
+    if clearance is not None:
+        _check_proven(clearance, move, plan, motion)
+    return motion
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """How plans of a move are made, proven ones where there are obstacles."""
+
+    move: Move
+    clearance: Clearance | None
+    how: dict[str, Any]
+
+    def best(self, first: Plan, least: float) -> Plan:
+        """The best plan near a first one, of no less than a duration [s]."""
+        move = self.move
+        if not (at_rest(move.crane, move.start) and at_rest(move.crane, move.goal)):
+            # A guess of such a move is so far from one that the optimiser would give up time first.
+            each = max(least / len(first.durations), 0.7 * float(first.durations[0]))
+            first = self._solved(first, each, 2.0 * each)
+            inside = 1.001 * each < first.durations[0] < 1.999 * each
+            if inside and self.clearance is None:
+                return first
+        if self.clearance is None:
+            return self._solved(first, least / len(first.durations))
+        failed: CraneError | None = None
+        for margin in _MARGINS:
+            try:
+                plan = self._solved(first, least / len(first.durations), margin=margin)
+                _check_proven(self.clearance, self.move, plan)
+            except (transcription.Unsolved, Unproven) as error:
+                failed = error
+            else:
+                return plan
+        assert failed is not None
+        raise failed
+
+    def lasting(self, plan: Plan, duration: float) -> Plan:
+        """The plan of least cost near one that lasts as long [s]."""
+        each = duration / len(plan.durations)
+        alike = plan._replace(durations=np.full_like(plan.durations, each))
+        return self._solved(alike, each, each, margin=_MARGINS[0] / 2.0)
+
+    def _solved(
+        self, plan: Plan, least: float, most: float = math.inf, margin: float = 0.0
+    ) -> Plan:
+        spaces = None
+        if self.clearance is not None:
+            spaces = half_spaces(self.clearance, self.move.drives_of(plan.states[1:]), margin)
+        return transcription.solve(
+            problem(self.move, spaces),
+            plan,
+            equal=least < most,
+            least=least,
+            most=most,
+            **self.how,
+        )
+
+
+def _first(
+    move: Move,
+    least: float,
+    ramp: float,
+    interval: float | None,
+    period: float,
+    begin: Motion | None,
+) -> Plan:
+    """Where the search begins."""
+    if begin is not None:
+        drives = move.crane.layout.drives
+        for row, end in ((begin.q[0], move.start), (begin.q[-1], move.goal)):
+            if len(begin.q) < 2 or np.abs(row - end.q)[drives].max() > _NEAR:
+                raise OutOfRange("begin", "a motion between other places", "one from start to goal")
+    slowest, fastest = periods(move)
+    longest = min(ramp / 2.0, _INTERVAL) if move.jerk is not None else _INTERVAL
+    if interval is not None:
+        longest = number("interval", interval, "s", "> 0")
+    longest = min(longest, _SHARE * fastest)
+    lasts = max(least, about(move, slowest) + ramp) if begin is None else max(least, begin.arrival)
+    intervals("duration", lasts, period)
+    if lasts / longest > _MOST:
         raise OutOfRange(
             "duration",
-            about,
-            f"{_MOST * interval:g} or less with intervals of {interval:g} s: half the ramp at most",
+            lasts,
+            f"{_MOST * longest:g} or less with intervals of {longest:g} s: half the ramp at most",
             "s",
         )
-    guess = _guess(move, about, interval)
-    with _ALONE:
-        plan = transcription.solve(
-            _problem(move), guess, equal=True, least=least / len(guess.durations)
-        )
-    if duration is not None and plan.durations.sum() > duration + _SOON:
-        shortest = math.ceil(100.0 * plan.durations.sum()) / 100.0
-        raise OutOfRange("duration", duration, f"at least {shortest:.2f} s to keep all limits", "s")
-    return _motion(move, plan, period)
+    count = math.ceil(lasts / longest)
+    return guess(move, lasts, count) if begin is None else begun(move, begin, count)
 
 
-def _check_ends(crane: Crane, start: State, goal: State) -> None:
+def _check_ends(crane: Crane, start: State, goal: State, rate: np.ndarray, swing: float) -> None:
     layout = crane.layout
     for where, state in (("start", start), ("goal", goal)):
+        most = np.full(layout.n, np.inf)
+        most[layout.drives] = rate
+        moves = bool(state.v.any() or state.q[crane.swings].any())
         rest = crane.hanging(state.q) if crane.springs.any else np.zeros(layout.n)
         for i, joint in enumerate(layout.joints):
-            within(
-                f"{joint.symbol} at the {where}",
-                state.q[i],
-                crane.lower[i],
-                crane.upper[i],
-                joint.unit,
-            )
-            if not joint.driven and abs(state.q[i] - rest[i]) > _PLUMB * crane.springs.any:
-                raise OutOfRange(
-                    f"{joint.symbol} at the {where}",
-                    state.q[i],
-                    f"{rest[i]:g}: it hangs at rest",
-                    joint.unit,
-                )
-            if state.v[i] != 0.0:
-                raise OutOfRange(
-                    f"{joint.symbol}_dot at the {where}",
-                    state.v[i],
-                    "0: it hangs at rest",
-                    f"{joint.unit}/s",
-                )
-    if np.array_equal(start.q, goal.q):
+            place, unit = f"{joint.symbol} at the {where}", joint.unit
+            within(place, state.q[i], crane.lower[i], crane.upper[i], unit)
+            if i in crane.swings:
+                within(place, state.q[i], -swing, swing, unit)
+            if not joint.driven and not moves:
+                if abs(state.q[i] - rest[i]) > PLUMB * crane.springs.any:
+                    raise OutOfRange(place, state.q[i], f"{rest[i]:g}: it hangs at rest", unit)
+            within(f"{joint.symbol}_dot at the {where}", state.v[i], -most[i], most[i], f"{unit}/s")
+    if np.array_equal(start.q, goal.q) and np.array_equal(start.v, goal.v):
         raise OutOfRange("goal", "the start itself", "another place")
     hoist = layout.drive_of("hoist")
     if hoist is not None:
@@ -195,203 +300,64 @@ def _check_ends(crane: Crane, start: State, goal: State) -> None:
         number("share of the hoist's effort limit that holds the load", holding, "", "0 to 1")
 
 
-def _moving(crane: Crane, start: State, goal: State, still: Sequence[str] | None) -> np.ndarray:
+def _moving(
+    crane: Crane, start: State, goal: State, still: Sequence[str] | None, among: bool
+) -> np.ndarray:
     """Which of the drives move."""
-    layout = crane.layout
-    goes = goal.q[layout.drives] != start.q[layout.drives]
+    layout, drives = crane.layout, crane.layout.drives
+    goes = (goal.q != start.q)[drives] | (goal.v != 0.0)[drives] | (start.v != 0.0)[drives]
     if still is None:
         helps = [joint.role == "trolley" and layout.has("slew") for joint in layout.driven]
-        return np.flatnonzero(goes | helps)
+        return np.flatnonzero(goes | helps | [among])
     for name in still:
         if goes[layout.drive(name)]:
             raise OutOfRange("still", name, "drives that have no way to go")
     return np.array([i for i, joint in enumerate(layout.driven) if joint.symbol not in still])
 
 
-def _periods(move: _Move) -> tuple[float, float]:
-    """The longest and the shortest period of the passive joints with the drives at rest, at either
-    end [s].
+def _among(move: Move, clearance: Clearance) -> Move:
+    """A move among obstacles: the jib in the slew angles that are free about the start, the rope
+    no more aslant than the site allows.
     """
-    if not len(move.crane.layout.passive):
-        return 0.0, math.inf
-    rates = np.concatenate(
-        [free_modes(move.crane, end).frequencies for end in (move.start, move.goal)]
-    )
-    return 2.0 * math.pi / float(rates.min()), 2.0 * math.pi / float(rates.max())
-
-
-def _problem(move: _Move) -> transcription.Problem:
-    """State: passive joints, their rates, then positions, rates, accelerations of the drives that
-    move. Control: jerks of these drives.
-    """
-    crane, m, layout = move.crane, len(move.drives), move.crane.layout
-    drives, passive, p = (
-        layout.drives[move.drives].tolist(),
-        layout.passive.tolist(),
-        len(layout.passive),
-    )
-    x, u, gap = ca.SX.sym("x", 2 * p + 3 * m), ca.SX.sym("u", m), ca.SX.sym("gap")
-    free, free_rate, position, rate, acceleration = ca.vertsplit(
-        x, np.cumsum([0, p, p, m, m, m]).tolist()
-    )
-    q, v, a = ca.SX(move.start.q), ca.SX(layout.n, 1), ca.SX(layout.m, 1)
-    q[passive], v[passive], q[drives], v[drives], a[move.drives.tolist()] = (
-        free,
-        free_rate,
-        position,
-        rate,
-        acceleration,
-    )
-    full, effort = symbolic.prescribed_acceleration(crane, q, v, a)
-    swings = np.isin(layout.passive, crane.swings)
-    angle, angle_rate = (part[np.flatnonzero(swings).tolist()] for part in (free, free_rate))
-    swing = (
-        ca.sumsqr(angle)
-        + ca.sumsqr(_ACCELERATION * acceleration / move.acceleration)
-        + ca.sumsqr(_JERK * u / move.jerk)
-    )
-    # Between two points a parabola stays below the higher of them or the crossing of its tangents,
-    # half a gap ahead.
-    shares = ca.vertcat(
-        (angle + gap / 2.0 * angle_rate) / move.swing,
-        (rate + gap / 2.0 * acceleration) / move.rate,
-        effort / crane.effort_limit,
-    )
-    tension, hoist = ca.SX(0, 1), layout.drive_of("hoist")
-    if hoist is not None:
-        cable = int(layout.drives[hoist])
-        tension = (crane.damping[cable] * v[cable] - effort[hoist]) / abs(
-            holding_effort(crane, move.start.q)[hoist]
+    crane, joints, place_of = move.crane, clearance.joints, clearance.place_of
+    for where, state in (("start", move.start), ("goal", move.goal)):
+        room = clearance.room(state.q[place_of])
+        number(f"room at the {where} beyond what is required", room - CLOSE, "m", ">= 0")
+        within(
+            f"tilt of the rope at the {where}",
+            float(clearance.tilt(state.q)),
+            0.0,
+            clearance.site.swing,
+            "rad",
         )
-    moving = [layout.driven[drive] for drive in move.drives]
-    ones, any_rate, bound = (
-        np.ones(shares.numel()),
-        np.full(p, np.inf),
-        np.where(swings, move.swing, np.inf),
+    slew, hoist = joints.slew, joints.hoist
+    slews = slew_range(
+        clearance, float(move.start.q[slew]), float(crane.lower[slew]), float(crane.upper[slew])
     )
-    high = [
-        np.minimum(bound, crane.upper[passive]),
-        any_rate,
-        crane.upper[drives],
-        move.rate,
-        move.acceleration,
-    ]
-    low = [
-        np.maximum(-bound, crane.lower[passive]),
-        -any_rate,
-        crane.lower[drives],
-        -move.rate,
-        -move.acceleration,
-    ]
-    return transcription.Problem(
-        x=x,
-        u=u,
-        gap=gap,
-        rates=ca.vertcat(free_rate, full[passive], rate, acceleration, u),
-        cost=1.0 + _WORTH * swing,
-        path=ca.vertcat(shares, tension),
-        bounds=np.array([np.concatenate(low), np.concatenate(high)]),
-        control_bounds=np.array([-move.jerk, move.jerk]),
-        path_bounds=np.array(
-            [[*-ones, *np.full(tension.numel(), _TAUT)], [*ones, *np.full(tension.numel(), np.inf)]]
-        ),
-        scale=np.concatenate(
-            [
-                np.full(2 * p, 0.1),
-                [_SIZE[joint.kind] for joint in moving],
-                move.rate,
-                move.acceleration,
-            ]
-        ),
-    )
+    lower, upper = crane.lower.copy(), crane.upper.copy()
+    lower[hoist] = max(lower[hoist], clearance.shortest)
+    lower[slew], upper[slew] = slews.low + _TURNED * bool(slews.below), slews.high
+    upper[slew] -= _TURNED * bool(slews.above)
+    within("gamma at the goal", move.goal.q[slew], lower[slew], upper[slew], "rad")
+    return replace(move, tilt=clearance.site.swing, given=np.array([lower, upper]))
 
 
-def _about(move: _Move, slowest: float) -> float:
-    """About the least time [s], to begin the search: trapezoids of the rates, slow enough for the
-    swing; the longest period at least.
-    """
-    crane, layout = move.crane, move.crane.layout
-    reach = max(
-        float(np.hypot(*payload_position(crane, end.q)[:2])) for end in (move.start, move.goal)
-    )
-    way = np.abs(move.goal.q - move.start.q)[layout.drives][move.drives]
-    gentle = crane.gravity * move.swing
-    joints = [layout.driven[drive] for drive in move.drives]
-    at_most = [
-        math.inf if joint.role == "hoist" else gentle / (reach if joint.kind == "revolute" else 1.0)
-        for joint in joints
-    ]
-    acceleration = np.minimum(move.acceleration, at_most)
-    peak = np.minimum(move.rate, np.sqrt(way * acceleration))
-    trapezoids = np.divide(way, peak, out=np.zeros_like(way), where=way > 0.0) + peak / acceleration
-    return max(slowest, float(trapezoids.max()))
-
-
-def _guess(move: _Move, duration: float, interval: float) -> transcription.Plan:
-    """A spline of the drives, with the load plumb."""
-    n, layout = math.ceil(duration / interval), move.crane.layout
-    durations = np.full(n, duration / n)
-    times = transcription.times(durations)
-    curve = spline(move.crane, move.start, [move.goal.q[layout.drives]], [duration])
-    rest = [
-        np.outer(1.0 - times / duration, move.start.q[layout.passive])
-        + np.outer(times / duration, move.goal.q[layout.passive])
-    ]
-    rest.append(np.zeros_like(rest[0]))
-    states = np.hstack([*rest, *(part[:, move.drives] for part in curve.at(times))])
-    return transcription.Plan(durations, np.zeros((n, len(move.drives))), states)
-
-
-def _motion(move: _Move, plan: transcription.Plan, period: float) -> Motion:
-    """A plan on the control instants: the drives by integrating its jerks, the swing by integrating
-    the crane's own equations.
-    """
-    nodes = np.concatenate([[0.0], np.cumsum(plan.durations)])
-    n, drives, passive = move.crane.layout.n, move.crane.layout.drives, move.crane.layout.passive
-    jerk = np.zeros((1, len(plan.durations), len(drives)))
-    jerk[0][:, move.drives] = plan.controls
-    acceleration = PPoly(jerk, nodes).antiderivative()
-    velocity, way = acceleration.antiderivative(), acceleration.antiderivative(2)
-
-    def state(t: float, y: np.ndarray) -> State:
-        q, v = move.start.q.copy(), np.zeros(n)
-        q[drives] += way(t)
-        v[drives] = velocity(t)
-        q[passive], v[passive] = np.split(y, 2)
-        return State(q, v)
-
-    def accelerations(t: float, y: np.ndarray) -> np.ndarray:
-        return prescribed_acceleration(move.crane, state(t, y), acceleration(t))[0]
-
-    t = period * np.arange(math.ceil((nodes[-1] - _SOON) / period))
-    rest = np.concatenate([move.start.q[passive], np.zeros(len(passive))])
-    swing = _integrate(
-        lambda s, y: np.append(y[len(passive) :], accelerations(s, y)[passive]), nodes, t, rest
-    )
-    states = [state(*row) for row in zip(t, swing, strict=True)]
-    q, v = [*(row.q for row in states), move.goal.q], [*(row.v for row in states), np.zeros(n)]
-    a = [*(accelerations(*row) for row in zip(t, swing, strict=True)), np.zeros(n)]
-    return Motion(period, np.array(q), np.array(v), np.array(a), drives)
-
-
-def _integrate(
-    flow: Callable[[float, np.ndarray], np.ndarray], nodes: np.ndarray, t: np.ndarray, y: np.ndarray
-) -> np.ndarray:
-    """Passive joints and their rates from y on, at times before the last node; interval by
-    interval, since the jerk jumps between.
-    """
-    rows = []
-    for first, last in itertools.pairwise(nodes):
-        inside = t[(t >= first) & (t < last)]
-        found = solve_ivp(
-            flow,
-            (first, last),
-            y,
-            method="DOP853",
-            t_eval=np.append(inside, last),
-            rtol=1e-10,
-            atol=1e-12,
-        ).y.T
-        rows.append(found[:-1])
-        y = found[-1]
-    return np.concatenate(rows)
+def _check_proven(
+    clearance: Clearance, move: Move, plan: Plan, motion: Motion | None = None
+) -> None:
+    """Return if a plan, and its motion if there is one, is proven to touch nothing."""
+    driven = Driven(move, plan)
+    at = unproven(clearance, driven, 0.0, driven.duration)
+    if at is not None:
+        raise Unproven(at, f"the room is {clearance.room(driven.at(at)):.3f} m")
+    if motion is None:
+        return
+    tilt, slew = clearance.tilt(motion.q), clearance.joints.slew
+    if tilt.max() > clearance.site.swing:
+        k = int(tilt.argmax())
+        raise Unproven(k * motion.period, f"the rope leans by {tilt[k]:.4f} rad")
+    low, high = move.ranges[:, slew]
+    slews = motion.q[:, slew]
+    off = (slews < low - _TURNED / 2.0) | (slews > high + _TURNED / 2.0)
+    if off.any():
+        raise Unproven(int(off.argmax()) * motion.period, "the jib leaves the free slew angles")

@@ -14,12 +14,29 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from cranedyn.errors import CraneError
 from cranedyn.planning.clearance import Clearance
 
 CLOSE = 1e-2
 """Room that a proof does not go below [m]: stretches of a motion with less are not proven."""
 
 _MOST = 20_000
+
+
+class Unproven(CraneError):
+    """A motion that is not proven to touch nothing.
+
+    Attributes:
+        t: When it is not [s].
+    """
+
+    def __init__(self, t: float, why: str) -> None:
+        """Keep the time and phrase the sentence."""
+        self.t = t
+        super().__init__(
+            f"The motion found is not proven to keep the distance of the site at t = {t:.2f} s: "
+            f"{why}."
+        )
 
 
 class Curve(Protocol):

@@ -150,7 +150,7 @@ def timed(
                 ):
                     break
                 motion = carried(clearance, places, STEP)
-                shares = _shares(clearance, motion, limits, ramp)
+                shares = shares_of(clearance, motion, limits, ramp)
                 made = Timed(places, motion, bound, shares)
                 kept = max(shares.values()) <= _KEPT
                 if kept and not proven(made):
@@ -328,7 +328,9 @@ def carried(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
     return Motion(period, place, v, a, crane.layout.drives)
 
 
-def _shares(clearance: Clearance, motion: Motion, limits: Limits, ramp: float) -> dict[str, float]:
+def shares_of(
+    clearance: Clearance, motion: Motion, limits: Limits, ramp: float
+) -> dict[str, float]:
     """How much of each limit a motion uses; 1 is all of it."""
     jerk = np.abs(np.diff(motion.a[:, clearance.place_of], axis=0)).max(axis=0) / motion.period
     tilt = clearance.tilt(motion.q).max()

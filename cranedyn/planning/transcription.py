@@ -10,6 +10,10 @@ is faster.
 
 from __future__ import annotations
 
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -28,8 +32,10 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.sb": "yes",
     "ipopt.mu_init": 1e-2,
     "ipopt.bound_relax_factor": 0.0,
-    "ipopt.max_iter": 300,
 }
+
+TOLERANCE, ITERATIONS = 1e-8, 300
+"""Relative error at which a motion counts as found, and after how many iterations none does."""
 
 _GAPS = np.diff(_RADAU, append=1.0 + _RADAU[0])
 
@@ -65,6 +71,9 @@ class Problem:
         control_bounds: Least and largest control, finite, shape (2, nu).
         path_bounds: Shape (2, np).
         scale: Size of the state, shape (nx,).
+        given: Symbols in `path` whose values differ from point to point, shape (nd,); None if there
+            are none.
+        values: Their values, shape (nd, points).
     """
 
     x: ca.SX
@@ -77,6 +86,8 @@ class Problem:
     control_bounds: np.ndarray
     path_bounds: np.ndarray
     scale: np.ndarray
+    given: ca.SX | None = None
+    values: np.ndarray | None = None
 
 
 class Plan(NamedTuple):
@@ -105,7 +116,16 @@ def times(durations: np.ndarray, steps: int = 1) -> np.ndarray:
     return np.concatenate([[0.0], (ends[:, None] + lengths[:, None] * (_RADAU - 1.0)).ravel()])
 
 
-def solve(problem: Problem, guess: Plan, *, equal: bool, least: float = 0.0) -> Plan:
+def solve(
+    problem: Problem,
+    guess: Plan,
+    *,
+    equal: bool,
+    least: float = 0.0,
+    most: float = np.inf,
+    tolerance: float = TOLERANCE,
+    iterations: int = ITERATIONS,
+) -> Plan:
     """The motion of least cost from the first to the last state of a guess.
 
     Args:
@@ -115,28 +135,80 @@ def solve(problem: Problem, guess: Plan, *, equal: bool, least: float = 0.0) -> 
         equal: Whether all intervals last alike, or each as long as suits, so that the control
             switches when it should.
         least: Least duration of an interval [s].
+        most: Largest duration of an interval [s].
+        tolerance: Relative error at which it is found.
+        iterations: How many are made at most.
 
     Raises:
         Unsolved: If the optimiser does not converge.
+        KeyboardInterrupt: If it is interrupted, as soon as an iteration is done; or what else the
+            program does on SIGINT and SIGTERM.
     """
     controls, states = np.abs(problem.control_bounds).max(axis=0), problem.scale
     scale = _pack(_alike(guess, 1.0, controls, states))
     bounds = [
         _alike(guess, *bound)
-        for bound in zip((least, np.inf), problem.control_bounds, problem.bounds, strict=True)
+        for bound in zip((least, most), problem.control_bounds, problem.bounds, strict=True)
     ]
     for bound in bounds:
         bound.states[[0, -1]] = guess.states[[0, -1]]
     lower, upper = (_pack(bound) / scale for bound in bounds)
     program, low, high = _program(problem, guess, equal, scale)
-    solver = ca.nlpsol("plan", "ipopt", program, _OPTIONS)
-    found = solver(x0=_pack(guess) / scale, lbx=lower, ubx=upper, lbg=low, ubg=high)
+    stop = _Stop(scale.size, low.size)
+    options = {"ipopt.tol": tolerance, "ipopt.max_iter": iterations, "iteration_callback": stop}
+    solver = ca.nlpsol("plan", "ipopt", program, _OPTIONS | options)
+    with stop.on_signals():
+        found = solver(x0=_pack(guess) / scale, lbx=lower, ubx=upper, lbg=low, ubg=high)
     if not solver.stats()["success"]:
         raise Unsolved(solver.stats()["return_status"])
     parts = np.split(
         found["x"].full().ravel() * scale, np.cumsum([part.size for part in guess])[:-1]
     )
     return Plan(*(part.reshape(like.shape) for part, like in zip(parts, guess, strict=True)))
+
+
+class _Stop(ca.Callback):  # type: ignore[misc]
+    """Ends IPOPT after an iteration in which a signal came, which CasADi would take for a failure
+    of the program and not pass on.
+    """
+
+    def __init__(self, unknowns: int, constraints: int) -> None:
+        ca.Callback.__init__(self)
+        self._sizes = {"x": unknowns, "lam_x": unknowns, "g": constraints, "lam_g": constraints}
+        self._came: list[tuple[int, Any]] = []
+        self.construct("stop", {})
+
+    def get_n_in(self) -> int:
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        name = ca.nlpsol_out(i)
+        return ca.Sparsity.dense(1 if name == "f" else self._sizes.get(name, 0), 1)
+
+    def eval(self, arg: Sequence[ca.DM]) -> list[int]:
+        return [len(self._came)]
+
+    @contextmanager
+    def on_signals(self) -> Iterator[None]:
+        """Keep signals until what is done inside has ended, then do what the program does on
+        them.
+        """
+        before: dict[int, Any] = {}
+        if threading.current_thread() is threading.main_thread():
+            for one in (signal.SIGINT, signal.SIGTERM):
+                if callable(handler := signal.getsignal(one)):
+                    before[one] = handler
+                    signal.signal(one, lambda *came: self._came.append(came))
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+        for number, frame in self._came:
+            before[number](number, frame)
 
 
 def _pack(plan: Plan) -> np.ndarray:
@@ -172,8 +244,10 @@ def _program(
     flow = ca.Function(
         "flow", [problem.x, problem.u], [problem.rates, problem.cost], {"cse": True}
     ).map(points)
+    given = ca.SX(0, 1) if problem.given is None else problem.given
+    values = np.zeros((0, points)) if problem.values is None else problem.values
     path = ca.Function(
-        "path", [problem.x, problem.u, problem.gap], [problem.path], {"cse": True}
+        "path", [problem.x, problem.u, problem.gap, given], [problem.path], {"cse": True}
     ).map(points)
     rates, cost = flow(x[:, 1:], u)
     defects = ca.vec(
@@ -190,5 +264,5 @@ def _program(
     gaps, weights = (
         ca.DM(np.tile(shares.ravel(), points // _POINTS)).T for shares in (_GAPS, _WEIGHTS)
     )
-    constraints = ca.vertcat(defects, ca.vec(path(x[:, 1:], u, gaps * h)), unequal)
+    constraints = ca.vertcat(defects, ca.vec(path(x[:, 1:], u, gaps * h, ca.DM(values))), unequal)
     return {"x": unknown, "f": ca.dot(cost * h, weights), "g": constraints}, low, high

@@ -6,6 +6,7 @@ from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.references.flat import flat
 from cranedyn.references.hold import hold
 from cranedyn.references.itinerary import ARTICLE_TOUR, Itinerary, Leg, itinerary
+from cranedyn.references.longer import longer
 from cranedyn.references.motion import Motion, plumb
 from cranedyn.references.operator import JoystickPulse, operator
 from cranedyn.references.pulse import pulse
@@ -25,6 +26,7 @@ __all__ = [
     "flat",
     "hold",
     "itinerary",
+    "longer",
     "operator",
     "plumb",
     "pulse",

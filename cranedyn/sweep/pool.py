@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import pyarrow as pa
 
+from cranedyn.command import held_back
 from cranedyn.errors import CraneError
 from cranedyn.sweep.chunk import DIED, LATE, evaluate, failed, load
 from cranedyn.sweep.processes import end_with_parent
@@ -211,8 +212,11 @@ def _deaf() -> Iterator[None]:
     """
     # A process of multiprocessing's own, at whose start it would unblock the signal.
     resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    # The mask is for the process that starts, which inherits it; here another thread may be given
+    # the signal, and a process that is cut off before it has been told its task says so aloud.
+    with held_back():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -32,6 +32,10 @@ def finished(folder: Path, manifest: Manifest, part: int) -> tuple[int, int] | N
             return file.metadata.num_rows - good, path.stat().st_size
     except Damaged:
         return None
+    except DataError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            return None
+        raise
 
 
 def write_part(

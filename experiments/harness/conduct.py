@@ -102,6 +102,8 @@ def _write(outcome: Outcome, options: argparse.Namespace) -> None:
         for name, figure in outcome.figures.items():
             for ending in FIGURES:
                 save(figure, folder / f"{name}{ending}")
+        for name, text in outcome.texts.items():
+            write_text(folder / name, text)
         if outcome.recording:
             _record(outcome, options)
         result["files"] = {

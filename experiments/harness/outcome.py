@@ -113,6 +113,7 @@ class Outcome:
         trajectories: Runs to keep, and loads of runs, by file name without ending.
         figures: Figures to keep, by file name without ending.
         recording: Runs to record for the viewer.
+        texts: Texts to keep, by file name.
     """
 
     tables: Sequence[Table]
@@ -121,6 +122,7 @@ class Outcome:
     trajectories: Mapping[str, Trajectory | Loads] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
     recording: Sequence[Run] = ()
+    texts: Mapping[str, str] = field(default_factory=dict)
 
 
 def show(outcome: Outcome) -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
+from cranedyn.controllers.adapted import adapted
 from cranedyn.controllers.observer import observed
 from cranedyn.controllers.sensed import noise_of, sensed
 from cranedyn.data.trajectory import Trajectory
@@ -28,25 +30,29 @@ class Perturbation:
         load: Mass of the payload over that planned for.
         values: Further numbers of the crane.
         cable: By which share the cable is longer than measured.
+        offset: By how much it is longer besides, wherever the hoist stands [m].
         noise: Of the sensors, as a multiple of `cranedyn.controllers.sensed.noise_of`.
         delay: By how many control periods the sensors are late.
         disturbance: What acts from outside, for a crane and the time at which it should arrive [s].
-        observer: Whether the swing is estimated from the drives instead of measured.
+        observer: Empty where the state is measured. "state" where the swing is estimated from the
+            drives, load and cable as planned; else what an observer that estimates load and cable,
+            too, has for sensors, see `cranedyn.controllers.load_filter.Sensors`.
     """
 
     name: str
     load: float = 1.0
     values: Mapping[str, float] = field(default_factory=dict)
     cable: float = 0.0
+    offset: float = 0.0
     noise: float = 0.0
     delay: int = 0
     disturbance: Callable[[Crane, float], Disturbance] | None = None
-    observer: bool = False
+    observer: Literal["", "state", "drives", "swing", "imu"] = ""
 
     @property
     def sensors_only(self) -> bool:
         """Whether it is nothing but the measurement of the swing that differs."""
-        return self.noise > 0.0 or self.delay > 0 or self.observer
+        return self.noise > 0.0 or self.delay > 0 or self.observer != ""
 
 
 def _gust(crane: Crane, arrives: float) -> Disturbance:
@@ -76,9 +82,24 @@ PERTURBATIONS = (
     Perturbation("delay 5 ms", delay=1),
     Perturbation("damped swing", values={"damp_swing": 5000.0}),
     Perturbation("gust", disturbance=_gust),
-    Perturbation("no swing sensor", observer=True),
+    Perturbation("no swing sensor", observer="state"),
 )
 """Cases of the comparison. 5000 N m s/rad are about 2 % of critical damping."""
+
+UNTOLD = (
+    Perturbation("state alone: load -50 %", load=0.5, observer="state"),
+    Perturbation("state alone: as planned", observer="state"),
+    Perturbation("state alone: load +50 %", load=1.5, observer="state"),
+    Perturbation("load too: load -50 %", load=0.5, observer="drives"),
+    Perturbation("load too: as planned", observer="drives"),
+    Perturbation("load too: load +50 %", load=1.5, observer="drives"),
+    Perturbation("load too: cable -10 %", cable=-0.1, observer="drives"),
+    Perturbation("load too: cable +10 %", cable=0.1, observer="drives"),
+)
+"""Cases in which the drives alone are seen, by the observer of the state or by that of the load."""
+
+AFTER_UNTOLD = 0.1
+"""How long these are watched after the arrival [s]: what is judged is the swing at it."""
 
 
 def make(
@@ -88,8 +109,9 @@ def make(
     perturbation: Perturbation = NOMINAL,
     *,
     label: str = "",
+    after: float = AFTER,
 ) -> tuple[Trajectory, Score]:
-    """Make a planned move under a case and watch what is left.
+    """Make a planned move under a case and watch what is left for some time after it [s].
 
     Raises:
         CraneError: If the run breaks off, or the plan has no motion that an observer could go by.
@@ -103,7 +125,8 @@ def make(
         ),
     }
     crane = setup.variant(**values) if values else setup.crane
-    first, last = (_stretched(crane, end, perturbation.cable) for end in move.ends(setup.crane))
+    misread = perturbation.cable, perturbation.offset
+    first, last = (_stretched(crane, end, *misread) for end in move.ends(setup.crane))
     first.q[crane.swings] = move.swing
     controller = plan.controller()
     if perturbation.observer:
@@ -113,15 +136,19 @@ def make(
             )
         if plan.drive == "velocity":
             raise CraneError(UNOBSERVED)
-        controller = observed(controller, setup.crane, plan.motion, dt=setup.dt)
+        controller = (
+            observed(controller, setup.crane, plan.motion, dt=setup.dt)
+            if perturbation.observer == "state"
+            else adapted(controller, setup.crane, plan.motion, sensors=perturbation.observer)
+        )
     if perturbation.noise or perturbation.delay:
         noise = perturbation.noise * noise_of(crane)
         controller = sensed(
             crane, controller, delay=perturbation.delay, noise=noise, rng=np.random.default_rng(1)
         )
-    if perturbation.cable:
-        controller = _misread(crane, controller, perturbation.cable)
-    duration = instant(setup, plan.arrives + AFTER)
+    if any(misread):
+        controller = _misread(crane, controller, *misread)
+    duration = instant(setup, plan.arrives + after)
     run = setup.simulate(
         crane,
         controller,
@@ -137,21 +164,21 @@ def make(
     return run, score(crane, last, run, plan.arrives)
 
 
-def _stretched(crane: Crane, state: State, share: float) -> State:
-    """The state with a cable longer by a share."""
-    return State(state.q * _cable(crane, 1.0 + share), state.v.copy())
+def _stretched(crane: Crane, state: State, share: float, offset: float) -> State:
+    """The state with a cable longer by a share, and by an offset [m]."""
+    hoist = crane.layout.at("l")
+    q = state.q.copy()
+    q[hoist] = (1.0 + share) * q[hoist] + offset
+    return State(q, state.v.copy())
 
 
-def _cable(crane: Crane, factor: float) -> np.ndarray:
-    """A factor for the cable among ones for all other coordinates."""
-    return np.array([factor if symbol == "l" else 1.0 for symbol in crane.layout.symbols])
-
-
-def _misread(crane: Crane, controller: Controller, share: float) -> Controller:
-    """A controller that takes the cable for shorter by a share than it is."""
-    scale = _cable(crane, 1.0 / (1.0 + share))
+def _misread(crane: Crane, controller: Controller, share: float, offset: float) -> Controller:
+    """A controller that takes the cable for shorter than it is, by a share and an offset [m]."""
+    hoist = crane.layout.index("l")
 
     def misled(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        return controller(t, State(scale * state.q, scale * state.v), setpoint)
+        q, v = state.q.copy(), state.v.copy()
+        q[hoist], v[hoist] = (q[hoist] - offset) / (1.0 + share), v[hoist] / (1.0 + share)
+        return controller(t, State(q, v), setpoint)
 
     return misled

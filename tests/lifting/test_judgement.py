@@ -79,8 +79,9 @@ def test_numbers_of_the_page_are_made_again_from_the_run_that_lies_beside_it(
     assert stops == []
     moment = carried["load_moment_Nm"].max() / 1e3
     assert shown["load moment [kN m]"][0] == pytest.approx(moment, rel=1e-12)
-    # By hand: a tonne at some 15.8 m, and what its hoisting adds.
-    assert moment == pytest.approx(9.80665 * carried["radius_m"].max(), rel=0.01)
+    # By hand: a tonne at its farthest, and what the hoist may add by its 0.4 m/s².
+    still = 9.80665 * carried["radius_m"].max()
+    assert 0.99 * still < moment < (1.01 + 0.4 / 9.80665) * still
 
 
 @pytest.mark.skipif(
@@ -215,7 +216,7 @@ def test_gusts_swing_a_load_as_far_as_mechanics_has_it() -> None:
         # load moves against the wind by up to 2 m/s.
         assert lean(speed / GUST_FACTOR) - planned < swing
         assert swing < planned + 2.0 * lean(speed + 2.0)
-    assert found.worst["swing"][-1] > 3.0 * found.worst["swing"][0]
+    assert found.worst["swing"][-1] > 2.0 * planned
     assert 4.0 <= found.limit("swing") < 28.0
 
 

@@ -133,11 +133,11 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(tmp_path: Pa
             DIED if x == 3 else None for x in range(6)
         ]
         sweep(
-            studies.stuck, grid(x=range(6)), tmp_path / "c", chunk=2, scheduler=address, limit=0.6
+            studies.stuck, grid(x=range(6)), tmp_path / "c", chunk=2, scheduler=address, limit=3.0
         )
         errors = results(tmp_path / "c")["error"].to_pylist()
         assert errors.pop(3).endswith(
-            "or was ended since the case took longer than the 0.6 s that a case may."
+            "or was ended since the case took longer than the 3 s that a case may."
         )
         assert errors == [None] * 5
         studies.squares.__module__, before = "tests.elsewhere", studies.squares.__module__

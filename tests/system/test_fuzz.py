@@ -55,8 +55,13 @@ COUNTS = {
     "line description": 12,
     "line compare": 15,
     "line linear_vs_full": 20,
-    "line factors": 15,
+    "line factors": 8,
+    "line identify": 20,
+    "line lift": 15,
+    "line lift_benchmark": 10,
     "line lift_report": 10,
+    "line margins": 12,
+    "line observer": 15,
 }
 """How many cases of each kind are tried here; of calls and lines `_OTHERS`."""
 

@@ -142,8 +142,9 @@ watched = ("open", "socket.connect", "socket.getaddrinfo")
 sys.addaudithook(lambda event, given: seen.append((event, given)) if event in watched else None)
 crane = load_crane(sys.argv[1])
 print([str(given[0]) for event, given in seen if not str(given[0]).endswith(".pyc")])
-record(sys.argv[2], [Run("r", crane, simulate(crane, hold_controller(crane), duration=0.05))],
-title="t") print([given for event, given in seen if event != "open"])
+run = simulate(crane, hold_controller(crane), duration=0.05)
+record(sys.argv[2], [Run("r", crane, run)], title="t")
+print([given for event, given in seen if event != "open"])
 """
 
 

@@ -143,8 +143,8 @@ def experiment(options, world):
     run = simulate(world.crane, hold_controller(world.crane), duration=0.5)
     table = harness.Table("φ and θ", [("φ [rad]", ".3f")], [(0.0,)] * 2000)
     claim = harness.Claim("ω is √(g/l).", True)
-    return harness.Outcome([table], [claim], {}, {"run": run}, {"figure": panels()[0]}, [Run("r",
-    world.crane, run)])
+    figures, shown = {"figure": panels()[0]}, [Run("r", world.crane, run)]
+    return harness.Outcome([table], [claim], {}, {"run": run}, figures, shown)
 
 def trial(*words):
     made = harness.parser("trial", "A trial.")
@@ -265,6 +265,22 @@ def test_an_interruption_while_a_command_is_being_imported_shows_no_traceback(
     assert process.wait(20) == -signal.SIGINT  # 130 to a shell
     assert "Traceback" not in rest and "KeyboardInterrupt" not in rest
     assert files(tmp_path) == []
+
+
+_WITHIN_TEXT = """
+from cranedyn.command import command
+
+def run():
+    exec("raise KeyboardInterrupt")
+
+code = command(run)
+assert code == 130, code
+"""
+
+
+def test_an_interruption_within_executed_text_does_not_kill_the_program_at_its_end() -> None:
+    run = python(_WITHIN_TEXT)
+    assert (run.returncode, run.stderr) == (0, "Interrupted.\n")
 
 
 _SERVED = f"""{_TRIAL}

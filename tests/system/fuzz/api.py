@@ -43,6 +43,7 @@ from tests.system.fuzz.core import Broken, Case
 from tests.system.fuzz.lines import cheap
 
 PUBLIC = {
+    "identification": ("cranedyn.identification",),
     "simulate": ("cranedyn.simulation.simulate", "cranedyn.simulation.stepper"),
     "batch": ("cranedyn.compiled.batch",),
     "crane": ("cranedyn.model.crane", "cranedyn.model.description", "cranedyn.model.load"),
@@ -70,7 +71,14 @@ PUBLIC = {
     "recording": ("cranedyn.recording", "cranedyn.recording.snapshot"),
     "planning": tuple(
         f"cranedyn.planning.{name}"
-        for name in ("site_file", "lift", "certificate", "perturbed", "wind_limit")
+        for name in (
+            "site_file",
+            "lift",
+            "least_time",
+            "certificate",
+            "perturbed",
+            "wind_limit",
+        )
     ),
 }
 """What people import from, by the name of a generator."""
@@ -81,8 +89,9 @@ INTERNAL = tuple(
         "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown "
         "data.tables dynamics errors interfaces lifting lifting.wrench"
         " model.layout model.shown model.springs model.urdf"
-        " planning.bim planning.bodies planning.clearance planning.curve planning.fields "
-        "planning.grid planning.neighbour planning.proof"
+        " planning.bim planning.bodies planning.clearance planning.curve planning.driven "
+        "planning.fields planning.grid planning.half_spaces planning.move planning.neighbour "
+        "planning.proof"
         " planning.search planning.site planning.solids planning.timing planning.transcription"
         " plotting processes simulation.engine simulation.log simulation.record bridges"
     ).split()
@@ -122,10 +131,14 @@ HEAVY = {
     "sweep": 0.3,
     "fastest": 0.3,
     "check": 0.3,
-    "plan_lift": 0.1,
-    "certify": 0.1,
-    "perturb": 0.1,
-    "wind_limit": 0.1,
+    "in_least_time": 0.01,
+    "plan_lift": 0.03,
+    "certify": 0.03,
+    "perturb": 0.03,
+    "wind_limit": 0.03,
+    "identify": 0.05,
+    "preflight": 0.05,
+    "twin_of": 0.05,
 }
 """How often what takes its time is tried, beside the others."""
 
@@ -161,6 +174,13 @@ RIGHT: dict[str, str] = {
     "free_swing.until": "3.0",
     "free_swing.start": "crane.state(phi=0.1)",
     "optimal.duration": "9.0",
+    "longer.by": "1.0",
+    "adapted.sensors": "'drives'",
+    "adapted.motion_of": "lambda by: longer(crane, motion, by)",
+    "adapted.disturbance": "np.full(5, 1e-2)",
+    "adapted.noise": "np.full(10, 1e-3)",
+    "optimal.interval": "0.5",
+    "in_least_time.interval": "0.5",
     "spline.waypoints": "[(0.0, 12.0, 10.0)]",
     "spline.durations": "[5.0]",
     "shortest.waypoints": "[(0.0, 12.0, 10.0)]",
@@ -301,7 +321,11 @@ RIGHT: dict[str, str] = {
     "perturb.spread": "Spread()",
     "plan_lift.start": "site.start",
     "plan_lift.goal": "site.goal",
+    "load_record.path": "RECORDING",
+    "read_twin.path": "twin_of(identify(model)).write('new.json')",
     # by annotation
+    "Model": "model",
+    "Estimate": "identify(model)",
     "Crane": "crane",
     "State": "start",
     "Controller": "law",
@@ -445,6 +469,10 @@ def namespace() -> dict[str, Any]:
         "3e4), (1e6, 5e4, 2e4)))",
         "t": "np.linspace(0.0, 60.0, 1200)",
         "SITE": "Path(cranedyn.__file__).parent / 'planning' / 'sites' / 'open_yard.toml'",
+        "RECORDING": "Path(cranedyn.__file__).parents[1] / 'experiments' / 'recordings' / 'gazebo' "
+        "/ 'a1_l5.parquet'",
+        "model": "Model.of(Known(), [Record.of(crane, {'t_s': t, 'phi_rad': 0.1 * np.sin(t)})], "
+        "['phi_bias'])",
         "site": "read_site(Path(cranedyn.__file__).parent / 'planning' / 'sites' / "
         "'open_yard.toml')",
     }.items():

@@ -689,7 +689,7 @@ def _trial(options: object, setup: harness.Setup) -> harness.Outcome:
 
 
 GENERATORS: list[Generator] = [
-    Line(name, 0.1 if name.endswith((".sweep", ".report", ".compare")) else 0.3)
+    Line(name, 0.1 if name.endswith((".sweep", ".report", ".compare", ".identify")) else 0.3)
     for name in commands()
 ]
 GENERATORS.append(Setup())

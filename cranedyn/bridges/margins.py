@@ -1,0 +1,201 @@
+"""How far a closed loop is from its end: damping of its modes, and by how much each drive may be
+stronger, weaker or later before it is unstable. By python-control.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from cranedyn.arguments import checked
+from cranedyn.arrays import finite
+from cranedyn.controllers.affine import form
+from cranedyn.dynamics.linearisation import Sampled
+from cranedyn.errors import CraneError
+from cranedyn.interfaces import Controller, State
+from cranedyn.model.crane import Crane
+
+try:
+    import control as ct
+except ModuleNotFoundError as error:
+    raise CraneError(
+        "Margins need python-control, which is not installed: pip install 'cranedyn[control]'."
+    ) from error
+
+_POINTS, _SLOWEST = 1200, 1e-3
+"""How many frequencies are looked at, from the slowest [rad/s] to half of the sampling rate."""
+
+_BESIDE = np.concatenate([-np.geomspace(0.2, 1e-5, 60), [0.0], np.geomspace(1e-5, 0.2, 60)])
+"""How far beside each frequency at which the open loop rings others are looked at, as shares."""
+
+
+class Regulator(NamedTuple):
+    """A linear controller about a rest: u = -(c x + d z), then x becomes a x + b z.
+
+    Attributes:
+        a: Shape (k, k), where it remembers k numbers.
+        b: Shape (k, 2 n).
+        c: Shape (m, k).
+        d: Shape (m, 2 n).
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    d: np.ndarray
+
+
+class Margin(NamedTuple):
+    """What one drive may differ by, the others as they are.
+
+    Attributes:
+        stronger: Factor on its effort at which the loop is unstable; inf for none.
+        weaker: The same below one; 0 for none.
+        late: Delay of its commands at which the loop is unstable [s]; inf for none.
+    """
+
+    stronger: float
+    weaker: float
+    late: float
+
+
+class Margins(NamedTuple):
+    """What a closed loop is like.
+
+    Attributes:
+        damping: Least share of critical damping of a mode, -Re s/|s|: 1 where nothing oscillates,
+            negative where one grows.
+        slowest: Largest growth rate of a mode [1/s], negative where it is stable.
+        drives: For each drive; none are told where the loop is unstable.
+    """
+
+    damping: float
+    slowest: float
+    drives: tuple[Margin, ...]
+
+    @property
+    def least(self) -> Margin:
+        """The worst of the drives for each."""
+        if not self.drives:
+            return Margin(1.0, 1.0, 0.0)
+        return Margin(
+            min(d.stronger for d in self.drives),
+            max(d.weaker for d in self.drives),
+            min(d.late for d in self.drives),
+        )
+
+
+@checked
+def regulator(
+    crane: Crane, controller: Controller, rest: State, *, t: float, period: float
+) -> Regulator:
+    """A controller that is affine in the state, as it acts about a rest at a time [s]; what it
+    integrates it remembers.
+
+    Raises:
+        CraneError: If it has no common form, see `cranedyn.controllers.affine`.
+    """
+    layout = crane.layout
+    found = form(controller, np.array([t]), rest.q[layout.drives][None], 2 * layout.n)
+    if found is None:
+        raise CraneError(
+            f"The controller {type(controller).__name__} is not affine in the state, so it has no "
+            "margins of this kind."
+        )
+    integrating = np.flatnonzero(found.integral_gain)
+    count = len(integrating)
+    seen = np.zeros((count, 2 * layout.n))
+    seen[np.arange(count), layout.drives[integrating]] = period
+    by_integral = np.zeros((layout.m, count))
+    by_integral[integrating, np.arange(count)] = found.integral_gain[integrating]
+    # the error of an instant counts at once
+    return Regulator(np.eye(count), seen, by_integral, found.gain[-1] + by_integral @ seen)
+
+
+@checked
+def behind_observer(
+    law: Regulator, plant: Sampled, gain: np.ndarray, measured: np.ndarray
+) -> Regulator:
+    """The same controller told the estimate of a filter that sees some of the state, and knows what
+    is commanded.
+
+    Args:
+        law: The controller.
+        plant: The crane that the filter believes in, over a control period.
+        gain: Of its corrections, shape (2 n, seen).
+        measured: Which of coordinates and rates it sees, shape (seen,).
+
+    Raises:
+        OutOfRange: If the gain is not as many finite numbers.
+    """
+    nz = len(plant.a)
+    which = finite("measured", measured, ("seen",)).astype(int)
+    seen = finite("gain of the filter", gain, (nz, len(which))) @ np.eye(nz)[which]
+    kept, moved = np.eye(nz) - seen, plant.a - plant.b @ law.d
+    return Regulator(
+        np.block([[moved @ kept, -plant.b @ law.c], [law.b @ kept, law.a]]),
+        np.vstack([moved @ seen, law.b @ seen]),
+        np.hstack([law.d @ kept, law.c]),
+        law.d @ seen,
+    )
+
+
+@checked
+def margins(plant: Sampled, law: Regulator) -> Margins:
+    """Margins of a crane under a linear controller, each drive's loop opened at its effort while
+    the others stay closed.
+
+    Args:
+        plant: The crane over a control period, see `cranedyn.dynamics.linearisation.sampled`.
+        law: The controller.
+
+    Raises:
+        OutOfRange: If a matrix of the controller has another shape or is not finite.
+    """
+    nz, m = plant.b.shape
+    k = len(law.a)
+    for name, part, shape in zip("abcd", law, ((k, k), (k, nz), (m, k), (m, nz)), strict=True):
+        finite(f"{name} of the controller", part, shape)
+    everything = range(m)
+    rates = np.log(np.linalg.eigvals(_closed(plant, law, everything)).astype(complex))
+    rates = rates / plant.period
+    sizes = np.abs(rates)
+    shares = np.divide(-rates.real, sizes, out=np.zeros(len(rates)), where=sizes > 0.0)
+    damping = float(shares.min())
+    slowest = float(rates.real.max())
+    if not slowest < 0.0:
+        return Margins(damping, slowest, ())
+    return Margins(damping, slowest, tuple(_margin(plant, law, i) for i in everything))
+
+
+def _closed(plant: Sampled, law: Regulator, drives: range | list[int]) -> np.ndarray:
+    """The loop closed at some of the drives, for (z, x)."""
+    b = plant.b[:, drives]
+    return np.block([[plant.a - b @ law.d[drives], -b @ law.c[drives]], [law.b, law.a]])
+
+
+def _margin(plant: Sampled, law: Regulator, drive: int) -> Margin:
+    others = [i for i in range(plant.b.shape[1]) if i != drive]
+    a = _closed(plant, law, others)
+    b = np.concatenate([plant.b[:, drive], np.zeros(len(law.a))])[:, None]
+    c = np.concatenate([law.d[drive], law.c[drive]])[None]
+    loop = ct.ss(a, b, c, 0.0, dt=plant.period)
+    # On a grid of our own: left alone, python-control 0.10.2 finds crossings that are not there for
+    # loops with poles so near to 1.
+    fastest = 0.999 * math.pi / plant.period
+    rings = np.abs(np.log(np.linalg.eigvals(a).astype(complex)).imag) / plant.period
+    around = (rings[rings > _SLOWEST][:, None] * (1.0 + _BESIDE)).ravel()
+    grid = np.unique(np.concatenate([np.geomspace(_SLOWEST, fastest, _POINTS), around]))
+    response = ct.frequency_response(loop, grid[grid < fastest])
+    gains, phases, _, _, crossings, _ = ct.stability_margins(response, returnall=True)
+    late = np.radians(np.mod(phases, 360.0)) / crossings
+    # at half of the sampling rate a loop is real, so it may cross there, too
+    end = float(np.real(loop(-1.0)))
+    gains = np.append(gains, [-1.0 / end] if end < 0.0 else [])
+    return Margin(
+        float(min(gains[gains > 1.0], default=math.inf)),
+        float(max(gains[gains < 1.0], default=0.0)),
+        float(min(late, default=math.inf)),
+    )

@@ -1,0 +1,194 @@
+"""An extended Kalman filter for what a crane does and what hangs on it: its state, the mass of its
+load, and how its cable differs from what the hoist's encoder says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.dynamics.joint_forces import JointForces
+from cranedyn.dynamics.pinocchio import full, linearise
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
+
+Sensors = Literal["drives", "swing", "imu"]
+"""What is measured: the encoders of the drives alone; besides them the angles of the
+swings; or besides them the rates at which a gyroscope on the load turns."""
+
+GYROSCOPE = 3e-3
+"""Standard deviation of a gyroscope on the load [rad/s], as `cranedyn.controllers.sensed` has it
+for the rate of a swing."""
+
+LIGHTEST, HEAVIEST = 0.02, 50.0
+"""Loads that are thought possible, over the load believed in. What the filter infers beyond them
+is put at the end of this range."""
+
+_DRIFT = np.array([1e-3, 1e-3, 1e-5])
+"""How much inverse load, cable offset [m] and cable share may wander, per square root of a second,
+ours: so that the filter does not fall asleep."""
+
+
+class LoadFilter:
+    """The filter. Its unknowns are stacked as w = (coordinates, rates, 1/load, offset, share),
+    shape (2 n + 3,).
+
+    The mass of the load is `load` times that of the crane believed in; its inverse is estimated,
+    because the acceleration that an effort of the hoist causes is linear in it, so that a wrong
+    belief is mended in one step (Newton: l̈ = F/m + g). The cable is l = (1 + share) reading +
+    offset. The mean is predicted by RK4 on the full model, the covariance by its derivatives
+    (Jazwinski 1970, Stochastic Processes and Filtering Theory, §8.3), and kept in Joseph's form.
+
+    Attributes:
+        crane: The crane as it is believed at present, its load included.
+        mean: w, shape (2 n + 3,).
+        covariance: Of its error, shape (2 n + 3, 2 n + 3).
+        sensors: What is measured.
+    """
+
+    def __init__(
+        self,
+        crane: Crane,
+        period: float,
+        sensors: Sensors,
+        mean: np.ndarray,
+        covariance: np.ndarray,
+        disturbance: np.ndarray,
+        noise: np.ndarray,
+    ) -> None:
+        self.crane = replace(crane, model=crane.model.copy())
+        self.mean, self.covariance, self.sensors = mean, covariance, sensors
+        self._period, self._noise = period, noise
+        self._n, self._joint = crane.layout.n, JointForces.of(crane)
+        self._data = self.crane.model.createData()
+        self._hoist = crane.layout.role("hoist", "An observer of the load")
+        self._body = crane.payload.body + 1
+        self._own = crane.model.inertias[self._body].copy()
+        unit = pin.Inertia(1.0, self._own.lever, np.zeros((3, 3)))
+        self._per_mass = self._own.mass * unit.toDynamicParameters()
+        n = self._n
+        reach = np.vstack([np.eye(n) * period**2 / 2.0, np.eye(n) * period])
+        self._added = np.zeros((2 * n + 3, 2 * n + 3))
+        self._added[: 2 * n, : 2 * n] = reach @ np.diag(disturbance) ** 2 @ reach.T
+        self._added[2 * n :, 2 * n :] = np.diag(_DRIFT) ** 2 * period
+        swings = crane.swings if sensors == "swing" else crane.swings[:0]
+        self._direct = np.concatenate([crane.layout.measured, swings])
+        self._believe()
+
+    @property
+    def state(self) -> State:
+        """Coordinates and rates, shape (n,) each, the cable as it is, not as it is read."""
+        return State(*self.mean[: 2 * self._n].reshape(2, -1).copy())
+
+    @property
+    def load(self) -> float:
+        """Mass of the load over that of the crane given."""
+        return float(1.0 / self.mean[-3])
+
+    @property
+    def cable(self) -> tuple[float, float]:
+        """Offset [m] and share of l = (1 + share) reading + offset."""
+        return float(self.mean[-2]), float(self.mean[-1])
+
+    def predict(self, effort: np.ndarray) -> None:
+        """Go on for one control period under efforts of the drives [N m or N], shape (m,)."""
+        n, h = self._n, self._period
+        before = self.state
+        a, _ = linearise(self.crane, before, effort)
+        rate = np.zeros_like(self.covariance)
+        rate[:n, n : 2 * n] = np.eye(n)
+        rate[n : 2 * n, : 2 * n] = a
+        rate[n : 2 * n, -3] = self._by_inverse_load(before, effort)
+        step = h * rate
+        over = np.eye(len(rate)) + step @ (np.eye(len(rate)) + step @ (np.eye(len(rate)) / 2.0))
+        self.mean = np.concatenate([*self.advanced(before, effort, h), self.mean[-3:]])
+        self.covariance = over @ self.covariance @ over.T + self._added
+
+    def advanced(self, state: State, effort: np.ndarray, time: float) -> State:
+        """Where a state is after a time [s] under efforts, by the crane believed in: one step of
+        RK4.
+        """
+        model, data, (q, v) = self.crane.model, self._data, state
+        tau = full(self.crane, effort)
+
+        def rate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+            return pin.aba(model, data, q, v, tau + self._joint.effort(q, v)).copy()
+
+        half = time / 2.0
+        a1 = rate(q, v)
+        v2 = v + half * a1
+        a2 = rate(q + half * v, v2)
+        v3 = v + half * a2
+        a3 = rate(q + half * v2, v3)
+        v4 = v + time * a3
+        a4 = rate(q + time * v3, v4)
+        return State(
+            q + time / 6.0 * (v + 2.0 * (v2 + v3) + v4),
+            v + time / 6.0 * (a1 + 2.0 * (a2 + a3) + a4),
+        )
+
+    def correct(self, reading: State) -> None:
+        """Take in what the sensors say; of the reading it looks at what they measure only."""
+        expected, by = self._expected(self.mean)
+        innovation = self._measured(reading) - expected
+        seen = by @ self.covariance
+        gain = np.linalg.solve(seen @ by.T + self._noise, seen).T
+        left = np.eye(len(self.mean)) - gain @ by
+        self.mean = self.mean + gain @ innovation
+        self.mean[-3] = min(max(self.mean[-3], 1.0 / HEAVIEST), 1.0 / LIGHTEST)
+        self.covariance = left @ self.covariance @ left.T + gain @ self._noise @ gain.T
+        self._believe()
+
+    def _measured(self, reading: State) -> np.ndarray:
+        found = np.concatenate(reading)[self._direct]
+        return np.concatenate([found, self._turning(reading)]) if self.sensors == "imu" else found
+
+    def _turning(self, state: State) -> np.ndarray:
+        """What a gyroscope on the load says [rad/s], shape (3,), in its frame."""
+        pin.forwardKinematics(self.crane.model, self._data, *state)
+        return np.array(self._data.v[self._body].angular)
+
+    def _expected(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What the sensors should say, and its derivatives by w."""
+        n, hoist = self._n, self._hoist
+        offset, scale = mean[-2], 1.0 + mean[-1]
+        values, by = mean[: 2 * n].copy(), np.eye(2 * n, 2 * n + 3)
+        values[hoist] = (values[hoist] - offset) / scale
+        values[n + hoist] /= scale
+        by[[hoist, n + hoist]] /= scale
+        by[hoist, -2] = -1.0 / scale
+        by[[hoist, n + hoist], -1] = -values[[hoist, n + hoist]] / scale
+        if self.sensors != "imu":
+            return values[self._direct], by[self._direct]
+        model, data, state = self.crane.model, self._data, State(*mean[: 2 * n].reshape(2, -1))
+        pin.computeForwardKinematicsDerivatives(model, data, *state, np.zeros(n))
+        frame = pin.ReferenceFrame.LOCAL
+        by_q, by_v = pin.getJointVelocityDerivatives(model, data, self._body, frame)
+        turning = np.hstack([by_q[3:], by_v[3:], np.zeros((3, 3))])
+        return (
+            np.concatenate([values[self._direct], self._turning(state)]),
+            np.vstack([by[self._direct], turning]),
+        )
+
+    def _by_inverse_load(self, state: State, effort: np.ndarray) -> np.ndarray:
+        """Derivative of the accelerations by 1/load, shape (n,): M ∂a/∂p = -∂τ/∂p, with ∂τ/∂p from
+        the regressor, which is linear in the numbers of a body.
+        """
+        model, data = self.crane.model, self._data
+        tau = full(self.crane, effort) + self._joint.effort(*state)
+        a = pin.aba(model, data, *state, tau)
+        regressor = pin.computeJointTorqueRegressor(model, data, *state, a)
+        own = slice(10 * (self._body - 1), 10 * self._body)
+        caused = regressor[:, own] @ self._per_mass / self.mean[-3] ** 2
+        mass = np.triu(pin.crba(model, data, state.q))
+        return np.linalg.solve(mass + np.triu(mass, 1).T, caused)
+
+    def _believe(self) -> None:
+        """Give the crane the load of the mean; its rotational inertia stays."""
+        own = self._own
+        self.crane.model.inertias[self._body] = pin.Inertia(
+            own.mass / self.mean[-3], own.lever, own.inertia
+        )

@@ -1,0 +1,58 @@
+"""Records from files: CSV, Parquet, and recordings of ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+from cranedyn.arguments import checked
+from cranedyn.bridges import bags
+from cranedyn.data.elsewhere import Source, read_elsewhere
+from cranedyn.data.tables import column_names
+from cranedyn.identification.record import Record, known_columns
+from cranedyn.model.crane import Crane
+
+
+@checked
+def load_record(
+    path: str | Path,
+    crane: Crane,
+    *,
+    sources: Mapping[str, Source] | None = None,
+    joints: Mapping[str, str] | None = None,
+    since: float = -math.inf,
+    until: float = math.inf,
+) -> Record:
+    """A record from a file; columns that say nothing of drives or swings are not read.
+
+    Args:
+        path: ``.csv`` or ``.parquet`` with our columns, or ``.mcap`` or ``.bag`` with joint states.
+        crane: The crane, as far as one knows it.
+        sources: What columns of CSV and Parquet are called there and in which unit, by our name,
+            see `cranedyn.data.elsewhere.parse_sources`.
+        joints: Names of the joints in a recording of ROS by the symbols of coordinates.
+        since: From which time on it counts [s], on its own clock.
+        until: Up to which time [s].
+
+    Raises:
+        DataError: As `cranedyn.data.elsewhere.read_elsewhere`, `cranedyn.bridges.bags.read_columns`
+            and `Record.of`.
+        UnknownName: If a source is given for a column that is none of ours.
+    """
+    path = Path(path)
+    if path.suffix in bags.ENDINGS:
+        there = bags.columns(path, joints)
+        wanted = [name for name in known_columns(crane) if name in there]
+        data = bags.read_columns(path, ["t_s", *wanted], joints)
+    else:
+        sources = sources or {}
+        names = set(column_names(path))
+        wanted = [
+            name
+            for name in known_columns(crane)
+            if name in sources or (name in names and name != "t_s")
+        ]
+        needed = list(dict.fromkeys(["t_s", *wanted, *sources]))
+        data = read_elsewhere(path, needed, sources)
+    return Record.of(crane, data, name=path.name, since=since, until=until)

@@ -1,0 +1,262 @@
+"""One record made again by many variants of a crane, all in one batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from cranedyn.compiled.batch import Batch, simulate_batch
+from cranedyn.controllers import follow, hold_controller
+from cranedyn.controllers.hold import Hold
+from cranedyn.controllers.tracking import Tracking
+from cranedyn.dynamics.integrators import rk4
+from cranedyn.identification.motion import Rows, lagged, recorded_motion, recorded_setpoint
+from cranedyn.identification.parameters import EARLY
+from cranedyn.identification.record import setpoint_column
+from cranedyn.interfaces import Drive, State
+from cranedyn.model.crane import Crane
+from cranedyn.references import hold
+
+if TYPE_CHECKING:
+    from cranedyn.identification.model import Model
+
+PERIODS = {"motion": 0.01, "effort": 5e-3, "hold": 5e-3}
+"""Time between control instants, which is that between steps [s]: drives that are prescribed are
+smooth, a brake holds its command for one."""
+
+_SMOOTH = {"rad": 1e-3, "m": 1e-2}
+"""Rate at which dry friction is three quarters of itself [per second], which makes it smooth."""
+
+
+class Channel(NamedTuple):
+    """A column of a record that is predicted.
+
+    Attributes:
+        column: Its name.
+        unit: Its unit.
+        kind: What it shows.
+        at: Which swing or drive, by its place among the coordinates.
+        drive: The same among the drives; -1 for a swing.
+    """
+
+    column: str
+    unit: str
+    kind: str
+    at: int
+    drive: int = -1
+
+
+class Variants:
+    """One record made again by variants of the crane, each with its values of the parameters."""
+
+    def __init__(self, model: Model, index: int, values: np.ndarray, until: float = np.inf) -> None:
+        self.model, self.index, self.values = model, index, values
+        self.record, self.layout = model.records[index], model.known.crane.layout
+        self.period = PERIODS[model.drives]
+        self.rows = model.rows(index, until)
+        lasts = float(self.record.t[self.rows[-1]]) if len(self.rows) else 0.0
+        late = any(one.kind == "delay" for one in model.parameters)
+        count = int(np.ceil((lasts - (EARLY if late else 0.0)) / self.period)) + 2
+        self.grid = self.period * np.arange(count)
+        self.inside = np.minimum(self.grid, self.record.t[-1])
+        self.places = {one.name: i for i, one in enumerate(model.parameters) if one.record is None}
+        self.own = {
+            (one.kind, one.of): i for i, one in enumerate(model.parameters) if one.record == index
+        }
+
+    def value(self, name: str, otherwise: float = 0.0) -> np.ndarray:
+        """A parameter of the crane in each variant, shape (variants,)."""
+        place = self.places.get(name)
+        return np.full(len(self.values), otherwise) if place is None else self.values[:, place]
+
+    def cranes(self) -> list[Crane]:
+        """The crane of each variant, the same object where it is the same crane."""
+        family = self.model.family
+        places = [self.places[name] for name in family.names]
+        rows = [tuple(row) for row in self.values[:, places].tolist()]
+        made = {row: family.at(np.array(row)) for row in dict.fromkeys(rows)}
+        return [made[row] for row in rows]
+
+    def batch(self) -> Batch:
+        """All variants simulated."""
+        cranes, start = self.cranes(), self.start()
+        controller, reference = self.laws(cranes)
+        return simulate_batch(
+            cranes,
+            controller[0] if len(controller) == 1 else controller,
+            reference[0] if len(reference) == 1 else reference,
+            start=start,
+            duration=self.duration,
+            dt=self.period,
+            control_period=self.period,
+            drive=self.drive,
+            integrator=rk4,
+            record=1,
+        )
+
+    def laws(self, cranes: Sequence[Crane]) -> tuple[list[Any], list[Any]]:
+        """Controllers and references, one for all variants or one for each."""
+        still = [hold(cranes[0], cranes[0].start)]
+        if self.model.drives == "motion":
+            rows = [Rows(self.period, *one) for one in zip(*self.motion, strict=True)]
+            return [follow(cranes[0], one, self.period) for one in rows], still
+        return ([self._efforts()], still) if self.model.drives == "effort" else self._brakes()
+
+    @property
+    def duration(self) -> float:
+        """How long it runs [s]."""
+        return float(self.period * (len(self.grid) - 1))
+
+    @property
+    def drive(self) -> Drive:
+        """How the drives take commands."""
+        return "motion" if self.model.drives == "motion" else "effort"
+
+    @cached_property
+    def motion(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the drives are and how they move, shape (variants or 1, rows, m) each."""
+        lags = [self.value(f"{j.symbol}_lag") for j in self.layout.driven]
+        driven = self.layout.driven
+        motions = [
+            recorded_motion(self.record, joint, float(self.model.known.crane.start.q[at]))
+            for joint, at in zip(driven, self.layout.drives, strict=True)
+        ]
+        aimed = any(motion is None for motion in motions)
+        variants = len(self.values) if aimed else 1
+        position = np.empty((variants, len(self.grid), self.layout.m))
+        velocity = np.empty_like(position)
+        for i, (joint, motion) in enumerate(zip(driven, motions, strict=True)):
+            if motion is not None:
+                position[:, :, i], velocity[:, :, i] = motion(self.inside), motion(self.inside, 1)
+                continue
+            aim = recorded_setpoint(self.record, joint)(self.inside)
+            for lane in range(variants):
+                position[lane, :, i], velocity[lane, :, i] = lagged(
+                    aim, self.period, float(lags[i][lane])
+                )
+        return position, velocity
+
+    def start(self) -> State:
+        """Where each variant begins."""
+        position, velocity = self.motion
+        crane, variants = self.model.known.crane, len(self.values)
+        q = np.tile(crane.start.q, (variants, 1))
+        v = np.zeros_like(q)
+        at_first, rates = next(zip(position.swapaxes(0, 1), velocity.swapaxes(0, 1), strict=True))
+        q[:, self.layout.drives], v[:, self.layout.drives] = at_first, rates
+        for (kind, symbol), place in self.own.items():
+            if kind == "start":
+                q[:, self.layout.index(symbol)] = self.values[:, place]
+            elif kind == "start rate":
+                v[:, self.layout.index(symbol)] = self.values[:, place]
+        for joint, at in zip(self.layout.driven, self.layout.drives, strict=True):
+            q[:, at] += self.value(f"{joint.symbol}_offset")
+        return State(q, v)
+
+    def _efforts(self) -> Tracking:
+        """What acts as recorded, each effort until the next row."""
+        rows = np.searchsorted(self.record.t, self.grid + 1e-9 * self.period, side="right") - 1
+        rows = np.clip(rows, 0, len(self.record.t) - 1)
+        efforts = np.stack(
+            [self.record.columns[joint.effort_column][rows] for joint in self.layout.driven], axis=1
+        )
+        width = 2 * self.layout.n
+        gain = np.zeros((len(rows), self.layout.m, width))
+        return Tracking(self.period, efforts, gain, np.zeros((len(rows), width)))
+
+    def _brakes(self) -> tuple[list[Any], list[Any]]:
+        usual, crane = hold_controller(self.model.known.crane), self.model.known.crane
+        gains = {
+            kind: np.stack(
+                [
+                    self.value(f"{joint.symbol}_{kind}", float(getattr(usual, kind)[i]))
+                    for i, joint in enumerate(self.layout.driven)
+                ],
+                axis=1,
+            )
+            for kind in ("stiffness", "damping")
+        }
+        aims = self._setpoints()
+        laws = [
+            Hold(crane, stiff, damped, usual.feed_forward)
+            for stiff, damped in zip(gains["stiffness"], gains["damping"], strict=True)
+        ]
+        still = np.zeros_like(aims[0])
+        return laws, [Rows(self.period, aim, still) for aim in aims]
+
+    def _setpoints(self) -> np.ndarray:
+        """Setpoints of the drives as recorded, or where they are held, in the true coordinate,
+        shape (variants, rows, m).
+        """
+        aims = np.empty((len(self.values), len(self.grid), self.layout.m))
+        for i, (joint, at) in enumerate(zip(self.layout.driven, self.layout.drives, strict=True)):
+            column, own = setpoint_column(joint), self.own.get(("setpoint", joint.symbol))
+            if column in self.record.columns:
+                aims[:, :, i] = recorded_setpoint(self.record, joint)(self.inside)
+            elif own is not None:
+                aims[:, :, i] = self.values[:, own][:, None]
+            else:
+                still = self.record.columns.get(
+                    joint.columns[0], self.model.known.crane.start.q[at]
+                )
+                aims[:, :, i] = np.mean(still)
+            aims[:, :, i] += self.value(f"{joint.symbol}_offset")[:, None]
+        return aims
+
+    def outputs(self, batch: Batch) -> np.ndarray:
+        """What the record would show of a batch, shape (variants, channels, rows)."""
+        channels, t = self.model.channels[self.index], self.record.t[self.rows]
+        found = np.empty((len(self.values), len(channels), len(t)))
+        for c, channel in enumerate(channels):
+            if channel.kind == "swing":
+                late = self.value("delay")
+                symbol = self.layout.symbols[channel.at]
+                place = self._between(batch, channel.at, t[None] - late[:, None])
+                found[:, c] = place + self.value(f"{symbol}_bias")[:, None]
+            elif channel.kind == "position":
+                symbol = self.layout.symbols[channel.at]
+                place = self._between(batch, channel.at, np.broadcast_to(t, found[:, c].shape))
+                found[:, c] = place - self.value(f"{symbol}_offset")[:, None]
+            elif channel.kind == "lagged":
+                found[:, c] = self._lagged(channel, t)
+            else:
+                found[:, c] = self._effort(batch, channel, t)
+        return found
+
+    def _between(self, batch: Batch, at: int, times: np.ndarray) -> np.ndarray:
+        """A coordinate at times [s] of each variant, by the cubic through places and rates; shape
+        (variants, rows).
+        """
+        where = np.clip(times / self.period, 0.0, len(self.grid) - 1.001)
+        k = where.astype(int)
+        s = where - k
+        q0, q1 = (np.take_along_axis(batch.q[:, :, at], k + i, axis=1) for i in (0, 1))
+        v0, v1 = (
+            self.period * np.take_along_axis(batch.v[:, :, at], k + i, axis=1) for i in (0, 1)
+        )
+        rise = q1 - q0
+        return q0 + s * (v0 + s * (3.0 * rise - 2.0 * v0 - v1 + s * (v0 + v1 - 2.0 * rise)))
+
+    def _lagged(self, channel: Channel, t: np.ndarray) -> np.ndarray:
+        joint = self.layout.joints[channel.at]
+        aim = recorded_setpoint(self.record, joint)(self.inside)
+        return np.array(
+            [
+                np.interp(t, self.grid, lagged(aim, self.period, float(lag))[0])
+                for lag in self.value(f"{joint.symbol}_lag")
+            ]
+        )
+
+    def _effort(self, batch: Batch, channel: Channel, t: np.ndarray) -> np.ndarray:
+        """What the motion costs a drive, dry friction among it: the mean over each period, which
+        stands in its middle.
+        """
+        joint = self.layout.joints[channel.at]
+        rate = batch.v[:, :, channel.at]
+        friction = self.value(f"{joint.symbol}_friction")[:, None]
+        cost = batch.effort[:, :, channel.drive] + friction * np.tanh(rate / _SMOOTH[joint.unit])
+        middle = self.grid + self.period / 2.0
+        return np.array([np.interp(t, middle, lane) for lane in cost])

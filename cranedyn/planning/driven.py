@@ -1,0 +1,140 @@
+"""What drives do over time by a plan: polynomials, the motion of the whole crane that they cause,
+and bounds for a proof.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.interpolate import PPoly
+
+from cranedyn.dynamics.pinocchio import prescribed_acceleration
+from cranedyn.interfaces import State
+from cranedyn.planning import transcription
+from cranedyn.planning.move import Move, at_rest
+from cranedyn.references.motion import Motion
+
+SOON = 1e-6
+"""What counts as the same time [s]."""
+
+
+class Driven:
+    """All drives over time by a plan; see `cranedyn.planning.proof.Curve`.
+
+    Attributes:
+        nodes: When its intervals begin and end [s], shape (n + 1,).
+        duration: When it ends [s].
+    """
+
+    def __init__(self, move: Move, plan: transcription.Plan) -> None:
+        """Integrate the controls of a plan; they are jerks, or accelerations where there is no
+        ramp.
+        """
+        layout = move.crane.layout
+        self._move = move
+        self.nodes = np.concatenate([[0.0], np.cumsum(plan.durations)])
+        self.duration = float(self.nodes[-1])
+        controls = np.zeros((1, len(plan.durations), layout.m))
+        controls[0][:, move.drives] = plan.controls
+        found = PPoly(controls, self.nodes)
+        self._acceleration = found if move.jerk is None else found.antiderivative()
+        self._rate = _from(self._acceleration.antiderivative(), move.start.v[layout.drives])
+        self._place = _from(self._rate.antiderivative(), move.start.q[layout.drives])
+        self._fastest = np.unique(np.concatenate([self.nodes, _turns(self._acceleration)]))
+
+    def at(self, s: float) -> np.ndarray:
+        """Positions of the drives at a time [s], shape (m,)."""
+        return np.asarray(self._place(s))
+
+    def reach(self, first: float, last: float) -> np.ndarray:
+        """How far the drives are at most between two times from where they are in the middle, shape
+        (m,): by their largest rates, which they have at an end or where they do not accelerate.
+        """
+        between = self._fastest[(self._fastest > first) & (self._fastest < last)]
+        rates = self._rate(np.concatenate([[first, last], between]))
+        return np.asarray(np.abs(rates).max(axis=0) * (last - first) / 2.0)
+
+    def motion(self, period: float) -> Motion:
+        """The motion of all joints in rows a period [s] apart, the swing by integrating the crane's
+        own equations; its last row is the goal, at the first instant at or after the end.
+        """
+        move, layout = self._move, self._move.crane.layout
+        passive, nodes = layout.passive, self.nodes
+
+        def state(t: float, y: np.ndarray, k: int) -> State:
+            q, v = move.start.q.copy(), np.zeros(layout.n)
+            q[layout.drives], v[layout.drives] = (
+                np.polyval(one.c[:, k], t - nodes[k]) for one in (self._place, self._rate)
+            )
+            q[passive], v[passive] = np.split(y, 2)
+            return State(q, v)
+
+        def accelerations(t: float, y: np.ndarray, k: int) -> np.ndarray:
+            drives = np.polyval(self._acceleration.c[:, k], t - nodes[k])
+            return prescribed_acceleration(move.crane, state(t, y, k), drives)[0]
+
+        def flow(t: float, y: np.ndarray, k: int) -> np.ndarray:
+            return np.append(y[len(passive) :], accelerations(t, y, k)[passive])
+
+        times = period * np.arange(math.ceil((self.duration - SOON) / period))
+        y = np.concatenate([move.start.q[passive], move.start.v[passive]])
+        rows, goal = [], move.goal
+        for t, here, k in _integrated(flow, nodes, times, y):
+            rows.append((*state(t, here, k), accelerations(t, here, k)))
+        still, end = np.zeros(layout.m), np.zeros(layout.n)
+        if not at_rest(move.crane, goal):
+            end = prescribed_acceleration(move.crane, goal, still)[0]
+        rows.append((goal.q, goal.v, end))
+        q, v, a = (np.array(part) for part in zip(*rows, strict=True))
+        return Motion(period, q, v, a, layout.drives)
+
+
+def _from(curve: PPoly, first: np.ndarray) -> PPoly:
+    """A curve moved so that it begins at a value."""
+    curve.c[-1] += first - curve(curve.x[0])
+    return curve
+
+
+def _turns(acceleration: PPoly) -> np.ndarray:
+    """Times at which the acceleration of a drive, constant or straight over each interval, is
+    zero [s].
+    """
+    if len(acceleration.c) < 2:
+        return np.zeros(0)
+    slope, value = acceleration.c
+    with np.errstate(divide="ignore", invalid="ignore"):
+        since = -value / slope
+    inside = (since > 0.0) & (since < np.diff(acceleration.x)[:, None])
+    return (acceleration.x[:-1, None] + since)[inside]
+
+
+def _integrated(
+    flow: Callable[[float, np.ndarray, int], np.ndarray],
+    nodes: np.ndarray,
+    times: np.ndarray,
+    y: np.ndarray,
+) -> Iterator[tuple[float, np.ndarray, int]]:
+    """Passive joints and their rates from y on, at times before the last node, each with the number
+    of its interval; interval by interval, since the controls jump between.
+    """
+    for k, (first, last) in enumerate(itertools.pairwise(nodes)):
+        if last <= first:
+            continue
+        inside = times[(times >= first) & (times < last)]
+        found = solve_ivp(
+            flow,
+            (first, last),
+            y,
+            method="DOP853",
+            t_eval=np.append(inside, last),
+            rtol=1e-10,
+            atol=1e-12,
+            args=(k,),
+        ).y.T
+        for t, here in zip(inside, found[:-1], strict=True):
+            yield float(t), here, k
+        y = found[-1]

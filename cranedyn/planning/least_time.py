@@ -1,0 +1,55 @@
+"""A planned lift made shorter: the motion of least time between the same obstacles, by optimal
+control.
+
+A plan by `cranedyn.planning.timing` keeps to its path, and averages over what a pendulum needs. The
+motion of least time does neither: drives are at their limits all the time, and the load swings as
+far as the site allows until it comes to rest at the end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cranedyn.arguments import checked
+from cranedyn.planning.lift import Lift
+from cranedyn.planning.optimal import optimal
+from cranedyn.planning.timing import RAMP, STEP, Timed, shares_of
+
+INTERVAL = 0.5
+"""Longest interval of constant jerk [s]."""
+
+
+@checked
+def in_least_time(lift: Lift, *, ramp: float = RAMP, interval: float = INTERVAL) -> Lift:
+    """A lift with the motion of least time near its planned one, proven as that is.
+
+    Args:
+        lift: The planned lift, with which the search begins.
+        ramp: Time in which a drive may reach its limit of acceleration [s].
+        interval: Longest interval of constant jerk [s].
+
+    Raises:
+        OutOfRange: If a number is not positive.
+        Unproven: If no motion found is proven.
+        CraneError: If IPOPT does not converge, or the extra `optimal` is not installed.
+    """
+    clearance, planned = lift.clearance, lift.timed
+    motion = optimal(
+        lift.crane,
+        *lift.states(),
+        lift.limits,
+        ramp=ramp,
+        interval=interval,
+        period=planned.motion.period,
+        clearance=clearance,
+        begin=planned.motion,
+    )
+    rows = motion.period * np.arange(len(motion.q))
+    steps = np.linspace(0.0, motion.arrival, max(2, round(motion.arrival / STEP) + 1))
+    places = np.column_stack(
+        [np.interp(steps, rows, motion.q[:, joint]) for joint in clearance.place_of]
+    )
+    shares = shares_of(clearance, motion, lift.limits, ramp)
+    return replace(lift, timed=Timed(places, motion, planned.bound, shares))

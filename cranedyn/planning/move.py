@@ -1,0 +1,290 @@
+"""A move as an optimal control problem on the full model: what moves, what is kept, where a search
+begins.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BPoly
+
+from cranedyn.arguments import checked
+from cranedyn.dynamics import symbolic
+from cranedyn.dynamics.linearisation import free_modes
+from cranedyn.dynamics.pinocchio import holding_effort, payload_position
+from cranedyn.dynamics.symbolic import ca
+from cranedyn.errors import number
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
+from cranedyn.planning import transcription
+from cranedyn.planning.half_spaces import HalfSpaces
+from cranedyn.references.motion import Motion
+
+_TAUT = 0.1
+"""Least tension of the rope, as a share of the payload's weight."""
+
+_SIZE = {"revolute": 1.0, "prismatic": 10.0}
+"""Size of the way of a drive [rad or m], by its kind."""
+
+PLUMB = 1e-9
+"""How far from its balance an elastic crane may be at rest [rad or m]."""
+
+_WITHIN = 0.02
+"""By which share less the rope leans than the site allows, for what it does between points."""
+
+
+@checked
+@dataclass(frozen=True)
+class Preference:
+    """What decides among motions that are nearly as fast as each other.
+
+    The cost of an instant is the weighted mean of squares, each of a share: every swing of its
+    bound, every acceleration and jerk of a drive of its limit. It lies between 0 and 1, so that a
+    move lasts no longer than the least time and the share `longer` of it.
+
+    Attributes:
+        swing: Weight of each swing.
+        acceleration: Weight of each acceleration of a drive.
+        jerk: Weight of each jerk of a drive.
+        longer: What the cost is worth, as a share of the least time.
+    """
+
+    swing: float = 1.0
+    acceleration: float = 1e-2
+    jerk: float = 9e-4
+    longer: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            OutOfRange: If a weight is negative or all are zero, or the share is not from 0 to 0.1.
+        """
+        for name in ("swing", "acceleration", "jerk"):
+            number(f"weight of the {name}", getattr(self, name), "", ">= 0")
+        number("sum of the weights", self.swing + self.acceleration + self.jerk, "", "> 0")
+        number("longer", self.longer, "", "0 to 0.1")
+
+
+USUAL = Preference()
+"""Little swing for up to a thousandth of the time; quiet drives where it makes no difference."""
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """What is asked for.
+
+    Attributes:
+        crane: The crane.
+        start: Where it begins.
+        goal: Where it ends.
+        drives: Which drives move, by their place among the drives.
+        rate: Their limits of rate, shape (m,).
+        acceleration: Of acceleration, shape (m,).
+        jerk: Of jerk, shape (m,); None for drives whose acceleration may jump.
+        swing: Bound of each swing [rad].
+        preference: Weights of the cost.
+        worth: What the cost is worth, as a share of the duration.
+        tilt: Bound of how far the rope leans in all [rad]; None for none.
+        given: Least and largest coordinates, shape (2, n); None for those of the crane.
+    """
+
+    crane: Crane
+    start: State
+    goal: State
+    drives: np.ndarray
+    rate: np.ndarray
+    acceleration: np.ndarray
+    jerk: np.ndarray | None
+    swing: float
+    preference: Preference
+    worth: float
+    tilt: float | None = None
+    given: np.ndarray | None = None
+
+    @property
+    def ranges(self) -> np.ndarray:
+        """Least and largest coordinates, shape (2, n)."""
+        own = np.array([self.crane.lower, self.crane.upper])
+        return own if self.given is None else self.given
+
+    @property
+    def joints(self) -> list[int]:
+        """Which joints move by drives, by their place among the coordinates."""
+        return [int(one) for one in self.crane.layout.drives[self.drives]]
+
+    def drives_of(self, states: np.ndarray) -> np.ndarray:
+        """Positions of all drives, shape (n, drives), in states of a plan."""
+        layout, m = self.crane.layout, len(self.drives)
+        places = np.tile(self.start.q[layout.drives], (len(states), 1))
+        first = 2 * len(layout.passive)
+        places[:, self.drives] = states[:, first : first + m]
+        return places
+
+
+def at_rest(crane: Crane, state: State) -> bool:
+    """Whether nothing moves, and the passive joints are where gravity and springs balance."""
+    passive = crane.layout.passive
+    rest = crane.hanging(state.q)[passive] if crane.springs.any else np.zeros(len(passive))
+    off = np.abs(state.q[passive] - rest).max(initial=0.0)
+    return bool(not state.v.any() and off <= PLUMB * crane.springs.any)
+
+
+def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Problem:
+    """The problem of a move. State: passive joints, their rates, then positions, rates and, where
+    there is a ramp, accelerations of the drives that move. Control: jerks of these drives, or their
+    accelerations.
+    """
+    crane, layout = move.crane, move.crane.layout
+    ramp, passive = move.jerk is not None, layout.passive.tolist()
+    m, p = len(move.drives), len(passive)
+    sizes = [p, p, m, m, m][: 5 if ramp else 4]
+    x, u, gap = ca.SX.sym("x", sum(sizes)), ca.SX.sym("u", m), ca.SX.sym("gap")
+    free, free_rate, position, rate, *rest = ca.vertsplit(x, np.cumsum([0, *sizes]).tolist())
+    acceleration = rest[0] if ramp else u
+    q, v, a = ca.SX(move.start.q), ca.SX(layout.n, 1), ca.SX(layout.m, 1)
+    q[passive], v[passive], q[move.joints], v[move.joints], a[move.drives.tolist()] = (
+        free,
+        free_rate,
+        position,
+        rate,
+        acceleration,
+    )
+    full, effort = symbolic.prescribed_acceleration(crane, q, v, a)
+    swings = np.isin(layout.passive, crane.swings)
+    angle, angle_rate = (part[np.flatnonzero(swings).tolist()] for part in (free, free_rate))
+    # Between two points a parabola stays below the higher of them or the crossing of its tangents,
+    # half a gap ahead.
+    ahead = angle + gap / 2.0 * angle_rate
+    kept = [ahead / move.swing, effort / crane.effort_limit]
+    if ramp:  # else rates are straight lines between points
+        kept.append((rate + gap / 2.0 * acceleration) / move.rate)
+    if move.tilt is not None:
+        kept += [ca.sumsqr(one) / (move.tilt * (1.0 - _WITHIN)) ** 2 for one in (angle, ahead)]
+    shares, hoist = ca.vertcat(*kept), layout.drive_of("hoist")
+    positive = [] if spaces is None else [spaces.room(q)]
+    if hoist is not None:
+        cable = int(layout.drives[hoist])
+        holding = abs(holding_effort(crane, move.start.q)[hoist])
+        positive.append((crane.damping[cable] * v[cable] - effort[hoist]) / holding - _TAUT)
+    least = ca.vertcat(*positive)
+    bound, any_rate = np.where(swings, move.swing, np.inf), np.full(p, np.inf)
+    lower, upper = move.ranges
+    low = [np.maximum(-bound, lower[passive]), -any_rate, lower[move.joints]]
+    high = [np.minimum(bound, upper[passive]), any_rate, upper[move.joints]]
+    kinds = [move.rate, move.acceleration][: len(sizes) - 3]
+    control = move.acceleration if move.jerk is None else move.jerk
+    ones, none = np.ones(shares.numel()), np.zeros(least.numel())
+    way = [_SIZE[layout.driven[drive].kind] for drive in move.drives]
+    return transcription.Problem(
+        x=x,
+        u=u,
+        gap=gap,
+        rates=ca.vertcat(free_rate, full[passive], rate, *rest, u),
+        cost=1.0 + move.worth * _cost(move, angle, acceleration, u),
+        path=ca.vertcat(shares, least),
+        bounds=np.array(
+            [np.concatenate([*low, *(-one for one in kinds)]), np.concatenate([*high, *kinds])]
+        ),
+        control_bounds=np.array([-control, control]),
+        path_bounds=np.array(
+            [np.concatenate([-ones, none]), np.concatenate([ones, np.full(len(none), np.inf)])]
+        ),
+        scale=np.concatenate([np.full(2 * p, 0.1), way, *kinds]),
+        given=None if spaces is None else spaces.symbols,
+        values=None if spaces is None else spaces.values,
+    )
+
+
+def _cost(move: Move, angle: ca.SX, acceleration: ca.SX, u: ca.SX) -> ca.SX:
+    """From 0 to 1, see `Preference`."""
+    parts = [
+        (move.preference.swing, angle / move.swing),
+        (move.preference.acceleration, acceleration / move.acceleration),
+    ]
+    if move.jerk is not None:
+        parts.append((move.preference.jerk, u / move.jerk))
+    most = sum(weight * part.numel() for weight, part in parts)
+    squares = [weight * ca.sumsqr(part) for weight, part in parts]
+    return ca.sum1(ca.vertcat(*squares)) / (most or 1.0)
+
+
+def periods(move: Move) -> tuple[float, float]:
+    """The longest and the shortest period of the passive joints with the drives at rest, at either
+    end [s].
+    """
+    if not len(move.crane.layout.passive):
+        return 0.0, math.inf
+    still = np.zeros(move.crane.layout.n)
+    rests = (State(move.crane.hanging(end.q), still) for end in (move.start, move.goal))
+    rates = np.concatenate([free_modes(move.crane, rest).frequencies for rest in rests])
+    return 2.0 * math.pi / float(rates.min()), 2.0 * math.pi / float(rates.max())
+
+
+def about(move: Move, slowest: float) -> float:
+    """About the least time [s], to begin the search: trapezoids of the rates, slow enough for the
+    swing; the longest period at least.
+    """
+    crane, layout = move.crane, move.crane.layout
+    reach = max(
+        float(np.hypot(*payload_position(crane, end.q)[:2])) for end in (move.start, move.goal)
+    )
+    way = np.abs(move.goal.q - move.start.q)[move.joints]
+    gentle = crane.gravity * move.swing
+    joints = [layout.driven[drive] for drive in move.drives]
+    at_most = [
+        math.inf if joint.role == "hoist" else gentle / (reach if joint.kind == "revolute" else 1.0)
+        for joint in joints
+    ]
+    acceleration = np.minimum(move.acceleration, at_most)
+    peak = np.minimum(move.rate, np.sqrt(way * acceleration))
+    trapezoids = np.divide(way, peak, out=np.zeros_like(way), where=way > 0.0) + peak / acceleration
+    changes = np.abs(move.goal.v - move.start.v)[move.joints] / acceleration
+    return max(slowest, float((trapezoids + changes).max()))
+
+
+def guess(move: Move, duration: float, count: int) -> transcription.Plan:
+    """A polynomial of the drives over a count of intervals, with the load on its way from the swing
+    at the start to that at the goal.
+    """
+    durations = np.full(count, duration / count)
+    times = transcription.times(durations)
+    start, goal = move.start, move.goal
+    joints, passive = move.joints, move.crane.layout.passive
+    ends = [[one.q[joints], one.v[joints], 0.0 * one.v[joints]] for one in (start, goal)]
+    curve = BPoly.from_derivatives([0.0, duration], np.array(ends))
+    share = (times / duration)[:, None]
+    rest = [
+        (1.0 - share) * one[passive] + share * other[passive]
+        for one, other in ((start.q, goal.q), (start.v, goal.v))
+    ]
+    return _plan(move, durations, rest, [curve(times, order) for order in range(3)])
+
+
+def begun(move: Move, motion: Motion, count: int) -> transcription.Plan:
+    """A motion over a count of intervals, from the start to the goal of a move."""
+    durations = np.full(count, motion.arrival / count)
+    times = transcription.times(durations)
+    rows = motion.period * np.arange(len(motion.q))
+    q, v, a = (
+        np.column_stack([np.interp(times, rows, column) for column in part.T])
+        for part in (motion.q, motion.v, motion.a)
+    )
+    for part, kind in ((q, "q"), (v, "v")):
+        part[0], part[-1] = getattr(move.start, kind), getattr(move.goal, kind)
+    a[[0, -1]] = 0.0
+    passive = move.crane.layout.passive
+    rest = [q[:, passive], v[:, passive]]
+    return _plan(move, durations, rest, [part[:, move.joints] for part in (q, v, a)])
+
+
+def _plan(
+    move: Move, durations: np.ndarray, rest: list[np.ndarray], drives: list[np.ndarray]
+) -> transcription.Plan:
+    """A plan of what the passive joints do, and drives with their rates and accelerations."""
+    ends = drives[2][::3] if move.jerk is not None else drives[1][::3]
+    controls = np.diff(ends, axis=0) / durations[:, None]
+    kept = drives if move.jerk is not None else drives[:2]
+    return transcription.Plan(durations, controls, np.hstack([*rest, *kept]))

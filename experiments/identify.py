@@ -1,0 +1,445 @@
+"""A crane identified from its records, how sure that is, and a twin of it to try controllers on."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import binom
+
+from cranedyn.data.elsewhere import parse_sources
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.errors import DataError, number, quoted, whole
+from cranedyn.identification import Estimate, Known, Model, load_record
+from cranedyn.identification.parameters import Drives
+from cranedyn.model.crane import STANDARD_GRAVITY
+from cranedyn.model.description import parse_values
+from cranedyn.sweep import grid, results, sweep
+from experiments import gazebo, harness
+from experiments.harness.arguments import ROS
+from experiments.harness.progress import watching
+from experiments.identify_coverage import NAMES, coverage
+from experiments.identify_figures import beside, correlations
+from experiments.identify_tables import Found, doubts, found, of_trials, tables, values
+from experiments.identify_trial import TRUTH, Tried, trial_record, tried
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from cranedyn.recording import Run
+
+FREE = ("a1_l5", "a1_l10", "a1_l15", "a1_l20")
+"""Recordings of Gazebo Classic in which the load swings freely from 12 s on."""
+
+HELD = ("a1_l5", "a1_l15")
+"""Those of which the brake's gains are found, too."""
+
+UNTIL = 42.0
+"""And up to when they are looked at for that [s]."""
+
+WORLD = ("gravity", "dummy_inertia", "damp_swing")
+GAINS = ("x_stiffness", "x_damping", "l_stiffness", "l_damping")
+
+MADE_WITH = {
+    "gravity": gazebo.GRAVITY,
+    "dummy_inertia": 50.0,
+    "damp_swing": 1.0,
+    "x_stiffness": 3e5,
+    "x_damping": 5e4,
+    "l_stiffness": 3e4,
+    "l_damping": 2e4,
+}
+"""What these recordings were made with."""
+
+CLOSE = {"gravity": 1e-6, **dict.fromkeys(("dummy_inertia", "damp_swing", *GAINS), 5e-3)}
+"""How far off each may be, relative. Gazebo steps by 0.5 ms with the velocity at the end of the
+step, as if each k_d were k_p dt/2 larger (0.15 % of the trolley's), and moves centres along
+chords."""
+
+_SHOWN, _APART = 4, 60.0
+_TAIL = 5e-4
+
+
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+    """Identify what the command line asks for."""
+    check_effect(options)
+    if options.coverage is not None:
+        return covered(options, setup)
+    known = Known(
+        options.urdf,
+        parse_values(options.values),
+        number("gravity", options.believed, "m/s²", "> 0"),
+    )
+    return files(options, setup, known) if options.file else examples(setup)
+
+
+def check_effect(options: argparse.Namespace) -> None:
+    """Return if every argument has an effect.
+
+    Raises:
+        DataError: If one has none.
+    """
+    usual: dict[str, object] = {
+        "estimate": None,
+        "drives": None,
+        "since": -math.inf,
+        "until": math.inf,
+    }
+    usual |= {"sources": [], "named": [], "urdf": None, "believed": STANDARD_GRAVITY, "values": []}
+    flags = {"sources": "columns", "named": "joints", "believed": "gravity", "values": "set"}
+    given = [name for name, value in usual.items() if getattr(options, name) != value]
+    synthetic = options.coverage is not None
+    if synthetic and options.file:
+        raise DataError("A FILE has no effect beside --coverage; leave it out.")
+    if options.workers is not None and not synthetic:
+        raise DataError("--workers has no effect without --coverage; leave it out.")
+    kinds = {Path(file).suffix in ROS for file in options.file}
+    for name in given:
+        needed = {"sources": "a .csv or .parquet FILE", "named": "an .mcap or .bag FILE"}
+        if not ({"sources": {False}, "named": {True}}.get(name, {False, True}) & kinds):
+            raise DataError(
+                f"--{flags.get(name, name)} has no effect without {needed.get(name, 'a FILE')}; "
+                "leave it out."
+            )
+
+
+def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> harness.Outcome:
+    """Identify a crane from files."""
+    records = [
+        load_record(
+            file,
+            known.crane,
+            sources=parse_sources(options.sources),
+            joints=_joints(options.named),
+            since=options.since,
+            until=options.until,
+        )
+        for file in options.file
+    ]
+    names = [record.name for record in records]
+    if len(set(names)) < len(names):
+        raise DataError(f"Two records have one name: {', '.join(map(quoted, names))}.")
+    model = Model.of(known, records, options.estimate, drives=options.drives)
+    one = found(model, setup, "records")
+    return harness.Outcome(
+        tables=[*tables(one, "", {}), *of_trials(_trials(one.estimate))],
+        claims=[],
+        parameters=_parameters(one),
+        trajectories=_runs(one),
+        figures=_figures(one),
+        recording=_recording(one),
+        texts={"twin.json": one.twin.text},
+    )
+
+
+def _joints(words: Sequence[str]) -> dict[str, str]:
+    pairs = [word.partition("=") for word in words]
+    for word, (_, mark, name) in zip(words, pairs, strict=True):
+        if not mark or not name:
+            raise DataError(f"{quoted(word)} among --joints is not of the form l=NAME.")
+    return {symbol: name for symbol, _, name in pairs}
+
+
+def examples(setup: harness.Setup) -> harness.Outcome:
+    """Identify Gazebo's world from its recordings, and the crane of the trial from its record."""
+    world = Known()
+    free = found(_recordings(world, FREE, WORLD, "motion"), setup, "free swing in Gazebo")
+    held = found(
+        _recordings(world, HELD, (*WORLD, *GAINS), "hold", UNTIL), setup, "brake in Gazebo"
+    )
+    alone = found(
+        Model.of(world, [trial_record(world, positions=False)]), setup, "trial, setpoints"
+    )
+    whole_trial = found(
+        Model.of(world, [trial_record(world, positions=True)]), setup, "trial, positions"
+    )
+    trials = _trials(whole_trial.estimate)
+    worlds = {"free swing": free, "brake": held}
+    return harness.Outcome(
+        tables=[
+            *(values(one, f"Gazebo Classic 11.1, {name}", MADE_WITH) for name, one in
+              worlds.items()),
+            values(alone, "The trial, setpoints of the drives alone", TRUTH),
+            *doubts(alone, "The trial, setpoints of the drives alone"),
+            *tables(whole_trial, "The trial, positions of the drives recorded, too", TRUTH),
+            *of_trials(trials),
+        ],
+        claims=[
+            *(claim for name, one in worlds.items() for claim in _worlds_claims(name, one)),
+            *_trials_claims(alone, whole_trial, trials),
+        ],
+        parameters={"noise_rad": 2e-3, **_parameters(whole_trial)},
+        trajectories=_runs(whole_trial),
+        figures={
+            **_figures(whole_trial),
+            "gazebo": beside(free.estimate, FREE.index("a1_l15")),
+            "correlation": correlations(list(alone.judged.margins), alone.judged.correlation),
+        },
+        recording=_recording(whole_trial),
+        texts={"twin.json": whole_trial.twin.text},
+    )  # fmt: skip
+
+
+def _recordings(
+    known: Known,
+    names: Sequence[str],
+    parameters: Sequence[str],
+    drives: Drives,
+    until: float = math.inf,
+) -> Model:
+    records = [
+        load_record(gazebo.RECORDINGS / f"{name}.parquet", known.crane, since=12.0, until=until)
+        for name in names
+    ]
+    return Model.of(known, records, parameters, drives=drives)
+
+
+def _worlds_claims(name: str, one: Found) -> list[harness.Claim]:
+    claims = []
+    for parameter, (value, _) in one.estimate.found.items():
+        off, allowed = abs(value / MADE_WITH[parameter] - 1.0), CLOSE[parameter]
+        claims.append(
+            harness.Claim(
+                f"Gazebo, {name}: {parameter} is found within {allowed:.1g} of what the recordings "
+                f"were made with ({value:.8g}, {off:.1e} off), from files alone.",
+                off <= allowed,
+            )
+        )
+    return claims
+
+
+def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[harness.Claim]:
+    claims = []
+    for words, one in (("setpoints alone", alone), ("positions, too", both)):
+        off = {
+            name: abs(value - TRUTH[name]) / margin
+            for name, (value, margin) in one.estimate.found.items()
+        }
+        worst = max(off, key=lambda name: off[name])
+        claims.append(
+            harness.Claim(
+                f"The trial, {words}: everything is found within twice its interval (at most "
+                f"{off[worst]:.2f} times, {worst}).",
+                off[worst] <= 2.0,
+            )
+        )
+    pairs = [p for p in alone.judged.alike if {p.one, p.other} == {"delay", "x_lag"}]
+    rho = abs(pairs[0].correlation) if pairs else 0.0
+    claims.append(
+        harness.Claim(
+            f"Setpoints alone do not tell delay and lag apart (correlation {rho:.3f}), and the "
+            "preflight says so.",
+            bool(pairs),
+        )
+    )
+    best = alone.judged.advice[0]
+    promised = best.margins["delay"] / alone.judged.margins["delay"]
+    claims.append(
+        harness.Claim(
+            f"It knows a record that would: {best.move} ({promised:.2f} times the interval of the "
+            "delay).",
+            promised < 0.5,
+        )
+    )
+    for strategy in dict.fromkeys(one.strategy for one in trials):
+        worst_of = {t.designed: float(t.swing.max()) for t in trials if t.strategy == strategy}
+        if strategy != trials[0].strategy:
+            claims.append(
+                harness.Claim(
+                    f"{strategy} designed for the twin leaves less swing on it than designed for "
+                    f"the crane that was believed in ({1e3 * worst_of['twin']:.3g} and "
+                    f"{1e3 * worst_of['believed']:.3g} mrad at worst).",
+                    worst_of["twin"] < worst_of["believed"],
+                )
+            )
+    return claims
+
+
+def _trials(estimate: Estimate) -> list[Tried]:
+    """Strategies tried on the twin; none of a crane that is not this project's own, and none where
+    a move of the comparison cannot be made.
+    """
+    known = estimate.model.known
+    return tried(estimate) if known.urdf is None else []
+
+
+def _parameters(one: Found) -> dict[str, object]:
+    model = one.estimate.model
+    return {
+        "drives": model.drives,
+        "records": [record.name for record in model.records],
+        "evaluations": one.estimate.evaluations,
+        "twin": one.twin.words,
+    }
+
+
+def _runs(one: Found) -> dict[str, Trajectory]:
+    model = one.estimate.model
+    return {
+        f"twin_{index + 1}": model.run(index, one.estimate.values, one.twin.crane)
+        for index in range(len(model.records))
+    }
+
+
+def _figures(one: Found) -> dict[str, Figure]:
+    count = min(len(one.estimate.model.records), _SHOWN)
+    return {f"twin_{index + 1}": beside(one.estimate, index) for index in range(count)}
+
+
+def _recording(one: Found) -> list[Run]:
+    from cranedyn.recording import Run
+
+    names = [record.name for record in one.estimate.model.records]
+    return [
+        Run(name, one.twin.crane, run, (_APART * i, 0.0, 0.0))
+        for i, (name, run) in enumerate(zip(names, _runs(one).values(), strict=True))
+    ]
+
+
+def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+    """Identify synthetic cranes, and count how often the intervals hold the truth."""
+    count = whole("coverage", options.coverage, 1)
+    folder = options.folder / "cases"
+    end = sweep(
+        coverage,
+        grid(seed=list(range(count))),
+        folder,
+        chunk=10,
+        workers=options.workers,
+        progress=watching(setup.reporter, "cranes"),
+    )
+    table = results(folder)
+    data = {name: table[name].to_numpy() for name in table.column_names}
+    rows, claims = [], []
+    low, high = (int(binom.ppf(share, count, 0.95)) for share in (_TAIL, 1.0 - _TAIL))
+    for name in NAMES:
+        off, margin = data[f"{name}_off"], data[f"{name}_margin"]
+        hits = int((np.abs(off) <= margin).sum())
+        rows.append((name, hits, 100.0 * hits / count, float(margin.mean()), float(off.std())))
+        claims.append(
+            harness.Claim(
+                f"{name}: {hits} of {count} intervals hold the truth; 95 % of as many would be "
+                f"{low} to {high}.",
+                low <= hits <= high,
+            )
+        )
+    claims.append(harness.Claim("No crane failed.", end.errors == 0))
+    columns = [
+        ("what", ""),
+        ("held", "d"),
+        ("%", ".1f"),
+        ("±, mean", ".3g"),
+        ("off, std", ".3g"),
+    ]
+    note = (
+        f"Between {low} and {high} lie {100 * (1 - 2 * _TAIL):g} % of all counts of a sure 95 %. "
+        "Each crane has numbers, moves and noise of its own, and is looked for from the same "
+        "wrong start."
+    )
+    return harness.Outcome(
+        tables=[harness.Table(f"Intervals of {count:,} synthetic cranes", columns, rows, note)],
+        claims=claims,
+        parameters={"cranes": count},
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    made = harness.parser(
+        "identify",
+        "A crane found from its records, with intervals, and a twin of it.",
+        engines=("compiled",),
+    )
+    made.add_argument(
+        "file",
+        nargs="*",
+        metavar="FILE",
+        default=[],
+        help="records of one crane: CSV, Parquet, .mcap or .bag with a swing and the drives; "
+        "without any the examples are identified",
+    )
+    made.add_argument(
+        "--estimate",
+        nargs="+",
+        metavar="NAME",
+        default=None,
+        help="what is to be found: delay, l_offset, x_lag, x_friction, phi_bias, x_stiffness, "
+        "x_damping, gravity or an argument of the crane; by default all that the columns tell",
+    )
+    made.add_argument(
+        "--drives",
+        choices=("motion", "effort", "hold"),
+        default=None,
+        help="how drives are made again: as they moved, by the efforts that acted, or held at "
+        "their setpoints by a brake",
+    )
+    for name, ends in (("since", "before"), ("until", "after")):
+        made.add_argument(
+            f"--{name}",
+            type=float,
+            default=-math.inf if name == "since" else math.inf,
+            metavar="T",
+            help=f"leave out what was recorded {ends} this time [s]",
+        )
+    made.add_argument(
+        "--columns",
+        dest="sources",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="OURS=NAME[UNIT]",
+        help="what columns are called in CSV and Parquet, and their units, as phi_rad=Angle[deg]",
+    )
+    made.add_argument(
+        "--joints",
+        dest="named",
+        nargs="+",
+        default=[],
+        metavar="l=NAME",
+        help="names of joints in .mcap and .bag files",
+    )
+    made.add_argument(
+        "--urdf", metavar="FILE", default=None, help="a .xacro or URDF of another crane"
+    )
+    made.add_argument(
+        "--gravity",
+        dest="believed",
+        type=float,
+        default=STANDARD_GRAVITY,
+        metavar="G",
+        help="gravity that one believes in [m/s²]",
+    )
+    made.add_argument(
+        "--set",
+        dest="values",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="name:=value",
+        help="numbers of the crane that one believes in",
+    )
+    made.add_argument(
+        "--coverage",
+        type=int,
+        default=None,
+        metavar="N",
+        help="identify N synthetic cranes instead, and count how often the intervals hold the "
+        "truth",
+    )
+    made.add_argument(
+        "--workers",
+        type=int,
+        default=None,
+        metavar="N",
+        help="processes for that, by default one for each processor",
+    )
+    return harness.conduct(made, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

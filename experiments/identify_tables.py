@@ -1,0 +1,171 @@
+"""What is printed of an identified crane: numbers, what is left, doubts, and what controllers leave
+on its twin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.identification import (
+    Estimate,
+    Model,
+    Preflight,
+    Twin,
+    identify,
+    preflight,
+    twin_of,
+)
+from cranedyn.identification.parameters import MEANINGS
+from experiments import harness
+from experiments.identify_trial import Tried
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What was found of records.
+
+    Attributes:
+        estimate: The numbers.
+        judged: What these records can tell.
+        twin: The crane that follows.
+    """
+
+    estimate: Estimate
+    judged: Preflight
+    twin: Twin
+
+
+def found(model: Model, setup: harness.Setup, label: str) -> Found:
+    """Identify, judge, and make the twin, with progress under a label."""
+    lines = setup.reporter.lines
+    estimate = identify(
+        model,
+        progress=None
+        if lines is None
+        else lambda n: lines.say(lambda: f"{label}: {n} predictions of the records"),
+    )
+    return Found(estimate, preflight(model, estimate), twin_of(estimate))
+
+
+def tables(one: Found, of: str, truth: Mapping[str, float]) -> list[harness.Table]:
+    """All that is said of records: numbers, what is left, and what they cannot tell."""
+    return [values(one, of, truth), _left(one, of), *doubts(one, of)]
+
+
+def _titled(title: str, of: str) -> str:
+    return f"{of}: {title[0].lower()}{title[1:]}" if of else title
+
+
+def values(one: Found, of: str, truth: Mapping[str, float]) -> harness.Table:
+    """Values with their intervals, beside what was believed and what is true."""
+    own = [p for p in one.estimate.model.parameters if p.record is None]
+    rows: list[tuple[float | str | None, ...]] = []
+    for parameter in own:
+        value, margin = one.estimate.found[parameter.name]
+        true = truth.get(parameter.name)
+        row = (parameter.name, parameter.unit, parameter.start, value, _finite(margin))
+        rows.append((*row, true, None if true is None else value - true))
+    columns = [("what", ""), ("unit", ""), ("believed", ".6g"), ("found", ".6g"), ("±", ".2g")]
+    if truth:
+        columns += [("true", ".6g"), ("off", "+.2g")]
+    bound = one.estimate.at_bound
+    kinds = dict.fromkeys(p.kind for p in own if p.kind in MEANINGS)
+    words = "; ".join(f"{kind}: {MEANINGS[kind]}" for kind in kinds)
+    note = f"±: half the 95 % interval. {words[:1].upper()}{words[1:]}" + "." * bool(words)
+    if bound:
+        note += f" At the end of what is allowed, where an interval says nothing: {_list(bound)}."
+    note = " ".join([note, *(n for record in one.estimate.model.records for n in record.notes)])
+    shown = [row[: len(columns)] for row in rows]
+    return harness.Table(_titled("What the records say", of), columns, shown, note.strip())
+
+
+def _list(names: Sequence[str]) -> str:
+    return ", ".join(names)
+
+
+def _left(one: Found, of: str) -> harness.Table:
+    """What is left of each channel."""
+    estimate, rows = one.estimate, []
+    for index, record in enumerate(estimate.model.records):
+        for c, channel in enumerate(estimate.model.channels[index]):
+            off = estimate.residuals[index][c]
+            seen = float(np.std(estimate.model.measured(index)[c]))
+            rms = float(np.sqrt(np.mean(off**2)))
+            white = "yes" if estimate.white[index][c] else "no"
+            row = (record.name, channel.column, len(off), seen, rms, float(np.abs(off).max()))
+            rows.append((*row, white))
+    columns = [
+        ("record", ""),
+        ("column", ""),
+        ("rows", "d"),
+        ("recorded, std", ".3g"),
+        ("left, RMS", ".3g"),
+        ("left, most", ".3g"),
+        ("white", ""),
+    ]
+    note = (
+        "White: no memory in what is left, by Ljung and Box at 0.1 %. Where there is, the model "
+        "lacks something, and intervals are those of errors with a memory; what the model gets "
+        "wrong always in the same way they do not know."
+    )
+    return harness.Table(_titled("What the twin leaves", of), columns, rows, note)
+
+
+def doubts(one: Found, of: str) -> list[harness.Table]:
+    """What records cannot tell, and which moves would."""
+    judged = one.judged
+    pairs: list[tuple[str | float, ...]] = [
+        (f"{pair.one} from {pair.other}", pair.correlation) for pair in judged.alike
+    ]
+    pairs += [(f"{name}, next to nothing", math.nan) for name in judged.blind]
+    shown = [(words, None if rho != rho else rho) for words, rho in pairs]
+    made = harness.Table(
+        _titled("What these records cannot tell", of),
+        [("what", ""), ("correlation", "+.3f")],
+        shown or [("nothing: all parameters are told apart", None)],
+    )
+    if not judged.advice:
+        return [made]
+    doubtful = list(
+        dict.fromkeys([*(n for p in judged.alike for n in (p.one, p.other)), *judged.blind])
+    )
+    columns = [("a further record", ""), *((f"± {name}", ".2g") for name in doubtful)]
+    if judged.alike:
+        columns.append(("correlation", ".3f"))
+    rows = [("none", judged.margins, max((abs(p.correlation) for p in judged.alike), default=0.0))]
+    rows += [(a.move, a.margins, a.correlation) for a in judged.advice]
+    table = [
+        (move, *(_finite(margins[name]) for name in doubtful), rho)[: len(columns)]
+        for move, margins, rho in rows
+    ]
+    note = "Half intervals that a further record would leave together with these, the best first."
+    return [made, harness.Table(_titled("Moves that would tell", of), columns, table, note)]
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def of_trials(trials: Sequence[Tried]) -> list[harness.Table]:
+    """What strategies leave on the twin; nothing where none was tried."""
+    if not trials:
+        return []
+    rows = [
+        (one.strategy, one.designed, *(1e3 * np.quantile(one.swing, [0.5, 1.0]))) for one in trials
+    ]
+    columns = [
+        ("strategy", ""),
+        ("designed for", ""),
+        ("median [mrad]", ".3g"),
+        ("worst [mrad]", ".3g"),
+    ]
+    note = (
+        f"Swing left by the combined move of experiment compare on {len(trials[0].swing)} cranes "
+        "that the estimate allows, with their cables and sensors as wrong as they were found; "
+        "lag and delay are not among it."
+    )
+    return [harness.Table("Controllers tried on the twin", columns, rows, note)]

@@ -1,0 +1,201 @@
+"""A record to try identification on, made by a crane that is not as one believes; and controllers
+tried on the crane that was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from cranedyn.compiled.batch import simulate_batch
+from cranedyn.controllers import follow
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.integrators import rk4
+from cranedyn.identification import Estimate, Known, Record
+from cranedyn.identification.motion import Rows, lagged
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
+from cranedyn.references import JoystickPulse, operator
+from cranedyn.simulation.simulate import simulate
+from experiments import harness
+from experiments.scenarios import strategies
+from experiments.scenarios.moves import LIMITS, MOVES
+
+TRUTH = {
+    "l_offset": 0.37,
+    "damp_swing": 2000.0,
+    "delay": 0.08,
+    "phi_bias": 4e-3,
+    "theta_bias": -3e-3,
+    "gamma_lag": 0.25,
+    "x_lag": 0.25,
+    "l_lag": 0.25,
+}
+"""What is true of the crane of the trial and not believed of it."""
+
+DURATION, INTERVAL, NOISE, ENCODER = 120.0, 0.05, 2e-3, {"rad": 1e-4, "m": 1e-3}
+"""Of its record: how long it lasts and from row to row [s], noise of the swing [rad] and of the
+drives [their unit]."""
+
+PULSES = (
+    JoystickPulse("x", 0.6, 2.0, 5.0),
+    JoystickPulse("gamma", 0.08, 12.0, 6.0),
+    JoystickPulse("l", 0.4, 30.0, 5.0),
+    JoystickPulse("x", -0.6, 45.0, 5.0),
+    JoystickPulse("gamma", -0.08, 62.0, 6.0),
+    JoystickPulse("l", -0.4, 80.0, 5.0),
+    JoystickPulse("x", 0.4, 92.0, 3.0),
+)
+"""What an operator does meanwhile."""
+
+TRIED = (strategies.PD, strategies.FLAT)
+"""Strategies that are tried on a twin."""
+
+DRAWS, AFTER = 64, 10.0
+"""How many cranes as sure as the estimate is, and how long after the arrival the swing is looked at
+[s]."""
+
+_STEP = 5e-3
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What a strategy leaves on the twin.
+
+    Attributes:
+        strategy: Its name.
+        designed: For which crane: "believed" or "twin".
+        swing: Largest swing left after the arrival by each crane that the estimate allows [rad],
+            shape (cranes,).
+    """
+
+    strategy: str
+    designed: str
+    swing: np.ndarray
+
+
+@cache
+def trial_run() -> Trajectory:
+    """What the crane of the trial does, on drives that lag behind their setpoints."""
+    crane = Known().load(damp_swing=TRUTH["damp_swing"])
+    start = crane.state(x=8.0, l=12.0 + TRUTH["l_offset"])
+    aims = operator(crane, start, PULSES, accelerations=LIMITS.accelerations)
+    times = _STEP * np.arange(round(DURATION / _STEP) + 2)
+    aim = np.array([aims(t).position for t in times.tolist()])
+    lags = [TRUTH[f"{joint.symbol}_lag"] for joint in crane.layout.driven]
+    moved = [lagged(aim[:, i], _STEP, lag) for i, lag in enumerate(lags)]
+    position, velocity = (np.stack(part, axis=1) for part in zip(*moved, strict=True))
+    return simulate(
+        crane,
+        follow(crane, Rows(_STEP, position, velocity), _STEP),
+        aims,
+        start=start,
+        duration=DURATION,
+        dt=_STEP,
+        drive="motion",
+        integrator=rk4,
+        engine="compiled",
+    )
+
+
+def trial_record(known: Known, *, positions: bool) -> Record:
+    """The record of the trial: swing and setpoints of the drives, and if asked their positions, as
+    sensors show them.
+    """
+    run, rng = trial_run(), np.random.default_rng(18)
+    rows = np.arange(0, len(run), round(INTERVAL / _STEP))
+    t = run.t[rows]
+    columns = {"t_s": t}
+    for joint in known.crane.layout.driven:
+        off = TRUTH.get(f"{joint.symbol}_offset", 0.0)
+        place, aim = joint.columns[0], f"{joint.symbol}_setpoint_{joint.unit}"
+        columns[aim] = run[aim][rows] - off
+        seen = run[place][rows] - off + ENCODER[joint.unit] * rng.standard_normal(len(t))
+        columns |= {place: seen} if positions else {}
+    for symbol in ("phi", "theta"):
+        late = np.interp(t - TRUTH["delay"], run.t, run[f"{symbol}_rad"])
+        noise = NOISE * rng.standard_normal(len(t))
+        columns[f"{symbol}_rad"] = late + TRUTH[f"{symbol}_bias"] + noise
+    return Record.of(known.crane, columns, name="trial")
+
+
+def tried(estimate: Estimate) -> list[Tried]:
+    """Try strategies on cranes that the estimate allows, designed for the crane that was believed
+    in and for the twin; the combined move of the comparison.
+    """
+    known = estimate.model.known
+    mean = {name: value for name, (value, _) in estimate.found.items()}
+    draws = _draws(estimate)
+    family = estimate.model.family
+    cranes = [
+        family.at(np.array([float(draws[name][i]) for name in family.names])) for i in range(DRAWS)
+    ]
+    beliefs = {
+        "believed": (harness.Setup(known.gravity, known.values), dict[str, float]()),
+        "twin": (
+            harness.Setup(
+                estimate.found_arguments.get("gravity", known.gravity),
+                {
+                    **known.values,
+                    **{n: v for n, v in estimate.found_arguments.items() if n != "gravity"},
+                },
+            ),
+            mean,
+        ),
+    }
+    return [
+        Tried(strategy, belief, _left(setup, strategy, cranes, draws, corrected))
+        for strategy in TRIED
+        for belief, (setup, corrected) in beliefs.items()
+    ]
+
+
+def _draws(estimate: Estimate) -> dict[str, np.ndarray]:
+    """Values of the parameters of the crane as sure as they are, by name, shape (draws,) each."""
+    own = [one for one in estimate.model.parameters if one.record is None]
+    count = len(own)
+    rng = np.random.default_rng(0)
+    covariance = estimate.covariance[:count, :count].copy()
+    covariance[np.isinf(covariance)] = 0.0  # of what nothing is said stays what one believed
+    spread = rng.multivariate_normal(estimate.values[:count], covariance, DRAWS, method="eigh")
+    low, high = (np.array([getattr(one, end) for one in own]) for end in ("low", "high"))
+    return dict(zip([one.name for one in own], np.clip(spread, low, high).T, strict=True))
+
+
+def _left(
+    setup: harness.Setup,
+    strategy: str,
+    cranes: list[Crane],
+    draws: Mapping[str, np.ndarray],
+    corrected: Mapping[str, float],
+) -> np.ndarray:
+    """Swing that a plan leaves where the sensors are off by what is not corrected."""
+    move, layout = MOVES[-1], setup.crane.layout
+    plan = strategies.STRATEGIES[strategy](setup, move)
+    start = move.ends(setup.crane)[0]
+    q = np.tile(start.q, (len(cranes), 1))
+    wrong = np.zeros((len(cranes), 2 * layout.n))
+    for name, values in draws.items():
+        symbol, _, kind = name.rpartition("_")
+        off = values - corrected.get(name, 0.0)
+        if kind == "offset":
+            q[:, layout.index(symbol)] += off
+            wrong[:, layout.index(symbol)] -= off
+        elif kind == "bias":
+            wrong[:, layout.index(symbol)] += off
+    ends = strategies.instant(setup, plan.arrives + AFTER)
+    return simulate_batch(
+        cranes,
+        plan.controller(),
+        plan.reference,
+        start=State(q, np.zeros_like(q)),
+        duration=ends,
+        dt=setup.dt,
+        control_period=setup.control_period,
+        drive=plan.drive,
+        sensor_offset=wrong,
+        residual_from=ends,
+    ).residual_swing

@@ -1,0 +1,363 @@
+"""Margins: how far each strategy is from its end over trolley radius and cable length, and whether
+simulation goes unstable where the map says so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy
+
+from cranedyn.controllers import hold_controller, lqr, observed, paper_controller
+from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.dynamics.linearisation import Sampled, sampled
+from cranedyn.dynamics.pinocchio import holding_effort
+from cranedyn.errors import CraneError, OutOfRange, whole, within
+from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.references.motion import Motion
+from experiments import harness
+from experiments.margins_figures import map_figure, values
+from experiments.scenarios.strategies import LQR, PAPER, PD, with_integral
+
+if TYPE_CHECKING:
+    from cranedyn.bridges.margins import Margins, Regulator
+
+RADII, CABLES = (4.0, 20.0), (5.0, 25.0)
+"""Ends of the map: trolley radius and cable length [m]."""
+
+MIDDLE = (12.0, 15.0)
+"""Where the LQR that is not scheduled is designed [m]."""
+
+KEPT, BLIND = "LQR made for the middle", "LQR, no swing sensor"
+
+AFFECTED = 1e-3
+"""By how much the load swings at the start of a simulated check [rad], so that it stays linear."""
+
+WATCHED = 40.0
+"""How long a simulated check lasts [s]."""
+
+MOST = 500
+"""Radii, and cable lengths, of the largest map."""
+
+Mapped = list[list["Margins"]]
+"""Margins by cable length, then by radius."""
+
+
+def at_rest(setup: harness.Setup, rest: State) -> Motion:
+    """A motion that is none."""
+    still = np.zeros((1, setup.crane.layout.n))
+    return Motion(setup.control_period, rest.q[None], still, still, setup.crane.layout.drives)
+
+
+def integrating(setup: harness.Setup, rest: State) -> HoistIntegral:
+    """The full-model LQR with an integrator on the hoist, made for a rest."""
+    return with_integral(setup, at_rest(setup, rest))
+
+
+def _linear(setup: harness.Setup, controller: Controller, rest: State) -> Regulator:
+    from cranedyn.bridges.margins import regulator
+
+    return regulator(setup.crane, controller, rest, t=0.0, period=setup.control_period)
+
+
+def _held(setup: harness.Setup, rest: State) -> Regulator:
+    return _linear(setup, hold_controller(setup.crane), rest)
+
+
+def _paper(setup: harness.Setup, rest: State) -> Regulator:
+    return _linear(setup, paper_controller(setup.crane, at_rest(setup, rest)), rest)
+
+
+def _scheduled(setup: harness.Setup, rest: State) -> Regulator:
+    return _linear(setup, integrating(setup, rest), rest)
+
+
+def _kept(setup: harness.Setup, rest: State) -> Regulator:
+    return _scheduled(setup, setup.crane.state(x=MIDDLE[0], l=MIDDLE[1]))
+
+
+def _blind(setup: harness.Setup, rest: State) -> Regulator:
+    """The same behind the filter that sees the drives alone, when its gain has settled."""
+    from cranedyn.bridges.margins import behind_observer
+
+    crane = setup.crane
+    plant = _plant(setup, rest)
+    made = observed(
+        lqr(crane, at_rest(setup, rest), dt=setup.dt), crane, at_rest(setup, rest), dt=setup.dt
+    )
+    seen = np.eye(len(plant.a))[made.measured]
+    p = scipy.linalg.solve_discrete_are(plant.a.T, seen.T, made.disturbance, made.noise)
+    gain = np.linalg.solve(seen @ p @ seen.T + made.noise, seen @ p).T
+    return behind_observer(_scheduled(setup, rest), plant, gain, made.measured)
+
+
+STRATEGIES: dict[str, Callable[[harness.Setup, State], Regulator]] = {
+    PD: _held,
+    PAPER: _paper,
+    LQR: _scheduled,
+    KEPT: _kept,
+    BLIND: _blind,
+}
+"""How the drives are closed at a rest, by name. Plans that differ in what they feed forward only,
+such as flat paths, the shortest time and the MPC within its limits, end in the full-model LQR."""
+
+
+def mapped(setup: harness.Setup, points: int) -> dict[str, Mapped]:
+    """Margins of each strategy over the map."""
+    from cranedyn.bridges.margins import margins
+
+    radii, cables = axes(points)
+    update = setup.reporter.count("margins", len(STRATEGIES) * points)
+    found: dict[str, Mapped] = {strategy: [] for strategy in STRATEGIES}
+    for strategy, law in STRATEGIES.items():
+        for length in cables.tolist():
+            rests = [setup.crane.state(x=radius, l=length) for radius in radii.tolist()]
+            found[strategy].append([margins(_plant(setup, r), law(setup, r)) for r in rests])
+            update(sum(map(len, found.values())))
+    return found
+
+
+def _plant(setup: harness.Setup, rest: State) -> Sampled:
+    return sampled(setup.crane, rest, dt=setup.dt, control_period=setup.control_period)
+
+
+def axes(points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Radii and cable lengths of the map [m]."""
+    return np.linspace(*RADII, points), np.linspace(*CABLES, points)
+
+
+class Disturbed:
+    """A controller about a rest of whose drives one is late, or stronger than it is told.
+
+    Attributes:
+        controller: The controller.
+        drive: Which one.
+        factor: What its effort beyond holding the load is multiplied by.
+        periods: By how many control periods it is late.
+    """
+
+    def __init__(
+        self, controller: Controller, rest: np.ndarray, drive: int, factor: float, periods: int
+    ) -> None:
+        self.controller, self.rest = controller, rest
+        self.drive, self.factor = drive, factor
+        self._waiting = deque([0.0] * periods)
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Efforts, shape (m,)."""
+        command = np.array(self.controller(t, state, setpoint))
+        self._waiting.append(self.factor * (command[self.drive] - self.rest[self.drive]))
+        command[self.drive] = self.rest[self.drive] + self._waiting.popleft()
+        return command
+
+
+def grows(
+    setup: harness.Setup,
+    rest: State,
+    drive: int,
+    *,
+    factor: float = 1.0,
+    periods: int = 0,
+    made_for: State | None = None,
+) -> float:
+    """How much larger the deviation of a drive is in the last quarter of a run than in the second,
+    under the full-model LQR made for this place or another one; inf where the run breaks off.
+    """
+    crane, layout = setup.crane, setup.crane.layout
+    q = rest.q.copy()
+    q[crane.swings] += AFFECTED
+    designed = integrating(setup, rest if made_for is None else made_for)
+    table = designed.tracking
+    here = np.concatenate([rest.q, rest.v])[None]
+    holding = holding_effort(crane, rest.q)
+    moved = replace(designed, tracking=replace(table, setpoint=here, feed_forward=holding[None]))
+    made = Disturbed(moved, holding, drive, factor, periods)
+    try:
+        run = setup.simulate(
+            crane,
+            made,
+            at_rest(setup, rest),
+            start=State(q, rest.v),
+            duration=WATCHED,
+            label=f"{factor:g} times the effort, {periods} periods late",
+        )
+    except CraneError as error:
+        if isinstance(error.__context__, KeyboardInterrupt):
+            raise
+        return math.inf
+    away = np.abs(run.q[:, layout.drives[drive]] - rest.q[layout.drives[drive]])
+    quarter = len(away) // 4
+    return float(away[-quarter:].max() / away[quarter : 2 * quarter].max())
+
+
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+    """Map the margins, then meet them."""
+    points = whole("points", options.points, 2)
+    within("points", points, 2, MOST)
+    found = mapped(setup, points)
+    rows, notes = list[Sequence[float | str]](), list[str]()
+    for strategy, here in found.items():
+        rows.append((strategy, *_worst(here, points)))
+    check, claims = _met(setup, found[LQR], points)
+    unstable = [
+        strategy for strategy, here in found.items() if values(here, "damping").min() <= 0.0
+    ]
+    notes.append(f" Unstable somewhere: {', '.join(unstable)}." if unstable else "")
+    least = float(values(found[LQR], "late").min())
+    return harness.Outcome(
+        tables=[_table(rows, "".join(notes)), check],
+        claims=[
+            harness.Claim(
+                "Every strategy that is made for the place is stable over the whole map.",
+                not set(unstable) - {KEPT},
+            ),
+            _needed(setup, found[KEPT], points),
+            harness.Claim(
+                "The full-model LQR, made for each place, bears a drive that is late by "
+                f"{1e3 * least:.1f} ms, {least / setup.control_period:.1f} control periods, "
+                "wherever the trolley stands.",
+                least > setup.control_period,
+            ),
+            *claims,
+        ],
+        parameters=setup.parameters() | {"points": points, "radii_m": RADII, "cables_m": CABLES},
+        figures={"margins_map": map_figure(*axes(points), found)},
+    )
+
+
+def _worst(here: Mapped, points: int) -> tuple[float, ...]:
+    """The least of each margin over a map, and where."""
+    radii, cables = axes(points)
+    found: list[float] = []
+    for name, scale in (("damping", 100.0), ("stronger", 1.0), ("weaker", 1.0), ("late", 1e3)):
+        value = scale * values(here, name)
+        i, j = _first(value, value.max() if name == "weaker" else value.min())
+        found += [float(value[i, j]), float(radii[j]), float(cables[i])]
+    return tuple(found)
+
+
+def _first(value: np.ndarray, extreme: float) -> tuple[int, int]:
+    """The first place with an extreme value, whatever rounding makes of places that are alike."""
+    place = int(np.flatnonzero(np.isclose(value, extreme, rtol=1e-6, atol=0.0))[0])
+    return divmod(place, value.shape[1])
+
+
+def _table(rows: Sequence[Sequence[float | str]], note: str) -> harness.Table:
+    columns = [("strategy", "")]
+    for name, form in (
+        ("damping [%]", ".3g"),
+        ("stronger", ".3g"),
+        ("weaker", ".3f"),
+        ("late [ms]", ".1f"),
+    ):
+        columns += [(name, form), ("at x [m]", "g"), ("l [m]", "g")]
+    return harness.Table(
+        "Least margins over trolley radius and cable length",
+        columns,
+        rows,
+        "Damping: of the least damped mode, of critical. Stronger, weaker: factor on the effort of "
+        "one drive at which the loop is unstable; late: delay of its commands. Each with its "
+        f"place, the worst drive of it.{note}",
+    )
+
+
+def _met(
+    setup: harness.Setup, here: Mapped, points: int
+) -> tuple[harness.Table, list[harness.Claim]]:
+    """Where the full-model LQR bears the least delay, by simulation."""
+    radii, cables = axes(points)
+    borne = values(here, "late")
+    i, j = _first(borne, borne.min())
+    found = here[i][j]
+    if not found.drives:
+        raise OutOfRange("the full-model LQR", "unstable", "stable, for margins to be met")
+    drive = int(np.argmin([d.late for d in found.drives]))
+    margin, rest = found.drives[drive], setup.crane.state(x=radii[j], l=cables[i])
+    name = setup.crane.layout.driven[drive].effort_name
+    last = math.ceil(margin.late / setup.control_period) - 1
+    delays = [(float(late), grows(setup, rest, drive, periods=late)) for late in (last, last + 1)]
+    factors = [
+        (share * margin.stronger, grows(setup, rest, drive, factor=share * margin.stronger))
+        for share in (0.98, 1.02)
+    ]
+    periods = margin.late / setup.control_period
+    rows = [
+        (what, *(number if math.isfinite(number) else None for number in (limit, *sum(pairs, ()))))
+        for what, limit, pairs in (
+            (f"{name} late [periods]", periods, delays),
+            (f"{name} stronger [times]", margin.stronger, factors),
+        )
+    ]
+    columns = [
+        ("full-model LQR", ""),
+        ("predicted", ".4g"),
+        ("below it", ".4g"),
+        ("growth", ".3g"),
+        ("beyond it", ".4g"),
+        ("growth there", ".3g"),
+    ]
+    table = harness.Table(
+        f"Met in simulation at x = {radii[j]:g} m, l = {cables[i]:g} m",
+        columns,
+        rows,
+        "Growth: largest deviation of that drive in the last quarter of "
+        f"{WATCHED:g} s over that in the second; a dash where the run breaks off.",
+    )
+    claims = [
+        harness.Claim(
+            "Where the map shows the least delay for the full-model LQR, simulation is stable with "
+            f"{name} {last} control periods late and unstable with {last + 1}: predicted are "
+            f"{periods:.2f}.",
+            delays[0][1] < 1.0 < delays[1][1],
+        ),
+        harness.Claim(
+            f"There it is stable with {name} {factors[0][0]:.3g} times as strong and unstable with "
+            f"{factors[1][0]:.3g} times: predicted are {margin.stronger:.3g}.",
+            factors[0][1] < 1.0 < factors[1][1],
+        ),
+    ]
+    return table, claims
+
+
+def _needed(setup: harness.Setup, here: Mapped, points: int) -> harness.Claim:
+    """Whether the LQR made for the middle ends where the map says so, by simulation."""
+    radii, cables = axes(points)
+    damping = values(here, "damping")
+    places = [_first(damping, end) for end in (damping.min(), damping.max())]
+    middle = setup.crane.state(x=MIDDLE[0], l=MIDDLE[1])
+    agree, said = True, []
+    for i, j in places:
+        rest = setup.crane.state(x=radii[j], l=cables[i])
+        growth = grows(setup, rest, setup.crane.layout.drive("x"), made_for=middle)
+        stable = damping[i, j] > 0.0
+        agree &= (growth < 1.0) == stable
+        said.append(
+            f"{'stable' if stable else 'unstable'} at x = {radii[j]:g} m, l = {cables[i]:g} m "
+            f"({100.0 * damping[i, j]:.3g} % of critical damping)"
+        )
+    return harness.Claim(
+        f"The LQR made for x = {MIDDLE[0]:g} m, l = {MIDDLE[1]:g} m is {said[0]} and {said[1]} "
+        "by the map, and so it is in simulation.",
+        bool(agree),
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    made = harness.parser("margins", "how far each strategy is from its end, over the workspace.")
+    harness.add_setup(made)
+    made.add_argument(
+        "--points", type=int, default=5, metavar="N", help="places along each side of the map"
+    )
+    return harness.conduct(made, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

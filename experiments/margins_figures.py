@@ -1,0 +1,60 @@
+"""The figure of the margins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from cranedyn.plotting.figures import panels
+
+
+def values(here: Sequence[Sequence[Any]], name: str) -> np.ndarray:
+    """One of the margins over a map: damping, or what the worst drive bears."""
+    return np.array(
+        [[m.damping if name == "damping" else getattr(m.least, name) for m in row] for row in here],
+        dtype=float,
+    )
+
+
+def map_figure(
+    radii: np.ndarray, cables: np.ndarray, found: Mapping[str, Sequence[Sequence[Any]]]
+) -> Figure:
+    """Damping, and the delay that the worst drive bears, of each strategy over radius and cable."""
+    figure, axes = panels(2, len(found), height=2.8, width=12.5, sharex=True, sharey=True)
+    for row, (title, name, scale, form) in enumerate(
+        (
+            ("least damping [% of critical]", "damping", 100.0, "{:.2g}"),
+            ("delay borne [ms]", "late", 1e3, "{:.0f}"),
+        )
+    ):
+        maps = {strategy: scale * values(here, name) for strategy, here in found.items()}
+        norm = LogNorm(
+            min(v[v > 0.0].min(initial=v.max()) for v in maps.values()),
+            max(v.max() for v in maps.values()),
+        )
+        here = axes[row * len(found) : (row + 1) * len(found)]
+        for ax, (strategy, shown) in zip(here, maps.items(), strict=True):
+            drawn = ax.pcolormesh(radii, cables, shown, norm=norm, cmap="viridis", rasterized=True)
+            for (i, j), number in np.ndenumerate(shown):
+                ends = number <= 0.0
+                bright = ends or norm(number) > 0.6
+                ax.text(
+                    float(radii[j]),
+                    float(cables[i]),
+                    "unstable" if ends else form.format(number),
+                    ha="center",
+                    va="center",
+                    fontsize=6.5,
+                    color="black" if bright else "white",
+                )
+            ax.grid(visible=False)
+            if not row:
+                ax.set_title(strategy, fontsize=9.5)
+        figure.colorbar(drawn, ax=here, label=title)
+    figure.supxlabel("trolley radius [m]", fontsize=11.0)
+    figure.supylabel("cable length [m]", fontsize=11.0)
+    return figure

@@ -1,0 +1,146 @@
+"""Observer: what a flat move leaves when nobody tells its controller what hangs on which cable,
+over a grid of loads and cables, by three sets of sensors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cranedyn.errors import CraneError
+from cranedyn.plotting.figures import panels
+from cranedyn.plotting.runs import run_colour
+from experiments import harness
+from experiments.scenarios.moves import MOVES
+from experiments.scenarios.perturbations import AFTER_UNTOLD, Perturbation, make
+from experiments.scenarios.strategies import FLAT, STRATEGIES
+
+COMBINED = MOVES[-1]
+
+LOADS, CABLES = (0.5, 1.0, 1.5), (-0.1, 0.0, 0.1)
+"""Loads over that planned for; by which share cables are longer than read."""
+
+SENSORS = ("drives", "swing", "imu")
+"""See `cranedyn.controllers.load_filter.Sensors`."""
+
+KINDS = ("share", "offset")
+"""Whether a cable is longer by a share of what is read, or by the same everywhere: that share of
+its length at the start."""
+
+MOST = 0.5e-3
+"""What may be left at the arrival [rad]."""
+
+Cases = Mapping[tuple[str, str, float, float], float]
+"""Swing at the arrival [rad] by sensors, kind, load and cable; inf where the run breaks off."""
+
+
+def left(setup: harness.Setup, sensors: Sequence[str]) -> Cases:
+    """Make every move."""
+    plan = STRATEGIES[FLAT](setup, COMBINED)
+    cases = [
+        (seen, kind, load, cable)
+        for seen, kind, load, cable in itertools.product(sensors, KINDS, LOADS, CABLES)
+        if cable or kind == KINDS[0]
+    ]
+    update = setup.reporter.count("observer", len(cases))
+    alone = replace(setup, reporter=harness.ProgressReporter(None))
+    found = {}
+    for done, case in enumerate(cases, start=1):
+        seen, kind, load, cable = case
+        cables = {"cable": cable} if kind == "share" else {"offset": cable * COMBINED.start[2]}
+        untold = Perturbation(str(case), load=load, observer=seen, **cables)  # type: ignore[arg-type]
+        try:
+            _, scored = make(alone, COMBINED, plan, untold, after=AFTER_UNTOLD)
+            found[case] = scored.arrival
+        except CraneError as error:
+            if isinstance(error.__context__, KeyboardInterrupt):
+                raise
+            found[case] = math.inf
+        update(done)
+    return found
+
+
+def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+    """Make the combined move over the grid and see what is left."""
+    found = left(setup, options.sensors)
+    claims = []
+    for seen in options.sensors:
+        worst = max((case for case in found if case[0] == seen), key=lambda case: found[case])
+        _, kind, load, cable = worst
+        claims.append(
+            harness.Claim(
+                f"By the sensors “{seen}” {1e3 * MOST:g} mrad are left at the arrival at most over "
+                f"the whole grid: {1e3 * found[worst]:.3f} mrad with {100 * load:g} % of the load "
+                f"and {100 * cable:+g} % of cable ({kind}).",
+                found[worst] <= MOST,
+            )
+        )
+    return harness.Outcome(
+        tables=[_table(found)],
+        claims=claims,
+        parameters=setup.parameters() | {"loads": LOADS, "cables": CABLES},
+        figures={"left": _figure(found)},
+    )
+
+
+def _table(found: Cases) -> harness.Table:
+    rows = [
+        (
+            f"{seen}, {kind}",
+            *(
+                1e3 * value if math.isfinite(value) else None
+                for load, cable in itertools.product(LOADS, CABLES)
+                for value in [found.get((seen, kind, load, cable), math.inf)]
+            ),
+        )
+        for seen, kind in dict.fromkeys((case[0], case[1]) for case in found)
+    ]
+    columns = [
+        (f"{100 * load:g} %, {100 * cable:+g} %", ".3g")
+        for load, cable in itertools.product(LOADS, CABLES)
+    ]
+    return harness.Table(
+        "Swing at the arrival, flat + LQR, load and cable not told [mrad]",
+        [("sensors, cable off by", ""), *columns],
+        rows,
+        "Columns: load over that planned for, and how much longer the cable is. A dash: the run "
+        "breaks off, or the cable is as read and stands one row above.",
+    )
+
+
+def _figure(found: Cases) -> Figure:
+    figure, (ax,) = panels(height=3.4)
+    for k, seen in enumerate(dict.fromkeys(case[0] for case in found)):
+        values = np.array([value for case, value in found.items() if case[0] == seen])
+        ax.plot(
+            1e3 * np.sort(values),
+            np.arange(1, len(values) + 1) / len(values),
+            drawstyle="steps-post",
+            color=run_colour(k),
+            label=seen,
+        )
+    ax.axvline(1e3 * MOST, linestyle=":", color="#999999")
+    ax.set(xscale="log", xlabel="swing at the arrival [mrad]", ylabel="share of the grid")
+    ax.legend()
+    return figure
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    made = harness.parser("observer", "loads and cables that nobody told, over a grid.")
+    harness.add_setup(made, "payload_mass")
+    made.add_argument(
+        "--sensors", nargs="+", choices=SENSORS, default=list(SENSORS), help="what is measured"
+    )
+    return harness.conduct(made, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""A crane identified from its records."""

@@ -1,0 +1,106 @@
+"""The command: whole on its examples, on files of strangers, and on synthetic cranes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cranedyn.data.trajectory import read
+from cranedyn.identification import read_twin
+from experiments import identify
+from experiments.gazebo import RECORDINGS
+from experiments.harness import Table
+from experiments.harness.document import read_document
+from experiments.identify_figures import spectra
+from tests.helpers import ROOT
+from tests.identification.test_estimate import TRUTH, recorded
+
+
+def test_the_examples_hold_their_claims(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Gravity, inertia, damping and gains of Gazebo's world from files alone, and the trial."""
+    out = tmp_path / "out"
+    assert identify.main(["--out", str(out)]) == 0, capsys.readouterr().out
+    result = json.loads((out / "result.json").read_text())
+    assert len(result["claims"]) == 15
+    assert {"twin.json", "twin_1.parquet", "twin_1.png", "correlation.svg", "gazebo.png"} <= {
+        *result["files"]
+    }
+    assert (out / "identify.rrd").stat().st_size > 1e5
+    made = [Table.of(kept) for kept in result["tables"]]
+    stale = read_document(ROOT / "docs" / "identify.md", "identify").stale(made)
+    # What is left of Gazebo's noiseless files, and so its intervals, is round-off.
+    assert [sentence for sentence in stale if "Gazebo Classic" not in sentence] == []
+
+
+def test_a_file_of_a_stranger_in_degrees_gives_a_twin(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, file, out = recorded(), tmp_path / "site.csv", tmp_path / "out"
+    names = ["t_s", "x_m", "gamma_rad", "l_m", "theta_rad", "F_l_N"]
+    table = np.stack([data[name] for name in names] + [np.degrees(data["phi_rad"])], axis=1)
+    header = ",".join([*names, "Angle"])
+    np.savetxt(file, table, delimiter=",", header=header, comments="", fmt="%.17g")
+    words = [str(file), "--columns", "phi_rad=Angle[deg]", "--out", str(out)]
+    assert identify.main(words) == 0
+    twin = read_twin(out / "twin.json")
+    assert twin.records == ("site.csv",)
+    for name, value in TRUTH.items():
+        assert twin.identified[name]["value"] == pytest.approx(value, rel=1e-3)
+    run = read(out / "twin_1.parquet")
+    assert run.record["crane"] == json.loads((out / "twin.json").read_text())["crane"]
+    shown = capsys.readouterr().out
+    assert "What the twin leaves" in shown
+    assert "Controllers tried on the twin" in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["{l5}", "--estimate", "colour"], "There is no parameter 'colour'"),
+        (["{l5}", "--columns", "phi_rad=Angle[ell]"], "There is no unit of phi_rad 'ell'"),
+        (["{l5}", "{l5}"], "Two records have one name: a1_l5.parquet, a1_l5.parquet"),
+        (["{l5}", "--since", "69"], "has 21 rows to go by"),
+        (["{l5}", "--joints", "l=NAME"], "--joints has no effect without an .mcap or .bag FILE"),
+        (["{l5}", "--drives", "effort"], "A record has no effort of some drive"),
+        (["missing.csv"], "missing.csv"),
+        (["--estimate", "delay"], "--estimate has no effect without a FILE"),
+        (["--set", "payload_mass:=900"], "--set has no effect without a FILE"),
+        (["--workers", "2"], "--workers has no effect without --coverage"),
+        (["--coverage", "0"], "coverage is 0; allowed is a whole number >= 1"),
+        (["{l5}", "--coverage", "3"], "A FILE has no effect beside --coverage"),
+        (["--coverage", "3", "--set", "a:=1"], "--set has no effect without a FILE"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence_and_leaves_no_file(
+    words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    l5 = str(RECORDINGS / "a1_l5.parquet")
+    given = [word.replace("{l5}", l5) for word in words]
+    assert identify.main([*given, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert sentence in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_coverage_counts_intervals_that_hold_the_truth(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert identify.main(["--coverage", "2", "--workers", "1", "--out", str(out)]) == 0
+    (table,) = json.loads((out / "result.json").read_text())["tables"]
+    assert [row[0] for row in table["rows"]] == list(identify.NAMES)
+    assert all(row[1] in (0, 1, 2) for row in table["rows"])
+
+
+def test_a_spectrum_has_the_power_of_what_it_is_of() -> None:
+    """By Parseval: the integral of the density is the variance, less what the window leaks."""
+    t = np.arange(0.0, 100.0, 0.05)
+    wave, noise = 0.1 * np.sin(0.8 * t), 1e-3 * np.random.default_rng(0).standard_normal(len(t))
+    frequency, seen, left = spectra(0.05, t, wave + noise, noise)
+    step = frequency[1] - frequency[0]
+    assert seen.sum() * step == pytest.approx(0.005, rel=0.05)
+    assert left.sum() * step == pytest.approx(1e-6, rel=0.1)
+    assert frequency[np.argmax(seen)] == pytest.approx(0.8 / (2.0 * np.pi), abs=step)

@@ -1,0 +1,109 @@
+"""Records: what is taken, and what is refused in a sentence."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cranedyn.bridges import mcap
+from cranedyn.controllers import hold_controller
+from cranedyn.data.elsewhere import parse_sources
+from cranedyn.errors import CraneError, DataError
+from cranedyn.identification import Known, Record, load_record
+from cranedyn.simulation.simulate import simulate
+
+KNOWN = Known()
+
+
+def columns(duration: float = 40.0, interval: float = 0.05) -> dict[str, np.ndarray]:
+    """A swing beside a drive that moves."""
+    t = np.arange(0.0, duration, interval)
+    return {"t_s": t, "phi_rad": 0.1 * np.sin(0.8 * t), "x_m": 10.0 + np.tanh(t - 5.0)}
+
+
+def changed(**others: np.ndarray | None) -> dict[str, np.ndarray]:
+    found = {**columns(), **others}
+    return {name: values for name, values in found.items() if values is not None}
+
+
+def _clock(row: int, by: float) -> np.ndarray:
+    t = columns()["t_s"].copy()
+    t[row:] += by
+    return t
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        (columns(duration=8.0), r"lasts 7\.95 s; allowed is 15\.5 s or more, 2 periods"),
+        (columns(interval=2.0), "has 20 rows to go by; allowed are 40 or more"),
+        (changed(phi_rad=5.7 * np.sin(columns()["t_s"])), "90 degrees.*phi_rad=phi_rad.deg"),
+        (changed(phi_rad=None), "has no swing column; one of phi_rad, theta_rad is needed"),
+        (changed(phi_rad=np.zeros(800)), "phi_rad never moves; .* not connected"),
+        (changed(t_s=None), "has no column t_s"),
+        (changed(t_s=_clock(300, 3.0)), "goes from 14.95 to 18 s at row 301, a gap or a clock"),
+        (changed(t_s=_clock(300, -3.0)), "does not increase at row 301 of 800, a clock that jumps"),
+        (changed(x_m=np.full(800, np.nan)), "x_m of record is nan; allowed is finite"),
+    ],
+)
+def test_what_is_no_record_is_refused_in_one_sentence(
+    data: dict[str, np.ndarray], sentence: str
+) -> None:
+    with pytest.raises(CraneError, match=sentence) as caught:
+        Record.of(KNOWN.crane, data)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_swing_that_never_moves_beside_one_that_does_is_left_out_and_said() -> None:
+    record = Record.of(KNOWN.crane, changed(theta_rad=np.zeros(800)))
+    assert [joint.symbol for joint in record.swings] == ["phi"]
+    assert record.notes == (
+        "record: theta_rad never moves and is left out.",
+        "record: nothing is recorded of gamma, taken to stand at 0 rad.",
+        "record: nothing is recorded of l, taken to stand at 15 m.",
+    )
+
+
+def test_times_count_from_the_first_row_that_is_looked_at() -> None:
+    record = Record.of(KNOWN.crane, columns(), since=10.0)
+    assert record.t[0] == 0.0
+    assert record.duration == pytest.approx(29.95)
+    assert record.columns["phi_rad"][0] == pytest.approx(0.1 * np.sin(8.0))
+
+
+def test_files_in_other_names_and_units_give_the_same_record(tmp_path: Path) -> None:
+    data, file = columns(), tmp_path / "site.csv"
+    table = np.stack([1e3 * data["t_s"], np.degrees(data["phi_rad"]), data["x_m"]], axis=1)
+    np.savetxt(file, table, delimiter=",", header="time,Angle,x_m", comments="", fmt="%.17g")
+    sources = parse_sources(["t_s=time[ms]", "phi_rad=Angle[deg]"])
+    found = load_record(file, KNOWN.crane, sources=sources)
+    for name in ("phi_rad", "x_m"):
+        np.testing.assert_allclose(found.columns[name], data[name], atol=1e-15, rtol=1e-15)
+    with pytest.raises(DataError, match=re.escape("no column")):
+        load_record(file, KNOWN.crane)
+
+
+def test_csv_parquet_and_mcap_of_a_run_give_the_same_record(tmp_path: Path) -> None:
+    pytest.importorskip("mcap_ros2", reason="mcap-ros2-support is not installed")
+    crane = KNOWN.crane
+    run = simulate(
+        crane,
+        hold_controller(crane),
+        start=crane.state(phi=0.1, theta=0.05),
+        duration=16.0,
+        control_period=0.01,
+        dt=1e-3,
+        engine="compiled",
+    )
+    files = [run.write(tmp_path / name) for name in ("run.csv", "run.parquet")]
+    files.append(mcap.export(tmp_path / "run.mcap", crane, run))
+    one, other, ros = (load_record(file, crane) for file in files)
+    assert one.columns.keys() == other.columns.keys()
+    assert ros.columns.keys() == {name for name in one.columns if "setpoint" not in name}
+    for name, values in ros.columns.items():
+        assert np.array_equal(one.columns[name], values), name
+        assert np.array_equal(one.columns[name], other.columns[name]), name
+    np.testing.assert_allclose(ros.t, one.t, atol=1e-9)  # whole nanoseconds
