@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cranedyn.command import interrupted
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import converters
 from cranedyn.errors import CraneError, number
@@ -206,7 +207,7 @@ def _made(
                 scored, "", run if case == NOMINAL and all_cases else None, np.array(calls)
             )
         except CraneError as error:
-            if isinstance(error.__context__, KeyboardInterrupt):
+            if interrupted(error):
                 raise KeyboardInterrupt from None
             found[case.name] = Result(None, str(error))
     return found
@@ -244,7 +245,7 @@ def _toured(setup: harness.Setup, control: str) -> Toured | str:
     try:
         return _tour(setup, control)
     except CraneError as error:
-        if isinstance(error.__context__, KeyboardInterrupt):
+        if interrupted(error):
             raise KeyboardInterrupt from None
         return str(error)
 

@@ -18,7 +18,7 @@ from cranedyn.errors import DataError, number, quoted, whole
 from cranedyn.identification import Estimate, Known, Model, load_record
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
-from cranedyn.model.description import parse_values
+from cranedyn.model.description import add_values, parse_values
 from cranedyn.sweep import grid, results, sweep
 from experiments import gazebo, harness
 from experiments.harness.arguments import ROS
@@ -414,15 +414,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="G",
         help="gravity that one believes in [m/s²]",
     )
-    made.add_argument(
-        "--set",
-        dest="values",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="name:=value",
-        help="numbers of the crane that one believes in",
-    )
+    add_values(made, "numbers of the crane that one believes in")
     made.add_argument(
         "--coverage",
         type=int,

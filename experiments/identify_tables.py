@@ -62,7 +62,7 @@ def _titled(title: str, of: str) -> str:
 
 def values(one: Found, of: str, truth: Mapping[str, float]) -> harness.Table:
     """Values with their intervals, beside what was believed and what is true."""
-    own = [p for p in one.estimate.model.parameters if p.record is None]
+    own = one.estimate.model.own
     rows: list[tuple[float | str | None, ...]] = []
     for parameter in own:
         value, margin = one.estimate.found[parameter.name]

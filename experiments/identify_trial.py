@@ -111,7 +111,7 @@ def trial_record(known: Known, *, positions: bool) -> Record:
     columns = {"t_s": t}
     for joint in known.crane.layout.driven:
         off = TRUTH.get(f"{joint.symbol}_offset", 0.0)
-        place, aim = joint.columns[0], f"{joint.symbol}_setpoint_{joint.unit}"
+        place, aim = joint.columns[0], joint.setpoint_column
         columns[aim] = run[aim][rows] - off
         seen = run[place][rows] - off + ENCODER[joint.unit] * rng.standard_normal(len(t))
         columns |= {place: seen} if positions else {}
@@ -155,7 +155,7 @@ def tried(estimate: Estimate) -> list[Tried]:
 
 def _draws(estimate: Estimate) -> dict[str, np.ndarray]:
     """Values of the parameters of the crane as sure as they are, by name, shape (draws,) each."""
-    own = [one for one in estimate.model.parameters if one.record is None]
+    own = estimate.model.own
     count = len(own)
     rng = np.random.default_rng(0)
     covariance = estimate.covariance[:count, :count].copy()

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
+from cranedyn.command import interrupted
 from cranedyn.controllers import hold_controller, lqr, observed, paper_controller
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.dynamics.linearisation import Sampled, sampled
@@ -189,7 +190,7 @@ def grows(
             label=f"{factor:g} times the effort, {periods} periods late",
         )
     except CraneError as error:
-        if isinstance(error.__context__, KeyboardInterrupt):
+        if interrupted(error):
             raise
         return math.inf
     away = np.abs(run.q[:, layout.drives[drive]] - rest.q[layout.drives[drive]])

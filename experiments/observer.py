@@ -14,10 +14,12 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
+from cranedyn.command import interrupted
 from cranedyn.errors import CraneError
 from cranedyn.plotting.figures import panels
 from cranedyn.plotting.runs import run_colour
 from experiments import harness
+from experiments.compare_observers import LEFT
 from experiments.scenarios.moves import MOVES
 from experiments.scenarios.perturbations import AFTER_UNTOLD, Perturbation, make
 from experiments.scenarios.strategies import FLAT, STRATEGIES
@@ -34,8 +36,6 @@ KINDS = ("share", "offset")
 """Whether a cable is longer by a share of what is read, or by the same everywhere: that share of
 its length at the start."""
 
-MOST = 0.5e-3
-"""What may be left at the arrival [rad]."""
 
 Cases = Mapping[tuple[str, str, float, float], float]
 """Swing at the arrival [rad] by sensors, kind, load and cable; inf where the run breaks off."""
@@ -60,7 +60,7 @@ def left(setup: harness.Setup, sensors: Sequence[str]) -> Cases:
             _, scored = make(alone, COMBINED, plan, untold, after=AFTER_UNTOLD)
             found[case] = scored.arrival
         except CraneError as error:
-            if isinstance(error.__context__, KeyboardInterrupt):
+            if interrupted(error):
                 raise
             found[case] = math.inf
         update(done)
@@ -76,10 +76,10 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         _, kind, load, cable = worst
         claims.append(
             harness.Claim(
-                f"By the sensors “{seen}” {1e3 * MOST:g} mrad are left at the arrival at most over "
+                f"By the sensors “{seen}” {1e3 * LEFT:g} mrad are left at the arrival at most over "
                 f"the whole grid: {1e3 * found[worst]:.3f} mrad with {100 * load:g} % of the load "
                 f"and {100 * cable:+g} % of cable ({kind}).",
-                found[worst] <= MOST,
+                found[worst] <= LEFT,
             )
         )
     return harness.Outcome(
@@ -126,7 +126,7 @@ def _figure(found: Cases) -> Figure:
             color=run_colour(k),
             label=seen,
         )
-    ax.axvline(1e3 * MOST, linestyle=":", color="#999999")
+    ax.axvline(1e3 * LEFT, linestyle=":", color="#999999")
     ax.set(xscale="log", xlabel="swing at the arrival [mrad]", ylabel="share of the grid")
     ax.legend()
     return figure

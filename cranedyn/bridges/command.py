@@ -12,6 +12,7 @@ from pathlib import Path
 
 from cranedyn.command import Parser, command
 from cranedyn.model.crane import STANDARD_GRAVITY
+from cranedyn.model.description import add_values
 
 DOORS = {
     "fmu": "cranedyn.bridges.fmi",
@@ -66,15 +67,7 @@ def parser() -> argparse.ArgumentParser:
             metavar="G",
             help="gravity of the world [m/s²]",
         )
-        one.add_argument(
-            "--set",
-            dest="values",
-            nargs="+",
-            action="extend",
-            default=[],
-            metavar="name:=value",
-            help="numbers of the crane",
-        )
+        add_values(one, "numbers of the crane")
         door.add_arguments(one)
     return made
 

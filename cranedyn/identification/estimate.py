@@ -44,7 +44,7 @@ class Estimate:
     evaluations: int
 
     def _place(self, name: str) -> int:
-        names = [one.name for one in self.model.parameters if one.record is None]
+        names = [one.name for one in self.model.own]
         if name not in names:
             raise UnknownName("parameter", name, names)
         return names.index(name)
@@ -75,11 +75,7 @@ class Estimate:
     @property
     def found(self) -> dict[str, tuple[float, float]]:
         """Values and half widths of all parameters of the crane, by name."""
-        return {
-            one.name: (self.value(one.name), self.margin(one.name))
-            for one in self.model.parameters
-            if one.record is None
-        }
+        return {one.name: (self.value(one.name), self.margin(one.name)) for one in self.model.own}
 
     @property
     def found_arguments(self) -> dict[str, float]:

@@ -23,7 +23,7 @@ from cranedyn.identification.parameters import (
     starts,
     usual,
 )
-from cranedyn.identification.record import Record, setpoint_column
+from cranedyn.identification.record import Record
 from cranedyn.identification.variants import Channel, Variants
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -89,6 +89,11 @@ class Model:
             _check_tells(one, records, way)
         found += [one for i, record in enumerate(records) for one in starts(record, i, way)]
         return cls(known, tuple(records), tuple(found), way)
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """The parameters of the crane, which are the first."""
+        return tuple(one for one in self.parameters if one.record is None)
 
     @cached_property
     def first(self) -> np.ndarray:
@@ -159,7 +164,7 @@ class Model:
             if (
                 self.drives == "motion"
                 and f"{joint.symbol}_lag" in asked
-                and ({position, setpoint_column(joint)} <= record.columns.keys())
+                and ({position, joint.setpoint_column} <= record.columns.keys())
             ):
                 found.append(Channel(position, joint.unit, "lagged", at, drive))
             if (
@@ -234,9 +239,7 @@ def _way(records: Sequence[Record]) -> Drives:
     """How drives are made again if nothing is said."""
     for record in records:
         driven = record.crane.layout.driven
-        if any(
-            {*joint.columns, setpoint_column(joint)} & record.columns.keys() for joint in driven
-        ):
+        if any({*joint.columns, joint.setpoint_column} & record.columns.keys() for joint in driven):
             return "motion"
     return "effort" if _has_efforts(records) else "motion"
 
@@ -271,7 +274,7 @@ def _check_tells(one: Parameter, records: Sequence[Record], drives: Drives) -> N
         raise OutOfRange(f"drives beside {one.name}", drives, " or ".join(ways[one.kind]))
     joint = next((joint for joint in layout.joints if joint.symbol == one.of), None)
     column = {
-        "lag": joint and setpoint_column(joint),
+        "lag": joint and joint.setpoint_column,
         "friction": joint and joint.effort_column,
         "bias": joint and joint.columns[0],
     }.get(one.kind)

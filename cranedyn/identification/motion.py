@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 from scipy.signal import lfilter
 
-from cranedyn.identification.record import Record, setpoint_column
+from cranedyn.identification.record import Record
 from cranedyn.interfaces import Setpoint
 from cranedyn.model.layout import Joint
 from cranedyn.references.tabulated import Tabulating
@@ -37,14 +37,14 @@ def recorded_motion(record: Record, joint: Joint, still: float) -> Any:
         found = CubicSpline(record.t, rate).antiderivative()
         found.c[-1] += still
         return found
-    if setpoint_column(joint) in record.columns:
+    if joint.setpoint_column in record.columns:
         return None
     return CubicSpline(record.t[[0, -1]], [still, still])
 
 
 def recorded_setpoint(record: Record, joint: Joint) -> Any:
     """A function of time through the setpoints of a drive that nowhere overshoots them."""
-    return PchipInterpolator(record.t, record.columns[setpoint_column(joint)])
+    return PchipInterpolator(record.t, record.columns[joint.setpoint_column])
 
 
 def lagged(setpoint: np.ndarray, period: float, lag: float) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cranedyn.identification.model import Model
 from cranedyn.identification.motion import lagged
-from cranedyn.identification.record import Record, setpoint_column
+from cranedyn.identification.record import Record
 from cranedyn.model.layout import Joint
 from cranedyn.theory import point_period
 
@@ -75,7 +75,7 @@ class _Move:
         for drive, (joint, place) in enumerate(zip(layout.driven, layout.drives, strict=True)):
             known = [
                 like.columns[name][-1]
-                for name in (joint.columns[0], setpoint_column(joint))
+                for name in (joint.columns[0], joint.setpoint_column)
                 if name in like.columns
             ]
             end = float(known[0] if known else crane.start.q[place])
@@ -90,7 +90,7 @@ class _Move:
         return [
             joint.columns[0]
             for joint in self.model.known.crane.layout.driven
-            if setpoint_column(joint) in self.like.columns
+            if joint.setpoint_column in self.like.columns
             and joint.columns[0] not in self.like.columns
         ]
 
@@ -115,7 +115,7 @@ class _Move:
             aim = at + far * _smooth((t - begins) / lasts)
             if joint.role != "hoist":
                 aim = aim - far * _smooth((t - begins - lasts) / lasts)
-            aimed = setpoint_column(joint)
+            aimed = joint.setpoint_column
             if aimed in self.like.columns:
                 columns[aimed] = aim
                 place = self._lagged(joint, aim)

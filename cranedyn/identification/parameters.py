@@ -12,7 +12,7 @@ import numpy as np
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import UnknownName
 from cranedyn.identification.known import Known
-from cranedyn.identification.record import Record, setpoint_column
+from cranedyn.identification.record import Record
 from cranedyn.model.layout import Joint
 
 Drives = Literal["motion", "effort", "hold"]
@@ -126,7 +126,7 @@ def usual(known: Known, records: Sequence[Record], drives: Drives) -> list[str]:
     found += [f"{symbol}_bias" for symbol in layout.symbols if symbol in biased]
     for joint in layout.driven:
         moved = any(record.moves(joint.columns[0]) for record in records)
-        aimed = any(record.moves(setpoint_column(joint)) for record in records)
+        aimed = any(record.moves(joint.setpoint_column) for record in records)
         effort = any(record.moves(joint.effort_column) for record in records)
         if drives == "motion" and aimed:
             found.append(f"{joint.symbol}_lag")
@@ -152,7 +152,7 @@ def starts(record: Record, index: int, drives: Drives) -> list[Parameter]:
         column = joint.columns[0]
         if record.moves(column):
             found += _start(record, index, joint, crane.layout.drives.tolist(), 0.01)
-            if drives == "hold" and setpoint_column(joint) not in record.columns:
+            if drives == "hold" and joint.setpoint_column not in record.columns:
                 mean = float(np.mean(record.columns[column]))
                 found.append(
                     Parameter(

@@ -81,7 +81,7 @@ def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
     values = model.first if estimate is None else estimate.values
     noise = initial_noise(model) if estimate is None else list(estimate.noise)
     known = information(model, values, noise)
-    names = [one.name for one in model.parameters if one.record is None]
+    names = [one.name for one in model.own]
     margins, correlation = _spread(known)
     alike = tuple(
         Pair(names[i], names[j], float(correlation[i, j]))
@@ -119,7 +119,7 @@ def information(model: Model, values: np.ndarray, noise: Sequence[np.ndarray]) -
     """Fisher's information about the parameters of the crane, how each record begins being found
     beside them; shape (parameters of the crane,) twice, in their scales.
     """
-    count = sum(one.record is None for one in model.parameters)
+    count = len(model.own)
     found = np.zeros((count, count))
     for index, spread in enumerate(noise):
         slope = jacobian(model, values, index)[1] * model.scale / spread[:, None, None]
@@ -143,15 +143,14 @@ def _spread(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _with(model: Model, record: Record) -> Model:
     """The same to be found of another record."""
-    own = [one for one in model.parameters if one.record is None]
     begins = starts(record, 0, model.drives)
-    return Model(model.known, (record,), (*own, *begins), model.drives)
+    return Model(model.known, (record,), (*model.own, *begins), model.drives)
 
 
 def _values(again: Model, model: Model, values: np.ndarray) -> np.ndarray:
     """Values for a record that begins at rest."""
     found = np.zeros(len(again.parameters))
-    count = sum(one.record is None for one in model.parameters)
+    count = len(model.own)
     found[:count] = values[:count]
     return found
 

@@ -84,7 +84,7 @@ class Record:
             for joint, at in zip(
                 crane.layout.driven, crane.start.q[crane.layout.drives].tolist(), strict=True
             )
-            if not {*joint.columns, setpoint_column(joint), joint.effort_column} & kept.keys()
+            if not {*joint.columns, joint.setpoint_column, joint.effort_column} & kept.keys()
         ]
         return cls(name, crane, t - t[0], kept, tuple(notes))
 
@@ -110,11 +110,6 @@ class Record:
         return values is not None and bool(np.ptp(values) > _STILL)
 
 
-def setpoint_column(joint: Joint) -> str:
-    """Name of the column of a drive's setpoint."""
-    return f"{joint.symbol}_setpoint_{joint.unit}"
-
-
 def known_columns(crane: Crane) -> list[str]:
     """Names of the columns that say something: times, drives, their setpoints and efforts,
     swings.
@@ -124,7 +119,7 @@ def known_columns(crane: Crane) -> list[str]:
     driven = [
         name
         for joint in layout.driven
-        for name in (*joint.columns, setpoint_column(joint), joint.effort_column)
+        for name in (*joint.columns, joint.setpoint_column, joint.effort_column)
     ]
     return ["t_s", *swings, *driven]
 

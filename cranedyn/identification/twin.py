@@ -85,7 +85,6 @@ def twin_of(estimate: Estimate) -> Twin:
         CraneError: If no crane can have these numbers.
     """
     model = estimate.model
-    own = [one for one in model.parameters if one.record is None]
     identified = {
         one.name: {
             "value": estimate.value(one.name),
@@ -93,7 +92,7 @@ def twin_of(estimate: Estimate) -> Twin:
             "unit": one.unit,
             "kind": one.kind,
         }
-        for one in own
+        for one in model.own
     }
     crane = model.known.load(**estimate.found_arguments)
     return Twin(crane, identified, tuple(record.name for record in model.records))

@@ -15,7 +15,6 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.identification.motion import Rows, lagged, recorded_motion, recorded_setpoint
 from cranedyn.identification.parameters import EARLY
-from cranedyn.identification.record import setpoint_column
 from cranedyn.interfaces import Drive, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold
@@ -62,7 +61,7 @@ class Variants:
         count = int(np.ceil((lasts - (EARLY if late else 0.0)) / self.period)) + 2
         self.grid = self.period * np.arange(count)
         self.inside = np.minimum(self.grid, self.record.t[-1])
-        self.places = {one.name: i for i, one in enumerate(model.parameters) if one.record is None}
+        self.places = {one.name: i for i, one in enumerate(model.own)}
         self.own = {
             (one.kind, one.of): i for i, one in enumerate(model.parameters) if one.record == index
         }
@@ -193,7 +192,7 @@ class Variants:
         """
         aims = np.empty((len(self.values), len(self.grid), self.layout.m))
         for i, (joint, at) in enumerate(zip(self.layout.driven, self.layout.drives, strict=True)):
-            column, own = setpoint_column(joint), self.own.get(("setpoint", joint.symbol))
+            column, own = joint.setpoint_column, self.own.get(("setpoint", joint.symbol))
             if column in self.record.columns:
                 aims[:, :, i] = recorded_setpoint(self.record, joint)(self.inside)
             elif own is not None:

@@ -131,6 +131,19 @@ def describe(
         ) from error
 
 
+def add_values(made: argparse.ArgumentParser, text: str) -> None:
+    """Add the argument ``--set``, whose words `parse_values` takes."""
+    made.add_argument(
+        "--set",
+        dest="values",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="name:=value",
+        help=text,
+    )
+
+
 @checked
 def parse_values(pairs: Sequence[str]) -> dict[str, str]:
     """Values by name from words like ``payload_mass:=2000``, or from a ``.json`` file of a twin

@@ -86,6 +86,11 @@ class Joint:
         """Names of the columns of its coordinate and of its rate, in a record."""
         return f"{self.symbol}_{self.unit}", f"{self.symbol}_dot_{self.unit}_s"
 
+    @property
+    def setpoint_column(self) -> str:
+        """Name of the column of where its drive should be, in a record."""
+        return f"{self.symbol}_setpoint_{self.unit}"
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -270,7 +275,7 @@ class Layout:
             "t": ("t_s",),
             "q": q,
             "v": v,
-            "setpoint": tuple(f"{joint.symbol}_setpoint_{joint.unit}" for joint in self.driven),
+            "setpoint": tuple(joint.setpoint_column for joint in self.driven),
             "command": tuple(
                 f"{joint.effort_name}_command_{joint.effort_unit.replace(' ', '')}"
                 for joint in self.driven

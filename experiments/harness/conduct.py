@@ -14,7 +14,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from cranedyn.command import FAILED, INTERRUPTED, command
+from cranedyn.command import FAILED, INTERRUPTED, command, interrupted
 from cranedyn.data.files import check_writable, digest, make_folder, reserved, together, write_text
 from cranedyn.errors import CraneError, DataError, RunError
 from experiments.harness.arguments import called, parsed
@@ -215,4 +215,4 @@ def _broken_off(error: RunError, folder: Path) -> int:
             print(f"What was recorded up to then is in {kept}.", file=sys.stderr)
         except CraneError as lost:
             print(f"What was recorded up to then is lost: {lost}", file=sys.stderr)
-    return INTERRUPTED if isinstance(error.__context__, KeyboardInterrupt) else FAILED
+    return INTERRUPTED if interrupted(error) else FAILED

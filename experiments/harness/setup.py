@@ -33,7 +33,7 @@ from cranedyn.interfaces import (
     Validity,
 )
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
-from cranedyn.model.description import parse_values
+from cranedyn.model.description import add_values, parse_values
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from experiments.harness.arguments import ROS, add_mode
@@ -86,15 +86,7 @@ def add_setup(made: argparse.ArgumentParser, *fixed: str) -> None:
         "degrees or touches the ground: stop, "
         "let buffers end the ranges of the drives, or mark it and go on",
     )
-    made.add_argument(
-        "--set",
-        dest="values",
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="name:=value",
-        help="numbers of the crane, see python -m cranedyn.model.description --list",
-    )
+    add_values(made, "numbers of the crane, see python -m cranedyn.model.description --list")
 
 
 def add_files(made: argparse.ArgumentParser, columns: Sequence[str], *uses: str) -> None:

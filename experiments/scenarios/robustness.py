@@ -11,7 +11,6 @@ from functools import lru_cache
 import numpy as np
 
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.controllers import follow
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -45,13 +44,7 @@ def _shaped_spline(shaper: Shaper) -> Callable[[Setup, Move], strategies.Plan]:
             [move.duration - period * float(shaper.fractions[-1])],
         )
         reference = shaped(base, shaper, period)
-        return strategies.Plan(
-            lambda: follow(setup.crane, reference, setup.control_period),
-            reference,
-            "motion",
-            move.duration,
-            uses_swing_sensor=False,
-        )
+        return strategies.followed(setup, reference, move.duration)
 
     return plan
 
@@ -61,13 +54,7 @@ def _shaped_for_moving_cable(setup: Setup, move: Move) -> strategies.Plan:
     shorter = move.duration - float(point_period(move.goal[2], setup.crane.gravity)) / 2.0
     base = spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [shorter])
     reference = shaped_hoisting(setup.crane, base, zv(), shorter, step=setup.control_period)
-    return strategies.Plan(
-        lambda: follow(setup.crane, reference, setup.control_period),
-        reference,
-        "motion",
-        move.duration,
-        uses_swing_sensor=False,
-    )
+    return strategies.followed(setup, reference, move.duration)
 
 
 STRATEGIES: dict[str, Callable[[Setup, Move], strategies.Plan]] = {

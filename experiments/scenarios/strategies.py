@@ -73,19 +73,23 @@ def on_converters(setup: harness.Setup, plan: Plan) -> Plan:
     return plan._replace(controller=lambda: first, drive="velocity")
 
 
+def followed(setup: harness.Setup, reference: Reference, arrives: float) -> Plan:
+    """A reference that drives follow exactly and that nobody corrects."""
+    return Plan(
+        lambda: follow(setup.crane, reference, setup.control_period),
+        reference,
+        "motion",
+        arrives,
+        uses_swing_sensor=False,
+    )
+
+
 def _spline(setup: harness.Setup, move: Move) -> Spline:
     return spline(setup.crane, move.ends(setup.crane)[0], [move.goal], [move.duration])
 
 
 def _alone(setup: harness.Setup, move: Move) -> Plan:
-    reference = _spline(setup, move)
-    return Plan(
-        lambda: follow(setup.crane, reference, setup.control_period),
-        reference,
-        "motion",
-        move.duration,
-        uses_swing_sensor=False,
-    )
+    return followed(setup, _spline(setup, move), move.duration)
 
 
 def _spline_pd(setup: harness.Setup, move: Move) -> Plan:
@@ -178,13 +182,7 @@ def joystick(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
 
 def _operator(setup: harness.Setup, move: Move) -> Plan:
     reference, end = joystick(setup, move)
-    return Plan(
-        lambda: follow(setup.crane, reference, setup.control_period),
-        reference,
-        "motion",
-        instant(setup, end),
-        uses_swing_sensor=False,
-    )
+    return followed(setup, reference, instant(setup, end))
 
 
 def _shaped(shaper: Shaper) -> Callable[[harness.Setup, Move], Plan]:
@@ -193,13 +191,7 @@ def _shaped(shaper: Shaper) -> Callable[[harness.Setup, Move], Plan]:
         period = mean_period(setup, move)
         reference = shaped(base, shaper, period)
         arrives = instant(setup, end + period * float(shaper.fractions[-1]))
-        return Plan(
-            lambda: follow(setup.crane, reference, setup.control_period),
-            reference,
-            "motion",
-            arrives,
-            uses_swing_sensor=False,
-        )
+        return followed(setup, reference, arrives)
 
     return plan
 
@@ -208,13 +200,7 @@ def _shaped_hoisting(setup: harness.Setup, move: Move) -> Plan:
     base, end = joystick(setup, move)
     reference = shaped_hoisting(setup.crane, base, zv(), end, step=setup.control_period)
     arrives = instant(setup, end + float(point_period(move.goal[2], setup.crane.gravity)) / 2.0)
-    return Plan(
-        lambda: follow(setup.crane, reference, setup.control_period),
-        reference,
-        "motion",
-        arrives,
-        uses_swing_sensor=False,
-    )
+    return followed(setup, reference, arrives)
 
 
 def _damped(setup: harness.Setup, move: Move) -> Plan:
