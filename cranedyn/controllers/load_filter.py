@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import full, linearise
 from cranedyn.interfaces import State
@@ -114,21 +115,12 @@ class LoadFilter:
         model, data, (q, v) = self.crane.model, self._data, state
         tau = full(self.crane, effort)
 
-        def rate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-            return pin.aba(model, data, q, v, tau + self._joint.effort(q, v)).copy()
+        def acceleration(q: np.ndarray, u: np.ndarray) -> np.ndarray:
+            v = u / time
+            return time * time * pin.aba(model, data, q, v, tau + self._joint.effort(q, v))
 
-        half = time / 2.0
-        a1 = rate(q, v)
-        v2 = v + half * a1
-        a2 = rate(q + half * v, v2)
-        v3 = v + half * a2
-        a3 = rate(q + half * v2, v3)
-        v4 = v + time * a3
-        a4 = rate(q + time * v3, v4)
-        return State(
-            q + time / 6.0 * (v + 2.0 * (v2 + v3) + v4),
-            v + time / 6.0 * (a1 + 2.0 * (a2 + a3) + a4),
-        )
+        q, u = rk4.rule(acceleration, np.add, np.add, q, time * v, 1)
+        return State(q, u / time)
 
     def correct(self, reading: State) -> None:
         """Take in what the sensors say; of the reading it looks at what they measure only."""

@@ -186,7 +186,7 @@ def optimal(
             plan = search.lasting(plan, period * math.ceil(plan.durations.sum() / period - 1e-9))
     motion = Driven(move, plan).motion(period)
     if clearance is not None:
-        _check_proven(clearance, move, plan, motion)
+        _check_rows(clearance, move, motion)
     return motion
 
 
@@ -213,12 +213,9 @@ class _Search:
         failed: CraneError | None = None
         for margin in _MARGINS:
             try:
-                plan = self._solved(first, least / len(first.durations), margin=margin)
-                _check_proven(self.clearance, self.move, plan)
+                return self._proven(first, least / len(first.durations), margin=margin)
             except (transcription.Unsolved, Unproven) as error:
                 failed = error
-            else:
-                return plan
         assert failed is not None
         raise failed
 
@@ -226,7 +223,17 @@ class _Search:
         """The plan of least cost near one that lasts as long [s]."""
         each = duration / len(plan.durations)
         alike = plan._replace(durations=np.full_like(plan.durations, each))
-        return self._solved(alike, each, each, margin=_MARGINS[0] / 2.0)
+        return self._proven(alike, each, each, margin=_MARGINS[0] / 2.0)
+
+    def _proven(self, plan: Plan, least: float, most: float = math.inf, *, margin: float) -> Plan:
+        """As solved, and if there are obstacles proven to touch none."""
+        plan = self._solved(plan, least, most, margin)
+        if self.clearance is not None:
+            driven = Driven(self.move, plan)
+            at = unproven(self.clearance, driven, 0.0, driven.duration)
+            if at is not None:
+                raise Unproven(at, f"the room is {self.clearance.room(driven.at(at)):.3f} m")
+        return plan
 
     def _solved(
         self, plan: Plan, least: float, most: float = math.inf, margin: float = 0.0
@@ -342,16 +349,10 @@ def _among(move: Move, clearance: Clearance) -> Move:
     return replace(move, tilt=clearance.site.swing, given=np.array([lower, upper]))
 
 
-def _check_proven(
-    clearance: Clearance, move: Move, plan: Plan, motion: Motion | None = None
-) -> None:
-    """Return if a plan, and its motion if there is one, is proven to touch nothing."""
-    driven = Driven(move, plan)
-    at = unproven(clearance, driven, 0.0, driven.duration)
-    if at is not None:
-        raise Unproven(at, f"the room is {clearance.room(driven.at(at)):.3f} m")
-    if motion is None:
-        return
+def _check_rows(clearance: Clearance, move: Move, motion: Motion) -> None:
+    """Return if the rows of a proven motion keep the lean of the rope and the angles of the jib,
+    which the plan does at its points.
+    """
     tilt, slew = clearance.tilt(motion.q), clearance.joints.slew
     if tilt.max() > clearance.site.swing:
         k = int(tilt.argmax())

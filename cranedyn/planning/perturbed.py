@@ -191,9 +191,8 @@ def made_otherwise(
     cranes = {level: _crane(lift.crane, level) for level in np.unique(drawn["load"]).tolist()}
     for some in _chunks(drawn["load"]):
         own = {name: values[some] for name, values in drawn.items()}
-        batch = _batch(lift, nominal, own, cranes, dt, threads)
+        batch, force = _batch(lift, nominal, own, cranes, dt, threads)
         least = _least(lift.clearance, certificate, batch)
-        force = _forces(lift, own, batch.t)
         yield Otherwise(some, cranes[float(own["load"][0])], batch, force, least)
 
 
@@ -237,7 +236,8 @@ def _batch(
     cranes: dict[float, Crane],
     dt: float,
     threads: int | None,
-) -> Batch:
+) -> tuple[Batch, np.ndarray]:
+    """What becomes of lifts, and the forces of the wind in the rows that are kept."""
     crane, motion, count = lift.crane, lift.timed.motion, len(drawn["load"])
     load = float(drawn["load"][0])
     heavier = (load - 1.0) * crane.payload_mass * crane.gravity
@@ -257,7 +257,7 @@ def _batch(
     _hang(start, force[:, 0, :3], cranes[load], lift.clearance.joints)
     # So that all batches share one code.
     other = next((one for level, one in cranes.items() if level != load), cranes[load])
-    return _without_last(
+    batch = _without_last(
         simulate_batch(
             [*[cranes[load]] * count, other],
             [*(made[one] for one in drawn["late_s"].tolist()), made[delays[0]]],
@@ -273,6 +273,7 @@ def _batch(
             threads=threads,
         )
     )
+    return batch, force[:, np.rint(batch.t / motion.period).astype(int)]
 
 
 def _without_last(batch: Batch) -> Batch:
