@@ -286,9 +286,9 @@ class Loop:
         """Number of groups."""
         return self._groups
 
-    def _pieces(self, piece: int = _PIECE) -> Iterator[tuple[int, int, int, bool]]:
-        """The run in pieces: instants from the first up to, but without, the last, steps of each,
-        whether the first goes on from steps.
+    def _pieces(self, piece: int) -> Iterator[tuple[int, int, int, bool]]:
+        """The run in pieces of about so many steps: instants from the first up to, but without, the
+        last, steps of each, whether the first goes on from steps.
         """
         together = piece // (self._steps * self._weight + _INSTANT)
         if together:
@@ -312,7 +312,7 @@ class Loop:
                 raise OutOfRange("group", group, f"0 to {self._groups - 1}")
             for slot, begin, stride in self._moving:
                 call[slot] = begin + group * stride
-            for call[first], call[last], call[steps], call[going_on] in self._pieces():
+            for call[first], call[last], call[steps], call[going_on] in self._pieces(_PIECE):
                 if stopped():
                     return
                 self._run(address)
@@ -343,7 +343,7 @@ class Loop:
 
     def alone(self) -> Callable[[], None]:
         """The run of all groups, as quick to call as can be where it is one group and one piece."""
-        pieces = list(islice(self._pieces(), 2))
+        pieces = list(islice(self._pieces(_PIECE), 2))
         if len(pieces) > 1 or self._groups > 1:
             return partial(self.over, range(self._groups))
         for slot, begin, _ in self._moving:

@@ -580,7 +580,7 @@ def test_integrals_are_the_same_in_pieces(monkeypatch: pytest.MonkeyPatch) -> No
             hold(crane(), crane().state(l=15.2)),
             duration=0.3,
             dt=1e-3,
-            control_period=1e-2,
+            control_period=2e-2,
             engine="compiled",
         )
         return controller.integral, run.q.tobytes()
