@@ -166,14 +166,19 @@ def plan(measured: Overhead, spent: float, size: float, workers: int) -> Table:
         ["memory of a design with three parameters", f"{at_once * 3 * 8 / 1e9:.2g} GB"],
         ["disk, a parameter and a result of a case", f"{cases * size / 1e9:,.0f} GB"],
         ["computing on one processor", f"{computing / 86400:,.1f} days"],
-        ["the one program that hands out and writes", f"{writing / 3600:.1f} h"],
-        ["processors that it keeps busy", f"{computing / writing:,.0f}"],
-        ["with 64 processors", f"{max(computing / 64, writing) / 3600:,.1f} h"],
     ]
     note = (
         "Calculated from the tables above, not run. A case is a free swing of "
         f"{SWING:g} s; overhead is that of Dask with {workers} workers."
     )
+    if measured.case > 0.0:
+        rows += [
+            ["the one program that hands out and writes", f"{writing / 3600:.1f} h"],
+            ["processors that it keeps busy", f"{computing / writing:,.0f}"],
+            ["with 64 processors", f"{max(computing / 64, writing) / 3600:,.1f} h"],
+        ]
+    else:
+        note += " What a case adds was lost in the noise, so nothing is said of many processors."
     return Table("A billion cases, on paper", (("what", ""), ("how much", "")), rows, note)
 
 

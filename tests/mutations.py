@@ -474,9 +474,7 @@ def caught(mutation: Mutation, parent: Path) -> tuple[bool, str]:
     shutil.copytree(
         ROOT,
         copy,
-        ignore=shutil.ignore_patterns(
-            ".git", ".venv", "out", "docs", ".*cache", "*.egg-info"
-        ),
+        ignore=shutil.ignore_patterns(".git", ".venv", "out", "docs", ".*cache", "*.egg-info"),
     )
     path = copy / mutation.file
     path.write_text(mutated(path.read_text(encoding="utf-8"), mutation), encoding="utf-8")

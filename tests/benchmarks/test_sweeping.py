@@ -44,6 +44,12 @@ def test_the_plan_is_arithmetic_on_what_was_measured() -> None:
     assert rows["with 64 processors"] == "3.0 h"
 
 
+def test_the_plan_says_nothing_of_processors_where_the_cost_of_a_case_is_lost_in_noise() -> None:
+    table = sweeping.plan(sweeping.Overhead(1.0, 1e-3, -1e-9), 4e-4, 25.0, 2)
+    assert "lost in the noise" in table.note
+    assert not [row for row in table.rows if "processors" in str(row[0])]
+
+
 def test_dasks_workers_compute_what_processes_do() -> None:
     pytest.importorskip("distributed", reason="the extra dask is not installed")
     before = time.perf_counter()
