@@ -10,6 +10,9 @@ from contextlib import suppress
 if sys.argv[:1] == ["-m"] and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
+# Matrices of a crane are so small that threads of OpenBLAS cost far more than they share.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # Figures go to files, for which any backend will do, but matplotlib is not imported at all where
 # this variable names one that it lacks.
 if _backend := os.environ.pop("MPLBACKEND", ""):

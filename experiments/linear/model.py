@@ -6,11 +6,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from inspect import unwrap
 
 import numpy as np
 
 from cranedyn import theory
 from cranedyn.data.trajectory import Trajectory
+
+# Without the checks of their arguments, which come from runs, four times a row.
+_radial, _tangential = unwrap(theory.radial_paper), unwrap(theory.tangential_paper)
+_small_swing = unwrap(theory.small_swing)
 
 
 @dataclass(frozen=True)
@@ -38,10 +43,8 @@ Model = Callable[[np.ndarray, np.ndarray, Drives, float], np.ndarray]
 
 def paper(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
     """Eqs. (8) and (10) of Muddassir et al."""
-    phi = theory.radial_paper(
-        swing[0], length=drives.length, gravity=gravity, excitation=drives.x_acceleration
-    )
-    theta = theory.tangential_paper(
+    phi = _radial(swing[0], length=drives.length, gravity=gravity, excitation=drives.x_acceleration)
+    theta = _tangential(
         swing[1],
         length=drives.length,
         gravity=gravity,
@@ -52,7 +55,7 @@ def paper(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) 
 
 def all_rates(swing: np.ndarray, rates: np.ndarray, drives: Drives, gravity: float) -> np.ndarray:
     """The same with everything that is linear in the swing."""
-    return theory.small_swing(swing, rates, gravity=gravity, **vars(drives))
+    return _small_swing(swing, rates, gravity=gravity, **vars(drives))
 
 
 def integrate(run: Trajectory, model: Model, gravity: float) -> np.ndarray:

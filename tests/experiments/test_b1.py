@@ -18,13 +18,13 @@ from experiments.harness.document import read_document
 from experiments.harness.outcome import Table
 from experiments.report import page
 from experiments.scenarios.moves import MOVES
-from tests.helpers import ROOT
+from tests.helpers import FAST, ROOT
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("b1") / "b1"
-    assert b1.main(["--out", str(folder)]) == 0
+    assert b1.main(["--engine", FAST, "--out", str(folder)]) == 0
     return folder, json.loads((folder / "result.json").read_text(encoding="utf-8"))
 
 

@@ -24,14 +24,14 @@ from experiments.linear.runs import Case, reaches
 from experiments.linear.sites import SITES, Job, jobs, short_slews, slow_slews
 from experiments.linear_vs_full import ALONE, OF_SLEWING
 from experiments.report import page
-from tests.helpers import G, big_crane, crane, files, moved
+from tests.helpers import FAST, G, big_crane, crane, files, moved
 from tests.told import missing
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("linear") / "out"
-    assert linear_vs_full.main(["--out", str(folder)]) == 0
+    assert linear_vs_full.main(["--engine", FAST, "--out", str(folder)]) == 0
     return folder, json.loads((folder / "result.json").read_text(encoding="utf-8"))
 
 

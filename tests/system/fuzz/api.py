@@ -103,6 +103,7 @@ NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
 """What would open a window or a port; their arguments are tried on the command line."""
 
 WITHIN = (
+    "add_values",
     "bounds",
     "drive_bounds",
     "within_efforts",
