@@ -45,27 +45,27 @@ COUNTS = {
     "file Parquet, bytes": 250,
     "file --from": 30,
     "file sweep": 60,
-    "file result.json": 150,
+    "file result.json": 60,
     "file recording": 100,
     "file document": 100,
     "signals": 6,
-    "line world": 60,
+    "line world": 40,
     "line sweep": 12,
     "line report": 12,
     "line description": 12,
     "line compare": 15,
-    "line linear_vs_full": 20,
-    "line factors": 8,
-    "line identify": 20,
-    "line lift": 15,
-    "line lift_benchmark": 10,
-    "line lift_report": 10,
-    "line margins": 12,
-    "line observer": 15,
+    "line linear_vs_full": 14,
+    "line factors": 6,
+    "line identify": 14,
+    "line lift": 8,
+    "line lift_benchmark": 6,
+    "line lift_report": 6,
+    "line margins": 8,
+    "line observer": 10,
 }
 """How many cases of each kind are tried here; of calls and lines `_OTHERS`."""
 
-_OTHERS = {"line": 30, "api": 100}
+_OTHERS = {"line": 20, "api": 100}
 
 
 @pytest.fixture(scope="module")
