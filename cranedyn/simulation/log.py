@@ -84,7 +84,8 @@ class Log:
         """Add a row: effort is what acts from here on, before what acted until here; contiguous
         arrays of doubles.
         """
-        self._fresh.append(b"".join((*state, setpoint, command, effort, before)))
+        row: Any = (*state, setpoint, command, effort, before)
+        self._fresh.append(b"".join(row))
         if len(self._fresh) == _TOGETHER:
             self._write()
 
