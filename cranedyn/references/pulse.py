@@ -30,11 +30,12 @@ class Pulse:
 
     def __call__(self, t: float) -> Setpoint:
         """The setpoint at a time [s]."""
-        setpoint = self.base(t)
-        if not self.first <= t < self.last:
-            return setpoint
-        setpoint = checked_setpoint(setpoint, self.step.shape)
-        return setpoint._replace(position=setpoint.position + self.step)
+        setpoint = checked_setpoint(self.base(t), self.step.shape)
+        return (
+            setpoint._replace(position=setpoint.position + self.step)
+            if self.first <= t < self.last
+            else setpoint
+        )
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (n, m) each."""
