@@ -21,8 +21,8 @@ DURATION, STEPS = 20.0, 40_000
 """Simulated time of one round [s], and its physics steps of 0.5 ms."""
 
 
-def bare(crane: Crane) -> None:
-    """As many calls of the articulated-body algorithm as a round has steps, and nothing else."""
+def bare(crane: Crane, calls: int = STEPS) -> None:
+    """Calls of the articulated-body algorithm, as many as a round has steps, and nothing else."""
     aba, model, data, tau = (
         pin.aba,
         crane.model,
@@ -30,7 +30,7 @@ def bare(crane: Crane) -> None:
         np.array([0.0, 0.0, 0.0, 0.0, -9806.65]),
     )
     q, v = crane.state(phi=0.1, theta=0.05, phi_dot=0.1)
-    for _ in range(STEPS):
+    for _ in range(calls):
         aba(model, data, q, v, tau)
 
 

@@ -14,6 +14,8 @@ import signal
 import sys
 from typing import TYPE_CHECKING, Any
 
+from cranedyn.version import __version__
+
 if TYPE_CHECKING:
     from cranedyn.compiled.batch import simulate_batch
     from cranedyn.data.trajectory import Trajectory
@@ -24,8 +26,6 @@ if TYPE_CHECKING:
     from cranedyn.model.load import load_crane
     from cranedyn.simulation.simulate import simulate
     from cranedyn.simulation.stepper import Stepper
-
-__version__ = "0.2.0"
 
 __all__ = [
     "Crane",

@@ -12,9 +12,7 @@ from functools import wraps
 from typing import Any, TypeVar
 
 import numpy as np
-from scipy.integrate import quad
-from scipy.optimize import brentq
-from scipy.special import ellipe, ellipk, jv, yv
+import scipy
 
 from cranedyn.arguments import checked, described
 from cranedyn.arrays import shaped
@@ -71,7 +69,7 @@ def amplitude_factor(amplitude: float | np.ndarray) -> float | np.ndarray:
 
     Landau & Lifshitz, Mechanics, §11.
     """
-    return 2.0 / math.pi * ellipk(np.sin(np.asarray(amplitude) / 2.0) ** 2)
+    return 2.0 / math.pi * scipy.special.ellipk(np.sin(np.asarray(amplitude) / 2.0) ** 2)
 
 
 @_answered
@@ -139,7 +137,7 @@ def constant_hoisting(
     """
     a, b = _hoisting_constants(length, rate, gravity, swing, swing_rate)
     u = 2.0 * np.sqrt(gravity * (length + rate * np.asarray(t))) / abs(rate)
-    return (a * jv(1, u) + b * yv(1, u)) / u
+    return (a * scipy.special.jv(1, u) + b * scipy.special.yv(1, u)) / u
 
 
 @_answered
@@ -151,7 +149,7 @@ def constant_hoisting_envelope(
     """
     a, b = _hoisting_constants(length, rate, gravity, swing, swing_rate)
     u = 2.0 * np.sqrt(gravity * (length + rate * np.asarray(t))) / abs(rate)
-    return math.hypot(a, b) * np.hypot(jv(1, u), yv(1, u)) / u
+    return math.hypot(a, b) * np.hypot(scipy.special.jv(1, u), scipy.special.yv(1, u)) / u
 
 
 def _hoisting_constants(
@@ -160,7 +158,12 @@ def _hoisting_constants(
     u = 2.0 * math.sqrt(gravity * length) / abs(rate)
     du = math.copysign(1.0, rate) * math.sqrt(gravity / length)
     # d/du (C1(u)/u) = -C2(u)/u for any cylinder function
-    basis = np.array([[jv(1, u) / u, yv(1, u) / u], [-du * jv(2, u) / u, -du * yv(2, u) / u]])
+    basis = np.array(
+        [
+            [scipy.special.jv(1, u) / u, scipy.special.yv(1, u) / u],
+            [-du * scipy.special.jv(2, u) / u, -du * scipy.special.yv(2, u) / u],
+        ]
+    )
     a, b = np.linalg.solve(basis, [swing, swing_rate])
     return float(a), float(b)
 
@@ -246,12 +249,12 @@ def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) ->
 
     def action(a: float) -> float:
         m = math.sin(a / 2.0) ** 2
-        return float(ellipe(m) - (1.0 - m) * ellipk(m))
+        return float(scipy.special.ellipe(m) - (1.0 - m) * scipy.special.ellipk(m))
 
     goal, ratios = action(amplitude), np.atleast_1d(shaped("lengths", lengths, (), ("n",))) / length
     return np.array(
         [
-            brentq(lambda a, ratio=ratio: action(a) * ratio**1.5 - goal, 1e-9, 3.1)
+            scipy.optimize.brentq(lambda a, ratio=ratio: action(a) * ratio**1.5 - goal, 1e-9, 3.1)
             for ratio in ratios
         ]
     )
@@ -286,7 +289,8 @@ def apsidal_precession(length: float, far: float, near: float) -> float:
         return h / ((1.0 - u**2) * math.sqrt(2.0 * (u - u2)))
 
     return float(
-        4.0 * quad(turned, -math.pi / 2.0, math.pi / 2.0, epsabs=1e-13, epsrel=1e-13)[0]
+        4.0
+        * scipy.integrate.quad(turned, -math.pi / 2.0, math.pi / 2.0, epsabs=1e-13, epsrel=1e-13)[0]
         - 2.0 * math.pi
     )
 
@@ -311,7 +315,7 @@ def slewing_swing(radius: float, length: float, rate: float, gravity: float) -> 
     def short(out: float) -> float:
         return gravity * math.sin(out) - rate**2 * (radius + length * math.sin(out)) * math.cos(out)
 
-    return -float(brentq(short, 0.0, math.pi / 2.0, xtol=1e-15))
+    return -float(scipy.optimize.brentq(short, 0.0, math.pi / 2.0, xtol=1e-15))
 
 
 @_answered

@@ -10,8 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.stats import linregress
+import scipy
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite, shaped
@@ -108,7 +107,9 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
     )
     a, b, c = np.linalg.lstsq(basis, swing, rcond=None)[0]
     with np.errstate(all="ignore"):
-        fit = least_squares(misfit, (a, b, 0.0, math.pi / half, c), method="lm", x_scale="jac")
+        fit = scipy.optimize.least_squares(
+            misfit, (a, b, 0.0, math.pi / half, c), method="lm", x_scale="jac"
+        )
         a, b, decay, omega, c = fit.x.tolist()
         amplitude = float(math.hypot(a, b) * np.exp(decay * middle))
     if not (fit.success and math.isfinite(amplitude) and omega > 0.0 and abs(decay) < omega):
@@ -194,7 +195,7 @@ def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
         raise DataError(
             f"A power law needs positive numbers, the least here is {min(np.min(x), np.min(y)):g}."
         )
-    line = linregress(np.log(x), np.log(y))
+    line = scipy.stats.linregress(np.log(x), np.log(y))
     return PowerLaw(
         float(line.slope), float(math.exp(line.intercept)), float(line.rvalue**2), len(x)
     )

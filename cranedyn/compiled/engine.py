@@ -154,8 +154,10 @@ class CompiledEngine(Engine):
 
     def effort(self) -> np.ndarray:
         """As `Engine.effort`."""
+        if self._limits is not None:
+            return self._effort
         self._recall()
-        return self._drives.effort(self.state) if self._limits is None else self._effort
+        return self._drives.effort(self.state)
 
     def _recall(self) -> None:
         """Have Pinocchio's drives remember what those of the code do."""
@@ -186,7 +188,9 @@ class CompiledEngine(Engine):
 
     def _arrived(self) -> State:
         here = np.frombuffer(self._here.tobytes())  # a copy that cannot be written to
-        self.state = State(here[: self._sizes.n], here[self._sizes.n :])
+        n = self._sizes.n
+        # what State(q, v) makes, in half the time
+        self.state = tuple.__new__(State, (here[:n], here[n:]))
         return self.state
 
     def run_ahead(

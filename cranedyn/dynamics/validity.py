@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import reduce
+from operator import and_
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -56,7 +58,7 @@ class Bound(NamedTuple):
     @property
     def holds(self) -> np.ndarray:
         """Whether it does, in rows."""
-        return np.logical_and.reduce(self.conditions)
+        return reduce(and_, self.conditions)
 
 
 def bounds(

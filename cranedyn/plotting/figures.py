@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import LayoutEngine
 
 from cranedyn.data.files import written
 from cranedyn.plotting.style import COLOURS
@@ -28,6 +29,10 @@ _STYLE: Any = {
     "axes.formatter.useoffset": False,
     "svg.hashsalt": "cranedyn",
 }
+
+
+_DPI = 130
+"""Dots of a picture along an inch."""
 
 
 class Drawing(Figure):
@@ -56,20 +61,48 @@ def panels(
         return figure, list(figure.subplots(rows, columns, squeeze=False, **arguments).flat)
 
 
-def save(figure: Figure, path: str | Path) -> Path:
+def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
     """Write a figure as ``.png``, or as ``.svg`` for pages and papers; the same figure gives the
-    same file.
+    same file, alone or with others.
+
+    Args:
+        figure: The figure.
+        path: The file.
+        further: More files of the same figure, whose panels are placed once for all.
+
+    Returns:
+        The first file.
 
     Raises:
-        DataError: If the file cannot be written.
+        DataError: If a file cannot be written.
     """
-    kind = Path(path).suffix.removeprefix(".")
+    engine = figure.get_layout_engine()
+    with mpl.rc_context(_STYLE):
+        if engine is not None:
+            _place(figure, engine)
+        try:
+            for one in (path, *further):
+                _save(figure, Path(one))
+        finally:
+            figure.set_layout_engine(engine)
+    return Path(path)
+
+
+def _place(figure: Figure, engine: LayoutEngine) -> None:
+    """Put the panels of a figure where they stay while it is written, as large as in a picture."""
+    usual = figure.dpi
+    figure.set_dpi(_DPI)
+    engine.execute(figure)
+    figure.set_dpi(usual)
+    figure.set_layout_engine("none")
+
+
+def _save(figure: Figure, path: Path) -> None:
+    kind = path.suffix.removeprefix(".")
     # Given a path, the library leaves the file open where Ctrl-C comes meanwhile.
     picture = io.BytesIO()
-    with mpl.rc_context(_STYLE):
-        figure.savefig(
-            picture, format=kind, dpi=130, metadata={"Date": None} if kind == "svg" else None
-        )
+    figure.savefig(
+        picture, format=kind, dpi=_DPI, metadata={"Date": None} if kind == "svg" else None
+    )
     with written(path) as draft:
         draft.write_bytes(picture.getvalue())
-    return Path(path)

@@ -282,7 +282,7 @@ def _move_load(recording: rr.RecordingStream, run: Run, times: _Times) -> None:
     recording.send_columns(
         run.entity("scene", "cable"),
         clock(times.t),
-        rr.LineStrips3D.columns(strips=list(_ends(run, times.q))),
+        rr.LineStrips3D.columns(strips=_ends(run, times.q)),
     )
 
 
@@ -321,7 +321,7 @@ def _move_setpoint(recording: rr.RecordingStream, run: Run, times: _Times) -> No
     recording.send_columns(
         run.entity("scene", "setpoint", "cable"),
         clock(times.t[rows]),
-        rr.LineStrips3D.columns(strips=list(ends)),
+        rr.LineStrips3D.columns(strips=ends),
     )
 
 

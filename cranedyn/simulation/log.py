@@ -21,7 +21,7 @@ from cranedyn.model.crane import Crane
 _first_event, _hoisting, _valid = unwrap(first_event), unwrap(hoisting), unwrap(valid)
 
 _TOGETHER = 256
-"""Rows that are kept as they came until they are written together."""
+"""Rows that are kept in one piece each until they are written together."""
 
 _LARGEST = 4e9
 """Memory that the log of a run and the trajectory made of it may take [byte]."""
@@ -56,7 +56,7 @@ class Log:
             raise OutOfRange("duration", f"{(rows - 1) * period:g}", f"{most}: {takes}", "s")
         self._crane, self._since, self._period, self._lead = crane, since, period, lead
         self._rows, self._looked = 0, 0
-        self._fresh = list[tuple[np.ndarray, ...]]()
+        self._fresh = list[bytes]()
         self._q, self._v = np.empty((rows, crane.layout.n)), np.empty((rows, crane.layout.n))
         self._setpoint, self._command, self._effort, self._before = (
             np.empty((rows, crane.layout.m)) for _ in range(4)
@@ -82,9 +82,10 @@ class Log:
         before: np.ndarray,
     ) -> None:
         """Add a row: effort is what acts from here on, before what acted until here; contiguous
-        arrays that nobody changes any more.
+        arrays of doubles.
         """
-        self._fresh.append((*state, setpoint, command, effort, before))
+        row: Any = (*state, setpoint, command, effort, before)
+        self._fresh.append(b"".join(row))
         if len(self._fresh) == _TOGETHER:
             self._write()
 
@@ -92,8 +93,10 @@ class Log:
         """Put fresh rows where they belong; many together take less time than one by one."""
         rows = slice(self._rows, len(self))
         columns = self._q, self._v, self._setpoint, self._command, self._effort, self._before
-        for column, parts in zip(columns, zip(*self._fresh, strict=True), strict=False):
-            column[rows] = np.frombuffer(b"".join(parts)).reshape(-1, column.shape[1])
+        ends = np.cumsum([column.shape[1] for column in columns])
+        fresh = np.frombuffer(b"".join(self._fresh)).reshape(-1, ends[-1])
+        for column, part in zip(columns, np.split(fresh, ends[:-1], axis=1), strict=True):
+            column[rows] = part
         self._rows = rows.stop
         self._fresh.clear()
 

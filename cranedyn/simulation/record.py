@@ -10,12 +10,14 @@ import platform
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
-from importlib.metadata import version
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+import pinocchio as pin
+import scipy
 
 from cranedyn.model.crane import Crane
+from cranedyn.version import __version__
 
 _WHOLE = 64
 """Arrays of more numbers are written by their shape and checksum."""
@@ -58,9 +60,13 @@ def record_of(crane: Crane, **actors: object) -> dict[str, Any]:
 
 @cache
 def _versions() -> tuple[tuple[str, str], ...]:
+    # they say it themselves: to look through what is installed would take as long as a crane
     return (
         ("python", platform.python_version()),
-        *((name, version(name)) for name in ("cranedyn", "pin", "numpy", "scipy")),
+        ("cranedyn", __version__),
+        ("pin", pin.__version__),
+        ("numpy", np.__version__),
+        ("scipy", scipy.__version__),
     )
 
 

@@ -189,7 +189,7 @@ def simulate(
                 command, effort = moving.take(command_of(controller(t, state, setpoint), t, layout))
                 aims = setpoint.position
                 if setpoint is not setpoints.steady:
-                    aims = np.array(aims, dtype=float)
+                    aims = np.ascontiguousarray(aims, dtype=float)
                 if stepper.converters is not None:
                     log.cut(moving.cut)
                 log.row(state, aims, command, effort, before)

@@ -9,6 +9,7 @@ from pkgutil import resolve_name
 import numpy as np
 
 from cranedyn.arguments import check_word, checked, described
+from cranedyn.arrays import DOUBLE
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
@@ -23,8 +24,6 @@ ENGINES = {
     "compiled": "cranedyn.compiled.engine:CompiledEngine",
 }
 """Where each engine is; looked up when it is asked for, since the compiled one needs an extra."""
-
-_NUMBERS = np.dtype(float)
 
 
 class Stepper:
@@ -156,7 +155,10 @@ def command_of(answer: object, t: float, layout: Layout) -> np.ndarray:
         OutOfRange: If there are more or fewer.
         RunError: If one is not finite.
     """
-    command = _array(answer, "command of the controller", (layout.m,), layout.drives_in_words)
+    if type(answer) is np.ndarray and answer.dtype is DOUBLE and answer.shape == (layout.m,):
+        command = answer.copy()
+    else:
+        command = _array(answer, "command of the controller", (layout.m,), layout.drives_in_words)
     if not math.isfinite(sum(command.tolist())) and not np.isfinite(command).all():
         joint = layout.driven[int(np.argmin(np.isfinite(command)))].name
         raise RunError(
@@ -199,8 +201,6 @@ def diverged(layout: Layout, t: float, state: State) -> RunError:
 
 
 def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> np.ndarray:
-    if type(answer) is np.ndarray and answer.dtype is _NUMBERS and answer.shape == shape:
-        return answer.copy()
     try:
         array = (
             None

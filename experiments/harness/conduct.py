@@ -91,17 +91,18 @@ def _write(outcome: Outcome, options: argparse.Namespace) -> None:
     """Write the files of a run as one set; the last, ``result.json``, names the others that are
     beside it, each with its digest.
     """
+    from cranedyn.data.tables import write_table
     from cranedyn.plotting.figures import save
 
     result, folder = _result(outcome, options), options.folder
     _json(result)
     with together() as drafts:
         for name, trajectory in outcome.trajectories.items():
+            table = trajectory.table()
             for ending in (".csv", ".parquet"):
-                trajectory.write(folder / f"{name}{ending}")
+                write_table(folder / f"{name}{ending}", table)
         for name, figure in outcome.figures.items():
-            for ending in FIGURES:
-                save(figure, folder / f"{name}{ending}")
+            save(figure, *(folder / f"{name}{ending}" for ending in FIGURES))
         for name, text in outcome.texts.items():
             write_text(folder / name, text)
         if outcome.recording:

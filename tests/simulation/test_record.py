@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import platform
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.references import hold, plumb, pulse
 from cranedyn.references.hold import Still
 from cranedyn.references.pulse import Pulse
-from cranedyn.simulation.record import written_down
+from cranedyn.simulation.record import record_of, written_down
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane
 
@@ -119,6 +121,12 @@ def test_the_record_says_what_there_is_in_numbers_or_by_a_checksum() -> None:
     )
     assert set(record["versions"]) >= {"cranedyn", "pin", "numpy", "python"}
     assert json.loads(json.dumps(record, allow_nan=False)) == record
+
+
+def test_the_versions_of_a_record_are_those_that_are_installed() -> None:
+    found = record_of(crane())["versions"]
+    assert found.pop("python") == platform.python_version()
+    assert found == {name: version(name) for name in found}
 
 
 def test_what_json_does_not_hold_is_written_by_its_name() -> None:

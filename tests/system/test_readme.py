@@ -58,7 +58,7 @@ def test_every_command_of_ours_that_a_page_names_is_there(page: Path) -> None:
 
 def test_version_changelog_and_citation_agree_on_a_dated_release() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    assert project["tool"]["hatch"]["version"]["path"] == "cranedyn/__init__.py"
+    assert project["tool"]["hatch"]["version"]["path"] == "cranedyn/version.py"
     newest = re.search(
         r"^## (\S+) - (\d{4}-\d\d-\d\d)$",
         (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"),

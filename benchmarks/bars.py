@@ -1,0 +1,207 @@
+"""What may not become slower: each workload as a ratio to work of the same kind that is not ours,
+measured side by side in one run, against a bar 15 % below what it usually is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from benchmarks.loop import bare
+from benchmarks.workload import Case, plain
+from cranedyn.command import command
+from cranedyn.compiled.batch import simulate_batch
+from cranedyn.interfaces import State
+from cranedyn.model.load import load_crane
+from experiments.harness.outcome import Outcome, Table, show
+
+SHARE = 0.85
+"""Of its usual ratio, which each must reach."""
+
+SECONDS = 90.0
+"""Wall time after which who has not passed has failed."""
+
+_ROUNDS = 60
+"""Rounds before anybody has passed, and between two looks at who has."""
+
+_OTHERS = "import numpy, pinocchio"
+_FIRST_STEP = """
+from cranedyn import load_crane, simulate
+from cranedyn.controllers import hold_controller
+crane = load_crane()
+simulate(crane, hold_controller(crane), duration=5e-3, engine="compiled")
+"""
+
+
+@dataclass(frozen=True)
+class Work:
+    """Something to do.
+
+    Attributes:
+        run: Does it once.
+        amount: How much is done then.
+        every: In which rounds: each, or each so many.
+        clock: Processor time so far [s], of what runs it.
+    """
+
+    run: Callable[[], object]
+    amount: float = 1.0
+    every: int = 1
+    clock: Callable[[], float] = time.process_time
+
+
+@dataclass(frozen=True)
+class Bar:
+    """Work of ours, and what it is measured by.
+
+    Attributes:
+        name: What it is called.
+        work: Ours.
+        yardstick: Not ours: what a computer is slow at, it is slow at in both.
+        usual: How much of ours is done in the time of one of the other, on two cores of a server
+            with AVX-512.
+    """
+
+    name: str
+    work: Work
+    yardstick: Work
+    usual: float
+
+
+def bars() -> list[Bar]:
+    """All of them, each some 20 ms of work but for the processes."""
+    case, hook = Case(), Case(load_crane(hook_mass=200.0))
+    calls = Work(partial(bare, case.crane, 6000), 6000)
+    others = Work(partial(_process, _OTHERS), 1.0, _ROUNDS // 6, _of_children)
+    first = Work(partial(_process, _FIRST_STEP), 1.0, _ROUNDS // 6, _of_children)
+    return [
+        Bar("plain loop", _loop(case, 1.0), calls, 0.39),
+        Bar("Python controller, compiled steps", _stepping(case, 10.0), calls, 2.25),
+        Bar("compiled closed loop", _closed(case, 70.0), calls, 16.5),
+        Bar("compiled batch, 1 thread", _batch(case, 1.0), calls, 202.0),
+        Bar("double pendulum: plain loop", _loop(hook, 1.0), calls, 0.33),
+        Bar("double pendulum: compiled closed loop", _closed(hook, 35.0), calls, 10.4),
+        Bar("first compiled step of a process", first, others, 0.40),
+    ]
+
+
+def _loop(case: Case, duration: float) -> Work:
+    return _ran(case, duration, engine="pinocchio")
+
+
+def _stepping(case: Case, duration: float) -> Work:
+    return _ran(case, duration, engine="compiled", controller=partial(case.controller))
+
+
+def _closed(case: Case, duration: float) -> Work:
+    return _ran(case, duration, engine="compiled")
+
+
+def _ran(case: Case, duration: float, **how: object) -> Work:
+    run = partial(plain, case, case.starts(1)[0], duration, **how)  # type: ignore[arg-type]
+    return Work(run, case.periods(duration) * case.steps)
+
+
+def _batch(case: Case, duration: float, cranes: int = 512) -> Work:
+    start = State(*np.split(case.starts(cranes), 2, axis=1))
+    run = partial(
+        simulate_batch, case.crane, case.controller, start=start, duration=duration, threads=1
+    )
+    return Work(run, cranes * case.periods(duration) * case.steps)
+
+
+def _process(script: str) -> None:
+    subprocess.run([sys.executable, "-c", script], check=True)
+
+
+def _of_children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def measure(found: Sequence[Bar], seconds: float, share: float = SHARE) -> list[float]:
+    """The ratios, once each is at its bar or the time is over.
+
+    Everything takes turns in shuffled rounds, and its least processor time counts: it is the same
+    work every time, and whatever else the machine does only adds to it.
+
+    Args:
+        found: What to measure.
+        seconds: Wall time to give up after.
+        share: Of the usual ratios, where the bars are.
+    """
+    works = list({id(work): work for bar in found for work in (bar.work, bar.yardstick)}.values())
+    least = {id(work): float("inf") for work in works}
+    end, shuffled, k = time.monotonic() + seconds, random.Random(0), 0
+    for work in works:
+        work.run()
+    while True:
+        for work in shuffled.sample(works, len(works)):
+            if k % work.every == 0:
+                before = work.clock()
+                work.run()
+                least[id(work)] = min(least[id(work)], work.clock() - before)
+        k += 1
+        ratios = [
+            least[id(bar.yardstick)]
+            / bar.yardstick.amount
+            / (least[id(bar.work)] / bar.work.amount)
+            for bar in found
+        ]
+        passed = all(ratio >= share * bar.usual for ratio, bar in zip(ratios, found, strict=True))
+        if (k % _ROUNDS == 0 and passed) or time.monotonic() >= end:
+            return ratios
+
+
+def judge(found: Sequence[Bar], seconds: float, share: float = SHARE) -> int:
+    """Measure and print; 0 if each reaches its bar, 1 if one does not; arguments as `measure`."""
+    rows = [
+        (bar.name, ratio, bar.usual, share * bar.usual)
+        for bar, ratio in zip(found, measure(found, seconds, share), strict=True)
+    ]
+    columns = [("workload", ""), *((name, ".3g") for name in ("ratio", "usual", "bar"))]
+    note = (
+        "Ratio: physics steps in the time of one bare call of `pin.aba` from Python; of the "
+        "process, to one that imports NumPy and Pinocchio only. Least processor time of shuffled "
+        "rounds."
+    )
+    show(Outcome([Table("Bars", columns, rows, note)], ()))
+    missed = [name for name, ratio, _, bar in rows if ratio < bar]
+    if missed:
+        print(f"Slower than allowed: {', '.join(missed)}.")
+    return 1 if missed else 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.bars", description=__doc__)
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        default=SECONDS,
+        metavar="T",
+        help=f"time after which who has not passed has failed (default {SECONDS:g})",
+    )
+    parser.add_argument(
+        "--share",
+        type=float,
+        default=SHARE,
+        metavar="S",
+        help="of the usual ratios that must be reached; less on processors of another kind "
+        f"(default {SHARE:g})",
+    )
+    options = parser.parse_args(argv)
+    return command(lambda: judge(bars(), options.seconds, options.share))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
