@@ -61,15 +61,15 @@ MUTATIONS = (
     Mutation(
         "Coriolis and centrifugal forces are missing",
         "cranedyn/dynamics/drives.py",
-        "aba(model, data, q, u, add(model, tau, multiply(resistance, u, scratch)), world)",
-        "aba(model, data, q, 0.0 * u, add(model, tau, multiply(resistance, u, scratch)), world)",
+        "return aba(model, data, q, u, tau, world)",
+        "return aba(model, data, q, 0.0 * u, tau, world)",
         "simulate::the_loop_is_sample_hold_velocities_positions",
     ),
     Mutation(
         "joint damping is ignored",
         "cranedyn/dynamics/drives.py",
-        "aba(model, data, q, u, add(model, tau, multiply(resistance, u, scratch)), world)",
-        "aba(model, data, q, u, tau, world)",
+        "tau[i] = driving[i] - damping * u.item(i)",
+        "tau[i] = driving[i]",
         "simulate::the_loop_is_sample_hold_velocities_positions",
     ),
     Mutation(
@@ -110,16 +110,16 @@ MUTATIONS = (
     Mutation(
         "a command acts one control period late",
         "cranedyn/dynamics/drives.py",
-        "for joint, effort in zip(self._drives, self._effort.tolist(), strict=True):",
+        "for drive, effort in enumerate(self._effort.tolist()):",
         "late = getattr(self, '_before', self._effort)\n        self._before = self._effort\n"
-        "        for joint, effort in zip(self._drives, late.tolist(), strict=True):",
+        "        for drive, effort in enumerate(late.tolist()):",
         "simulate::the_loop_is_sample_hold_velocities_positions",
     ),
     Mutation(
         "the limits of the drives are not kept",
         "cranedyn/dynamics/drives.py",
-        "command if inside else command.clip(-self._most, self._most)",
-        "command",
+        "return command.clip(-self._most, self._most)",
+        "return command",
         "simulate::the_loop_is_sample_hold_velocities_positions",
     ),
     Mutation(
