@@ -344,6 +344,7 @@ def mpc_period(setup: harness.Setup) -> float:
 
 
 COMPILED_MPC, TO_GOAL = "flat + compiled MPC", "MPC to the goal"
+YIELD = "operator, drives yield"
 TIME, SWING, FASTEST = "least time + LQR", "least swing + LQR", "fastest flat + LQR"
 
 STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
@@ -363,7 +364,7 @@ STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
     "operator, ZVD": _shaped(zvd()),
     "operator, EI": _shaped(ei()),
     "operator, ZV for a moving cable": _shaped_hoisting,
-    "operator, drives yield": _damped,
+    YIELD: _damped,
 }
 """Plans by name. The spline alone and the operator have drives that follow exactly, as stiff
 velocity-controlled drives do. The setpoint of the MPC to the goal is the goal from the start: it
