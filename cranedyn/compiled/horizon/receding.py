@@ -50,7 +50,7 @@ _STAGES = 200
 TAUT = 0.1
 """Least tension of the rope, as a share of the payload's weight."""
 
-PAYLOAD_ERRORS = (0.1, 0.3)
+PAYLOAD_ERRORS = (0.22, 0.17)
 """Errors of the payload's place [m] and rate [m/s] that weigh alike, ours."""
 
 ERROR = {"revolute": 0.1, "prismatic": 1.0}
