@@ -19,4 +19,11 @@ mv "$work/lift-28s.png" docs/lift.png
 mv "$work/lift/site_tower.png" docs/lift_site.png
 "$python" -m experiments.sweep --out "$work/sweep"
 mv "$work/sweep/sweep_map.png" "$work/sweep/sweep_timing.png" docs/
+"$python" -m experiments.sweep --drive velocity --durations 3 --out "$work/sweep_velocity"
+mv "$work/sweep_velocity/sweep_map.png" docs/sweep_map_velocity.png
+for drive in ideal velocity; do
+  "$python" -m experiments.sweep --cases 1000 --drive $drive --out "$work/drawn_$drive"
+done
+mv "$work/drawn_ideal/sweep_map.png" docs/sweep_drawn_map.png
+mv "$work/drawn_velocity/sweep_map.png" docs/sweep_drawn_velocity_map.png
 rm -r "$work"

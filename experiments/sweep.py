@@ -1,5 +1,5 @@
 """Sweep: a hundred thousand moves by cranes that are not quite those planned for; how much swing
-each strategy leaves.
+each strategy leaves, and how often it fails.
 """
 
 from __future__ import annotations
@@ -17,34 +17,42 @@ from cranedyn.sweep.cluster import tls
 from cranedyn.sweep.limits import check_memory
 from experiments import harness
 from experiments.harness.progress import watching
-from experiments.scenarios.robustness import AFTER, COMBINED, STRATEGIES, robustness
+from experiments.scenarios.drawn import DRAWN, drawn
+from experiments.scenarios.robustness import AFTER, COMBINED, IDEAL, SWEPT, robustness
 from experiments.scenarios.strategies import FLAT, PAPER, PD
-from experiments.sweep_figures import map_figure, timing_figure
+from experiments.sweep_drawn import drawn_claims, drawn_tables
+from experiments.sweep_figures import drawn_figure, map_figure, timing_figure
 
 LOADS, CABLES, DURATIONS = (0.5, 1.5), (-1.5, 1.5), (13.0, 35.0)
 """Ranges: mass of the payload over that planned for, length of the cable less that measured [m],
 time for the move [s]."""
 
-_COLUMNS = 7
+_COLUMNS = 8
 """Of the design."""
 
 _MOST = 10**9
-"""Points, durations or workers that are asked for."""
+"""Points, durations, cases or workers that are asked for."""
+
+_CHUNK = 512
+"""Drawn cases that a process computes at once."""
+
+_SEED = 1
 
 Columns = Mapping[str, np.ndarray]
 
 
-def design(setup: harness.Setup, points: int, durations: int) -> Design:
+def design(setup: harness.Setup, points: int, durations: int, drive: str = IDEAL) -> Design:
     """Every strategy with every duration, each on a square of loads and cables; cases of one plan
     stand together.
 
     Raises:
         DataError: If the table would not fit the memory, told before any of it is made.
     """
-    cases = len(STRATEGIES) * durations * points**2
+    cases = len(SWEPT) * durations * points**2
     check_memory(f"A design of {cases} cases", 8.0 * _COLUMNS * float(min(cases, 10**300)))
     plans = grid(
-        strategy=list(STRATEGIES),
+        strategy=list(SWEPT),
+        drive=drive,
         duration_s=_even(DURATIONS, durations),
         gravity_m_s2=setup.gravity,
         dt_s=setup.dt,
@@ -59,15 +67,15 @@ def _even(ends: tuple[float, float], count: int) -> list[float]:
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Run the sweep, or go on with it, and look at all of it."""
-    folder = options.folder / "cases"
+    folder, asked = options.folder / "cases", _asked(options, setup)
     tls_files = [options.tls_ca_file, options.tls_cert, options.tls_key]
     if any(tls_files) and not all(tls_files):
         raise DataError("TLS needs --tls-ca-file, --tls-cert and --tls-key, all three of them.")
     end = sweep(
         robustness,
-        design(setup, options.points, options.durations),
+        asked,
         folder,
-        chunk=options.points**2,
+        chunk=_CHUNK if options.cases else options.points**2,
         workers=options.workers,
         scheduler=options.scheduler,
         security=tls(*tls_files) if all(tls_files) else None,
@@ -76,22 +84,43 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     )
     table = results(folder)
     found = {name: table[name].to_numpy() for name in table.column_names}
+    parameters = replace(setup, validity="mark").parameters() | {
+        "drive": options.drive,
+        "cases": end.cases,
+    }
+    if options.cases:
+        return harness.Outcome(
+            tables=drawn_tables(found, options.drive),
+            claims=drawn_claims(found, options.drive, end.errors),
+            parameters=parameters | {"seed": options.seed},
+            figures={"sweep_map": drawn_figure(found)},
+        )
     return harness.Outcome(
-        tables=[_strategies(found)],
+        tables=[_strategies(found, options.drive)],
         claims=_claims(found, end.errors),
-        parameters={
-            **replace(setup, validity="mark").parameters(),
-            "points": options.points,
-            "durations": options.durations,
-            "cases": end.cases,
-        },
+        parameters=parameters | {"points": options.points, "durations": options.durations},
         figures={"sweep_map": map_figure(found), "sweep_timing": timing_figure(found)},
     )
 
 
-def _strategies(found: Columns) -> harness.Table:
+def _asked(options: argparse.Namespace, setup: harness.Setup) -> Design:
+    """The cases that are asked for.
+
+    Raises:
+        DataError: If an argument has no effect, or the table would not fit the memory.
+    """
+    if options.cases:
+        only = options.only or DRAWN
+        return drawn(setup, only, options.drive, options.cases, options.seed)
+    for name, given in (("only", options.only), ("seed", options.seed != _SEED)):
+        if given:
+            raise DataError(f"--{name} has no effect without --cases; leave it out.")
+    return design(setup, options.points, options.durations, options.drive)
+
+
+def _strategies(found: Columns, drive: str) -> harness.Table:
     rows = []
-    for strategy in STRATEGIES:
+    for strategy in SWEPT:
         mine = found["strategy"] == strategy
         left, peak, off = (
             found[name][mine] for name in ("residual_swing_rad", "peak_swing_rad", "off_goal_m")
@@ -121,10 +150,14 @@ def _strategies(found: Columns) -> harness.Table:
         f"{LOADS[0]:g} to {LOADS[1]:g} times that "
         f"planned for, cables up to {CABLES[1]:g} m longer or shorter than measured, times for the "
         f"move {DURATIONS[0]:g} to "
-        f"{DURATIONS[1]:g} s. Strategies without a controller in their name have drives that "
-        "follow exactly."
+        f"{DURATIONS[1]:g} s. "
+    ) + (
+        "Strategies without a controller in their name have drives that follow exactly."
+        if drive == IDEAL
+        else "All drives have typical frequency converters."
     )
-    return harness.Table(f"Swing left by {len(found['case']):,} moves", columns, rows, note)
+    where = "" if drive == IDEAL else " on velocity drives"
+    return harness.Table(f"Swing left by {len(found['case']):,} moves{where}", columns, rows, note)
 
 
 def _claims(found: Columns, errors: int) -> list[harness.Claim]:
@@ -132,7 +165,7 @@ def _claims(found: Columns, errors: int) -> list[harness.Claim]:
         strategy: found["residual_swing_rad"][found["strategy"] == strategy].reshape(
             len(np.unique(found["duration_s"])), -1
         )
-        for strategy in STRATEGIES
+        for strategy in SWEPT
     }
     others = np.array([swing for strategy, swing in left.items() if strategy != FLAT])
     return [
@@ -172,6 +205,31 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--durations", type=_count, default=13, metavar="N", help="times for the move"
     )
     made.add_argument(
+        "--cases",
+        type=_count,
+        default=None,
+        metavar="N",
+        help="instead, N moves for each strategy that differ in load, cable, wind, noise and delay "
+        "of the sensors and lag of the drives, drawn at random",
+    )
+    made.add_argument(
+        "--only",
+        nargs="+",
+        choices=DRAWN,
+        metavar="STRATEGY",
+        help=f"of these cases only those of some strategies, of: {', '.join(DRAWN)}",
+    )
+    made.add_argument(
+        "--seed", type=int, default=_SEED, metavar="N", help="of the random numbers of these cases"
+    )
+    made.add_argument(
+        "--drive",
+        choices=(IDEAL, "velocity"),
+        default=IDEAL,
+        help="ideal: drives take what each strategy answers, efforts or accelerations; velocity: "
+        "all drives have frequency converters, which take rates",
+    )
+    made.add_argument(
         "--workers",
         type=_count,
         default=None,
@@ -204,6 +262,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     made.add_argument("--tls-cert", metavar="FILE", help="the certificate of this program")
     made.add_argument("--tls-key", metavar="FILE", help="its private key")
+    means = "workers", "limit", "scheduler", "tls_ca_file", "tls_cert", "tls_key"
+    harness.add_mode(made, "cases", "only", "seed", "drive", "engine", *means)
     return harness.conduct(made, experiment, argv)
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from scipy.stats import binned_statistic_2d
 
 from cranedyn.plotting.figures import panels
 from experiments.scenarios.colours import strategy_colour
+from experiments.scenarios.drawn import RANGES
 
 Columns = Mapping[str, np.ndarray]
 
@@ -19,29 +22,63 @@ def map_figure(found: Columns) -> Figure:
     durations = np.unique(found["duration_s"])
     here = found["duration_s"] == durations[len(durations) // 2]
     left = 1e3 * found["residual_swing_rad"][here]
-    norm = LogNorm(np.nanmin(left), np.nanmax(left))
-    strategies = list(dict.fromkeys(found["strategy"].tolist()))
-    rows = -(-len(strategies) // 4)
-    figure, axes = panels(rows, 4, height=2.6, width=11.0, sharex=True, sharey=True)
-    for ax, strategy in zip(axes, strategies, strict=False):
+    maps = {}
+    for strategy in dict.fromkeys(found["strategy"].tolist()):
         mine = found["strategy"][here] == strategy
         loads, cables = (np.unique(found[name][here][mine]) for name in ("load", "cable_error_m"))
-        drawn = ax.pcolormesh(
-            cables,
-            loads,
-            left[mine].reshape(len(loads), len(cables)),
-            norm=norm,
-            cmap="viridis",
-            rasterized=True,
+        maps[strategy] = _Map(cables, loads, left[mine].reshape(len(loads), len(cables)))
+    seconds = f"{durations[len(durations) // 2]:.3g} s"
+    return _maps(maps, f"swing left of a move in {seconds} [mrad]")
+
+
+_CELLS = 12
+"""Of a map of drawn cases, on each side."""
+
+
+def drawn_figure(found: Columns) -> Figure:
+    """Residual swing of each strategy over load and cable, the median of the cases in each cell; a
+    cell in which most diverge, or none is, stays empty.
+    """
+    maps = {}
+    for strategy in dict.fromkeys(found["strategy"].tolist()):
+        mine = found["strategy"] == strategy
+        left = 1e3 * found["residual_swing_rad"][mine]
+        median, loads, cables, _ = binned_statistic_2d(
+            found["load"][mine],
+            found["cable_error_m"][mine],
+            np.where(np.isfinite(left), left, np.inf),
+            statistic="median",
+            bins=_CELLS,
+            range=[RANGES["load"], RANGES["cable_error_m"]],
         )
+        across, up = ((edges[1:] + edges[:-1]) / 2.0 for edges in (cables, loads))
+        maps[strategy] = _Map(across, up, np.where(np.isfinite(median), median, np.nan))
+    return _maps(maps, "median of the swing left [mrad]")
+
+
+class _Map(NamedTuple):
+    """Swing left [mrad], shape (loads, cables), over errors of the cable [m] and loads."""
+
+    cables: np.ndarray
+    loads: np.ndarray
+    left: np.ndarray
+
+
+def _maps(maps: Mapping[str, _Map], label: str) -> Figure:
+    """A panel for each strategy, all on one scale."""
+    known = np.concatenate([one.left[np.isfinite(one.left)] for one in maps.values()])
+    norm = LogNorm(known.min(), known.max()) if len(known) else LogNorm(1.0, 10.0)
+    rows = -(-len(maps) // 4)
+    figure, axes = panels(rows, 4, height=2.6, width=11.0, sharex=True, sharey=True)
+    for ax, (strategy, one) in zip(axes, maps.items(), strict=False):
+        drawn = ax.pcolormesh(*one, norm=norm, cmap="viridis", rasterized=True)
         ax.set_title(strategy, fontsize=10.0)
         ax.grid(visible=False)
-    for ax in axes[len(strategies) :]:
+    for ax in axes[len(maps) :]:
         ax.set_axis_off()
     figure.supxlabel("cable longer than measured by [m]", fontsize=11.0)
     figure.supylabel("payload over that planned for", fontsize=11.0)
-    seconds = f"{durations[len(durations) // 2]:.3g} s"
-    figure.colorbar(drawn, ax=axes, label=f"swing left of a move in {seconds} [mrad]")
+    figure.colorbar(drawn, ax=axes, label=label)
     return figure
 
 

@@ -278,7 +278,9 @@ def _batch(rng: np.random.Generator) -> Call:
     how["start"] = State(_maybe(rng, q, often), _maybe(rng, np.zeros((n, joints)), often))
     if rng.random() < 0.3:
         how["force"] = _maybe(rng, rng.normal(size=(n, int(rng.integers(1, 9)), 3 * points)), often)
-        how["sensor_offset"] = _maybe(rng, np.zeros((n, 2 * joints)), often)
+        noise = np.zeros((n, 2 * joints) if rng.random() < 0.5 else (n, 3, 2 * joints))
+        how["sensor_offset"] = _maybe(rng, noise, often)
+        how["sensor_delay"] = rng.integers(0, 9, n).tolist()
     else:
         how["record"] = int(rng.choice([0, 1, 3, 10**30]))
     one = rng.random() < 0.5

@@ -89,6 +89,7 @@ def simulate_batch(
     drive: Drive = "effort",
     force: np.ndarray | None = None,
     sensor_offset: np.ndarray | None = None,
+    sensor_delay: int | Sequence[int] = 0,
     buffers: bool = False,
     integrator: Integrator = semi_implicit_euler,
     residual_from: float | None = None,
@@ -119,7 +120,10 @@ def simulate_batch(
             shape (rows, 3 points) for all or (cranes, rows, 3 points); beyond its end the last row
             holds. Wind that depends on how the load moves needs `simulate`.
         sensor_offset: What the sensors add to coordinates and rates, shape (2 n,) for all or
-            (cranes, 2 n).
+            (cranes, 2 n); with noise, at each control instant, shape (cranes, rows, 2 n), beyond
+            its end the last row.
+        sensor_delay: How many control periods late controllers see what sensors show, one for all
+            or one for each crane, 1000 at most; until as many have passed they see the first.
         buffers: Whether buffers end the ranges of the drives.
         integrator: The stepping rule.
         residual_from: When swing begins to count as residual [s], within the run; by default at its
@@ -166,18 +170,16 @@ def simulate_batch(
     layout = inputs.one_layout(distinct)
     response, late = inputs.response(distinct[0], drive, converters, clock)
     sizes = Sizes.of(layout, late)
-    taken = inputs.fits(sizes, cranes, rows, clock.periods, 0 if sensor_offset is None else sizes.z)
+    delays, remembered = inputs.delays(sensor_delay, cranes)
+    taken = inputs.fits(sizes, cranes, rows, clock.periods, remembered * sizes.z)
     state = inputs.starts(start, cranes, sizes.n)
-    offsets = (
-        None
-        if sensor_offset is None
-        else inputs.rows("sensor_offset", sensor_offset, cranes, sizes.z)
-    )
     times = since + control_period * np.arange(clock.periods + 1)
-    control, forces = (
-        inputs.control(distinct[0], controller, reference, state, fixed(times), taken),
+    forces, offsets = (
         inputs.forces(force, cranes, sizes),
+        inputs.offsets(sensor_offset, cranes, sizes),
     )
+    taken += sum(table.rows.size for table in (forces, *offsets))
+    control = inputs.control(distinct[0], controller, reference, state, fixed(times), taken)
     if control.planned is not None and device == "cuda":
         raise OutOfRange("device", device, "cpu where the controller is a predictive one")
     recipe = Recipe(
@@ -186,20 +188,21 @@ def simulate_batch(
         integrator,
         buffers,
         integral=control.integrates,
-        offset=offsets is not None,
+        offset=len(offsets) > 0,
         forces=force is not None,
-        shared=(control.law.shared, control.aim.shared, forces.shared),
+        shared=tuple(one.shared for one in (control.law, control.aim, forces, *offsets)),
         log=rows > 0,
         summary=True,
         late=late,
         programme=None if control.planned is None else control.planned.programme,
+        delayed=remembered > 0,
         threads=device == "cuda",
     )
     if response is not None and len(response) > 1:  # numbers of their own: of crane and converter
         distinct, which, response = inputs.paired(distinct, which, response)
     code, varied = compiled(distinct, recipe, response)
     inputs.fit("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
-    tables = (control.law, control.aim, forces)
+    tables = (control.law, control.aim, forces, *offsets)
     memory = {
         "state": grouped(
             [
@@ -222,8 +225,9 @@ def simulate_batch(
         ),
     }
     memory["log"] = np.empty((len(memory["state"]), rows * size(sizes.row), lanes))
-    if offsets is not None:
-        memory["offset"] = grouped([offsets], lanes)
+    if remembered:
+        memory["delay"] = grouped([delays[:, None]], lanes, np.int64)
+        memory["readings"] = np.zeros((len(memory["state"]), remembered * sizes.z, lanes))
     if control.planned is not None:
         memory["horizon"] = _horizon(control.planned, drive, since, clock, len(memory["state"]))
         inputs.fit("number of cranes", str(cranes), taken + memory["horizon"].size)
@@ -237,6 +241,7 @@ def simulate_batch(
         end=clock.periods,
         every=max(every, 1),
         after=after,
+        remembered=remembered,
         **memory,
     )
     if device == "cuda":

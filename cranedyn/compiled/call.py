@@ -73,6 +73,11 @@ class Sizes:
         return {"force": 3 * self.points}
 
     @property
+    def offset(self) -> Parts:
+        """One row of what sensors add to coordinates and rates."""
+        return {"reading": self.z}
+
+    @property
     def row(self) -> Parts:
         """One row of the log; cut is 1 where a converter was told more than its largest rate."""
         found = {
@@ -128,6 +133,8 @@ CALL = {
         "aim",
         "force",
         "starts",
+        "delay",
+        "readings",
         "log",
         "summary",
         "horizon",
@@ -136,6 +143,8 @@ CALL = {
         "law_rows",
         "aim_rows",
         "force_rows",
+        "offset_rows",
+        "remembered",
         "first",
         "last",
         "end",
@@ -148,8 +157,9 @@ CALL = {
     DOUBLE: ("dt", "period"),
 }
 """What a call of the loop gives, eight bytes each. Addresses: memory of a group of lanes, tables,
-where each lane's tables start [rows], memory of a predictive controller.
-Whole numbers: rows of the tables; control instants from the
+where each lane's tables start [rows], by how many control periods each lane's sensors are late and
+the readings that they keep for it, memory of a predictive controller.
+Whole numbers: rows of the tables; how many readings are kept; control instants from the
 first up to, but without, the last, of which that at the end is not followed by steps; steps in a
 period; small steps in a step where buffers act; instants for a row of the log; instant from which a
 swing is residual; 1 where the first instant was begun before and goes on with steps, else 0. Times

@@ -173,12 +173,13 @@ class Loop:
         self,
         code: Kernel,
         clock: Clocks,
-        tables: tuple[Table, Table, Table],
+        tables: Sequence[Table],
         *,
         last: int,
         end: int,
         every: int = 1,
         after: int = 0,
+        remembered: int = 0,
         **memory: np.ndarray,
     ) -> None:
         """Look at everything and take the addresses.
@@ -186,13 +187,15 @@ class Loop:
         Args:
             code: The code.
             clock: How the run is divided.
-            tables: Of controllers, of what they are about, of forces.
+            tables: Of controllers, of what they are about, of forces, and of what sensors add, as
+                far as the code has them.
             last: Control instants to go through, from 0 up to, but without, this one.
             end: The instant that is not followed by steps.
             every: Control instants for a row of the log.
             after: Instant from which a swing is residual.
-            memory: What belongs to each group, the group first: state, numbers, offset, starts of
-                the tables, summary, log, as far as the code has them.
+            remembered: Readings that late sensors keep.
+            memory: What belongs to each group, the group first: state, numbers, starts of the
+                tables, delay and readings of sensors, summary, log, as far as the code has them.
 
         Raises:
             OutOfRange: If an array is not what the code takes it for, or a number is not finite.
@@ -213,6 +216,7 @@ class Loop:
             "small": small,
             "every": whole("every", every, 1),
             "after": whole("after", after, 0),
+            "remembered": whole("remembered", remembered, int(recipe.delayed)),
         }
         for name, count in counts.items():
             self._call[SLOTS[name]] = count
@@ -222,7 +226,7 @@ class Loop:
         widths = {
             "state": size(sizes.state),
             "numbers": code.varied,
-            "offset": sizes.z * recipe.offset,
+            "readings": remembered * sizes.z * recipe.delayed,
             "summary": size(sizes.summary) * recipe.summary,
             "log": rows * size(sizes.row) * recipe.log,
         }
@@ -232,11 +236,16 @@ class Loop:
                     name,
                     memory[name],
                     (self._groups, width, lanes),
-                    written=name in ("state", "summary", "log"),
+                    written=name in ("state", "readings", "summary", "log"),
                 )
-        for name in ("numbers", "offset"):
-            if widths[name]:
-                _known(name, memory[name], infinite=name == "numbers")
+        if widths["numbers"]:
+            _known("numbers", memory["numbers"], infinite=True)
+        if recipe.delayed:
+            self._bind("delay", memory["delay"], (self._groups, 1, lanes), np.int64)
+            first, final = int(memory["delay"].min()), int(memory["delay"].max())
+            if first < 0 or final >= remembered:
+                allowed = f"0 to {remembered - 1}"
+                raise OutOfRange("delay", f"{first} to {final}", allowed, "control periods")
         if recipe.programme is not None:
             self._bind(
                 "horizon",
@@ -245,13 +254,12 @@ class Loop:
                 written=True,
             )
         if not all(recipe.shared):
-            self._bind("starts", memory["starts"], (self._groups, 3, lanes), np.int64)
-        for i, (name, parts) in enumerate(
-            {"law": sizes.law, "aim": sizes.aim, "force": sizes.force}.items()
-        ):
-            self._bind_table(
-                name, tables[i], size(parts), None if recipe.shared[i] else memory["starts"][:, i]
-            )
+            shape = self._groups, len(recipe.shared), lanes
+            self._bind("starts", memory["starts"], shape, np.int64)
+        columns = {"law": sizes.law, "aim": sizes.aim, "force": sizes.force, "offset": sizes.offset}
+        known = zip(columns.items(), tables, recipe.shared, strict=False)
+        for i, ((name, parts), table, shared) in enumerate(known):
+            self._bind_table(name, table, size(parts), None if shared else memory["starts"][:, i])
 
     def _bind(
         self,

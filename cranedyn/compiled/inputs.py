@@ -16,7 +16,7 @@ from cranedyn.controllers.affine import Affine, form
 from cranedyn.dynamics.converters import fitting
 from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.plant import Topology
-from cranedyn.errors import CraneError, Misshapen, OutOfRange
+from cranedyn.errors import CraneError, Misshapen, OutOfRange, whole, within
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
@@ -25,6 +25,9 @@ from cranedyn.references.tabulated import owned, tabulated
 
 _LARGEST = 4e9
 """Memory that a batch may take, tables and records among it [byte]."""
+
+_LATEST = 1000
+"""Control periods by which a sensor may be late."""
 
 _CRANE, _PAIR = 48, 250
 """Numbers kept of each crane, and of each controller with each reference besides their tables:
@@ -322,6 +325,41 @@ def forces(force: Any, cranes: int, sizes: Sizes) -> Table:
     each = found.shape[-2]
     starts = each * np.arange(cranes) if found.ndim == 3 else np.broadcast_to(0, cranes)
     return Table(np.ascontiguousarray(found.reshape(-1, columns)), each, starts)
+
+
+def offsets(offset: Any, cranes: int, sizes: Sizes) -> tuple[Table, ...]:
+    """A table of what sensors add to coordinates and rates, shape (2 n,) for all cranes, (cranes,
+    2 n) or, by control instant, (cranes, rows, 2 n); no table for None.
+
+    Raises:
+        OutOfRange: If they have another shape, or one is not finite.
+    """
+    if offset is None:
+        return ()
+    z = sizes.z
+    found = finite("sensor_offset", offset, (z,), (cranes, z), (cranes, "m", z))
+    if not found.size:
+        raise Misshapen("sensor_offset", f"an array of shape {found.shape}", "one with a row")
+    each = found.shape[1] if found.ndim == 3 else 1
+    starts = each * np.arange(cranes) if found.ndim > 1 else np.broadcast_to(0, cranes)
+    return (Table(np.ascontiguousarray(found.reshape(-1, z), dtype=float), each, starts),)
+
+
+def delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:
+    """By how many control periods the sensors of each crane are late, shape (cranes,), and how
+    many readings are kept for it; none where no sensor is late.
+
+    Raises:
+        OutOfRange: If one is not a whole number from 0 to 1000, or there are not as many as cranes.
+    """
+    many = isinstance(delay, Sequence | np.ndarray) and not isinstance(delay, str | bytes)
+    given = delay if many else [delay]
+    if many and len(given) != cranes:
+        raise OutOfRange("number of sensor delays", len(given), f"{cranes}, or one alone for all")
+    name, unit = "sensor_delay", "control periods"
+    found = [within(name, whole(name, one, 0, unit), 0, _LATEST, unit) for one in given]
+    kept = int(max(found)) + 1 if max(found) > 0 else 0
+    return np.broadcast_to(np.array(found, dtype=np.int64), (cranes,)), kept
 
 
 def fits(sizes: Sizes, cranes: int, instants: int, periods: int, more: int) -> int:

@@ -33,15 +33,17 @@ class Recipe:
         integrator: The stepping rule.
         buffers: Whether there are buffers at the ends of the ranges.
         integral: Whether the controller integrates.
-        offset: Whether the sensors are wrong by an offset.
+        offset: Whether the sensors add something to what they measure.
         forces: Whether there are forces from outside.
-        shared: Whether all lanes have one controller, one aim, the same forces.
+        shared: Whether all lanes have one controller, one aim, the same forces, and, where sensors
+            add something, the same of it.
         log, summary: Whether rows are recorded, and whether a summary is kept.
         late: By how many control periods frequency converters hear commands late; None for drives
             without.
         turns: Steps over which sines and cosines are carried along; with 1 a motion is the same to
             the bit whatever control periods it is made of.
         programme: Of a predictive controller; None for one that is affine in the state.
+        delayed: Whether the sensors are late.
         threads: Whether each lane is a thread with plain doubles, as on a GPU, instead of a part of
             a vector.
     """
@@ -53,12 +55,13 @@ class Recipe:
     integral: bool
     offset: bool
     forces: bool
-    shared: tuple[bool, bool, bool]
+    shared: tuple[bool, ...]
     log: bool
     summary: bool
     late: int | None = None
     turns: int = TURNS
     programme: Programme | None = None
+    delayed: bool = False
     threads: bool = False
 
 
@@ -387,9 +390,9 @@ class _Loop:
         )
         z = np.concatenate([q, v])
         if self.recipe.offset:
-            z = z + array(
-                [code.load(self.given["offset"], i * code.apart) for i in range(self.sizes.z)]
-            )
+            z = z + self._row(3, "offset", self.sizes.offset, instant)["reading"]
+        if self.recipe.delayed:
+            z = self._late(instant, z)
         if self.recipe.programme is not None:
             control = Control(code, self.recipe.programme, self.given["horizon"])
             row, due = control.counted()
@@ -413,6 +416,30 @@ class _Loop:
             command[i] = command[i] + law["integral_gain"][i] * integrals[i]
         self._set("integral", integrals)
         return command
+
+    def _late(self, instant: ir.Value, z: np.ndarray) -> np.ndarray:
+        """The reading that late sensors show when they take another one, shape (2 n,)."""
+        code, build, kept = self.code, self.code.builder, self.given["remembered"]
+        width = self.sizes.z
+
+        def place(count: ir.Value, i: int) -> ir.Value:
+            first = code.product(build.srem(count, kept), width * code.apart)
+            return build.add(first, code.integer(i * code.apart))
+
+        for i, value in enumerate(z):
+            code.store(value, self.given["readings"], place(instant, i))
+        lanes = range(code.lanes)
+        delays = [code.load_one(self.given["delay"], lane, INTEGER) for lane in lanes]
+        seen = [code.most(build.sub(instant, delay), code.integer(0)) for delay in delays]
+        return array(
+            [
+                code.gathered(
+                    self.given["readings"],
+                    [build.add(place(seen[lane], i), code.integer(lane)) for lane in lanes],
+                )
+                for i in range(width)
+            ]
+        )
 
     def _log(self, instant: ir.Value, row: Sequence[Any]) -> None:
         code, every = self.code, self.given["every"]

@@ -20,7 +20,7 @@ WARP = 32
 THREAD = ("run_one", "answer_one")
 """The functions of one thread: the loop, and accelerations at one state."""
 
-MOVING = ("state", "numbers", "offset", "starts", "log", "summary")
+MOVING = ("state", "numbers", "starts", "delay", "readings", "log", "summary")
 """Of the addresses in a call those at which each group has memory of its own."""
 
 KINDS = {name: kind for kind, names in CALL.items() for name in names}

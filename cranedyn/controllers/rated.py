@@ -182,7 +182,7 @@ def rated(
     period = number("control_period", control_period, "s", "> 0")
     made = fitting(crane, "velocity", converters)
     assert made is not None
-    lead = _Lead(made, (made.late(0.0, period) + 0.5) * period, period)
+    lead = _Lead(made, made.ahead(period), period)
     if isinstance(controller, Hold):
         for damping in controller.damping.tolist():
             number("damping of a brake that is told by rates", damping, "", "> 0")

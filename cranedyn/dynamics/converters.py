@@ -260,6 +260,14 @@ class Converters:
             )
         return late
 
+    def ahead(self, control_period: float) -> float:
+        """From a command to the middle of the time for which it holds [s].
+
+        Raises:
+            OutOfRange: As `late`.
+        """
+        return (self.late(0.0, control_period) + 0.5) * control_period
+
     def of(self, crane: Crane) -> Converters:
         """The same, if there is one for each drive of a crane.
 

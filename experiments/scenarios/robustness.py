@@ -1,17 +1,24 @@
-"""What a chunk of the sweep is: one strategy for the combined move, planned once, by many cranes
+"""What a chunk of the sweep is: strategies for the combined move, planned once each, by many cranes
 that are not quite those planned for.
 """
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from cranedyn.compiled.batch import simulate_batch
+from cranedyn.analysis.swing import swing_amplitude
+from cranedyn.compiled.batch import Batch, simulate_batch
+from cranedyn.controllers.sensed import noise_of
+from cranedyn.disturbances.wind import AIR_DENSITY
+from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.pinocchio import payload_position
+from cranedyn.dynamics.validity import hoisting, valid
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references.shaped import Shaper, shaped, shaped_hoisting, zv, zvd
@@ -25,6 +32,9 @@ COMBINED = MOVES[-1]
 
 AFTER = 10.0
 """How long after the arrival the residual swing is looked at [s]."""
+
+DRAG = 5.0
+"""Drag coefficient times area of the load [m²], as in `compare`."""
 
 CLOCKS = ("gravity_m_s2", "dt_s", "control_period_s")
 """Columns of a design that say in which world it takes place, the same in every case."""
@@ -57,7 +67,7 @@ def _shaped_for_moving_cable(setup: Setup, move: Move) -> strategies.Plan:
     return strategies.followed(setup, reference, move.duration)
 
 
-STRATEGIES: dict[str, Callable[[Setup, Move], strategies.Plan]] = {
+SWEPT: dict[str, Callable[[Setup, Move], strategies.Plan]] = {
     strategies.PD: strategies.STRATEGIES[strategies.PD],
     "spline alone": strategies.STRATEGIES["spline alone"],
     "spline, ZV": _shaped_spline(zv()),
@@ -70,42 +80,86 @@ STRATEGIES: dict[str, Callable[[Setup, Move], strategies.Plan]] = {
 """Plans by name. Those without a controller in their name have drives that follow exactly, as stiff
 velocity-controlled drives do."""
 
+STRATEGIES = strategies.STRATEGIES | SWEPT
+"""All plans that there are."""
 
-def robustness(cases: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+IDEAL = "ideal"
+"""Drives that take what each strategy answers."""
+
+
+_TOGETHER, _ROWS = 128, 0.05
+"""Moves in a batch whose sensors have noise, of which each needs some MB; time between the instants
+at which those are looked at [s]."""
+
+Cases = Mapping[str, np.ndarray]
+
+
+def robustness(cases: Cases) -> dict[str, np.ndarray]:
     """Make moves and see what is left of them; a study for `cranedyn.sweep`.
 
     Args:
         cases: Columns ``strategy``; ``duration_s`` planned for the move; ``load``, mass of the
             payload over that planned for; ``cable_error_m``, by how much the cable is longer than
-            measured; and those of `CLOCKS`.
+            measured; those of `CLOCKS`. Where there are: ``drive``, "ideal" or "velocity"; and of
+            moves that are drawn, those of `experiments.scenarios.drawn.drawn`.
 
     Returns:
         Columns: largest swing and amplitude of the swing 10 s after the arrival [rad]; distance of
         the payload from its goal then [m]; largest efforts over those of the drives; time at which
-        the model ceased to hold [s], masked where it held.
+        the model ceased to hold or drives could not follow [s], masked where that did not come. Of
+        moves that are drawn also the amplitude at the arrival [rad], whether a range was left or
+        the rope went slack (1 or 0), and the processor time of the case [s]; of a crane that
+        diverged what is not finite is masked.
     """
     gravity, dt, control_period = (float(cases[name][0]) for name in CLOCKS)
     setup = Setup(gravity, dt=dt, control_period=control_period)
+    count = len(cases["strategy"])
+    drives = cases.get("drive", np.full(count, IDEAL))
+    kinds = list(
+        zip(cases["strategy"].tolist(), cases["duration_s"].tolist(), drives.tolist(), strict=True)
+    )
     found: dict[str, np.ndarray] = {}
-    plans = np.stack([cases["strategy"].astype(object), cases["duration_s"].astype(object)], axis=1)
-    for strategy, duration in dict.fromkeys(map(tuple, plans.tolist())):
-        rows = np.flatnonzero((cases["strategy"] == strategy) & (cases["duration_s"] == duration))
-        made = _made(setup, strategy, duration, cases["load"][rows], cases["cable_error_m"][rows])
-        for name, values in made.items():
-            found.setdefault(name, np.ma.masked_all(len(plans)))[rows] = values
+    for kind in dict.fromkeys(kinds):
+        rows = np.array([row for row, other in enumerate(kinds) if other == kind])
+        parts = math.ceil(len(rows) / _TOGETHER) if "noise" in cases else 1
+        for part in np.array_split(rows, parts):
+            mine = {name: column[part] for name, column in cases.items()}
+            for name, values in _made(setup, *_planned(gravity, dt, control_period, *kind), mine):
+                found.setdefault(name, np.ma.masked_all(count))[part] = values
     return found
 
 
-def _made(
-    setup: Setup, strategy: str, duration: float, loads: np.ndarray, errors: np.ndarray
-) -> dict[str, np.ndarray]:
+@lru_cache(maxsize=64)
+def _planned(
+    gravity: float, dt: float, control_period: float, strategy: str, duration: float, drive: str
+) -> tuple[strategies.Plan, Move]:
+    """What a strategy plans, once for all chunks of a process."""
+    setup = Setup(gravity, dt=dt, control_period=control_period)
     move = replace(COMBINED, duration=duration)
     plan = STRATEGIES[strategy](setup, move)
-    cranes = [_crane(setup.gravity, float(load) * setup.crane.payload_mass) for load in loads]
+    return (plan if drive == IDEAL else strategies.on_converters(setup, plan)), move
+
+
+def arrival(setup: Setup, plan: strategies.Plan, move: Move) -> float:
+    """When a move counts as arrived [s]: in the time given for it where the plan says none."""
+    return strategies.instant(setup, plan.arrives or move.duration)
+
+
+def _made(
+    setup: Setup, plan: strategies.Plan, move: Move, cases: Cases
+) -> list[tuple[str, np.ndarray]]:
+    """Moves by one plan, all at once: columns of what came of them."""
+    began = time.process_time()
+    masses = (cases["load"] * setup.crane.payload_mass).tolist()
+    cranes = [_crane(setup.gravity, mass) for mass in masses]
+    errors, drawn = cases["cable_error_m"], "noise" in cases
     start, goal = (_longer(setup.crane, end, errors) for end in move.ends(setup.crane))
-    offset = np.zeros((len(errors), 2 * setup.crane.layout.n))
-    offset[:, setup.crane.layout.index("l")] = -errors
-    ends = strategies.instant(setup, plan.arrives + AFTER)
+    arrives = arrival(setup, plan, move)
+    ends = strategies.instant(setup, arrives + AFTER)
+    times = setup.control_period * np.arange(round(ends / setup.control_period) + 1)
+    every = max(1, round(_ROWS / setup.control_period))
+    if plan.drive == "motion":  # drives that follow exactly know where they are
+        cases = {name: part for name, part in cases.items() if name not in _SENSORS}
     batch = simulate_batch(
         cranes,
         plan.controller(),
@@ -115,26 +169,105 @@ def _made(
         dt=setup.dt,
         control_period=setup.control_period,
         drive=plan.drive,
-        sensor_offset=offset,
+        force=gusts(setup.crane, cases, times) if drawn else None,
+        sensor_offset=readings(setup.crane, cases, len(times)),
+        sensor_delay=cases["delay"].astype(int).tolist() if "delay" in cases else 0,
+        converters=lagging(setup.crane, cases) if drawn and plan.drive == "velocity" else None,
+        record=every if drawn else 0,
         residual_from=ends,
         threads=1,
     )
-    places = zip(cranes, batch.end.q, goal.q, strict=True)
-    away = [
-        np.linalg.norm(payload_position(crane, q) - payload_position(crane, aim))
-        for crane, q, aim in places
+    found = [
+        ("peak_swing_rad", batch.peak_swing),
+        ("residual_swing_rad", batch.residual_swing),
+        ("off_goal_m", _away(cranes, batch.end.q, goal.q)),
     ]
     shares = batch.largest_effort / setup.crane.effort_limit
-    return {
-        "peak_swing_rad": batch.peak_swing,
-        "residual_swing_rad": batch.residual_swing,
-        "off_goal_m": np.array(away),
-        **{
-            f"{drive}_effort_share": shares[:, i]
-            for i, drive in enumerate(("slew", "trolley", "hoist"))
-        },
-        "valid_until_s": np.ma.masked_invalid(batch.valid_until),
-    }
+    found += [(f"{drive}_effort_share", shares[:, i]) for i, drive in enumerate(_DRIVES)]
+    found.append(("valid_until_s", batch.valid_until))
+    if drawn:
+        row = int(np.searchsorted(batch.t, arrives - 1e-9))
+        spent = (time.process_time() - began) / len(masses)
+        found += [
+            ("arrival_swing_rad", _amplitudes(setup.crane, batch, row)),
+            ("broken", 1.0 - _whole(setup.crane, batch)),
+            ("spent_s", np.full(len(masses), spent)),
+        ]
+    return [
+        (name, np.ma.masked_invalid(values) if drawn or name == "valid_until_s" else values)
+        for name, values in found
+    ]
+
+
+_DRIVES, _SENSORS = ("slew", "trolley", "hoist"), ("noise", "delay")
+
+
+def gusts(crane: Crane, cases: Cases, times: np.ndarray) -> np.ndarray:
+    """Forces of a gust on each load, of shape (1 - cos)/2, on a load that stands still [N], shape
+    (cranes, rows, 3 points).
+    """
+    since = (times - cases["gust_at_s"][:, None]) / cases["gust_lasts_s"][:, None]
+    shape = (1.0 - np.cos(2.0 * math.pi * since.clip(0.0, 1.0))) / 2.0
+    drag = 0.5 * AIR_DENSITY * DRAG * (cases["gust_m_s"][:, None] * shape) ** 2
+    first = 3 * crane.layout.points.index("payload")
+    force = np.zeros((*drag.shape, 3 * len(crane.points)))
+    force[..., first] = drag * np.cos(cases["gust_to_rad"])[:, None]
+    force[..., first + 1] = drag * np.sin(cases["gust_to_rad"])[:, None]
+    return force
+
+
+def readings(crane: Crane, cases: Cases, rows: int) -> np.ndarray:
+    """What sensors add to coordinates and rates: the error of the cable, shape (cranes, 2 n), and
+    noise if there is any, shape (cranes, rows, 2 n).
+    """
+    errors, hoist = cases["cable_error_m"], crane.layout.index("l")
+    if "noise" not in cases:
+        added = np.zeros((len(errors), 2 * crane.layout.n))
+    else:
+        sizes = noise_of(crane)
+        added = np.empty((len(errors), rows, len(sizes)))
+        for place, seed, number in zip(added, cases["seed"], cases["number"], strict=True):
+            bits = np.random.SFC64([int(seed), int(number)])
+            np.random.Generator(bits).standard_normal(out=place)
+        added *= cases["noise"][:, None, None] * sizes
+    added[..., hoist] -= errors.reshape(-1, *[1] * (added.ndim - 2))
+    return added
+
+
+def lagging(crane: Crane, cases: Cases) -> list[Converters]:
+    """Typical frequency converters with other lags, for each crane."""
+    typical = converters(crane)
+    return [replace(typical, lags=lag * typical.lags) for lag in cases["lag"].tolist()]
+
+
+def _away(cranes: list[Crane], ends: np.ndarray, goals: np.ndarray) -> np.ndarray:
+    """How far loads are from their goals [m]; not finite where a crane diverged."""
+    return np.array(
+        [
+            np.linalg.norm(payload_position(crane, q) - payload_position(crane, goal))
+            if np.isfinite(q).all()
+            else math.nan
+            for crane, q, goal in zip(cranes, ends, goals, strict=True)
+        ]
+    )
+
+
+def _amplitudes(crane: Crane, batch: Batch, row: int) -> np.ndarray:
+    """Amplitudes of the swing at a recorded row [rad], shape (cranes,)."""
+    q, v, swings = batch.q[:, row], batch.v[:, row], crane.swings
+    length = q[:, crane.layout.index("l")]
+    return swing_amplitude(q[:, swings], v[:, swings], length, crane.gravity)
+
+
+def _whole(crane: Crane, batch: Batch) -> np.ndarray:
+    """1 where all recorded rows are within the ranges, the rope taut and the load above the ground,
+    else 0, shape (cranes,).
+    """
+    rows = batch.q.shape[:2]
+    q, v, effort = (part.reshape(-1, part.shape[-1]) for part in (batch.q, batch.v, batch.effort))
+    with np.errstate(invalid="ignore"):
+        held = valid(crane, q, v, hoisting(crane, effort)).reshape(rows)
+    return held.all(axis=1).astype(float)
 
 
 def _longer(crane: Crane, state: State, by: np.ndarray) -> State:

@@ -41,6 +41,8 @@ class Plan(NamedTuple):
         motion: What a tracking controller goes by, None where there is none.
         uses_swing_sensor: Whether the controller needs the swing measured.
         softer: Makes a controller that is gentle enough for converters; None where the other is.
+        rates: Makes a controller for converters that answers rates by itself; None where they are
+            made of what the other answers.
     """
 
     controller: Callable[[], Controller]
@@ -50,12 +52,15 @@ class Plan(NamedTuple):
     motion: Motion | None = None
     uses_swing_sensor: bool = True
     softer: Callable[[], Controller] | None = None
+    rates: Callable[[], Controller] | None = None
 
 
 def on_converters(setup: harness.Setup, plan: Plan) -> Plan:
     """A plan for drives with typical frequency converters: what its controller answers becomes
     rates, see `cranedyn.controllers.rated`.
     """
+    if plan.rates:
+        return plan._replace(controller=plan.rates, drive="velocity")
 
     def made() -> Controller:
         return rated(
@@ -244,14 +249,19 @@ def _mpc(setup: harness.Setup, move: Move) -> Plan:
     )
 
 
-def _receding(setup: harness.Setup, motion: Motion | None, swing: float) -> Controller:
-    from cranedyn.compiled.horizon.receding import receding
+def _receding(
+    setup: harness.Setup, motion: Motion | None, swing: float, drive: Drive = "effort"
+) -> Controller:
+    from cranedyn.compiled.horizon.receding import INPUT, receding
 
+    usual = np.diag((INPUT * np.array(LIMITS.accelerations)) ** -2.0)
     return receding(
         setup.crane,
         LIMITS,
         motion=motion,
+        drive=drive,
         swing_limit=swing,
+        input_weight=SOFTER_PLAN * usual if drive == "velocity" else None,
         control_period=setup.control_period,
         period=mpc_period(setup),
         stage=setup.control_period * max(1, round(0.2 / setup.control_period)),
@@ -260,14 +270,26 @@ def _receding(setup: harness.Setup, motion: Motion | None, swing: float) -> Cont
 
 def _compiled_mpc(setup: harness.Setup, move: Move) -> Plan:
     motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
+    swing = math.pi / 4.0
     return Plan(
-        lambda: _receding(setup, motion, math.pi / 4.0), motion, "effort", motion.arrival, motion
+        lambda: _receding(setup, motion, swing),
+        motion,
+        "effort",
+        motion.arrival,
+        motion,
+        rates=lambda: _receding(setup, motion, swing, "velocity"),
     )
 
 
 def _to_goal(setup: harness.Setup, move: Move) -> Plan:
     goal = hold(setup.crane, move.ends(setup.crane)[1])
-    return Plan(lambda: _receding(setup, None, 0.1), goal, "effort", 0.0)
+    return Plan(
+        lambda: _receding(setup, None, 0.1),
+        goal,
+        "effort",
+        0.0,
+        rates=lambda: _receding(setup, None, 0.1, "velocity"),
+    )
 
 
 def _least_time(setup: harness.Setup, move: Move) -> Plan:
@@ -305,6 +327,10 @@ SOFTER = 30.0
 With the usual weights a swing of 0.1 rad asks for 40 times the accelerations that converters are
 set to; their limited jerk then comes too late, and the load is swung up."""
 
+SOFTER_PLAN = 1e3
+"""By how much more accelerations weigh in predictive control for drives with converters, whose
+limited jerk it does not know of, ours."""
+
 HOIST_INTEGRAL = 4.0e3
 """k_i of the hoist beside the LQR [N/(m s)], ours: with the LQR's k_p of about 1e4 N/m it takes 2.5
 s."""
@@ -318,6 +344,7 @@ def mpc_period(setup: harness.Setup) -> float:
 
 
 COMPILED_MPC, TO_GOAL = "flat + compiled MPC", "MPC to the goal"
+YIELD = "operator, drives yield"
 TIME, SWING, FASTEST = "least time + LQR", "least swing + LQR", "fastest flat + LQR"
 
 STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
@@ -337,7 +364,7 @@ STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
     "operator, ZVD": _shaped(zvd()),
     "operator, EI": _shaped(ei()),
     "operator, ZV for a moving cable": _shaped_hoisting,
-    "operator, drives yield": _damped,
+    YIELD: _damped,
 }
 """Plans by name. The spline alone and the operator have drives that follow exactly, as stiff
 velocity-controlled drives do. The setpoint of the MPC to the goal is the goal from the start: it

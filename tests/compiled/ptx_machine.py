@@ -69,6 +69,8 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "mad.lo.s64": _integers(lambda a, b, c: a * b + c),
     "div.s64": _integers(lambda a, b: np.sign(a) * np.sign(b) * (np.abs(a) // np.abs(b))),
     "div.u32": _integers(np.floor_divide),
+    "rem.s64": _integers(np.fmod),
+    "rem.u32": _integers(np.fmod),
     "min.s64": _integers(np.minimum),
     "max.s64": _integers(np.maximum),
     "shl.b64": np.left_shift,

@@ -23,6 +23,7 @@ from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.sensed import noise_of, sensed
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics import validity as validity
@@ -672,9 +673,9 @@ def test_ten_million_cranes_run_and_are_refused_where_each_needs_more() -> None:
         with pytest.raises(
             OutOfRange,
             match=r"number of cranes is 10000000; allowed is what takes 4 GB at most; these would "
-            r"take 4\.64 GB",
+            r"take 5\.44 GB",
         ):
-            simulate_batch(c, hold_controller(c), start=many, sensor_offset=np.zeros(10), **CLOCK)
+            simulate_batch(c, hold_controller(c), start=many, sensor_delay=1, **CLOCK)
         with pytest.raises(
             OutOfRange, match="record is 1 rows of 10000000 cranes; allowed is what takes 4 GB"
         ):
@@ -738,3 +739,63 @@ def test_tables_that_would_not_fit_are_refused_while_they_are_made(
             **CLOCK,
         )
     assert max(asked) < 30
+
+
+# --- imperfect sensors ----------------------------------------------------------------------------
+
+
+def test_noisy_late_sensors_in_a_batch_are_those_of_each_crane_alone() -> None:
+    cranes, starts, delays = _cranes(10), _starts(10), [0, 3, 1, 0, 7, 2, 49, 60, 1, 5]
+    controllers = [hold_controller(cranes[0])] * 10
+    sizes = noise_of(cranes[0])
+    noise = np.array(
+        [sizes * np.random.default_rng(i).standard_normal((ROWS, len(sizes))) for i in range(10)]
+    )
+    found = simulate_batch(
+        cranes,
+        controllers,
+        start=starts,
+        sensor_offset=noise,
+        sensor_delay=delays,
+        record=1,
+        **CLOCK,
+    )
+    quiet = simulate_batch(cranes, controllers, start=starts, record=1, **CLOCK)
+    for i, (one, late) in enumerate(zip(cranes, delays, strict=True)):
+        seen = sensed(one, controllers[i], delay=late, noise=sizes, rng=np.random.default_rng(i))
+        start = State(starts.q[i], starts.v[i])
+        alone = simulate(one, seen, hold(one, start), start=start, validity="mark", **CLOCK)
+        for name in ("q", "v", "command"):
+            mine, theirs = getattr(found, name)[i], getattr(alone, name)
+            assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9 * np.abs(theirs).max())
+    assert (np.abs(found.q - quiet.q).max(axis=(1, 2)) > 1e-7).all()  # that it does something
+
+
+def test_one_delay_is_that_of_all_and_none_is_no_other_code() -> None:
+    c, starts = crane(), _starts(9)
+    many = simulate_batch(c, hold_controller(c), start=starts, sensor_delay=[4] * 9, **CLOCK)
+    one = simulate_batch(c, hold_controller(c), start=starts, sensor_delay=4, **CLOCK)
+    none = simulate_batch(c, hold_controller(c), start=starts, **CLOCK)
+    assert (many.end.q == one.end.q).all() and (one.end.q != none.end.q).any()
+    assert (
+        simulate_batch(c, hold_controller(c), start=starts, sensor_delay=0, **CLOCK).end.q
+        == none.end.q
+    ).all()
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"sensor_delay": -1}, "sensor_delay is -1 control periods; allowed is a whole number >="),
+        ({"sensor_delay": 1.5}, "sensor_delay is 1.5 control periods; allowed is a whole number"),
+        ({"sensor_delay": 1001}, "sensor_delay is 1001 control periods; allowed is 0 to 1000"),
+        ({"sensor_delay": [1, 2]}, "number of sensor delays is 2; allowed is 9, or one alone"),
+        ({"sensor_offset": np.zeros((8, 4, 10))}, "sensor_offset is an array of shape"),
+        ({"sensor_offset": np.zeros((9, 0, 10))}, "sensor_offset is an array of shape"),
+    ],
+)
+def test_sensors_that_make_no_sense_are_refused(given: dict[str, Any], sentence: str) -> None:
+    c = crane()
+    with pytest.raises(CraneError) as caught:
+        simulate_batch(c, hold_controller(c), start=_starts(9), **given, **CLOCK)
+    assert str(caught.value).startswith(sentence)

@@ -311,7 +311,7 @@ def test_only_the_door_takes_addresses_and_calls_compiled_code() -> None:
 
 _LANES, _CRANES, _PERIODS = 8, 11, 20
 _SIZES = Sizes.of(crane().layout)
-_LAW, _AIM, _FORCE = (size(parts) for parts in (_SIZES.law, _SIZES.aim, _SIZES.force))
+_LAW, _AIM, _FORCE, _OFFSET = map(size, (_SIZES.law, _SIZES.aim, _SIZES.force, _SIZES.offset))
 _RECIPE = Recipe(
     _LANES,
     "effort",
@@ -320,9 +320,10 @@ _RECIPE = Recipe(
     integral=False,
     offset=True,
     forces=True,
-    shared=(False, True, True),
+    shared=(False, True, True, True),
     log=True,
     summary=True,
+    delayed=True,
 )
 
 
@@ -330,27 +331,30 @@ def _loop(**changed: Any) -> Loop:
     """A loop over two groups with two laws of three rows each."""
     code, _ = compiled([crane(), crane(payload_mass=700.0)], _RECIPE)
     groups = -(-_CRANES // _LANES)
-    starts = np.zeros((groups, 3, _LANES), dtype=np.int64)
+    starts = np.zeros((groups, 4, _LANES), dtype=np.int64)
     starts[:, 0] = 3
     memory = {
         "state": np.zeros((groups, size(_SIZES.state), _LANES)),
         "numbers": np.ones((groups, code.varied, _LANES)),
-        "offset": np.zeros((groups, 10, _LANES)),
+        "delay": np.full((groups, 1, _LANES), 2, dtype=np.int64),
+        "readings": np.zeros((groups, 3 * 10, _LANES)),
         "starts": starts,
         "summary": np.zeros((groups, size(_SIZES.summary), _LANES)),
         "log": np.zeros((groups, (_PERIODS + 1) * size(_SIZES.row), _LANES)),
     }
     law, aim, force = np.zeros((6, _LAW)), np.zeros((4, _AIM)), np.zeros((1, _FORCE))
+    offset = np.zeros((2, _OFFSET))
     tables = [
         Table(law, 3, starts[0, 0]),
         Table(aim, 4, starts[0, 1]),
         Table(force, 1, starts[0, 2]),
+        Table(offset, 2, starts[0, 3]),
     ]
-    for i, name in enumerate(("law", "aim", "force")):
+    for i, name in enumerate(("law", "aim", "force", "offset")):
         tables[i] = changed.pop(name, tables[i])
     clock, given = (
         clocks(0.2, 1e-3, 1e-2),
-        {"last": _PERIODS + 1, "end": _PERIODS, **memory, **changed},
+        {"last": _PERIODS + 1, "end": _PERIODS, "remembered": 3, **memory, **changed},
     )
     return Loop(code, clock, tuple(tables), **given)  # type: ignore[arg-type]
 
@@ -382,7 +386,9 @@ _CHANGES: dict[str, Callable[[np.ndarray], Any]] = {
 
 
 @pytest.mark.parametrize("change", _CHANGES)
-@pytest.mark.parametrize("name", ["state", "numbers", "offset", "starts", "summary", "log"])
+@pytest.mark.parametrize(
+    "name", ["state", "numbers", "starts", "delay", "readings", "summary", "log"]
+)
 def test_the_door_opens_for_arrays_of_the_right_shape_and_kind_only(name: str, change: str) -> None:
     with pytest.raises(Misshapen, match="allowed is"):
         _loop(
@@ -392,7 +398,7 @@ def test_the_door_opens_for_arrays_of_the_right_shape_and_kind_only(name: str, c
         )
 
 
-@pytest.mark.parametrize("name", ["state", "summary", "log"])
+@pytest.mark.parametrize("name", ["state", "readings", "summary", "log"])
 def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name: str) -> None:
     with pytest.raises(Misshapen, match=f"{name} is .*; allowed is .* that can be written to"):
         _loop(**_with(name, _read_only))
@@ -401,14 +407,19 @@ def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name
 @pytest.mark.parametrize(
     "changed",
     [
-        {"starts": np.full((2, 3, _LANES), 4, dtype=np.int64)},
-        {"starts": np.full((2, 3, _LANES), -1, dtype=np.int64)},
+        {"starts": np.full((2, 4, _LANES), 4, dtype=np.int64)},
+        {"starts": np.full((2, 4, _LANES), -1, dtype=np.int64)},
         {"law": Table(np.zeros((2, _LAW)), 3, np.zeros(1, int))},
         {"aim": Table(np.zeros((4, _AIM)), 5, np.zeros(1, int))},
         {"aim": Table(np.zeros((0, _AIM)), 0, np.zeros(1, int))},
         {"force": Table(np.zeros((1, 5)), 1, np.zeros(1, int))},
         {"force": Table(np.full((1, 6), math.nan), 1, np.zeros(1, int))},
-        {"offset": np.full((2, 10, _LANES), math.inf)},
+        {"offset": Table(np.full((1, 10), math.inf), 1, np.zeros(1, int))},
+        {"offset": Table(np.zeros((1, 10)), 2, np.zeros(1, int))},
+        {"delay": np.full((2, 1, _LANES), 3, dtype=np.int64)},
+        {"delay": np.full((2, 1, _LANES), -1, dtype=np.int64)},
+        {"remembered": 0},
+        {"remembered": 4},
         {"last": _PERIODS + 2},
         {"last": 0},
         {"every": 0},
@@ -417,7 +428,7 @@ def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name
     ],
     ids=(
         "starts too far, starts before, law short, aim short, no aim, narrow force, nan force, inf "
-        "offset, "
+        "offset, offset short, later than kept, early, none kept, more kept, "
         "log short, no instant, no row, no end, half an instant"
     ).split(", "),
 )
@@ -737,7 +748,7 @@ def test_runs_and_batches_in_many_threads_give_what_they_give_alone() -> None:
 
 def test_code_that_many_threads_ask_for_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     c, made = load_crane(payload_mass=1023.0), []
-    recipe = replace(_RECIPE, lanes=1, shared=(True, True, True))
+    recipe = replace(_RECIPE, lanes=1, shared=(True, True, True, True))
 
     def slowly(*given: Any) -> Any:
         made.append(given)

@@ -41,7 +41,7 @@ HOOK = {"hook_mass": 300.0, "sling_length": 4.0}
 QUANTITIES = ("q", "v", "command", "effort", "energy")
 CLOCK: dict[str, Any] = {"dt": 1e-3, "control_period": 1e-2, "record": 1}
 RNG = np.random.default_rng(4)
-FORCE, OFFSET = RNG.normal(size=(9, 30, 6)) * 200.0, RNG.normal(size=(9, 10)) * 0.01
+FORCE, OFFSET = RNG.normal(size=(9, 30, 6)) * 200.0, RNG.normal(size=(9, 30, 10)) * 0.01
 
 
 def _whirling() -> dict[str, Any]:
@@ -58,6 +58,7 @@ def _all_different() -> dict[str, Any]:
         "start": _starts(9),
         "force": FORCE,
         "sensor_offset": OFFSET,
+        "sensor_delay": [0, 1, 2, 3, 4, 5, 40, 0, 9],
     }
 
 

@@ -18,6 +18,7 @@ from cranedyn.compiled.horizon.receding import Receding, receding
 from cranedyn.compiled.machine import translated
 from cranedyn.controllers import hold_controller, sensed
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.pinocchio import payload_position, prescribed_acceleration
 from cranedyn.dynamics.validity import hoisting
 from cranedyn.errors import CraneError
@@ -306,7 +307,9 @@ def test_along_a_motion_nothing_is_left_at_its_end() -> None:
 # ---------------- in code, and in batches
 
 
-@pytest.mark.parametrize(("drive", "moving"), [("effort", False), ("motion", True)])
+@pytest.mark.parametrize(
+    ("drive", "moving"), [("effort", False), ("motion", True), ("velocity", True)]
+)
 def test_the_compiled_loop_does_what_python_does_to_the_bit(drive: Drive, moving: bool) -> None:
     start, goal = map(at, MOVES["combined"])
     motion = flat(crane(), start, goal, 20.0) if moving else None
@@ -332,16 +335,29 @@ def test_the_compiled_loop_does_what_python_does_to_the_bit(drive: Drive, moving
     assert asked.marks == inside.marks
 
 
-def test_a_batch_does_what_each_crane_does_alone() -> None:
+def test_rates_for_converters_are_those_that_accelerate_the_drives_as_planned() -> None:
+    start, goal = at((0.1, 12.0, 14.0), gamma_dot=0.02, x_dot=0.3), at((0.3, 15.0, 12.0))
+    soft = converters(crane(), lags={"x": 0.25}, delay=0.012)
+    aim = hold(crane(), goal)(0.0)
+    accelerations = receding(crane(), LIMITS, drive="motion")(0.0, start, aim)
+    rates = receding(crane(), LIMITS, drive="velocity", converters=soft)(0.0, start, aim)
+    # 0.012 s are heard three periods late, and a command holds for one
+    lead = np.array([0.2, 0.25, 0.1]) + 0.0175
+    expected = start.v[crane().layout.drives] + lead * accelerations
+    np.testing.assert_allclose(rates, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("drive", ["effort", "velocity"])
+def test_a_batch_does_what_each_crane_does_alone(drive: Drive) -> None:
     rng = np.random.default_rng(7)
     starts = [at((0.0, rng.uniform(6, 20), rng.uniform(8, 20)), phi=0.02) for _ in range(11)]
     goals = [at((rng.uniform(-0.5, 0.5), rng.uniform(6, 20), 12.0)) for _ in range(11)]
     references = [hold(crane(), goal) for goal in goals]
-    made = receding(crane(), LIMITS)
-    batch = simulate_batch(crane(), made, references, start=starts, duration=4.0)
+    made = receding(crane(), LIMITS, drive=drive)
+    batch = simulate_batch(crane(), made, references, start=starts, duration=4.0, drive=drive)
     assert (batch.failures == 0).all()
     for i in (0, 7, 10):
-        run = to(goals[i], starts[i], receding(crane(), LIMITS), duration=4.0)
+        run = to(goals[i], starts[i], receding(crane(), LIMITS, drive=drive), duration=4.0)
         # sums of eight cranes in lanes may be fused otherwise than of one
         np.testing.assert_allclose(batch.end.q[i], run.q[-1], atol=1e-9)
 

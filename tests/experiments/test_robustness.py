@@ -20,7 +20,7 @@ from cranedyn.sweep import results
 from experiments import report, sweep
 from experiments.harness.setup import Setup
 from experiments.report import page
-from experiments.scenarios.robustness import AFTER, COMBINED, STRATEGIES, robustness
+from experiments.scenarios.robustness import AFTER, COMBINED, SWEPT, robustness
 from experiments.scenarios.strategies import FLAT, PAPER, PD
 from tests.helpers import ROOT
 from tests.told import missing
@@ -34,7 +34,7 @@ def cases(**columns: object) -> dict[str, np.ndarray]:
     }
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("strategy", SWEPT)
 def test_a_case_is_the_move_of_that_crane_alone_with_a_cable_misread(strategy: str) -> None:
     load, error, duration = 1.3, 0.7, 20.0
     found = robustness(
@@ -45,7 +45,7 @@ def test_a_case_is_the_move_of_that_crane_alone_with_a_cable_misread(strategy: s
         setup.variant(payload_mass=load * setup.crane.payload_mass),
         replace(COMBINED, duration=duration),
     )
-    plan = STRATEGIES[strategy](setup, move)
+    plan = SWEPT[strategy](setup, move)
     controller, (start, goal) = plan.controller(), move.ends(setup.crane)
     longer = np.array([0.0, 0.0, 0.0, 0.0, error])
 
@@ -111,9 +111,7 @@ def test_the_command_sweeps_shows_and_does_not_sweep_again(
     assert all((tmp_path / "out" / name).stat().st_size > 10_000 for name in result["figures"])
     assert '<section id="sweep">' in page([tmp_path / "out"])
     kept = results(tmp_path / "out" / "cases")
-    assert (
-        kept.num_rows == 4 * len(STRATEGIES) == sum(row[1] for row in result["tables"][0]["rows"])
-    )
+    assert kept.num_rows == 4 * len(SWEPT) == sum(row[1] for row in result["tables"][0]["rows"])
     assert '<section id="sweep">' in report.page([tmp_path / "out"])  # formats of thousands, too
     parts = {
         part: part.stat().st_mtime_ns for part in (tmp_path / "out" / "cases").glob("*.parquet")

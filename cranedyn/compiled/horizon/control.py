@@ -30,7 +30,7 @@ class Programme:
     Attributes:
         topology: What its crane has in common with others.
         numbers: Of the crane that it believes in, see `cranedyn.dynamics.plant.numbers`.
-        drive: What it commands, "effort" or "motion".
+        drive: What it commands, "effort", "motion" or "velocity".
         stages: Of the horizon.
         length: Of a stage [s].
         period: Control period [s].
@@ -41,6 +41,7 @@ class Programme:
         errors: Of coordinates and rates of each joint that weigh alike, in a row; none if weights
             are given.
         payload_errors: Of the payload's place [m] and rate [m/s] that weigh alike.
+        lead: Where it commands rates, by how long each drive is told ahead [s]; else none.
     """
 
     topology: Topology
@@ -55,6 +56,7 @@ class Programme:
     taut: float
     errors: tuple[float, ...]
     payload_errors: tuple[float, ...]
+    lead: tuple[float, ...] = ()
 
     @property
     def shape(self) -> Shape:
@@ -68,8 +70,8 @@ class Programme:
 
     @property
     def plant(self) -> Plant:
-        """The crane that it believes in."""
-        return plant(self.topology, list(self.numbers), self.drive, False)
+        """The crane that it believes in, told by accelerations."""
+        return plant(self.topology, list(self.numbers), "motion", False)
 
     @property
     def hop(self) -> int:
@@ -198,9 +200,13 @@ class Control:
             for lane in range(code.lanes):
                 self._plan(lane, q, v, position, row)
         told = self._remembered(0)
+        if self.programme.drive == "effort":
+            return self._efforts(q, v, told)
+        told = self._taut(q, v, told)
         if self.programme.drive == "motion":
-            return self._taut(q, v, told)
-        return self._efforts(q, v, told)
+            return told
+        rates = v[self.layout.drives]
+        return array([r + t * a for r, t, a in zip(rates, self.programme.lead, told, strict=True)])
 
     def asked(
         self, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value, due: ir.Value
@@ -273,7 +279,7 @@ class Control:
         estimate = array(
             [e + gain * (r - x) for e, r, x in zip(estimate, rates, expected, strict=True)]
         )
-        crane = plant(programme.topology, list(programme.numbers), "motion", False)
+        crane = programme.plant
         wanted = crane.answer(q, v, told - estimate, None)[1]
         cut = [clipped(f, -most, most) for f, most in zip(wanted, crane.effort_limit, strict=True)]
         hoist = layout.drive_of("hoist")

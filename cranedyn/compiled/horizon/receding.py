@@ -26,10 +26,11 @@ from cranedyn.compiled.horizon.memory import REPORT
 from cranedyn.compiled.horizon.planning import MARKS
 from cranedyn.compiled.machine import Machine, translated
 from cranedyn.controllers.tracking import check_finite
+from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.dynamics.plant import Topology, numbers
 from cranedyn.errors import CraneError, OutOfRange, number, whole, within
-from cranedyn.interfaces import DirectDrive, Setpoint, State
+from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
@@ -49,7 +50,7 @@ _STAGES = 200
 TAUT = 0.1
 """Least tension of the rope, as a share of the payload's weight."""
 
-PAYLOAD_ERRORS = (0.1, 0.3)
+PAYLOAD_ERRORS = (0.22, 0.17)
 """Errors of the payload's place [m] and rate [m/s] that weigh alike, ours."""
 
 ERROR = {"revolute": 0.1, "prismatic": 1.0}
@@ -157,7 +158,7 @@ class Receding:
             )
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m or N], or accelerations, shape (m,).
+        """Efforts [N m or N], accelerations or rates, shape (m,).
 
         Raises:
             OutOfRange: If a coordinate or rate is not finite.
@@ -206,7 +207,8 @@ def receding(
     limits: Limits,
     *,
     motion: Motion | None = None,
-    drive: DirectDrive = "effort",
+    drive: Drive = "effort",
+    converters: Converters | None = None,
     swing_limit: float = 0.1,
     control_period: float = 5e-3,
     period: float = 0.05,
@@ -228,7 +230,9 @@ def receding(
         crane: The crane, rigid.
         limits: Of the rates and accelerations of the drives.
         motion: What to track; None to go to the setpoint of the reference.
-        drive: What it commands, "effort" or "motion".
+        drive: What it commands: "effort", "motion", or "velocity", the rates at which frequency
+            converters accelerate the drives as planned, see `cranedyn.controllers.rated`.
+        converters: Of drives that take velocities; None for typical ones.
         swing_limit: Largest size of each swing [rad], below π/2.
         control_period: Of the run [s].
         period: Time between optimisations [s], a multiple of the control period.
@@ -246,7 +250,7 @@ def receding(
             and positive definite.
         CraneError: If the crane is elastic.
     """
-    check_word("drive", drive, DirectDrive)
+    check_word("drive", drive, Drive)
     finite("payload errors", np.asarray(payload_errors), (2,))
     layout = crane.layout
     if crane.springs.any:
@@ -266,6 +270,7 @@ def receding(
         )
     rates = layout.for_drives("rate limit", limits.rates, "/s", "> 0")
     accelerations = layout.for_drives("acceleration limit", limits.accelerations, "/s²", "> 0")
+    lags = fitting(crane, drive, converters)
     hoist = layout.drive_of("hoist")
     weight = 0.0 if hoist is None else float(abs(holding_effort(crane, crane.start.q)[hoist]))
     path = np.zeros((0, 2 * layout.n)) if motion is None else np.hstack([motion.q, motion.v])
@@ -284,6 +289,7 @@ def receding(
         if state_weight is not None
         else tuple(2 * [ERROR[joint.kind] for joint in layout.joints]),
         tuple(number("payload error", error, "", "> 0") for error in payload_errors),
+        () if lags is None else tuple((lags.lags + lags.ahead(control_period)).tolist()),
     )
     cost = _weights(crane, accelerations, state_weight, input_weight)
     table = _table(programme, cost, *_bounds(crane, rates, accelerations, swing, programme.taut))

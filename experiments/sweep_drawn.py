@@ -1,0 +1,158 @@
+"""What comes of moves that are drawn at random: how much swing each strategy leaves, how often it
+fails, and what a case costs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from scipy.stats import binomtest
+
+from experiments import harness
+from experiments.scenarios.drawn import RANGES, UNBATCHED
+from experiments.scenarios.robustness import AFTER, COMBINED, DRAG
+from experiments.scenarios.strategies import FLAT
+
+MOST_LEFT = 5e-3
+"""Swing that may be left [rad]: 5 cm at the hook, on the 10 m of cable with which the move ends."""
+
+CONFIDENCE = 0.95
+"""Of the intervals."""
+
+MANY = 100_000
+"""Cases whose time is told."""
+
+Columns = Mapping[str, np.ndarray]
+
+
+def drawn_tables(found: Columns, drive: str) -> list[harness.Table]:
+    """Swing, failures and time of each strategy."""
+    where = f"on {drive} drives"
+    return [_swings(found, where), _failures(found, where), _costs(found, where)]
+
+
+def drawn_claims(found: Columns, drive: str, errors: int) -> list[harness.Claim]:
+    """That all is done, and what is judged of it."""
+    claims = [
+        harness.Claim(
+            f"Each of the {len(found['case']):,} cases is done and none is bad.", errors == 0
+        )
+    ]
+    mine = found["strategy"] == FLAT
+    if mine.any():
+        failed = int(failures(found)[mine].sum())
+        claims.append(
+            harness.Claim(
+                f"On {drive} drives {FLAT} fails in none of {int(mine.sum()):,} cases ({failed}).",
+                failed == 0,
+            )
+        )
+    return claims
+
+
+def failures(found: Columns) -> np.ndarray:
+    """Whether each case failed: a range left, the rope slack, diverged, or too much swing left."""
+    return (found["broken"] == 1.0) | ~(found["residual_swing_rad"] <= MOST_LEFT)
+
+
+def _each(found: Columns) -> Iterator[tuple[str, np.ndarray]]:
+    for strategy in dict.fromkeys(found["strategy"].tolist()):
+        yield strategy, found["strategy"] == strategy
+
+
+def _shown(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _quantiles(swings: np.ndarray, *shares: float) -> list[float | None]:
+    """Quantiles [mrad] of swings [rad], of which one that is not finite counts as infinite."""
+    known = np.where(np.isfinite(swings), swings, math.inf)
+    found = np.quantile(known, shares, method="higher")
+    return [_shown(1e3 * float(value)) for value in found]
+
+
+def _swings(found: Columns, where: str) -> harness.Table:
+    rows = [
+        (
+            strategy,
+            int(mine.sum()),
+            *_quantiles(found["arrival_swing_rad"][mine], 0.5, 0.95),
+            *_quantiles(found["residual_swing_rad"][mine], 0.5, 0.95, 1.0),
+        )
+        for strategy, mine in _each(found)
+    ]
+    columns = [
+        ("strategy", ""),
+        ("cases", ",d"),
+        ("arrival, median [mrad]", ".3g"),
+        ("arrival, 95 % below [mrad]", ".3g"),
+        ("left, median [mrad]", ".3g"),
+        ("left, 95 % below [mrad]", ".3g"),
+        ("left, worst [mrad]", ".3g"),
+    ]
+    low, high = RANGES["load"]
+    note = (
+        f"Amplitude of the swing at the arrival of the {COMBINED.name} move and {AFTER:g} s later. "
+        f"Drawn at random, evenly: load {low:g} to {high:g} times that planned for; cable up to "
+        f"{RANGES['cable_error_m'][1]:g} m longer or shorter than measured; a gust of up to "
+        f"{RANGES['gust_m_s'][1]:g} m/s from any side on {DRAG:g} m² of load, of "
+        f"{RANGES['gust_lasts_s'][0]:g} to {RANGES['gust_lasts_s'][1]:g} s, begun in the first "
+        f"{RANGES['gust_at_s'][1]:g} s; noise of the sensors up to {RANGES['noise'][1]:g} times "
+        f"the usual; sensors up to {RANGES['delay'][1] - 1:g} control periods late; converters, "
+        f"where there are, of {RANGES['lag'][0]:g} to {RANGES['lag'][1]:g} times the usual lag. "
+        "Drives that follow exactly need no sensors. A dash: the crane diverged. Not in a batch: "
+        + "; ".join(f"{name}, as {why}" for name, why in UNBATCHED.items())
+        + "."
+    )
+    return harness.Table(f"Swing of moves that are drawn, {where}", columns, rows, note)
+
+
+def _failures(found: Columns, where: str) -> harness.Table:
+    failed, much = failures(found), ~(found["residual_swing_rad"] <= MOST_LEFT)
+    rows = []
+    for strategy, mine in _each(found):
+        count, many = int(mine.sum()), int(failed[mine].sum())
+        interval = binomtest(many, count).proportion_ci(CONFIDENCE, "exact")
+        shares = (
+            found["broken"][mine].mean(),
+            much[mine].mean(),
+            many / count,
+            interval.low,
+            interval.high,
+            np.isfinite(found["valid_until_s"][mine]).mean(),
+        )
+        values: list[float | None] = [100.0 * float(share) for share in shares]
+        rows.append((strategy, *values))
+    columns = [
+        ("strategy", ""),
+        ("broken [%]", ".2f"),
+        ("too much left [%]", ".2f"),
+        ("fails [%]", ".2f"),
+        ("at least [%]", ".2f"),
+        ("at most [%]", ".2f"),
+        ("beyond [%]", ".2f"),
+    ]
+    note = (
+        "Broken: at one of 20 instants a second a joint is out of its range, the rope slack or the "
+        f"load on the ground. Too much left: more than {1e3 * MOST_LEFT:g} mrad. Fails: one or "
+        f"both; at least, at most: its probability, with {100 * CONFIDENCE:g} % confidence "
+        "(Clopper and Pearson 1934). Beyond: broken, or a drive that follows a motion or a rate is "
+        "asked at an instant for more than it has."
+    )
+    return harness.Table(f"How often moves fail that are drawn, {where}", columns, rows, note)
+
+
+def _costs(found: Columns, where: str) -> harness.Table:
+    rows = []
+    for strategy, mine in _each(found):
+        spent = float(np.median(found["spent_s"][mine]))
+        rows.append((strategy, 1e3 * spent, spent * MANY / 60.0))
+    columns = [
+        ("strategy", ""),
+        ("a case [ms]", ".2f"),
+        (f"{MANY:,} cases [min]", ".1f"),
+    ]
+    note = "Processor time on this machine, the median of batches; n processors share it."
+    return harness.Table(f"What moves cost that are drawn, {where}", columns, rows, note)
