@@ -9,10 +9,10 @@ import random
 import resource
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from time import monotonic, process_time
 
 import numpy as np
 
@@ -56,7 +56,7 @@ class Work:
     run: Callable[[], object]
     amount: float = 1.0
     every: int = 1
-    clock: Callable[[], float] = time.process_time
+    clock: Callable[[], float] = process_time
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def measure(found: Sequence[Bar], seconds: float, share: float = SHARE) -> list[
     """
     works = list({id(work): work for bar in found for work in (bar.work, bar.yardstick)}.values())
     least = {id(work): float("inf") for work in works}
-    end, shuffled, k = time.monotonic() + seconds, random.Random(0), 0
+    end, shuffled, k = monotonic() + seconds, random.Random(0), 0
     for work in works:
         work.run()
     while True:
@@ -158,7 +158,7 @@ def measure(found: Sequence[Bar], seconds: float, share: float = SHARE) -> list[
             for bar in found
         ]
         passed = all(ratio >= share * bar.usual for ratio, bar in zip(ratios, found, strict=True))
-        if (k % _ROUNDS == 0 and passed) or time.monotonic() >= end:
+        if (k % _ROUNDS == 0 and passed) or monotonic() >= end:
             return ratios
 
 
