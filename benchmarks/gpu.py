@@ -49,7 +49,7 @@ def recipe(
     """Code of threads; with everything, each crane has its own controller, forces, wrong sensors
     and rows.
     """
-    shared = (not everything,) * 3
+    shared = (not everything,) * (3 + everything)
     return Recipe(
         WARP,
         drive,

@@ -879,9 +879,9 @@ def test_where_buffers_act_rk4_gives_way_to_small_steps(engine: Any) -> None:
 
 def per_second(c: Crane, q: np.ndarray) -> float:
     """The share by which two engines may drift apart in a second: 1e-12, or what a mass matrix of
-    this condition makes of rounding.
+    this condition makes of rounding, and as much again for the postures that follow the first.
     """
-    return max(1e-12, rigid_body.lost_digits(pin.crba(c.model, c.data, q)))
+    return max(1e-12, 2.0 * rigid_body.lost_digits(pin.crba(c.model, c.data, q)))
 
 
 def soft_hold(c: Crane, q: np.ndarray) -> Hold:
