@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import numpy as np
+from itertools import accumulate
 
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
 from cranedyn.model.layout import Layout
@@ -114,7 +113,7 @@ def size(parts: Parts) -> int:
 
 def places(parts: Parts) -> dict[str, slice]:
     """Where each part stands."""
-    ends = np.cumsum(list(parts.values())).tolist()
+    ends = accumulate(parts.values())
     return {
         name: slice(end - count, end)
         for (name, count), end in zip(parts.items(), ends, strict=True)

@@ -10,7 +10,7 @@ import platform
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, cast
 
 import numpy as np
 import pinocchio as pin
@@ -25,7 +25,6 @@ _WHOLE = 64
 _DEEPEST = 6
 
 
-@runtime_checkable
 class Noting(Protocol):
     """A controller that has something to say after a run."""
 
@@ -35,8 +34,8 @@ class Noting(Protocol):
 
 def notes_of(controller: object, depth: int = 0) -> dict[str, Any]:
     """What a controller, or one within it, notes of a run."""
-    if isinstance(controller, Noting):
-        return dict(controller.notes())
+    if hasattr(controller, "notes"):  # looking for a protocol takes ten times as long
+        return dict(cast(Noting, controller).notes())
     if depth >= _DEEPEST or not is_dataclass(controller) or isinstance(controller, type | Crane):
         return {}
     within = (getattr(controller, part.name, None) for part in fields(controller))
