@@ -487,6 +487,8 @@ def caught(mutation: Mutation, parent: Path) -> tuple[bool, str]:
         "-x",
         "-p",
         "no:cacheprovider",
+        "-o",
+        "addopts=",
         f"{next((copy / 'tests').rglob(f'test_{file}.py'))}::test_{name}",
     ]
     run = subprocess.run(
@@ -495,7 +497,7 @@ def caught(mutation: Mutation, parent: Path) -> tuple[bool, str]:
         capture_output=True,
         text=True,
         check=False,
-        env={**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1"},
+        env={**os.environ, "PYTHONPATH": str(copy), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
     )
     shutil.rmtree(copy)
     words = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]

@@ -89,7 +89,7 @@ INTERNAL = tuple(
         "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown "
         "data.tables dynamics errors interfaces lifting lifting.wrench"
         " model.layout model.shown model.springs model.urdf"
-        " planning.bim planning.bodies planning.clearance planning.curve planning.driven "
+        " version planning.bim planning.bodies planning.clearance planning.curve planning.driven "
         "planning.fields planning.grid planning.half_spaces planning.move planning.neighbour "
         "planning.proof"
         " planning.search planning.site planning.solids planning.timing planning.transcription"
