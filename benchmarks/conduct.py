@@ -46,22 +46,41 @@ def conduct(
     parser.add_argument(
         "--out", type=Path, metavar="FOLDER", help=f"write the figure {name}.png there"
     )
+    add_document(parser, name)
+    options = parser.parse_args(argv)
+    return command(lambda: _conducted(name, benchmark, options))
+
+
+def add_document(parser: argparse.ArgumentParser, name: str) -> None:
+    """Add the argument that names a page for the tables of a benchmark."""
     parser.add_argument(
         "--document",
         metavar="FILE.md",
         help=f"put the tables between their marks <!-- {name}: title --> there",
     )
-    options = parser.parse_args(argv)
-    return command(lambda: _conducted(name, benchmark, options))
+
+
+def teller(name: str, options: argparse.Namespace) -> Callable[[Sequence[Table]], None]:
+    """What prints tables, and puts them into the page that the command line names, if any.
+
+    Raises:
+        DataError: At once if that is no such page, before anything is measured.
+    """
+    document = read_document(options.document, name) if options.document else None
+
+    def tell(tables: Sequence[Table]) -> None:
+        show(Outcome(tables, ()))
+        if document is not None:
+            document.write(tables)
+
+    return tell
 
 
 def _conducted(name: str, benchmark: Benchmark, options: argparse.Namespace) -> int:
-    document = read_document(options.document, name) if options.document else None
+    tell = teller(name, options)
     folder = make_folder(options.out) if options.out else None
     tables, figure = benchmark(options.rounds, options.quick)
-    show(Outcome(tables, ()))
-    if document is not None:
-        document.write(tables)
+    tell(tables)
     if folder is not None:
         print(f"Written to {save(figure(), folder / f'{name}.png')}.")
     return 0

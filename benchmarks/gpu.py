@@ -15,6 +15,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
+import numpy as np
+
+from benchmarks.conduct import add_document, teller
 from benchmarks.timing import seconds
 from benchmarks.workload import Case
 from cranedyn.command import command
@@ -28,8 +31,7 @@ from cranedyn.dynamics.plant import Topology, numbers
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.load import load_crane
-from experiments.harness.document import read_document
-from experiments.harness.outcome import Outcome, Table, show
+from experiments.harness.outcome import Table
 
 CRANES: dict[str, dict[str, Any]] = {
     "tower crane": {},
@@ -175,12 +177,11 @@ def speed(simulated: float = 1e5, rounds: int = 3) -> Iterator[tuple[int, float,
 def measured(count: int, device: Device, duration: float, rounds: int) -> float:
     """Million steps a second of so many cranes for a time [s], to three digits."""
     case = Case()
-    starts = case.starts(count)
     task = partial(
         simulate_batch,
         case.crane,
         case.controller,
-        start=State(starts[:, :5], starts[:, 5:]),
+        start=State(*np.split(case.starts(count), 2, axis=1)),
         dt=case.dt,
         control_period=case.period,
         duration=duration,
@@ -211,19 +212,12 @@ def tables() -> list[Table]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.gpu", description=__doc__)
-    parser.add_argument(
-        "--document",
-        metavar="FILE.md",
-        help="put the tables between their marks <!-- gpu: title --> there",
-    )
+    add_document(parser, "gpu")
     options = parser.parse_args(argv)
 
     def run() -> int:
-        document = read_document(options.document, "gpu") if options.document else None
-        found = tables()
-        show(Outcome(found, ()))
-        if document is not None:
-            document.write(found)
+        tell = teller("gpu", options)
+        tell(tables())
         return 0
 
     return command(run)

@@ -16,12 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.conduct import add_document, teller
 from benchmarks.sweep_studies import PAUSE, SWING, nothing, swinging, waiting
 from cranedyn.command import command
 from cranedyn.errors import CraneError
 from cranedyn.sweep import Design, Progress, Study, results, sweep
-from experiments.harness.document import read_document
-from experiments.harness.outcome import Outcome, Table, show
+from experiments.harness.outcome import Table
 
 WORKERS = (2, 4, 8)
 CRANES = 256
@@ -234,19 +234,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.sweeping", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="less of each, and less precisely")
-    parser.add_argument(
-        "--document",
-        metavar="FILE.md",
-        help="put the tables between their marks <!-- sweeping: title --> there",
-    )
+    add_document(parser, "sweeping")
     options = parser.parse_args(argv)
 
     def run() -> int:
-        document = read_document(options.document, "sweeping") if options.document else None
-        found = tables((1,), 24, 100) if options.quick else tables(WORKERS, 128, 4000)
-        show(Outcome(found, ()))
-        if document is not None:
-            document.write(found)
+        tell = teller("sweeping", options)
+        tell(tables((1,), 24, 100) if options.quick else tables(WORKERS, 128, 4000))
         return 0
 
     return command(run)

@@ -12,7 +12,8 @@ from scipy.stats import binomtest
 
 from experiments import harness
 from experiments.scenarios.drawn import RANGES, UNBATCHED
-from experiments.scenarios.robustness import AFTER, COMBINED, DRAG
+from experiments.scenarios.moves import DRAG
+from experiments.scenarios.robustness import AFTER, COMBINED
 from experiments.scenarios.strategies import FLAT
 
 MOST_LEFT = 5e-3

@@ -229,8 +229,9 @@ def simulate_batch(
         memory["delay"] = grouped([delays[:, None]], lanes, np.int64)
         memory["readings"] = np.zeros((len(memory["state"]), remembered * sizes.z, lanes))
     if control.planned is not None:
-        memory["horizon"] = _horizon(control.planned, drive, since, clock, len(memory["state"]))
-        inputs.fit("number of cranes", str(cranes), taken + memory["horizon"].size)
+        memory["horizon"] = _horizon(
+            control.planned, drive, since, clock, len(memory["state"]), taken
+        )
     if not all(recipe.shared):
         memory["starts"] = grouped([table.starts[:, None] for table in tables], lanes, np.int64)
     loop = Loop(
@@ -269,18 +270,19 @@ def simulate_batch(
 
 
 def _horizon(
-    planned: Receding, drive: Drive, since: float, clock: Clocks, groups: int
+    planned: Receding, drive: Drive, since: float, clock: Clocks, groups: int, taken: int
 ) -> np.ndarray:
-    """Memory of a predictive controller for groups of lanes, shape (groups, doubles).
+    """Memory of a predictive controller for groups of lanes, shape (groups, doubles), besides
+    numbers that are taken.
 
     Raises:
-        OutOfRange: If it was made for other drives or another control period.
+        OutOfRange: If it was made for other drives or another control period, or would not fit.
     """
     if planned.programme.drive != drive:
         raise OutOfRange("drive", drive, f"the controller's, {planned.programme.drive}")
     planned.run_begins(since, clock.period)
     one = planned.fresh(since, _LANES)
-    inputs.fit("number of cranes", f"{groups * _LANES}", groups * one.size)
+    inputs.fit("number of cranes", f"{groups * _LANES}", taken + groups * one.size)
     return np.tile(one, (groups, 1))
 
 

@@ -320,11 +320,7 @@ def forces(force: Any, cranes: int, sizes: Sizes) -> Table:
         return table([np.zeros((1, size(sizes.force)))], np.zeros(cranes, dtype=int))
     columns = size(sizes.force)
     found = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
-    if not found.size:
-        raise Misshapen("force", f"an array of shape {found.shape}", "one with a row at least")
-    each = found.shape[-2]
-    starts = each * np.arange(cranes) if found.ndim == 3 else np.broadcast_to(0, cranes)
-    return Table(np.ascontiguousarray(found.reshape(-1, columns)), each, starts)
+    return _stacked("force", found, cranes, own=found.ndim == 3)
 
 
 def offsets(offset: Any, cranes: int, sizes: Sizes) -> tuple[Table, ...]:
@@ -338,11 +334,17 @@ def offsets(offset: Any, cranes: int, sizes: Sizes) -> tuple[Table, ...]:
         return ()
     z = sizes.z
     found = finite("sensor_offset", offset, (z,), (cranes, z), (cranes, "m", z))
+    by_instant = found if found.ndim == 3 else found.reshape(-1, 1, z)
+    return (_stacked("sensor_offset", by_instant, cranes, own=found.ndim > 1),)
+
+
+def _stacked(name: str, found: np.ndarray, cranes: int, *, own: bool) -> Table:
+    """A table of rows by control instant, one after another for each crane that has its own."""
     if not found.size:
-        raise Misshapen("sensor_offset", f"an array of shape {found.shape}", "one with a row")
-    each = found.shape[1] if found.ndim == 3 else 1
-    starts = each * np.arange(cranes) if found.ndim > 1 else np.broadcast_to(0, cranes)
-    return (Table(np.ascontiguousarray(found.reshape(-1, z), dtype=float), each, starts),)
+        raise Misshapen(name, f"an array of shape {found.shape}", "one with a row at least")
+    each, columns = found.shape[-2:]
+    starts = each * np.arange(cranes) if own else np.broadcast_to(0, cranes)
+    return Table(np.ascontiguousarray(found.reshape(-1, columns), dtype=float), each, starts)
 
 
 def delays(delay: Any, cranes: int) -> tuple[np.ndarray, int]:

@@ -87,6 +87,14 @@ def cosine_gust(base: Speed, rise: float, *, at: float, lasts: float) -> Speed:
     )
 
 
+def gust_shape(t: np.ndarray, at: float | np.ndarray, lasts: float | np.ndarray) -> np.ndarray:
+    """What share of its largest rise a discrete gust has reached, at many times or of many gusts at
+    once; see `cosine_gust`.
+    """
+    shape = (1.0 - np.cos(2.0 * math.pi * (t - at) / lasts)) / 2.0
+    return np.where((at <= t) & (t <= at + lasts), shape, 0.0)
+
+
 @checked
 def turbulence(
     base: Speed,

@@ -144,8 +144,8 @@ class Variants:
         crane, variants = self.model.known.crane, len(self.values)
         q = np.tile(crane.start.q, (variants, 1))
         v = np.zeros_like(q)
-        at_first, rates = next(zip(position.swapaxes(0, 1), velocity.swapaxes(0, 1), strict=True))
-        q[:, self.layout.drives], v[:, self.layout.drives] = at_first, rates
+        q[:, self.layout.drives] = np.take(position, 0, axis=1)
+        v[:, self.layout.drives] = np.take(velocity, 0, axis=1)
         for (kind, symbol), place in self.own.items():
             if kind == "start":
                 q[:, self.layout.index(symbol)] = self.values[:, place]

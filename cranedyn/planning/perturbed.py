@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import beta
+from scipy.stats import binomtest
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.disturbances.wind import AIR_DENSITY
+from cranedyn.disturbances.wind import AIR_DENSITY, gust_shape
 from cranedyn.errors import CraneError, whole, within
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -105,10 +105,9 @@ class Perturbed:
         """Within which the probability of coming nearer than required lies, by Clopper and Pearson
         (1934).
         """
-        n, k, tail = len(self.least), self.nearer, (1.0 - CONFIDENCE) / 2.0
-        low = 0.0 if k == 0 else float(beta.ppf(tail, k, n - k + 1))
-        high = 1.0 if k == n else float(beta.ppf(1.0 - tail, k + 1, n - k))
-        return low, high
+        test = binomtest(self.nearer, len(self.least))
+        low, high = test.proportion_ci(CONFIDENCE, "exact")
+        return float(low), float(high)
 
 
 @checked
@@ -319,9 +318,7 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.n
         )
     ):
         steady, rise, at, lasts, direction = row
-        speed = np.full(len(times), steady)
-        blows = slice(*np.searchsorted(times, (at, at + lasts)))
-        speed[blows] += rise * (1.0 - np.cos(2.0 * math.pi * (times[blows] - at) / lasts)) / 2.0
+        speed = steady + rise * gust_shape(times, at, lasts)
         x, y = speed * math.cos(direction) - own[:, 0], speed * math.sin(direction) - own[:, 1]
         drag = 0.5 * AIR_DENSITY * area * np.sqrt(x * x + y * y)
         force[i, :, 0], force[i, :, 1] = drag * x, drag * y

@@ -23,6 +23,9 @@ CLOSE = 0.010
 AFTER = 20.0
 """How long a move is watched after the arrival [s]."""
 
+DRAG = 5.0
+"""Drag coefficient times area of the load that gusts blow at [m²]."""
+
 LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
 """What the drives may do: slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of
 hoisting; accelerations ours."""

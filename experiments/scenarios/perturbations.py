@@ -17,7 +17,7 @@ from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Disturbance, Setpoint, State
 from cranedyn.model.crane import Crane
 from experiments import harness
-from experiments.scenarios.moves import AFTER, Move, Score, score
+from experiments.scenarios.moves import AFTER, DRAG, Move, Score, score
 from experiments.scenarios.strategies import Plan, instant
 
 
@@ -63,7 +63,7 @@ def _gust(crane: Crane, arrives: float) -> Disturbance:
         crane,
         cosine_gust(steady(0.0), 12.0, at=arrives - 10.0, lasts=10.0),
         direction=0.0,
-        payload_area=5.0,
+        payload_area=DRAG,
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.controllers.sensed import noise_of
-from cranedyn.disturbances.wind import AIR_DENSITY
+from cranedyn.disturbances.wind import AIR_DENSITY, gust_shape
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.dynamics.validity import hoisting, valid
@@ -26,15 +26,12 @@ from cranedyn.references.spline import spline
 from cranedyn.theory import point_period
 from experiments.harness.setup import Setup
 from experiments.scenarios import strategies as strategies
-from experiments.scenarios.moves import MOVES, Move
+from experiments.scenarios.moves import DRAG, MOVES, Move
 
 COMBINED = MOVES[-1]
 
 AFTER = 10.0
 """How long after the arrival the residual swing is looked at [s]."""
-
-DRAG = 5.0
-"""Drag coefficient times area of the load [m²], as in `compare`."""
 
 CLOCKS = ("gravity_m_s2", "dt_s", "control_period_s")
 """Columns of a design that say in which world it takes place, the same in every case."""
@@ -206,8 +203,7 @@ def gusts(crane: Crane, cases: Cases, times: np.ndarray) -> np.ndarray:
     """Forces of a gust on each load, of shape (1 - cos)/2, on a load that stands still [N], shape
     (cranes, rows, 3 points).
     """
-    since = (times - cases["gust_at_s"][:, None]) / cases["gust_lasts_s"][:, None]
-    shape = (1.0 - np.cos(2.0 * math.pi * since.clip(0.0, 1.0))) / 2.0
+    shape = gust_shape(times, cases["gust_at_s"][:, None], cases["gust_lasts_s"][:, None])
     drag = 0.5 * AIR_DENSITY * DRAG * (cases["gust_m_s"][:, None] * shape) ** 2
     first = 3 * crane.layout.points.index("payload")
     force = np.zeros((*drag.shape, 3 * len(crane.points)))

@@ -252,9 +252,9 @@ def _mpc(setup: harness.Setup, move: Move) -> Plan:
 def _receding(
     setup: harness.Setup, motion: Motion | None, swing: float, drive: Drive = "effort"
 ) -> Controller:
-    from cranedyn.compiled.horizon.receding import INPUT, receding
+    from cranedyn.compiled.horizon.receding import receding, usual_input_weight
 
-    usual = np.diag((INPUT * np.array(LIMITS.accelerations)) ** -2.0)
+    usual = usual_input_weight(np.array(LIMITS.accelerations))
     return receding(
         setup.crane,
         LIMITS,
@@ -264,7 +264,7 @@ def _receding(
         input_weight=SOFTER_PLAN * usual if drive == "velocity" else None,
         control_period=setup.control_period,
         period=mpc_period(setup),
-        stage=setup.control_period * max(1, round(0.2 / setup.control_period)),
+        stage=_whole_periods(setup, 0.2),
     )
 
 
@@ -340,7 +340,12 @@ def mpc_period(setup: harness.Setup) -> float:
     """Time between optimisations of the MPC [s], 50 ms or the multiple of the control period that
     is nearest.
     """
-    return setup.control_period * max(1, round(0.05 / setup.control_period))
+    return _whole_periods(setup, 0.05)
+
+
+def _whole_periods(setup: harness.Setup, time: float) -> float:
+    """The multiple of the control period that is nearest to a time, one at least [s]."""
+    return setup.control_period * max(1, round(time / setup.control_period))
 
 
 COMPILED_MPC, TO_GOAL = "flat + compiled MPC", "MPC to the goal"

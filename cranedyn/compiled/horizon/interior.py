@@ -68,7 +68,7 @@ class _Solve:
                 step = self._iterate(gap.get())
                 gap.set(self._move(step))
                 left.set(left.get() * (1.0 - step))
-                self._report("iterations", Other(code, 1).from_integer(count) + 1.0)
+                self._report("iterations", self.single.from_integer(count) + 1.0)
                 self._report("gap", gap.get())
                 self._report("open", left.get())
                 done = code.both(gap.get() < _GAP * barrier, left.get() < _OPEN)

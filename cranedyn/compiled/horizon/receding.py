@@ -296,6 +296,11 @@ def receding(
     return Receding(programme, table, path)
 
 
+def usual_input_weight(accelerations: np.ndarray) -> np.ndarray:
+    """R for drives of some limits of acceleration, shape (m, m), see `INPUT`."""
+    return np.diag((INPUT * accelerations) ** -2.0)
+
+
 def _weights(
     crane: Crane,
     accelerations: np.ndarray,
@@ -306,7 +311,7 @@ def _weights(
     layout = crane.layout
     z = 2 * layout.n
     q = np.eye(z) if state_weight is None else state_weight
-    r = np.diag((INPUT * accelerations) ** -2.0) if input_weight is None else input_weight
+    r = usual_input_weight(accelerations) if input_weight is None else input_weight
     found = np.zeros((z + layout.m, z + layout.m))
     found[:z, :z] = finite("state weight", q, (z, z))
     found[z:, z:] = finite("input weight", r, (layout.m, layout.m))

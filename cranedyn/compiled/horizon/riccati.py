@@ -14,11 +14,12 @@ from typing import Any
 
 from llvmlite import ir
 
-from cranedyn.compiled.code import POINTER, Code, Value
+from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.horizon.memory import (
     Rows,
     Shape,
     Work,
+    constant,
     element,
     everywhere,
     over_lanes,
@@ -41,9 +42,7 @@ def emit(module: ir.Module, shape: Shape) -> None:
 
 def call(code: Code, name: str) -> None:
     """Call one of the functions on the memory at hand."""
-    function = code.function.module.globals[name]
-    assert function.type is POINTER or function
-    code.builder.call(function, [code.argument["work"]])
+    code.builder.call(code.function.module.globals[name], [code.argument["work"]])
 
 
 def _emit_end(work: Work) -> None:
@@ -151,5 +150,4 @@ def total(parts: list[Any]) -> Any:
 
 def mask(code: Code, count: int) -> Value:
     """1 in the first lanes, 0 beyond."""
-    numbers = [float(i < count) for i in range(code.lanes)]
-    return Value(code, ir.Constant(code.type, numbers))
+    return constant(code, [float(i < count) for i in range(code.lanes)])

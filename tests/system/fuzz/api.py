@@ -104,6 +104,8 @@ NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
 
 WITHIN = (
     "add_values",
+    "gust_shape",
+    "usual_input_weight",
     "bounds",
     "drive_bounds",
     "within_efforts",
