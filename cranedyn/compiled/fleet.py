@@ -5,6 +5,7 @@ of reinforcement learning.
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import pairwise
@@ -132,11 +133,8 @@ class Fleet:
             _LANES * np.linspace(0, groups, count_of_parts + 1).astype(int), self.count
         ).tolist()
         self.parts = [slice(first, last) for first, last in pairwise(ends)]
-        self._pool = (
-            ThreadPoolExecutor(min(workers, count_of_parts) - 1)
-            if min(workers, count_of_parts) > 1
-            else None
-        )
+        self._others = min(workers, count_of_parts) - 1
+        self._pool = ThreadPoolExecutor(self._others) if self._others else None
         self._z = np.empty((sizes.z, groups, _LANES))
         self.z = fixed(self._z.reshape(len(self._z), -1)[:, : self.count])
         self._limit = np.full((sizes.m, self.count), np.inf)
@@ -218,9 +216,19 @@ class Fleet:
             for part in range(len(self.parts)):
                 work(part)
             return
-        others = [self._pool.submit(work, part) for part in range(1, len(self.parts))]
+        left = deque(range(len(self.parts)))
+
+        def take() -> None:
+            while left:
+                try:
+                    part = left.popleft()
+                except IndexError:  # another thread took the last
+                    return
+                work(part)
+
+        others = [self._pool.submit(take) for _ in range(self._others)]
         try:
-            work(0)
+            take()
         finally:
             wait(others)  # whatever happens: none may go on while the next step begins
         for other in others:

@@ -4,6 +4,8 @@ harm.
 
 from __future__ import annotations
 
+import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,19 @@ def scattered(rng: np.random.Generator, count: int) -> State:
     return State(
         crane().start.q + rng.uniform(-0.1, 0.1, (count, 5)), rng.uniform(-0.1, 0.1, (count, 5))
     )
+
+
+def test_threads_share_the_parts_of_many_cranes() -> None:
+    fleet = Fleet(crane(), 8 * 512 * 6, threads=2)
+    did: dict[int, list[int]] = {}
+
+    def work(part: int) -> None:
+        time.sleep(0.02)
+        did.setdefault(threading.get_ident(), []).append(part)
+
+    fleet.spread(work)
+    assert sorted(part for parts in did.values() for part in parts) == list(range(6))
+    assert [len(parts) for parts in did.values()] == [3, 3]
 
 
 def test_efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate() -> None:
