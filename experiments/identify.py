@@ -19,10 +19,11 @@ from cranedyn.identification import Estimate, Known, Model, load_record
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import add_values, parse_values
-from cranedyn.sweep import grid, results, sweep
+from cranedyn.sweep import grid, sweep
 from experiments import gazebo, harness
 from experiments.harness.arguments import ROS
 from experiments.harness.progress import watching
+from experiments.harness.swept import columns_swept
 from experiments.identify_coverage import NAMES, coverage
 from experiments.identify_figures import beside, correlations
 from experiments.identify_tables import Found, doubts, found, of_trials, tables, values
@@ -313,8 +314,7 @@ def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcom
         workers=options.workers,
         progress=watching(setup.reporter, "cranes"),
     )
-    table = results(folder)
-    data = {name: table[name].to_numpy() for name in table.column_names}
+    data = columns_swept(folder)
     rows, claims = [], []
     low, high = (int(binom.ppf(share, count, 0.95)) for share in (_TAIL, 1.0 - _TAIL))
     for name in NAMES:

@@ -12,11 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from cranedyn.errors import DataError
-from cranedyn.sweep import Design, cross, grid, results, sweep
+from cranedyn.sweep import Design, cross, grid, sweep
 from cranedyn.sweep.cluster import tls
 from cranedyn.sweep.limits import check_memory
 from experiments import harness
 from experiments.harness.progress import watching
+from experiments.harness.swept import columns_swept
 from experiments.scenarios.drawn import DRAWN, drawn
 from experiments.scenarios.robustness import AFTER, COMBINED, IDEAL, SWEPT, robustness
 from experiments.scenarios.strategies import FLAT, PAPER, PD
@@ -82,8 +83,7 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         limit=options.limit,
         progress=watching(setup.reporter, "cases"),
     )
-    table = results(folder)
-    found = {name: table[name].to_numpy() for name in table.column_names}
+    found = columns_swept(folder)
     parameters = replace(setup, validity="mark").parameters() | {
         "drive": options.drive,
         "cases": end.cases,

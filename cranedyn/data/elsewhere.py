@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked
+from cranedyn.arguments import checked, described
 from cranedyn.data.trajectory import read_columns
-from cranedyn.errors import DataError, UnknownName, printable, quoted
+from cranedyn.errors import DataError, OutOfRange, UnknownName, printable, quoted
 
 _UNITS = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
@@ -86,11 +86,15 @@ def read_elsewhere(
             is beyond 90°.
         UnknownName: If a source is given for none of these columns, or has a unit that is none for
             it.
+        OutOfRange: If a source is no `Source`.
     """
     sources = sources or {}
     for ours in sources:
         if ours not in columns:
             raise UnknownName("needed column", ours, columns)
+    for ours, source in sources.items():
+        if not isinstance(source, Source):
+            raise OutOfRange(f"source of {ours}", described(source), "a Source")
     each = {ours: sources.get(ours, Source(ours)) for ours in columns}
     found = read_columns(path, list(dict.fromkeys(source.name for source in each.values())))
     data = {ours: found[source.name] * _factor(ours, source) for ours, source in each.items()}

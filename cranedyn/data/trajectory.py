@@ -111,14 +111,12 @@ def _belonging(units: Mapping[str, str], parts: Mapping[str, Sequence[str]]) -> 
     for of in dict.fromkeys(
         of for quantity in ("setpoint", "command", "effort", "work") for of in parts[quantity]
     ):
-        unit, effort = (
-            ("rad", f"T_{of}{{}}_Nm") if units.get(of) == "rad" else ("m", f"F_{of}{{}}_N")
-        )
+        unit, sign, of_effort = ("rad", "T", "Nm") if units.get(of) == "rad" else ("m", "F", "N")
         needed += [
             f"{of}_{unit}",
             f"{of}_setpoint_{unit}",
-            effort.format("_command"),
-            effort.format(""),
+            f"{sign}_{of}_command_{of_effort}",
+            f"{sign}_{of}_{of_effort}",
             f"W_{of}_J",
         ]
     return needed + [

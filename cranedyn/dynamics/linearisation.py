@@ -63,7 +63,8 @@ class Linear:
         command held for a control period [s].
 
         Raises:
-            OutOfRange: If a time is out of range, or the period is not a multiple of `dt`.
+            OutOfRange: If a time is out of range, the period is not a multiple of `dt`, or a state
+                would be beyond what a number can hold.
         """
         steps = clocks(control_period, dt, control_period).steps
         nz, m = self.b.shape
@@ -71,9 +72,11 @@ class Linear:
         step_v = np.hstack([np.zeros((n, n)), np.eye(n)]) + dt * self.a[n:]
         step = np.vstack([np.eye(n, nz) + dt * step_v, step_v])
         input_matrix = np.vstack([dt * dt * self.b[n:], dt * self.b[n:]])
-        over_period = np.linalg.matrix_power(
-            np.block([[step, input_matrix], [np.zeros((m, nz)), np.eye(m)]]), steps
-        )
+        with np.errstate(over="ignore", invalid="ignore"):
+            power = np.linalg.matrix_power(
+                np.block([[step, input_matrix], [np.zeros((m, nz)), np.eye(m)]]), steps
+            )
+        over_period = finite("what a control period does to a state", power, (nz + m, nz + m))
         return Sampled(over_period[:nz, :nz], over_period[:nz, nz:], control_period)
 
 

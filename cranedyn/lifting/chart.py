@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked
+from cranedyn.arguments import checked, described
 from cranedyn.arrays import finite
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import Trajectory
@@ -127,7 +127,7 @@ class Chart:
             if falls is None or one.count == falls:
                 return one
         known = [str(one.count) for one in self.reevings]
-        raise UnknownName("number of falls", str(falls), known)
+        raise UnknownName("number of falls", described(falls), known)
 
 
 class CutOut(NamedTuple):

@@ -194,4 +194,5 @@ def buffer_stroke(speed: float, deceleration: float = BUFFER_MOST) -> float:
     deceleration [m/s²]: (0.7 v)²/(2a) [m]. FEM 1.001 (second hand).
     """
     most = within("deceleration", deceleration, 1e-3, BUFFER_MOST, "m/s²")
-    return (BUFFER_SHARE * number("speed", speed, "m/s")) ** 2 / (2.0 * most)
+    met = BUFFER_SHARE * number("speed", speed, "m/s")
+    return met * met / (2.0 * most)

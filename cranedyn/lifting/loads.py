@@ -219,8 +219,9 @@ def loads_of_rows(
         OutOfRange: If an array has another shape, or a number is not finite.
     """
     shape = np.shape(q)[:-1]
-    q, v, effort = (_flat(name, one) for name, one in (("q", q), ("v", v), ("effort", effort)))
-    outside = None if force is None else _flat("force", force)
+    n, m, points = crane.layout.n, crane.layout.m, len(crane.points)
+    q, v, effort = _flat("q", q, n), _flat("v", v, n), _flat("effort", effort, m)
+    outside = None if force is None else _flat("force", force, 3 * points)
     moving = Moving.of(crane, q, v, effort, outside, buffers=buffers)
     layout = crane.layout
     found: dict[str, np.ndarray] = {}
@@ -341,6 +342,6 @@ def _along(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return np.einsum("ij,ij->i", vector, direction)
 
 
-def _flat(name: str, table: np.ndarray) -> np.ndarray:
-    wide = np.shape(table)[-1] if np.ndim(table) else 0
-    return finite(name, np.reshape(table, (-1, wide)), ("rows", wide))
+def _flat(name: str, table: np.ndarray, wide: int) -> np.ndarray:
+    found = finite(name, table, (wide,), ("rows", wide), ("cranes", "rows", wide))
+    return found.reshape(-1, wide)

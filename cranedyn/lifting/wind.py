@@ -36,7 +36,8 @@ OPERATING = MappingProxyType(
 @checked
 def wind_pressure(speed: float) -> float:
     """Pressure [Pa] of a wind speed [m/s]: 0.625 v². AS 5222:2021 (second hand)."""
-    return PRESSURE * number("wind speed", speed, "m/s") ** 2
+    v = number("wind speed", speed, "m/s")
+    return PRESSURE * v * v
 
 
 @checked

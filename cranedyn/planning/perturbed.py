@@ -12,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import binomtest
 
-from cranedyn.arguments import checked
+from cranedyn.arguments import checked, described
 from cranedyn.arrays import finite
 from cranedyn.compiled.batch import Batch, simulate_batch
+from cranedyn.compiled.inputs import fit
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.disturbances.wind import AIR_DENSITY, gust_shape
@@ -131,9 +132,10 @@ def perturb(
         threads: How many; by default one for each processor.
 
     Raises:
-        OutOfRange: If the count is not a whole number from 1 on.
+        OutOfRange: If the count is not a whole number from 1 on, or what is drawn would not fit.
     """
     whole("number of lifts", count, 1)
+    fit("number of lifts", described(count), 12 * count)
     lift, rng = certificate.lift, np.random.default_rng(seed)
     loads = np.sort(rng.integers(0, _LEVELS, count))
     drawn = {

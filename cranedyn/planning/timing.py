@@ -46,6 +46,9 @@ _SLOWER = (1.0, 1.5, 3.0, 6.0)
 """By which factor accelerations are less than they might be where a motion is not proven
 otherwise."""
 
+_LONGEST = 1e5
+"""Time that a motion may take [s], more than a day."""
+
 _ROUNDS, _KEPT, _MORE = 6, 1.0 + 1e-6, 2.0
 _MARGIN = 8
 
@@ -229,6 +232,8 @@ def _fastest(path: Path, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
         raise CraneError("TOPP-RA finds no law of time along this path.")
     s = problem.gridpoints
     times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) / (speeds[1:] + speeds[:-1]))])
+    if not times[-1] <= _LONGEST:
+        raise CraneError(f"A load on this path takes more than {_LONGEST:g} s.")
     t = np.append(np.arange(0.0, times[-1], STEP), times[-1])
     k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(s) - 2)
     since, gain = t - times[k], np.diff(speeds) / np.diff(times)
@@ -307,16 +312,10 @@ def carried(clearance: Clearance, places: np.ndarray, period: float) -> Motion:
     )
     t = STEP * (np.arange(len(rest)) - _MARGIN)
     point = clearance.point(rest) - np.array([0.0, 0.0, inertia]) / rest[:, 2:]
-    rope = scipy.interpolate.make_interp_spline(t, point, k=7).derivative(2)(t) + np.array(
-        [0.0, 0.0, crane.gravity]
-    )
-    if rope[:, 2].min() <= 0.0:
-        raise OutOfRange(
-            "least tension of the rope",
-            float(rope[:, 2].min() / crane.gravity),
-            "> 0",
-            "of its weight",
-        )
+    acceleration = scipy.interpolate.make_interp_spline(t, point, k=7).derivative(2)(t)
+    rope = acceleration / crane.gravity + np.array([0.0, 0.0, 1.0])
+    if not (least := float(rope[:, 2].min())) > 0.0:
+        raise OutOfRange("least tension of the rope", least, "> 0", "of its weight")
     q = recover(point, rope / np.linalg.norm(rope, axis=1)[:, None], clearance.height, inertia)
     slew = clearance.joints.slew
     q[:, slew] += places[0, 0] - q[0, slew]

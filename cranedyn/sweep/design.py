@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number, shown
+from cranedyn.arguments import checked, described
+from cranedyn.errors import CraneError, DataError, OutOfRange, number, shown
 from cranedyn.sweep.limits import check_memory, whole
 
 RESERVED = ("case", "error")
@@ -120,8 +120,8 @@ def sampled(
     """
     from scipy.stats import qmc
 
-    if method not in METHODS:
-        raise UnknownName("method of sampling", method, METHODS)
+    if not isinstance(method, str) or method not in METHODS:
+        raise OutOfRange("method", described(method), f"one of {', '.join(METHODS)}")
     n, rng = (
         whole("number of points", count, 1, 2**30),
         np.random.default_rng(whole("seed", seed, 0)),

@@ -243,6 +243,14 @@ def test_a_trajectory_with_a_column_missing_is_refused(
         read(tmp_path / "a.csv")
 
 
+def test_a_column_named_with_a_brace_is_no_format(tmp_path: Path, made: Trajectory) -> None:
+    table = made.table()
+    names = [name.replace("T_gamma_Nm", "T_gam}a_Nm") for name in table.column_names]
+    pyarrow.csv.write_csv(table.rename_columns(names), tmp_path / "a.csv")
+    with pytest.raises(DataError, match="has no column"):
+        read(tmp_path / "a.csv")
+
+
 def test_a_file_that_is_no_record_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         DataError,

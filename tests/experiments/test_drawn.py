@@ -19,11 +19,13 @@ from cranedyn.controllers.follow import follow
 from cranedyn.controllers.sensed import noise_of, sensed
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.converters import converters
+from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references.spline import spline
 from cranedyn.simulation.simulate import simulate
-from cranedyn.sweep import results
+from cranedyn.sweep import Design, Progress, results
+from cranedyn.sweep import sweep as swept
 from experiments import sweep
 from experiments.harness.setup import Setup
 from experiments.scenarios import robustness as study
@@ -205,3 +207,19 @@ def test_the_command_draws_goes_on_and_refuses_what_has_no_effect(
     ):
         assert sweep.main([*wrong, *out]) == 2
         assert word in capsys.readouterr().err
+
+
+def test_a_sweep_of_which_every_case_is_bad_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("experiments.sweep.sweep", _all_bad)
+    assert sweep.main(["--points", "2", "--durations", "1", "--out", str(tmp_path / "out")]) == 2
+    assert "Each of 2 cases is bad; the first: no." in capsys.readouterr().err
+
+
+def _all_bad(_study: object, _design: object, folder: Path, **_options: object) -> Progress:
+    return swept(_bad, Design({"a": np.arange(2.0)}), folder, workers=1)
+
+
+def _bad(cases: object) -> dict[str, np.ndarray]:
+    raise CraneError("no.")

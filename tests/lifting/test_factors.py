@@ -85,3 +85,8 @@ def test_what_no_formula_is_for_is_a_sentence(call: Callable[[], float], words: 
     with pytest.raises(CraneError) as caught:
         call()
     assert words in str(caught.value)
+
+
+def test_a_speed_whose_square_no_number_holds_is_infinitely_much() -> None:
+    assert wind.wind_pressure(1e300) == math.inf
+    assert factors.buffer_stroke(1e300) == math.inf

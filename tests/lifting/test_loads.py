@@ -249,6 +249,7 @@ def test_loads_are_a_table_like_a_run(tmp_path: Path) -> None:
         (lambda of, run: loads(crane_of(RELATIVES[0]), run), "run is of joints gamma"),
         (lambda of, run: loads_of_rows(of, run.q * np.nan, run.v, run.effort), "q is nan"),
         (lambda of, run: loads_of_rows(of, run.q, run.v, run.effort[:, :2]), "effort"),
+        (lambda of, run: loads_of_rows(of, run.q, [], run.effort), "v is an array of shape"),
     ],
 )
 def test_what_cannot_be_judged_is_a_sentence(call: object, words: str) -> None:

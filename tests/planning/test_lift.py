@@ -32,7 +32,7 @@ from cranedyn.planning.perturbed import (
 )
 from cranedyn.planning.proof import Line, unproven
 from cranedyn.planning.solids import body, box
-from cranedyn.planning.timing import STEP
+from cranedyn.planning.timing import STEP, carried
 from cranedyn.references.limits import use
 from cranedyn.simulation.simulate import simulate
 from experiments import lift as experiment
@@ -59,6 +59,24 @@ def test_a_lift_over_a_wall_is_certified() -> None:
     assert certificate().nearest.distance >= 0.5
     # Over it, not through it.
     assert lift().clearance.point(lift().timed.places)[:, 2].max() > 8.0 + 0.5 + 0.5
+
+
+@pytest.mark.parametrize("count", [0, 10**10, pytest.param(10**5000, id="endless")])
+def test_more_lifts_than_fit_are_refused(count: int) -> None:
+    with pytest.raises(CraneError, match="number of lifts is"):
+        perturb(certificate(), count)
+
+
+@pytest.mark.parametrize(("gravity", "words"), [(1e-12, "more than 100000 s"), (1e-310, "more")])
+def test_a_lift_that_takes_days_is_refused(gravity: float, words: str) -> None:
+    with pytest.raises(CraneError, match=words):
+        plan_lift(site(), LIMITS, crane=load_crane(gravity=gravity))
+
+
+def test_a_load_of_any_weight_is_carried_alike() -> None:
+    heavy = Clearance(load_crane(gravity=1e300), site())
+    motion = carried(heavy, lift().timed.places, STEP)
+    assert np.abs(motion.q[:, heavy.crane.swings]).max() < 1e-250
 
 
 def test_every_leg_curve_and_motion_of_a_lift_is_proven() -> None:
