@@ -252,7 +252,7 @@ def _mpc(setup: harness.Setup, move: Move) -> Plan:
 def _receding(
     setup: harness.Setup, motion: Motion | None, swing: float, drive: Drive = "effort"
 ) -> Controller:
-    from cranedyn.compiled.horizon.receding import receding, usual_input_weight
+    from cranedyn.compiled.horizon.receding import STAGE, receding, usual_input_weight
 
     usual = usual_input_weight(np.array(LIMITS.accelerations))
     return receding(
@@ -264,7 +264,7 @@ def _receding(
         input_weight=SOFTER_PLAN * usual if drive == "velocity" else None,
         control_period=setup.control_period,
         period=mpc_period(setup),
-        stage=_whole_periods(setup, 0.2),
+        stage=_whole_periods(setup, STAGE["a goal" if motion is None else "a motion"]),
     )
 
 

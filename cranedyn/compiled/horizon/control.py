@@ -1,5 +1,9 @@
 """What the drives are told at a control instant, in code: the accelerations of the plan as efforts.
 
+Of the swing, whose sensors are the worst of a crane, a plan begins with an average: what was
+expected of the crane that it knows, moved on by what the drives did, and a share of what the
+sensors differ. That the rope stays taut is seen to with what is measured.
+
 Between optimisations the planned accelerations are held and turned into efforts at every control
 instant by inverse dynamics. What a drive accelerates otherwise than told is a disturbance, a load
 of another mass among them; its estimate is taken off what is told. Efforts are cut to the limits of
@@ -21,6 +25,7 @@ from cranedyn.compiled.horizon.planning import QUERY
 from cranedyn.dynamics.plant import Plant, Topology, plant
 from cranedyn.dynamics.rigid_body import array
 from cranedyn.dynamics.scalars import clipped
+from cranedyn.model.layout import Layout
 
 
 @dataclass(frozen=True)
@@ -36,7 +41,8 @@ class Programme:
         period: Control period [s].
         ratio: Control periods from one optimisation to the next.
         rows: Of the path that it tracks; 0 for the setpoint of the moment.
-        share: Of what an estimate is wrong by that is corrected at each instant.
+        share: Of what an estimate of disturbances is wrong by that is corrected at each instant.
+        swing_share: The same of the swing.
         taut: Least tension of the rope [N].
         errors: Of coordinates and rates of each joint that weigh alike, in a row; none if weights
             are given.
@@ -53,6 +59,7 @@ class Programme:
     ratio: int
     rows: int
     share: float
+    swing_share: float
     taut: float
     errors: tuple[float, ...]
     payload_errors: tuple[float, ...]
@@ -85,8 +92,7 @@ class Parts(NamedTuple):
     Attributes:
         query: See `cranedyn.compiled.horizon.planning`.
         counts: Whole numbers: control instants up to now, and up to the run's beginning.
-        lanes: What each lane remembers: accelerations held, estimates, rates expected, whether
-            nothing was cut.
+        lanes: What each lane remembers, see `Control`.
         plans: The plan of each lane.
         path: The path.
         work: Memory of the optimisation.
@@ -108,12 +114,17 @@ class Parts(NamedTuple):
         counts = [
             shape.lanes + 8,
             8,
-            lanes * -(-(3 * layout.m + 1) // 8) * 8,
+            lanes * -(-remembered(layout) // 8) * 8,
             lanes * plan_size(shape),
             -(-max(programme.rows, 1) * shape.states // 8) * 8 + shape.lanes,
             shape.size,
         ]
         return cls(0, *np.cumsum(counts).tolist())
+
+
+def remembered(layout: Layout) -> int:
+    """Doubles that each lane remembers."""
+    return 4 * layout.m + 2 * (layout.n - layout.m) + 2
 
 
 def plan_size(shape: Shape) -> int:
@@ -163,11 +174,29 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
 
 
 class Control:
-    """The code of a control instant, for one crane or for one in each lane."""
+    """The code of a control instant, for one crane or for one in each lane.
+
+    Each lane remembers accelerations held, estimates of what disturbs the drives, rates expected of
+    them, their rates at the instant before, the swing believed then and its rates, whether nothing
+    was cut, and whether there was an instant before.
+    """
 
     def __init__(self, code: Code, programme: Programme, memory: ir.Value) -> None:
         self.code, self.programme, self.memory = code, programme, memory
         self.parts, self.layout = Parts.of(programme, code.lanes), programme.topology.layout
+        m, passive = self.layout.m, self.layout.n - self.layout.m
+        sizes = [m, m, m, m, 2 * passive, 1, 1]
+        ends = np.cumsum(sizes).tolist()
+        assert ends[-1] == remembered(self.layout)
+        (
+            self._held,
+            self._estimate,
+            self._expected,
+            self._rates,
+            self._swing,
+            self._free,
+            self._begun,
+        ) = (range(end - size, end) for size, end in zip(sizes, ends, strict=True))
 
     def counted(self) -> tuple[ir.Value, ir.Value]:
         """Row of the path now and whether an optimisation is due, by counting instants."""
@@ -196,10 +225,11 @@ class Control:
             due: Whether it is time for an optimisation.
         """
         code = self.code
+        believed = self._believed(q, v)
         with code.when(due):
             for lane in range(code.lanes):
-                self._plan(lane, q, v, position, row)
-        told = self._remembered(0)
+                self._plan(lane, *believed, position, row)
+        told = self._remembered(self._held)
         if self.programme.drive == "effort":
             return self._efforts(q, v, told)
         told = self._taut(q, v, told)
@@ -258,22 +288,52 @@ class Control:
     def _store_one(self, value: Value, base: ir.Value, place: int) -> None:
         self.code.builder.store(value.register, pointer(self.code, base, place), align=8)
 
-    def _place(self, group: int, i: int) -> int:
-        return self.parts.lanes + (group * self.layout.m + i) * self.code.lanes
+    def _place(self, i: int) -> int:
+        return self.parts.lanes + i * self.code.lanes
 
-    def _remembered(self, group: int) -> np.ndarray:
-        code, m = self.code, self.layout.m
-        return array([code.load(self.memory, self._place(group, i)) for i in range(m)])
+    def _remembered(self, which: range) -> np.ndarray:
+        return array([self.code.load(self.memory, self._place(i)) for i in which])
 
-    def _remember(self, group: int, values: Any) -> None:
-        for i, value in enumerate(values):
-            self.code.store(value, self.memory, self._place(group, i))
+    def _remember(self, which: range, values: Any) -> None:
+        for i, value in zip(which, values, strict=True):
+            self.code.store(value, self.memory, self._place(i))
+
+    def _believed(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates and rates as measured, but of the swing what is believed of it.
+
+        What the drives did since the instant before is what their rates changed by: whatever moved
+        them, and noise of the encoders does not add up.
+        """
+        layout, period, share = self.layout, self.programme.period, self.programme.swing_share
+        drives, passive = layout.drives, layout.passive
+        if share == 1.0 or not len(passive):
+            return q, v
+        rates, swing = v[drives], self._remembered(self._swing)
+        before, faster = q.copy(), v.copy()
+        before[passive], faster[passive] = np.split(swing, 2)
+        done = (rates - self._remembered(self._rates)) / period
+        caused = self.programme.plant.answer(before, faster, done, None)[0][passive]
+        after = faster[passive] + period * caused
+        expected = [*(before[passive] + period * after), *after]
+        known = self._remembered(self._begun)[0] > 0.0
+        believed = array(
+            [
+                self.code.chosen(known, e + share * (seen - e), seen)
+                for e, seen in zip(expected, [*q[passive], *v[passive]], strict=True)
+            ]
+        )
+        self._remember(self._rates, rates)
+        self._remember(self._swing, believed)
+        self._remember(self._begun, [1.0])
+        q, v = q.copy(), v.copy()
+        q[passive], v[passive] = np.split(believed, 2)
+        return q, v
 
     def _efforts(self, q: np.ndarray, v: np.ndarray, told: np.ndarray) -> np.ndarray:
         """Efforts that accelerate as told, what disturbs taken off; and what it learns of that."""
         code, programme, layout = self.code, self.programme, self.layout
-        free = code.load(self.memory, self._place(3, 0))
-        estimate, expected = self._remembered(1), self._remembered(2)
+        (free,) = self._remembered(self._free)
+        estimate, expected = self._remembered(self._estimate), self._remembered(self._expected)
         rates = v[layout.drives]
         gain = free * (programme.share / programme.period)
         estimate = array(
@@ -288,9 +348,9 @@ class Control:
             most = crane.joint.damping[joint] * v[joint] - programme.taut
             cut[hoist] = code.chosen(cut[hoist] > most, most, cut[hoist])
         same = [code.call("llvm.fabs", a - b) <= 0.0 for a, b in zip(cut, wanted, strict=True)]
-        self._remember(1, estimate)
-        self._remember(2, rates + programme.period * told)
-        code.store(code.chosen(code.both(*same), 1.0, 0.0), self.memory, self._place(3, 0))
+        self._remember(self._estimate, estimate)
+        self._remember(self._expected, rates + programme.period * told)
+        self._remember(self._free, [code.chosen(code.both(*same), 1.0, 0.0)])
         return array(cut)
 
     def _taut(self, q: np.ndarray, v: np.ndarray, told: np.ndarray) -> np.ndarray:

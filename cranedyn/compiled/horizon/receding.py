@@ -50,7 +50,7 @@ _STAGES = 200
 TAUT = 0.1
 """Least tension of the rope, as a share of the payload's weight."""
 
-PAYLOAD_ERRORS = (0.22, 0.17)
+PAYLOAD_ERRORS = (0.22, 0.16)
 """Errors of the payload's place [m] and rate [m/s] that weigh alike, ours."""
 
 ERROR = {"revolute": 0.1, "prismatic": 1.0}
@@ -58,6 +58,11 @@ ERROR = {"revolute": 0.1, "prismatic": 1.0}
 
 INPUT = 10.0
 """Accelerations of the drives that weigh as much, as a multiple of their limits."""
+
+
+STAGE = {"a goal": 0.4, "a motion": 0.2}
+"""Length of a stage [s], ours: to a goal the horizon should hold the whole of a swing and of the
+way that a drive needs to stop; what a motion says is followed more closely by shorter ones."""
 
 
 class Marks(NamedTuple):
@@ -213,11 +218,12 @@ def receding(
     control_period: float = 5e-3,
     period: float = 0.05,
     stages: int = 40,
-    stage: float = 0.2,
+    stage: float | None = None,
     state_weight: np.ndarray | None = None,
     input_weight: np.ndarray | None = None,
     payload_errors: Sequence[float] = PAYLOAD_ERRORS,
     settling: float = 0.1,
+    smoothing: float = 0.2,
 ) -> Receding:
     """Model predictive control on the nonlinear crane, from any state.
 
@@ -237,13 +243,15 @@ def receding(
         control_period: Of the run [s].
         period: Time between optimisations [s], a multiple of the control period.
         stages: How many the horizon has.
-        stage: Length of each [s], a multiple of the control period.
+        stage: Length of each [s], a multiple of the control period; None for `STAGE`.
         state_weight: Q for coordinates and rates, shape (2 n, 2 n); None for errors that weigh
             alike.
         input_weight: R for the accelerations of the drives, shape (m, m); None for the same.
         payload_errors: Errors of the payload's place [m] and rate [m/s] that weigh alike, where
             no Q is given.
         settling: Time in which it learns what disturbs the drives [s].
+        smoothing: Time over which it averages what is measured of the swing [s]; no longer than
+            the control period where the sensors have no noise.
 
     Raises:
         OutOfRange: If a number is out of range, times do not divide, or a weight is not symmetric
@@ -258,9 +266,12 @@ def receding(
             "This predictive controller is made for a rigid crane; this one has springs."
         )
     ratio = multiple("period", period, "control_period", control_period)
+    if stage is None:
+        stage = STAGE["a goal" if motion is None else "a motion"]
     multiple("stage", stage, "control_period", control_period)
     within("stages", whole("stages", stages, 2, "stages"), 2, _STAGES)
     within("settling", number("settling", settling, "s", "> 0"), control_period, 1e3, "s")
+    within("smoothing", number("smoothing", smoothing, "s", "> 0"), 0.0, 1e3, "s")
     swing = within(
         "swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, 1.57, "rad"
     )
@@ -284,6 +295,7 @@ def receding(
         ratio,
         len(path),
         min(1.0, control_period / settling),
+        min(1.0, control_period / smoothing),
         TAUT * weight,
         ()
         if state_weight is not None
