@@ -5,7 +5,9 @@ near.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -190,18 +192,26 @@ def made_otherwise(
     """
     lift, nominal = certificate.lift, controller_of(certificate.lift, dt=dt)
     cranes = {level: _crane(lift.crane, level) for level in np.unique(drawn["load"]).tolist()}
-    for some in _chunks(drawn["load"]):
+    rows = np.searchsorted(certificate.run.t, _recorded(lift) - 1e-9)
+    planned = certificate.run.q[rows]
+    room = np.array([lift.clearance.true_room(q) for q in planned])
+
+    def make(some: np.ndarray) -> Otherwise:
         own = {name: values[some] for name, values in drawn.items()}
-        batch, force = _batch(lift, nominal, own, cranes, dt, threads)
-        least = _least(lift.clearance, certificate, batch)
-        yield Otherwise(some, cranes[float(own["load"][0])], batch, force, least)
+        batch, force = _batch(lift, nominal, own, cranes, dt)
+        least = _least(lift.clearance, planned, room, batch)
+        return Otherwise(some, cranes[float(own["load"][0])], batch, force, least)
+
+    workers, chunks = threads or len(os.sched_getaffinity(0)), _chunks(drawn["load"])
+    with ThreadPoolExecutor(workers) as pool:
+        for first in range(0, len(chunks), workers):
+            yield from pool.map(make, chunks[first : first + workers])
 
 
-def _chunks(loads: np.ndarray, most: int = 400) -> Iterator[np.ndarray]:
+def _chunks(loads: np.ndarray, most: int = 200) -> list[np.ndarray]:
     """Rows to make at once, of the same load."""
-    for level in np.unique(loads):
-        rows = np.flatnonzero(loads == level)
-        yield from np.array_split(rows, math.ceil(len(rows) / most))
+    levels = [np.flatnonzero(loads == level) for level in np.unique(loads)]
+    return [some for rows in levels for some in np.array_split(rows, math.ceil(len(rows) / most))]
 
 
 def _crane(crane: Crane, load: float) -> Crane:
@@ -236,7 +246,6 @@ def _batch(
     drawn: dict[str, np.ndarray],
     cranes: dict[float, Crane],
     dt: float,
-    threads: int | None,
 ) -> tuple[Batch, np.ndarray]:
     """What becomes of lifts, and the forces of the wind in the rows that are kept."""
     crane, motion, count = lift.crane, lift.timed.motion, len(drawn["load"])
@@ -247,34 +256,49 @@ def _batch(
         one: replace(nominal, tracking=late(nominal, one), integral=-heavier / HOIST_INTEGRAL)
         for one in delays
     }
-    duration = motion.arrival + motion.period * math.ceil(AFTER / motion.period)
-    times = motion.period * np.arange(round(duration / motion.period) + 1)
-    force = _forces(lift, drawn, times)
+    times = motion.period * np.arange(_periods(lift) + 1)
+    # So that all batches share one code, the last crane is made once more with another load.
+    other = next((one for level, one in cranes.items() if level != load), cranes[load])
+    force = _forces(lift, {name: np.append(one, one[-1:]) for name, one in drawn.items()}, times)
     start = np.tile(lift.states()[0].q, (count, 1))
     hoist = lift.clearance.joints.hoist
     start[:, hoist] += drawn["cable_m"]
     offset = np.zeros((count, 2 * crane.layout.n))
     offset[:, hoist] = -drawn["cable_m"]
-    _hang(start, force[:, 0, :3], cranes[load], lift.clearance.joints)
-    # So that all batches share one code.
-    other = next((one for level, one in cranes.items() if level != load), cranes[load])
+    _hang(start, force[:-1, 0, :3], cranes[load], lift.clearance.joints)
     batch = _without_last(
         simulate_batch(
             [*[cranes[load]] * count, other],
             [*(made[one] for one in drawn["late_s"].tolist()), made[delays[0]]],
             motion,
             start=State(np.vstack([start, start[-1:]]), np.zeros((count + 1, start.shape[1]))),
-            duration=duration,
+            duration=motion.period * _periods(lift),
             dt=dt,
             control_period=motion.period,
-            force=np.concatenate([force, force[-1:]]),
+            force=force,
             sensor_offset=np.vstack([offset, offset[-1:]]),
             residual_from=motion.arrival,
-            record=max(1, round(_RECORDED / motion.period)),
-            threads=threads,
+            record=_every(lift),
+            threads=1,
         )
     )
-    return batch, force[:, np.rint(batch.t / motion.period).astype(int)]
+    return batch, force[:-1, np.rint(batch.t / motion.period).astype(int)]
+
+
+def _periods(lift: Lift) -> int:
+    """Control periods that a lift is watched."""
+    motion = lift.timed.motion
+    return round(motion.arrival / motion.period) + math.ceil(AFTER / motion.period)
+
+
+def _every(lift: Lift) -> int:
+    """Control periods from one row that is kept to the next."""
+    return max(1, round(_RECORDED / lift.timed.motion.period))
+
+
+def _recorded(lift: Lift) -> np.ndarray:
+    """Times of the rows that are kept [s]."""
+    return lift.timed.motion.period * np.arange(0, _periods(lift) + 1, _every(lift))
 
 
 def _without_last(batch: Batch) -> Batch:
@@ -320,7 +344,9 @@ def _forces(lift: Lift, drawn: dict[str, np.ndarray], times: np.ndarray) -> np.n
         )
     ):
         steady, rise, at, lasts, direction = row
-        speed = steady + rise * gust_shape(times, at, lasts)
+        speed = np.full(len(times), steady)
+        blows = slice(*np.searchsorted(times, (at, at + lasts)))
+        speed[blows] += rise * gust_shape(times[blows], at, lasts)
         x, y = speed * math.cos(direction) - own[:, 0], speed * math.sin(direction) - own[:, 1]
         drag = 0.5 * AIR_DENSITY * area * np.sqrt(x * x + y * y)
         force[i, :, 0], force[i, :, 1] = drag * x, drag * y
@@ -337,19 +363,17 @@ def _step(lift: Lift) -> float:
     return lift.timed.motion.arrival / (len(lift.timed.places) - 1)
 
 
-def _least(clearance: Clearance, certificate: Certificate, batch: Batch) -> np.ndarray:
+def _least(clearance: Clearance, planned: np.ndarray, room: np.ndarray, batch: Batch) -> np.ndarray:
     """How near each lift comes to anything [m], at least so far, shape (n,): at the instants
-    recorded, less how far it moves between these.
+    recorded, less how far it moves between these; from the coordinates planned for these, and how
+    near it comes there.
 
     Where a lift differs from its plan by less than the plan is free, that tells; elsewhere
     distances are measured.
     """
-    run = certificate.run
-    rows = np.searchsorted(run.t, batch.t - 1e-9)
-    planned = np.array([clearance.true_room(q) for q in run.q[rows]])
     between = clearance.moved(batch.q[:, :-1, :], batch.q[:, 1:, :]) / 2.0
     step = np.maximum(np.pad(between, ((0, 0), (1, 0))), np.pad(between, ((0, 0), (0, 1))))
-    at_least = planned - clearance.moved(run.q[rows], batch.q) - step
+    at_least = room - clearance.moved(planned, batch.q) - step
     least = np.full(len(batch.q), np.nan)
     for i in np.flatnonzero(np.isfinite(at_least).all(axis=1) & ~np.isfinite(batch.valid_until)):
         bounds, looked_at = at_least[i], set[int]()

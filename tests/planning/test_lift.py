@@ -356,7 +356,7 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
             "late_s": np.array([seconds]),
             "gust_lasts_s": np.ones(1),
         }
-        batch, _ = _batch(made, control, drawn, {load: heavy}, 1e-3, 1)
+        batch, _ = _batch(made, control, drawn, {load: heavy}, 1e-3)
         rows = np.searchsorted(run.t, batch.t - 1e-9)
         off.append(float(made.clearance.moved(batch.q[0], run.q[rows]).max()))
     # half a kilogram force of still air's drag, and what the delay does to what was not planned
