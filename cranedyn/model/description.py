@@ -115,6 +115,9 @@ def describe(
         mappings[name] = repr(number(name, value, unit, allowed)) if allowed else str(value)
     try:
         with _EXPANDING, contextlib.redirect_stderr(io.StringIO()):
+            # A node that xacro moves from document to document: an interruption in its midst would
+            # leave it in none, and nothing could be expanded any more.
+            xacro._empty_text_node = minidom.Document().createTextNode("\n\n")
             document = xacro.process_file(str(path), mappings=mappings)
         _strip_comments(document)
         return (

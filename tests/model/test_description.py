@@ -7,8 +7,10 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from xml.dom import minidom
 
 import pytest
+import xacro
 
 from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName
 from cranedyn.model.description import XACRO, arguments, describe, main, parse_values
@@ -86,6 +88,23 @@ def test_the_urdf_is_plain(urdf: str) -> None:
 
 
 def test_the_same_arguments_give_the_same_bytes(urdf: str) -> None:
+    assert describe() == urdf
+
+
+def test_an_interruption_in_the_midst_of_an_expansion_does_no_harm_to_the_next(
+    urdf: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    remove = minidom.Node.removeChild
+
+    def interrupted(parent: minidom.Node, child: minidom.Node) -> minidom.Node:
+        if child is xacro._empty_text_node:
+            parent.childNodes.remove(child)
+            raise KeyboardInterrupt
+        return remove(parent, child)
+
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(minidom.Node, "removeChild", interrupted)
+        describe()
     assert describe() == urdf
 
 
