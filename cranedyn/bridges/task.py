@@ -6,8 +6,9 @@ Arrays have one column a crane, n of them. Angles [rad], lengths [m], times [s].
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,10 @@ from cranedyn.references.limits import Limits
 LIMITS = Limits(rates=(0.0838, 1.583, 1.0), accelerations=(0.02, 0.4, 0.4))
 """Slew and trolley rates of a large crane (0.8 rpm, 95 m/min), 60 m/min of hoisting; accelerations
 ours."""
+
+_AT_ONCE = 16_384
+"""Cranes up to which only their steps are shared among threads: the rest is so little that threads
+would wait for each other's Python."""
 
 ACTIONS = ("velocity", "acceleration")
 
@@ -251,10 +256,9 @@ class Task:
             np.empty(n),
         )
 
-        def work(part: int) -> None:
-            here = self.fleet.parts[part]
+        def work(here: slice, advance: Callable[[np.ndarray], np.ndarray]) -> None:
             goal, now = self.goal[:, here], self.fleet.z[:, here]
-            z = self.fleet.advance(part, self.accelerations(given[:, here], now))
+            z = advance(self.accelerations(given[:, here], now))
             over[here] = ~(
                 np.square(z[self.layout.passive]).sum(axis=0) < self.rules.swing_limit**2
             )
@@ -266,7 +270,11 @@ class Task:
             )
             self._observe(z, goal, seen[here])
 
-        self.fleet.spread(work)
+        if n <= _AT_ONCE:
+            work(slice(n), self.fleet.step)
+        else:
+            parts, advance = self.fleet.parts, self.fleet.advance
+            self.fleet.spread(lambda part: work(parts[part], partial(advance, part)))
         return reward, over, seen
 
     def accelerations(self, action: np.ndarray, z: np.ndarray) -> np.ndarray:

@@ -207,7 +207,7 @@ class Fleet:
             OutOfRange: If a command is not finite.
         """
         given = finite("command", command, (self._sizes.m, self.count))
-        self.spread(lambda part: self.advance(part, given[:, self.parts[part]]))
+        self.spread(lambda part: self._advance(part, given[:, self.parts[part]]))
         return self.z
 
     def spread(self, work: Callable[[int], object]) -> None:
@@ -243,7 +243,13 @@ class Fleet:
         if whole("part", part, 0) >= len(self.parts):
             raise OutOfRange("part", part, f"0 to {len(self.parts) - 1}")
         columns = self.parts[part]
-        given = finite("command", command, (self._sizes.m, columns.stop - columns.start))
+        self._advance(
+            part, finite("command", command, (self._sizes.m, columns.stop - columns.start))
+        )
+        return self.z[:, columns]
+
+    def _advance(self, part: int, given: np.ndarray) -> None:
+        columns = self.parts[part]
         if self.drive == "effort":
             given = np.clip(given, -self._limit[:, columns], self._limit[:, columns])
         first, last = columns.start // _LANES, -(-columns.stop // _LANES)
@@ -254,7 +260,6 @@ class Fleet:
         ).transpose(1, 0, 2)
         self._steps(first, last)
         self._z[:, first:last] = self._state[first:last, : len(self._z)].transpose(1, 0, 2)
-        return self.z[:, columns]
 
     def _put(self, rows: np.ndarray, start: State, kinds: np.ndarray) -> None:
         groups, lanes = np.divmod(rows, _LANES)

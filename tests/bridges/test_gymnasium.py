@@ -138,6 +138,17 @@ def test_starts_goals_and_drives_keep_to_the_ranges_that_all_cranes_have() -> No
         many(1, crane=[crane(trolley_min=9.98), crane(trolley_max=10.02)])
 
 
+def test_what_is_shared_among_threads_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+    for at_once in (0, 10_000):
+        monkeypatch.setattr("cranedyn.bridges.task._AT_ONCE", at_once)
+        env = many(600, threads=2, wind=5.0)
+        env.reset(seed=3)
+        found.append(rollout(env, 20))
+    for shared, alone in zip(*found, strict=True):
+        np.testing.assert_array_equal(shared, alone)
+
+
 def test_the_reward_is_that_of_the_distance_the_load_would_have_from_its_goal() -> None:
     env = many(1, control_period=0.1)
     start, goal = crane().state(x=12.0, l=10.0), (0.1, 13.0, 10.5)
