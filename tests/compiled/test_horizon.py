@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -15,7 +16,7 @@ from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.memory import REPORT
-from cranedyn.compiled.horizon.receding import Receding, receding
+from cranedyn.compiled.horizon.receding import Receding, receding, usual_input_weight
 from cranedyn.compiled.machine import translated
 from cranedyn.controllers import hold_controller, sensed
 from cranedyn.data.trajectory import Trajectory
@@ -388,6 +389,25 @@ def test_rates_for_converters_are_those_that_accelerate_the_drives_as_planned() 
     lead = np.array([0.2, 0.25, 0.1]) + 0.0175
     expected = start.v[crane().layout.drives] + lead * accelerations
     np.testing.assert_allclose(rates, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_drives_twice_as_late_as_believed_leave_no_swing() -> None:
+    typical, goal = converters(crane()), at((0.3, 15.0, 12.0))
+    weight = 1e3 * usual_input_weight(np.array(LIMITS.accelerations))
+    run = quickly(
+        crane(),
+        receding(crane(), LIMITS, drive="velocity", input_weight=weight),
+        hold(crane(), goal),
+        start=at((0.0, 10.0, 15.0)),
+        duration=40.0,
+        drive="velocity",
+        converters=replace(typical, lags=2.0 * typical.lags),
+        engine="compiled",
+        validity="mark",
+    )
+    rows, swings = run.t > 30.0, crane().swings
+    left = swing_amplitude(run.q[rows][:, swings], run.v[rows][:, swings], 12.0, crane().gravity)
+    assert left.max() < 2e-3
 
 
 @pytest.mark.parametrize("drive", ["effort", "velocity"])

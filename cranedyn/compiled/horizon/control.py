@@ -4,6 +4,10 @@ Of the swing, whose sensors are the worst of a crane, a plan begins with an aver
 expected of the crane that it knows, moved on by what the drives did, and a share of what the
 sensors differ. That the rope stays taut is seen to with what is measured.
 
+Drives to which rates are commanded have, for a plan, the rate that was planned, not the one
+measured: these follow late, how late nobody knows exactly, and a plan that began anew from where
+they are would ask for more and more. Only in the long run the measured rate counts.
+
 Between optimisations the planned accelerations are held and turned into efforts at every control
 instant by inverse dynamics. What a drive accelerates otherwise than told is a disturbance, a load
 of another mass among them; its estimate is taken off what is told. Efforts are cut to the limits of
@@ -43,6 +47,7 @@ class Programme:
         rows: Of the path that it tracks; 0 for the setpoint of the moment.
         share: Of what an estimate of disturbances is wrong by that is corrected at each instant.
         swing_share: The same of the swing.
+        rate_share: The same of the rates of drives to which rates are commanded.
         taut: Least tension of the rope [N].
         errors: Of coordinates and rates of each joint that weigh alike, in a row; none if weights
             are given.
@@ -60,6 +65,7 @@ class Programme:
     rows: int
     share: float
     swing_share: float
+    rate_share: float
     taut: float
     errors: tuple[float, ...]
     payload_errors: tuple[float, ...]
@@ -235,7 +241,8 @@ class Control:
         told = self._taut(q, v, told)
         if self.programme.drive == "motion":
             return told
-        rates = v[self.layout.drives]
+        rates = believed[1][self.layout.drives]
+        self._remember(self._expected, rates + self.programme.period * told)
         return array([r + t * a for r, t, a in zip(rates, self.programme.lead, told, strict=True)])
 
     def asked(
@@ -299,35 +306,52 @@ class Control:
             self.code.store(value, self.memory, self._place(i))
 
     def _believed(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and rates as measured, but of the swing what is believed of it.
+        """Coordinates and rates with which a plan begins: as measured, but for the swing and, where
+        rates are commanded, the rates of the drives.
+        """
+        known, drives = self._remembered(self._begun)[0] > 0.0, self.layout.drives
+        believed_q, believed_v = self._swinging(known, q, v)
+        if self.programme.drive == "velocity":
+            believed_v[drives] = self._corrected(
+                known, self._remembered(self._expected), v[drives], self.programme.rate_share
+            )
+        self._remember(self._begun, [1.0])
+        return believed_q, believed_v
+
+    def _swinging(
+        self, known: ir.Value, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates and rates with what is believed of the swing.
 
         What the drives did since the instant before is what their rates changed by: whatever moved
         them, and noise of the encoders does not add up.
         """
-        layout, period, share = self.layout, self.programme.period, self.programme.swing_share
+        q, v, layout, period = q.copy(), v.copy(), self.layout, self.programme.period
         drives, passive = layout.drives, layout.passive
-        if share == 1.0 or not len(passive):
+        if self.programme.swing_share == 1.0 or not len(passive):
             return q, v
-        rates, swing = v[drives], self._remembered(self._swing)
-        before, faster = q.copy(), v.copy()
-        before[passive], faster[passive] = np.split(swing, 2)
+        seen, rates, before = [*q[passive], *v[passive]], v[drives], q.copy()
+        before[passive], v[passive] = np.split(self._remembered(self._swing), 2)
         done = (rates - self._remembered(self._rates)) / period
-        caused = self.programme.plant.answer(before, faster, done, None)[0][passive]
-        after = faster[passive] + period * caused
+        caused = self.programme.plant.answer(before, v, done, None)[0][passive]
+        after = v[passive] + period * caused
         expected = [*(before[passive] + period * after), *after]
-        known = self._remembered(self._begun)[0] > 0.0
-        believed = array(
-            [
-                self.code.chosen(known, e + share * (seen - e), seen)
-                for e, seen in zip(expected, [*q[passive], *v[passive]], strict=True)
-            ]
-        )
+        believed = self._corrected(known, expected, seen, self.programme.swing_share)
         self._remember(self._rates, rates)
         self._remember(self._swing, believed)
-        self._remember(self._begun, [1.0])
-        q, v = q.copy(), v.copy()
         q[passive], v[passive] = np.split(believed, 2)
         return q, v
+
+    def _corrected(self, known: ir.Value, expected: Any, seen: Any, share: float) -> np.ndarray:
+        """What was expected, where there was an instant before, corrected by a share of what is
+        seen.
+        """
+        return array(
+            [
+                self.code.chosen(known, e + share * (s - e), s)
+                for e, s in zip(expected, seen, strict=True)
+            ]
+        )
 
     def _efforts(self, q: np.ndarray, v: np.ndarray, told: np.ndarray) -> np.ndarray:
         """Efforts that accelerate as told, what disturbs taken off; and what it learns of that."""

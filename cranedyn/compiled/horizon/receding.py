@@ -60,6 +60,9 @@ INPUT = 10.0
 """Accelerations of the drives that weigh as much, as a multiple of their limits."""
 
 
+RECALLED = 3.0
+"""Time in which a plan believes the rates that it commanded more than those measured [s], ours."""
+
 STAGE = {"a goal": 0.4, "a motion": 0.2}
 """Length of a stage [s], ours: to a goal the horizon should hold the whole of a swing and of the
 way that a drive needs to stop; what a motion says is followed more closely by shorter ones."""
@@ -296,6 +299,7 @@ def receding(
         len(path),
         min(1.0, control_period / settling),
         min(1.0, control_period / smoothing),
+        min(1.0, control_period / RECALLED),
         TAUT * weight,
         ()
         if state_weight is not None
