@@ -222,6 +222,20 @@ MUTATIONS = (
         "control::a_flat_slew_leaves_the_swing_that_the_documents_tell_of",
     ),
     Mutation(
+        "what the drives did does not move the swing that is expected",
+        "cranedyn/compiled/horizon/control.py",
+        "done = (rates - self._remembered(self._rates)) / period",
+        "done = 0.0 * (rates - self._remembered(self._rates))",
+        "horizon::what_it_believes_of_the_swing_is_what_swings_where_sensors_are_exact",
+    ),
+    Mutation(
+        "a plan for converters begins with the rates measured",
+        "cranedyn/compiled/horizon/control.py",
+        "v[drives], self.programme.rate_share",
+        "v[drives], 1.0",
+        "horizon::drives_twice_as_late_as_believed_leave_no_swing",
+    ),
+    Mutation(
         "the Coriolis term of the recursions has the wrong sign",
         "cranedyn/dynamics/rigid_body.py",
         "sliding = 2.0 * (tree.rotation[i] @ (along * rate))",
