@@ -107,12 +107,19 @@ def _asked(options: argparse.Namespace, setup: harness.Setup) -> Design:
     """The cases that are asked for.
 
     Raises:
-        DataError: If an argument has no effect, or the table would not fit the memory.
+        DataError: If an argument has no effect, no strategy is left, or the table would not fit the
+            memory.
     """
     if options.cases:
-        only = options.only or DRAWN
-        return drawn(setup, only, options.drive, options.cases, options.seed)
-    for name, given in (("only", options.only), ("seed", options.seed != _SEED)):
+        names = [name for name in options.only or DRAWN if name not in options.without]
+        if not names:
+            raise DataError("No strategy is left of --only by --without.")
+        return drawn(setup, names, options.drive, options.cases, options.seed)
+    for name, given in (
+        ("only", options.only),
+        ("without", options.without),
+        ("seed", options.seed != _SEED),
+    ):
         if given:
             raise DataError(f"--{name} has no effect without --cases; leave it out.")
     return design(setup, options.points, options.durations, options.drive)
@@ -220,6 +227,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         help=f"of these cases only those of some strategies, of: {', '.join(DRAWN)}",
     )
     made.add_argument(
+        "--without",
+        nargs="+",
+        choices=DRAWN,
+        default=[],
+        metavar="STRATEGY",
+        help="of these cases not those of some strategies",
+    )
+    made.add_argument(
         "--seed", type=int, default=_SEED, metavar="N", help="of the random numbers of these cases"
     )
     made.add_argument(
@@ -263,7 +278,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     made.add_argument("--tls-cert", metavar="FILE", help="the certificate of this program")
     made.add_argument("--tls-key", metavar="FILE", help="its private key")
     means = "workers", "limit", "scheduler", "tls_ca_file", "tls_cert", "tls_key"
-    harness.add_mode(made, "cases", "only", "seed", "drive", "engine", *means)
+    harness.add_mode(made, "cases", "only", "without", "seed", "drive", "engine", *means)
     return harness.conduct(made, experiment, argv)
 
 

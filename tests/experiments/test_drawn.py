@@ -35,6 +35,7 @@ from experiments.scenarios.robustness import AFTER, COMBINED, DRAG, robustness
 from experiments.scenarios.strategies import (
     COMPILED_MPC,
     FLAT,
+    LQR,
     PD,
     STRATEGIES,
     instant,
@@ -197,12 +198,15 @@ def test_the_command_draws_goes_on_and_refuses_what_has_no_effect(
     cases = tmp_path / "out" / "cases"
     assert results(cases).num_rows == 16
     parts = {part: part.stat().st_mtime_ns for part in cases.glob("*.parquet")}
+    asked[3:5] = [FLAT, LQR, PD, "--without", LQR]  # the same
     assert sweep.main([*asked, *out]) in (0, 1)
     assert {part: part.stat().st_mtime_ns for part in parts} == parts
     assert sweep.main([*asked, *out, "--seed", "2"]) == 2
     for wrong, word in (
         (["--cases", "8", "--points", "3"], "--points has no effect beside --cases"),
         (["--only", FLAT], "--only has no effect without --cases"),
+        (["--without", FLAT], "--without has no effect without --cases"),
+        (["--cases", "8", "--only", FLAT, "--without", FLAT], "No strategy is left"),
         (["--seed", "2"], "--seed has no effect without --cases"),
     ):
         assert sweep.main([*wrong, *out]) == 2
