@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import math
 import os
+from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -196,16 +197,21 @@ def made_otherwise(
     planned = certificate.run.q[rows]
     room = np.array([lift.clearance.true_room(q) for q in planned])
 
-    def make(some: np.ndarray) -> Otherwise:
+    def make(some: np.ndarray) -> tuple[Batch, np.ndarray]:
         own = {name: values[some] for name, values in drawn.items()}
-        batch, force = _batch(lift, nominal, own, cranes, dt)
-        least = _least(lift.clearance, planned, room, batch)
-        return Otherwise(some, cranes[float(own["load"][0])], batch, force, least)
+        return _batch(lift, nominal, own, cranes, dt)
 
     workers, chunks = threads or len(os.sched_getaffinity(0)), _chunks(drawn["load"])
+    under_way = deque[Future[tuple[Batch, np.ndarray]]]()
     with ThreadPoolExecutor(workers) as pool:
-        for first in range(0, len(chunks), workers):
-            yield from pool.map(make, chunks[first : first + workers])
+        for ahead in range(len(chunks) + workers):
+            if ahead < len(chunks):
+                under_way.append(pool.submit(make, chunks[ahead]))
+            if ahead >= workers:
+                some, (batch, force) = chunks[ahead - workers], under_way.popleft().result()
+                # Measured by this thread alone: what hangs is put to its places there.
+                least = _least(lift.clearance, planned, room, batch)
+                yield Otherwise(some, cranes[float(drawn["load"][some[0]])], batch, force, least)
 
 
 def _chunks(loads: np.ndarray, most: int = 200) -> list[np.ndarray]:

@@ -61,6 +61,12 @@ def test_a_lift_over_a_wall_is_certified() -> None:
     assert lift().clearance.point(lift().timed.places)[:, 2].max() > 8.0 + 0.5 + 0.5
 
 
+def test_perturbed_lifts_by_many_threads_are_those_by_one() -> None:
+    alone, shared = (perturb(certificate(), 120, threads=threads) for threads in (1, 4))
+    np.testing.assert_array_equal(shared.least, alone.least)
+    np.testing.assert_array_equal(shared.swing, alone.swing)
+
+
 @pytest.mark.parametrize("count", [0, 10**10, pytest.param(10**5000, id="endless")])
 def test_more_lifts_than_fit_are_refused(count: int) -> None:
     with pytest.raises(CraneError, match="number of lifts is"):
