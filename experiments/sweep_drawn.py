@@ -19,6 +19,9 @@ from experiments.scenarios.strategies import FLAT
 MOST_LEFT = 5e-3
 """Swing that may be left [rad]: 5 cm at the hook, on the 10 m of cable with which the move ends."""
 
+RARELY = 1e-3
+"""Share of the cases in which a strategy may fail that is claimed not to."""
+
 CONFIDENCE = 0.95
 """Of the intervals."""
 
@@ -43,11 +46,12 @@ def drawn_claims(found: Columns, drive: str, errors: int) -> list[harness.Claim]
     ]
     mine = found["strategy"] == FLAT
     if mine.any():
-        failed = int(failures(found)[mine].sum())
+        failed, count = int(failures(found)[mine].sum()), int(mine.sum())
         claims.append(
             harness.Claim(
-                f"On {drive} drives {FLAT} fails in none of {int(mine.sum()):,} cases ({failed}).",
-                failed == 0,
+                f"On {drive} drives {FLAT} fails in at most {1e3 * RARELY:g} of a thousand cases "
+                f"({failed} of {count:,}).",
+                failed <= RARELY * count,
             )
         )
     return claims

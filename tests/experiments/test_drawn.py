@@ -182,6 +182,9 @@ def test_what_breaks_diverges_or_leaves_too_much_fails_and_its_share_has_an_inte
     none = drawn_tables(_found([0.0] * 50, [0.0] * 50), "ideal")[1].rows[0]
     assert none[4:6] == pytest.approx((0.0, 100.0 * (1.0 - 0.025 ** (1 / 50))))
     assert [claim.holds for claim in drawn_claims(found, "ideal", 0)] == [True, False]
+    for failing, holds in ((2, True), (3, False)):
+        rare = _found([1.0] * failing + [0.0] * (2000 - failing), [0.0] * 2000)
+        assert drawn_claims(rare, "ideal", 0)[1].holds == holds
 
 
 def test_the_command_draws_goes_on_and_refuses_what_has_no_effect(
