@@ -87,6 +87,7 @@ def cosine_gust(base: Speed, rise: float, *, at: float, lasts: float) -> Speed:
     )
 
 
+@checked
 def gust_shape(t: np.ndarray, at: float | np.ndarray, lasts: float | np.ndarray) -> np.ndarray:
     """What share of its largest rise a discrete gust has reached, at many times or of many gusts at
     once; see `cosine_gust`.
