@@ -98,7 +98,7 @@ class Parts(NamedTuple):
     Attributes:
         query: See `cranedyn.compiled.horizon.planning`.
         counts: Whole numbers: control instants up to now, and up to the run's beginning.
-        lanes: What each lane remembers, see `Control`.
+        lanes: What each lane remembers, see `remembered`.
         plans: The plan of each lane.
         path: The path.
         work: Memory of the optimisation.
@@ -120,7 +120,7 @@ class Parts(NamedTuple):
         counts = [
             shape.lanes + 8,
             8,
-            lanes * -(-remembered(layout) // 8) * 8,
+            lanes * -(-remembered(layout)["begun"].stop // 8) * 8,
             lanes * plan_size(shape),
             -(-max(programme.rows, 1) * shape.states // 8) * 8 + shape.lanes,
             shape.size,
@@ -128,9 +128,17 @@ class Parts(NamedTuple):
         return cls(0, *np.cumsum(counts).tolist())
 
 
-def remembered(layout: Layout) -> int:
-    """Doubles that each lane remembers."""
-    return 4 * layout.m + 2 * (layout.n - layout.m) + 2
+def remembered(layout: Layout) -> dict[str, range]:
+    """Where what each lane remembers stands, by name: accelerations held, estimates of what
+    disturbs the drives, rates expected of them, their rates at the instant before, the swing
+    believed then and its rates, whether nothing was cut, and whether there was an instant before.
+    """
+    m, passive = layout.m, layout.n - layout.m
+    sizes = dict(held=m, estimate=m, expected=m, rates=m, swing=2 * passive, free=1, begun=1)
+    ends = np.cumsum(list(sizes.values())).tolist()
+    return {
+        name: range(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)
+    }
 
 
 def plan_size(shape: Shape) -> int:
@@ -180,29 +188,12 @@ def emit_instant(module: ir.Module, programme: Programme) -> None:
 
 
 class Control:
-    """The code of a control instant, for one crane or for one in each lane.
-
-    Each lane remembers accelerations held, estimates of what disturbs the drives, rates expected of
-    them, their rates at the instant before, the swing believed then and its rates, whether nothing
-    was cut, and whether there was an instant before.
-    """
+    """The code of a control instant, for one crane or for one in each lane."""
 
     def __init__(self, code: Code, programme: Programme, memory: ir.Value) -> None:
         self.code, self.programme, self.memory = code, programme, memory
         self.parts, self.layout = Parts.of(programme, code.lanes), programme.topology.layout
-        m, passive = self.layout.m, self.layout.n - self.layout.m
-        sizes = [m, m, m, m, 2 * passive, 1, 1]
-        ends = np.cumsum(sizes).tolist()
-        assert ends[-1] == remembered(self.layout)
-        (
-            self._held,
-            self._estimate,
-            self._expected,
-            self._rates,
-            self._swing,
-            self._free,
-            self._begun,
-        ) = (range(end - size, end) for size, end in zip(sizes, ends, strict=True))
+        self._slots = remembered(self.layout)
 
     def counted(self) -> tuple[ir.Value, ir.Value]:
         """Row of the path now and whether an optimisation is due, by counting instants."""
@@ -235,14 +226,14 @@ class Control:
         with code.when(due):
             for lane in range(code.lanes):
                 self._plan(lane, *believed, position, row)
-        told = self._remembered(self._held)
+        told = self._remembered("held")
         if self.programme.drive == "effort":
             return self._efforts(q, v, told)
         told = self._taut(q, v, told)
         if self.programme.drive == "motion":
             return told
         rates = believed[1][self.layout.drives]
-        self._remember(self._expected, rates + self.programme.period * told)
+        self._remember("expected", rates + self.programme.period * told)
         return array([r + t * a for r, t, a in zip(rates, self.programme.lead, told, strict=True)])
 
     def asked(
@@ -298,24 +289,24 @@ class Control:
     def _place(self, i: int) -> int:
         return self.parts.lanes + i * self.code.lanes
 
-    def _remembered(self, which: range) -> np.ndarray:
-        return array([self.code.load(self.memory, self._place(i)) for i in which])
+    def _remembered(self, name: str) -> np.ndarray:
+        return array([self.code.load(self.memory, self._place(i)) for i in self._slots[name]])
 
-    def _remember(self, which: range, values: Any) -> None:
-        for i, value in zip(which, values, strict=True):
+    def _remember(self, name: str, values: Any) -> None:
+        for i, value in zip(self._slots[name], values, strict=True):
             self.code.store(value, self.memory, self._place(i))
 
     def _believed(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and rates with which a plan begins: as measured, but for the swing and, where
         rates are commanded, the rates of the drives.
         """
-        known, drives = self._remembered(self._begun)[0] > 0.0, self.layout.drives
+        known, drives = self._remembered("begun")[0] > 0.0, self.layout.drives
         believed_q, believed_v = self._swinging(known, q, v)
         if self.programme.drive == "velocity":
             believed_v[drives] = self._corrected(
-                known, self._remembered(self._expected), v[drives], self.programme.rate_share
+                known, self._remembered("expected"), v[drives], self.programme.rate_share
             )
-        self._remember(self._begun, [1.0])
+        self._remember("begun", [1.0])
         return believed_q, believed_v
 
     def _swinging(
@@ -331,14 +322,14 @@ class Control:
         if self.programme.swing_share == 1.0 or not len(passive):
             return q, v
         seen, rates, before = [*q[passive], *v[passive]], v[drives], q.copy()
-        before[passive], v[passive] = np.split(self._remembered(self._swing), 2)
-        done = (rates - self._remembered(self._rates)) / period
+        before[passive], v[passive] = np.split(self._remembered("swing"), 2)
+        done = (rates - self._remembered("rates")) / period
         caused = self.programme.plant.answer(before, v, done, None)[0][passive]
         after = v[passive] + period * caused
         expected = [*(before[passive] + period * after), *after]
         believed = self._corrected(known, expected, seen, self.programme.swing_share)
-        self._remember(self._rates, rates)
-        self._remember(self._swing, believed)
+        self._remember("rates", rates)
+        self._remember("swing", believed)
         q[passive], v[passive] = np.split(believed, 2)
         return q, v
 
@@ -356,8 +347,8 @@ class Control:
     def _efforts(self, q: np.ndarray, v: np.ndarray, told: np.ndarray) -> np.ndarray:
         """Efforts that accelerate as told, what disturbs taken off; and what it learns of that."""
         code, programme, layout = self.code, self.programme, self.layout
-        (free,) = self._remembered(self._free)
-        estimate, expected = self._remembered(self._estimate), self._remembered(self._expected)
+        (free,) = self._remembered("free")
+        estimate, expected = self._remembered("estimate"), self._remembered("expected")
         rates = v[layout.drives]
         gain = free * (programme.share / programme.period)
         estimate = array(
@@ -372,9 +363,9 @@ class Control:
             most = crane.joint.damping[joint] * v[joint] - programme.taut
             cut[hoist] = code.chosen(cut[hoist] > most, most, cut[hoist])
         same = [code.call("llvm.fabs", a - b) <= 0.0 for a, b in zip(cut, wanted, strict=True)]
-        self._remember(self._estimate, estimate)
-        self._remember(self._expected, rates + programme.period * told)
-        self._remember(self._free, [code.chosen(code.both(*same), 1.0, 0.0)])
+        self._remember("estimate", estimate)
+        self._remember("expected", rates + programme.period * told)
+        self._remember("free", [code.chosen(code.both(*same), 1.0, 0.0)])
         return array(cut)
 
     def _taut(self, q: np.ndarray, v: np.ndarray, told: np.ndarray) -> np.ndarray:
