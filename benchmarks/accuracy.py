@@ -4,12 +4,10 @@ Python to its first step.
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.conduct import conduct
 from benchmarks.contestants import CONTESTANTS
-from benchmarks.timing import race
+from benchmarks.timing import fresh, race
 from benchmarks.workload import Case, Contestant
 from cranedyn.analysis.swing import zero_crossings
 from cranedyn.data.trajectory import Trajectory
@@ -176,9 +174,11 @@ def start_up(
     each starts once before it counts.
     """
     names = [
-        one.name for one in contestants if one.missing() is None and _process(_FIRST_STEP, one.name)
+        one.name
+        for one in contestants
+        if one.missing() is None and not fresh(_FIRST_STEP, one.name).returncode
     ]
-    tasks = [partial(_process, "pass"), *(partial(_process, _FIRST_STEP, name) for name in names)]
+    tasks = [partial(fresh, "pass"), *(partial(fresh, _FIRST_STEP, name) for name in names)]
     taken = np.median(race(tasks, rounds, rng), axis=1)
     note = (
         "Wall time of a process from the start of Python until one control period is simulated, "
@@ -190,17 +190,6 @@ def start_up(
         for name, one in zip(["Python, nothing else", *names], taken, strict=True)
     ]
     return Table("To the first step", [("strategy", ""), ("ms", ".0f")], rows, note)
-
-
-def _process(script: str, *arguments: str) -> bool:
-    """Run a script in a process of its own; whether it succeeded."""
-    command = [sys.executable, "-c", script, *arguments]
-    return (
-        subprocess.run(
-            command, cwd=Path(__file__).parents[1], check=False, capture_output=True
-        ).returncode
-        == 0
-    )
 
 
 def accuracy_figure(table: Table) -> Figure:

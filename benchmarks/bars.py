@@ -7,7 +7,6 @@ from __future__ import annotations
 import argparse
 import random
 import resource
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,9 +16,11 @@ from time import monotonic, process_time
 import numpy as np
 
 from benchmarks.loop import bare
+from benchmarks.timing import fresh
 from benchmarks.workload import Case, plain
 from cranedyn.command import command
 from cranedyn.compiled.batch import simulate_batch
+from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.load import load_crane
 from experiments.harness.outcome import Outcome, Table, show
@@ -120,7 +121,8 @@ def _batch(case: Case, duration: float, cranes: int = 512) -> Work:
 
 
 def _process(script: str) -> None:
-    subprocess.run([sys.executable, "-c", script], check=True)
+    if (done := fresh(script)).returncode:
+        raise CraneError(done.stderr)
 
 
 def _of_children() -> float:

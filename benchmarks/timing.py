@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +20,21 @@ def seconds(task: Callable[[], object]) -> float:
     before = time.perf_counter()
     task()
     return time.perf_counter() - before
+
+
+def fresh(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a script in a process of its own, as users start them: from the second time on Python
+    finds the modules translated, also where this environment keeps it from writing that down.
+    """
+    usual = {name: what for name, what in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return subprocess.run(
+        [sys.executable, "-c", script, *arguments],
+        cwd=Path(__file__).parents[1],
+        env=usual,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def race(
