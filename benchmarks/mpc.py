@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.horizon import SOLVERS, Problem
+from cranedyn.command import command
 from cranedyn.compiled.horizon.receding import Receding, receding
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
@@ -224,8 +225,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--rounds", type=int, default=3, help="runs of each move (default 3)")
     options = parser.parse_args(argv)
-    show(Outcome(measure(max(options.every, 1), max(options.rounds, 1)), ()))
-    return 0
+
+    def run() -> int:
+        show(Outcome(measure(max(options.every, 1), max(options.rounds, 1)), ()))
+        return 0
+
+    return command(run)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.analysis.swing import settling_time
+from cranedyn.command import command
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.horizon.receding import receding
 from cranedyn.dynamics.pinocchio import payload_position
@@ -117,9 +118,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     if options.moves < 1 or options.seed < 0:
         parser.error("--moves is 1 or more, --seed 0 or more")
-    outcome = judged(settle(moves(options.moves, options.seed)))
-    show(outcome)
-    return 0 if all(claim.holds for claim in outcome.claims) else 1
+
+    def run() -> int:
+        outcome = judged(settle(moves(options.moves, options.seed)))
+        show(outcome)
+        return 0 if all(claim.holds for claim in outcome.claims) else 1
+
+    return command(run)
 
 
 if __name__ == "__main__":

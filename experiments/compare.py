@@ -148,9 +148,16 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             "robustness": robustness_figure(_perturbed(combined)),
         },
         recording=[
-            Run(s, setup.crane, kept[s], colour=strategy_colour(s)) for s in RECORDED if s in kept
+            Run(s, setup.crane, kept[s], colour=strategy_colour(s)) for s in drawn(list(kept))
         ],
     )
+
+
+def drawn(strategies: Sequence[str]) -> Sequence[str]:
+    """Which of some strategies are drawn into each other in the recording: those of `RECORDED`, or
+    as many of the others if none of these is there.
+    """
+    return [one for one in RECORDED if one in strategies] or strategies[: len(RECORDED)]
 
 
 @contextmanager

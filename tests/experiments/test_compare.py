@@ -222,6 +222,11 @@ def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(
     assert all(strategy.encode() in recording for strategy in (PD, FLAT))
 
 
+def test_strategies_that_are_usually_not_recorded_are_where_there_are_no_others() -> None:
+    assert compare.drawn([FLAT, "operator", PD]) == [PD, FLAT]
+    assert compare.drawn(["operator", "spline alone"]) == ["operator", "spline alone"]
+
+
 def test_the_report_shows_the_result(done: Path) -> None:
     assert '<section id="compare">' in page([done])
 
