@@ -544,6 +544,7 @@ PLAIN = {
         "form",
         "without_integral",
         "at_drives",
+        "over_period",
     ),
     *(
         "stationary",

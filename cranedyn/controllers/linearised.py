@@ -8,7 +8,8 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.clocks import multiple
-from cranedyn.dynamics.linearisation import sampled
+from cranedyn.dynamics.linearisation import over_period
+from cranedyn.dynamics.pinocchio import linearise
 from cranedyn.errors import whole
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -57,23 +58,15 @@ def linearised(
         OutOfRange: If the control period is not a multiple of `dt`, or `every` is not at least 1.
     """
     held = motion.period if control_period is None else control_period
-    multiple("control period", held, "dt", dt)
+    steps = multiple("control period", held, "dt", dt)
     every = min(whole("rows between linearisations", every, 1), len(motion.q))
     efforts = motion_efforts(crane, motion)
     last = len(motion.q) - 1
     rows = [*range(0, last, every), last]
-    models = [
-        sampled(crane, State(motion.q[k], motion.v[k]), efforts[k], dt=dt, control_period=held)
-        for k in rows
-    ]
+    at_rows = [linearise(crane, State(motion.q[k], motion.v[k]), efforts[k]) for k in rows]
+    by_state, by_effort = map(np.array, zip(*at_rows, strict=True))
+    a, b = over_period(by_state, by_effort, dt, steps)
     stretch = np.arange(last + 1) // every
     stretch[-1] = len(rows) - 1
     setpoint = np.hstack([motion.q, motion.v])
-    return Linearised(
-        motion.period,
-        efforts,
-        setpoint,
-        stretch,
-        np.array([m.a for m in models]),
-        np.array([m.b for m in models]),
-    )
+    return Linearised(motion.period, efforts, setpoint, stretch, a, b)

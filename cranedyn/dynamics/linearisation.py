@@ -67,17 +67,39 @@ class Linear:
                 would be beyond what a number can hold.
         """
         steps = clocks(control_period, dt, control_period).steps
-        nz, m = self.b.shape
-        n = nz // 2
-        step_v = np.hstack([np.zeros((n, n)), np.eye(n)]) + dt * self.a[n:]
-        step = np.vstack([np.eye(n, nz) + dt * step_v, step_v])
-        input_matrix = np.vstack([dt * dt * self.b[n:], dt * self.b[n:]])
-        with np.errstate(over="ignore", invalid="ignore"):
-            power = np.linalg.matrix_power(
-                np.block([[step, input_matrix], [np.zeros((m, nz)), np.eye(m)]]), steps
-            )
-        over_period = finite("what a control period does to a state", power, (nz + m, nz + m))
-        return Sampled(over_period[:nz, :nz], over_period[:nz, nz:], control_period)
+        n = len(self.b) // 2
+        (a,), (b,) = over_period(self.a[None, n:], self.b[None, n:], dt, steps)
+        return Sampled(a, b, control_period)
+
+
+def over_period(
+    by_state: np.ndarray, by_effort: np.ndarray, dt: float, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """What physics steps of `dt` [s] make of states, as `Sampled` has it, for many cranes at once.
+
+    Args:
+        by_state: Derivatives of the accelerations by coordinates and rates, shape (k, n, 2 n).
+        by_effort: The same by the efforts, which are held, shape (k, n, m).
+        dt: Physics step [s].
+        steps: How many there are.
+
+    Returns:
+        States after these steps by those before, shape (k, 2 n, 2 n), and by the efforts, shape (k,
+        2 n, m).
+
+    Raises:
+        OutOfRange: If a state would be beyond what a number can hold.
+    """
+    k, n, m = by_effort.shape
+    nz = 2 * n
+    step = np.tile(np.eye(nz + m), (k, 1, 1))
+    step[:, n:nz, :nz] += dt * by_state
+    step[:, :n, :nz] += dt * step[:, n:nz, :nz]  # positions by the new rates
+    step[:, n:nz, nz:], step[:, :n, nz:] = dt * by_effort, dt * dt * by_effort
+    with np.errstate(over="ignore", invalid="ignore"):
+        power = np.linalg.matrix_power(step, steps)
+    finite("what a control period does to a state", power, ("k", nz + m, nz + m))
+    return power[:, :nz, :nz], power[:, :nz, nz:]
 
 
 @checked
