@@ -545,6 +545,7 @@ PLAIN = {
         "without_integral",
         "at_drives",
         "over_period",
+        "kalman_gain",
     ),
     *(
         "stationary",

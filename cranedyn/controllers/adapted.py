@@ -57,29 +57,33 @@ class Family:
     """
 
     def __init__(self, motions: Sequence[Motion], spread: float, hoist: int) -> None:
-        less, plan, more = (np.stack([m.q, m.v, m.a]) for m in motions)
+        less, plan, more = (np.stack([m.q, m.v, m.a], axis=1) for m in motions)
         self.spread, self._hoist = spread, hoist
-        self._plan = plan
-        self._first, self._second = (
-            (more - less) / (2.0 * spread),
-            (more - 2.0 * plan + less) / (spread**2),
-        )
+        first, second = (more - less) / (2.0 * spread), (more - 2.0 * plan + less) / (spread**2)
+        # q, v and a as planned, their first and their second derivatives, a row for each
+        self._table = np.concatenate([plan, first, second], axis=1)
+
+    def planned(self, k: int) -> Row:
+        """The motion as planned, at a row."""
+        return Row(*self._at(k)[:3])
 
     def row(self, k: int, offset: float, share: float) -> Row:
         """The motion on a cable of l = (1 + share) reading + offset, at a row; by the chain rule
         where the length beyond the plan changes on the way.
         """
-        k = min(k, self._plan.shape[1] - 1)
-        plan, first, second = self._plan[:, k], self._first[:, k], self._second[:, k]
-        beyond, rate, acceleration = share * plan[:, self._hoist]
-        beyond += offset
-        q, v, a = plan + beyond * first + beyond**2 / 2.0 * second
-        slope = first + beyond * second
-        return Row(
-            q,
-            v + rate * slope[0],
-            a + 2.0 * rate * slope[1] + acceleration * slope[0] + rate**2 * second[0],
-        )
+        table = self._at(k)
+        length, rate, acceleration = (share * table[:3, self._hoist]).tolist()
+        beyond = length + offset
+        half, turned = beyond**2 / 2.0, acceleration * beyond + rate**2
+        by_cable = [
+            [1.0, 0.0, 0.0, beyond, 0.0, 0.0, half, 0.0, 0.0],
+            [0.0, 1.0, 0.0, rate, beyond, 0.0, rate * beyond, half, 0.0],
+            [0.0, 0.0, 1.0, acceleration, 2.0 * rate, beyond, turned, 2.0 * rate * beyond, half],
+        ]
+        return Row(*(by_cable @ table))
+
+    def _at(self, k: int) -> np.ndarray:
+        return self._table[min(k, len(self._table) - 1)]
 
 
 @dataclass(eq=False)
@@ -132,7 +136,7 @@ class Adapted:
             now = self.filter.advanced(now, effort, self.period)
         self.estimate, self._t = now, t
         row = min(max(round(t / self.period), 0), len(self.efforts) - 1)
-        planned, adapted = self.family.row(row, 0.0, 0.0), self.family.row(row, *self.filter.cable)
+        planned, adapted = self.family.planned(row), self.family.row(row, *self.filter.cable)
         shown = State(now.q - adapted.q + planned.q, now.v - adapted.v + planned.v)
         command = np.asarray(self.controller(t, shown, setpoint), dtype=float)
         command = command + self._cost(adapted) - self.efforts[row]

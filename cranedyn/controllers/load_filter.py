@@ -10,9 +10,10 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.controllers.observer import kalman_gain
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.dynamics.pinocchio import full, linearise
+from cranedyn.dynamics.pinocchio import by_state_and_force, full
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
@@ -67,10 +68,17 @@ class LoadFilter:
         self._data = self.crane.model.createData()
         self._hoist = crane.layout.role("hoist", "An observer of the load")
         self._body = crane.payload.body + 1
-        self._own = crane.model.inertias[self._body].copy()
-        unit = pin.Inertia(1.0, self._own.lever, np.zeros((3, 3)))
-        self._per_mass = self._own.mass * unit.toDynamicParameters()
+        self._load = self.crane.model.inertias[self._body]  # a view: what it is given, it has
+        self._planned = self._load.mass
+        # of the planned load alone, as a point: efforts are linear in the mass of a body
+        self._alone = crane.model.copy()
+        for body in range(1, self._alone.njoints):
+            self._alone.inertias[body] = pin.Inertia.Zero()
+        self._alone.inertias[self._body] = pin.Inertia(
+            self._planned, self._load.lever, np.zeros((3, 3))
+        )
         n = self._n
+        self._identity = np.eye(2 * n + 3)
         reach = np.vstack([np.eye(n) * period**2 / 2.0, np.eye(n) * period])
         self._added = np.zeros((2 * n + 3, 2 * n + 3))
         self._added[: 2 * n, : 2 * n] = reach @ np.diag(disturbance) ** 2 @ reach.T
@@ -97,14 +105,12 @@ class LoadFilter:
     def predict(self, effort: np.ndarray) -> None:
         """Go on for one control period under efforts of the drives [N m or N], shape (m,)."""
         n, h = self._n, self._period
-        before = self.state
-        a, _ = linearise(self.crane, before, effort)
-        rate = np.zeros_like(self.covariance)
-        rate[:n, n : 2 * n] = np.eye(n)
-        rate[n : 2 * n, : 2 * n] = a
-        rate[n : 2 * n, -3] = self._by_inverse_load(before, effort)
-        step = h * rate
-        over = np.eye(len(rate)) + step @ (np.eye(len(rate)) + step @ (np.eye(len(rate)) / 2.0))
+        before, step = self.state, np.zeros_like(self.covariance)
+        by_state, inverse_mass = by_state_and_force(self.crane, before, effort)
+        step[:n, n : 2 * n] = h * self._identity[:n, :n]
+        step[n : 2 * n, : 2 * n] = h * by_state
+        step[n : 2 * n, -3] = h * (inverse_mass @ self._spared(before))
+        over = self._identity + step + step @ step / 2.0
         self.mean = np.concatenate([*self.advanced(before, effort, h), self.mean[-3:]])
         self.covariance = over @ self.covariance @ over.T + self._added
 
@@ -127,8 +133,8 @@ class LoadFilter:
         expected, by = self._expected(self.mean)
         innovation = self._measured(reading) - expected
         seen = by @ self.covariance
-        gain = np.linalg.solve(seen @ by.T + self._noise, seen).T
-        left = np.eye(len(self.mean)) - gain @ by
+        gain = kalman_gain(seen, seen @ by.T + self._noise)
+        left = self._identity - gain @ by
         self.mean = self.mean + gain @ innovation
         self.mean[-3] = min(max(self.mean[-3], 1.0 / HEAVIEST), 1.0 / LIGHTEST)
         self.covariance = left @ self.covariance @ left.T + gain @ self._noise @ gain.T
@@ -147,12 +153,13 @@ class LoadFilter:
         """What the sensors should say, and its derivatives by w."""
         n, hoist = self._n, self._hoist
         offset, scale = mean[-2], 1.0 + mean[-1]
-        values, by = mean[: 2 * n].copy(), np.eye(2 * n, 2 * n + 3)
-        values[hoist] = (values[hoist] - offset) / scale
-        values[n + hoist] /= scale
-        by[[hoist, n + hoist]] /= scale
-        by[hoist, -2] = -1.0 / scale
-        by[[hoist, n + hoist], -1] = -values[[hoist, n + hoist]] / scale
+        values, by = mean[: 2 * n].copy(), self._identity[: 2 * n].copy()
+        values[hoist] -= offset
+        by[hoist, -2] = -1.0
+        read = slice(hoist, None, n)  # of the hoist: its position, and its rate n further on
+        values[read] /= scale
+        by[read] /= scale
+        by[read, -1] = -values[read] / scale
         if self.sensors != "imu":
             return values[self._direct], by[self._direct]
         model, data, state = self.crane.model, self._data, State(*mean[: 2 * n].reshape(2, -1))
@@ -165,22 +172,13 @@ class LoadFilter:
             np.vstack([by[self._direct], turning]),
         )
 
-    def _by_inverse_load(self, state: State, effort: np.ndarray) -> np.ndarray:
-        """Derivative of the accelerations by 1/load, shape (n,): M ∂a/∂p = -∂τ/∂p, with ∂τ/∂p from
-        the regressor, which is linear in the numbers of a body.
+    def _spared(self, state: State) -> np.ndarray:
+        """By how much less generalized force the accelerations of `by_state_and_force` would cost
+        per 1/load, shape (n,): what the load alone costs is linear in its mass.
         """
-        model, data = self.crane.model, self._data
-        tau = full(self.crane, effort) + self._joint.effort(*state)
-        a = pin.aba(model, data, *state, tau)
-        regressor = pin.computeJointTorqueRegressor(model, data, *state, a)
-        own = slice(10 * (self._body - 1), 10 * self._body)
-        caused = regressor[:, own] @ self._per_mass / self.mean[-3] ** 2
-        mass = np.triu(pin.crba(model, data, state.q))
-        return np.linalg.solve(mass + np.triu(mass, 1).T, caused)
+        cost = pin.rnea(self._alone, self._data, *state, self.crane.data.ddq)
+        return cost / self.mean[-3] ** 2
 
     def _believe(self) -> None:
         """Give the crane the load of the mean; its rotational inertia stays."""
-        own = self._own
-        self.crane.model.inertias[self._body] = pin.Inertia(
-            own.mass / self.mean[-3], own.lever, own.inertia
-        )
+        self._load.mass = self._planned / self.mean[-3]

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from cranedyn.arguments import checked
 from cranedyn.clocks import SAME_PERIOD
@@ -66,6 +67,23 @@ def _each(crane: Crane, table: Mapping[tuple[str, bool], float]) -> np.ndarray:
     )
 
 
+def kalman_gain(seen: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Gain of a correction, shape (unknowns, measured).
+
+    Args:
+        seen: Covariance of what is measured with the unknowns, shape (measured, unknowns).
+        spread: Covariance of what is measured, noise included, shape (measured, measured).
+
+    Raises:
+        CraneError: If that is not positive definite.
+    """
+    # LAPACK itself: for so few numbers NumPy's way there takes longer than the solution
+    _, solution, failed = dposv(spread, seen)
+    if failed:
+        raise CraneError("What the observer believes of its errors is no covariance any more.")
+    return solution.T
+
+
 @dataclass(eq=False)
 class Observed:
     """A controller that is told an estimate of the state. It remembers: make a new one for each
@@ -106,9 +124,11 @@ class Observed:
     _t: float = 0.0
     _deviation: np.ndarray = field(init=False)
     _since: deque[tuple[int, np.ndarray]] = field(default_factory=deque)
+    _identity: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin without deviation and correction."""
+        self._identity = np.eye(len(self.covariance))
         self.gain, self._deviation = (
             np.zeros((len(self.covariance), len(self.measured))),
             np.zeros(len(self.covariance)),
@@ -175,10 +195,9 @@ class Observed:
         which = self.measured
         measured = np.concatenate(state)[which] - self.model.setpoint[row, which]
         seen = self.covariance[which]
-        self.gain = np.linalg.solve(seen[:, which] + self.noise, seen).T
+        self.gain = kalman_gain(seen, seen[:, which] + self.noise)
         self._deviation = self._deviation + self.gain @ (measured - self._deviation[which])
-        left = np.eye(len(self.covariance))
-        left[:, which] -= self.gain
+        left = self._identity - self.gain @ self._identity[which]
         self.covariance = left @ self.covariance @ left.T + self.gain @ self.noise @ self.gain.T
 
 

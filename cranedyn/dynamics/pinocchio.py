@@ -252,11 +252,20 @@ def linearise(crane: Crane, state: State, effort: np.ndarray) -> tuple[np.ndarra
     Returns:
         A, shape (n, 2 n): by coordinates then rates; B, shape (n, m): by drive efforts.
     """
+    by_state, inverse_mass = by_state_and_force(crane, state, effort)
+    return by_state, inverse_mass[:, crane.layout.drives]
+
+
+def by_state_and_force(
+    crane: Crane, state: State, effort: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same by generalized forces, the inverse of the mass matrix, shape (n, n), in place of B.
+
+    The accelerations themselves are in `crane.data.ddq` then.
+    """
     tau = full(crane, effort) + JointForces.of(crane).effort(*state)
     by_q, by_v, inverse_mass = pin.computeABADerivatives(crane.model, crane.data, *state, tau)
-    inverse_mass = np.triu(inverse_mass) + np.triu(inverse_mass, 1).T
     if crane.springs.any:
         by_q = by_q - inverse_mass @ crane.springs.tangent(state.q)
-    return np.hstack([by_q, by_v - inverse_mass * crane.damping]), inverse_mass[
-        :, crane.layout.drives
-    ]
+    by_state = np.concatenate([by_q, by_v - inverse_mass * crane.damping], axis=1)
+    return by_state, inverse_mass.copy()

@@ -12,7 +12,12 @@ from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import hold_controller, lqr, observed, sensed
 from cranedyn.controllers.linearised import linearised
-from cranedyn.controllers.observer import Observed, disturbance_of, initial_std_of
+from cranedyn.controllers.observer import (
+    Observed,
+    disturbance_of,
+    initial_std_of,
+    kalman_gain,
+)
 from cranedyn.controllers.sensed import noise_of
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
@@ -368,6 +373,13 @@ def test_an_observer_that_cannot_be_is_refused(given: dict[str, object], words: 
     motion = at_rest(crane(), x=10.0, l=15.0)
     with pytest.raises(CraneError, match=words):
         observed(Watched(), crane(), motion, **given)  # type: ignore[arg-type]
+
+
+def test_errors_that_have_no_covariance_have_no_gain() -> None:
+    with pytest.raises(CraneError, match="no covariance any more"):
+        kalman_gain(np.ones((2, 3)), -np.eye(2))
+    # what is no number stays none, and is refused as a command
+    assert np.isnan(kalman_gain(np.ones((2, 3)), np.full((2, 2), math.nan))).all()
 
 
 # --- along a motion -------------------------------------------------------------------------------
