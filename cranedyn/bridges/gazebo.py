@@ -66,13 +66,13 @@ def export(
     every = whole("control instants between rows", every, 1)
     robot = described(program.crane)
     check_heavy(program.crane, robot, "Gazebo")
-    law, positions = program.tables("Gazebo")
+    law = program.tables("Gazebo")
     moving = joints(program.crane, robot)
     tables = {
         "feed_forward": law.feed_forward,
         "gain": law.gain.reshape(len(law.gain), -1),
         "setpoint": law.setpoint,
-        "target": positions if law.integral_gain.any() else positions[:1],
+        "target": law.target,
         "integral": np.stack(
             [law.integral_gain, np.minimum(law.limit, np.finfo(float).max), law.integral]
         ),

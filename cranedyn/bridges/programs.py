@@ -46,9 +46,8 @@ class Program:
         """How it is divided."""
         return clocks(self.duration, self.dt, self.control_period)
 
-    def tables(self, door: str) -> tuple[Affine, np.ndarray]:
-        """The controller in its common form, and the positions that the drives should have, shape
-        (n, drives).
+    def tables(self, door: str) -> Affine:
+        """The controller in its common form.
 
         Args:
             door: Where it goes, for the sentence.
@@ -84,4 +83,4 @@ class Program:
             raise OutOfRange(
                 f"{lacking} of the controller", "not finite in some row", "finite numbers"
             )
-        return law, positions
+        return law

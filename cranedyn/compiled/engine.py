@@ -220,7 +220,7 @@ class CompiledEngine(Engine):
                 common = (
                     form(controller, times, setpoint, self._sizes.z)
                     if planned is None
-                    else no_law(self._sizes)
+                    else no_law(self._sizes, setpoint)
                 )
             except Misshapen:
                 raise
@@ -253,7 +253,7 @@ class CompiledEngine(Engine):
             bool(common.integral_gain.any()), len(common.feed_forward), n, min(end, n)
         )
         law(self._sizes, common, block.laws)
-        aim(self._sizes, common, setpoint, block.aims)
+        aim(self._sizes, common, n, block.aims)
         self._memory[self._at["integral"]] = common.integral
         block.invalid[:] = np.inf
         block.run()

@@ -147,13 +147,13 @@ def control(
     for which, about in (divmod(pair, len(references)) for pair in pairs.tolist()):
         setpoint = tabulated(references[about], times, crane.layout.m).position
         common = (
-            no_law(sizes)
+            no_law(sizes, setpoint)
             if isinstance(controllers[which], Receding)
             else _form(controllers[which], times, setpoint, sizes.z)
         )
         integrals.append(common.integral)
         integrates = integrates or bool(common.integral_gain.any())
-        aims.append(shortened(aim(sizes, common, setpoint)))
+        aims.append(shortened(aim(sizes, common, len(times))))
         rows_of_law = law(sizes, common)
         if which not in last or not np.array_equal(rows_of_law, laws[last[which]]):
             last[which] = len(laws)

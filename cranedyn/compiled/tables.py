@@ -5,7 +5,7 @@ many cranes go by it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,19 +64,14 @@ def law(sizes: Sizes, form: Affine, rows: np.ndarray | None = None) -> np.ndarra
     return rows
 
 
-def aim(
-    sizes: Sizes, form: Affine, positions: np.ndarray, rows: np.ndarray | None = None
-) -> np.ndarray:
-    """Rows of what a controller is about and of the setpoint of the drives, shape (n, columns); in
-    an array as for `law`.
+def aim(sizes: Sizes, form: Affine, n: int, rows: np.ndarray | None = None) -> np.ndarray:
+    """Rows of what a controller is about and takes the drives to, shape (n, columns); in an array
+    as for `law`.
     """
-    n, at = len(positions), places(sizes.aim)
+    at = places(sizes.aim)
     rows = np.empty((n, size(sizes.aim))) if rows is None else rows
-    rows[: len(form.setpoint), at["setpoint"]], rows[len(form.setpoint) :, at["setpoint"]] = (
-        form.setpoint[:n],
-        form.setpoint[-1],
-    )
-    rows[:, at["position"]] = positions
+    for part, where in ((form.setpoint, at["setpoint"]), (form.target, at["position"])):
+        rows[: len(part), where], rows[len(part) :, where] = part[:n], part[-1]
     return rows
 
 
@@ -86,10 +81,13 @@ def shortened(rows: np.ndarray) -> np.ndarray:
     return rows[: int(changes[-1]) + 2 if len(changes) else 1].copy()
 
 
-def no_law(sizes: Sizes) -> Affine:
-    """The common form of a controller that has none: what it is about is the setpoint alone."""
+def no_law(sizes: Sizes, positions: np.ndarray) -> Affine:
+    """The common form of a controller that has none: what it is about is the setpoint of the
+    drives alone, shape (rows, m).
+    """
     nothing, z = np.zeros((1, sizes.m)), sizes.z
-    return without_integral(nothing, np.zeros((1, sizes.m, z)), np.zeros((1, z)))
+    form = without_integral(nothing, np.zeros((1, sizes.m, z)), np.zeros((1, z)))
+    return replace(form, target=positions)
 
 
 def one_command(sizes: Sizes) -> tuple[np.ndarray, np.ndarray]:

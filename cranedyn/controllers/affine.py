@@ -27,6 +27,7 @@ class Affine:
         feed_forward: Shape (rows, m), of as many rows as the controller was asked for at most.
         gain: Shape (rows, m, 2 n).
         setpoint: The motion that it is about, shape (rows, 2 n), of as many rows as it likes.
+        target: Where the integrals take the drives, shape (rows, m), of as many rows as it likes.
         integral_gain: Of the drives, per second, shape (m,).
         limit: Largest command with which the integrals grow, shape (m,).
         integral: What has been integrated before, shape (m,).
@@ -35,6 +36,7 @@ class Affine:
     feed_forward: np.ndarray
     gain: np.ndarray
     setpoint: np.ndarray
+    target: np.ndarray
     integral_gain: np.ndarray
     limit: np.ndarray
     integral: np.ndarray
@@ -43,7 +45,7 @@ class Affine:
         """The first part with a number that is not finite, empty if there is none; a limit may be
         infinite.
         """
-        names = ("feed_forward", "gain", "setpoint", "integral_gain", "integral")
+        names = ("feed_forward", "gain", "setpoint", "target", "integral_gain", "integral")
         return next((name for name in names if not np.isfinite(getattr(self, name)).all()), "")
 
     def fitting(self, whose: str, instants: int, drives: int, width: int) -> Affine:
@@ -80,6 +82,7 @@ class Affine:
             feed_forward,
             gain,
             setpoint,
+            part("target", "rows", drives),
             part("integral_gain", drives),
             limit,
             part("integral", drives),
@@ -144,8 +147,8 @@ def form(controller: object, times: np.ndarray, positions: np.ndarray, width: in
 
 def without_integral(feed_forward: np.ndarray, gain: np.ndarray, setpoint: np.ndarray) -> Affine:
     """The common form of a controller that does not integrate."""
-    m = feed_forward.shape[1]
-    return Affine(feed_forward, gain, setpoint, np.zeros(m), np.full(m, np.inf), np.zeros(m))
+    none = np.zeros(feed_forward.shape[1])
+    return Affine(feed_forward, gain, setpoint, none[None], none, none + np.inf, none)
 
 
 def at_drives(crane: Crane, positions: np.ndarray, rates: np.ndarray) -> np.ndarray:

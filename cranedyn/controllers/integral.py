@@ -87,6 +87,7 @@ class HoistIntegral:
         hoist = self.crane.layout.along("l")
         return replace(
             self.tracking.affine(times, positions),
+            target=positions,
             integral_gain=self.integral_gain * hoist,
             limit=np.where(hoist > 0.0, self.limit, math.inf),
             integral=self.integral * hoist,

@@ -65,7 +65,8 @@ class Tracking:
         """The common form, see `cranedyn.controllers.affine`."""
         last = len(self.feed_forward) - 1
         rows, shares = places(times, self.period, last + 1)
-        count = int(np.argmax(rows == last)) + 1 if last in rows else len(rows)
+        before = np.flatnonzero(rows < last)  # beyond them the last row holds
+        count = min(int(before[-1]) + 2 if len(before) else 1, len(rows))
         return without_integral(
             *(
                 at_places(table, rows[:count], shares[:count])

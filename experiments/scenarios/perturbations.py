@@ -14,9 +14,10 @@ from cranedyn.controllers.sensed import noise_of, sensed
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.errors import CraneError
-from cranedyn.interfaces import Controller, Disturbance, Setpoint, State
+from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
 from experiments import harness
+from experiments.scenarios.misread import Misread
 from experiments.scenarios.moves import AFTER, DRAG, Move, Score, score
 from experiments.scenarios.strategies import Plan, instant
 
@@ -147,7 +148,7 @@ def make(
             crane, controller, delay=perturbation.delay, noise=noise, rng=np.random.default_rng(1)
         )
     if any(misread):
-        controller = _misread(crane, controller, *misread)
+        controller = Misread(crane, controller, *misread)
     duration = instant(setup, plan.arrives + after)
     run = setup.simulate(
         crane,
@@ -170,15 +171,3 @@ def _stretched(crane: Crane, state: State, share: float, offset: float) -> State
     q = state.q.copy()
     q[hoist] = (1.0 + share) * q[hoist] + offset
     return State(q, state.v.copy())
-
-
-def _misread(crane: Crane, controller: Controller, share: float, offset: float) -> Controller:
-    """A controller that takes the cable for shorter than it is, by a share and an offset [m]."""
-    hoist = crane.layout.index("l")
-
-    def misled(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        q, v = state.q.copy(), state.v.copy()
-        q[hoist], v[hoist] = (q[hoist] - offset) / (1.0 + share), v[hoist] / (1.0 + share)
-        return controller(t, State(q, v), setpoint)
-
-    return misled

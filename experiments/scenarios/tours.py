@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from cranedyn.controllers import hold_controller, paper_controller
+from cranedyn.controllers.affine import Affine
+from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.errors import CraneError
-from cranedyn.interfaces import Controller, State
+from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import (
     ARTICLE_TOUR,
     itinerary,
@@ -96,13 +99,37 @@ def _flat(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
     return tour(setup.crane, ARTICLE_TOUR, plan, dwell=dwell)
 
 
-def repeated(controller: Controller, cycle: float) -> Controller:
-    """A controller that goes by the time in its cycle [s]."""
-    return lambda t, state, setpoint: controller(t % cycle, state, setpoint)
+@dataclass(frozen=True, eq=False)
+class Repeated:
+    """A controller that goes by the time in its cycle.
+
+    Attributes:
+        controller: What it does in a cycle.
+        cycle: How long that is [s].
+    """
+
+    controller: HoistIntegral
+    cycle: float
+
+    def run_begins(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Timed`."""
+        self.controller.run_begins(t % self.cycle, control_period)
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Efforts [N m or N], shape (m,)."""
+        return self.controller(t % self.cycle, state, setpoint)
+
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
+        """The common form, see `cranedyn.controllers.affine`."""
+        return self.controller.affine(times % self.cycle, positions)
+
+    def resume(self, t: float, integral: np.ndarray) -> None:
+        """See `cranedyn.controllers.affine.Remembering`."""
+        self.controller.resume(t % self.cycle, integral)
 
 
-def _tracked(made: Tour, controller: Controller) -> Way:
-    return made, repeated(controller, made.duration)
+def _tracked(made: Tour, controller: HoistIntegral) -> Way:
+    return made, Repeated(controller, made.duration)
 
 
 CONTROLS: dict[str, Callable[[harness.Setup, Limits, float], Way]] = {

@@ -29,7 +29,7 @@ from cranedyn.references.tour import tour
 from cranedyn.simulation.simulate import simulate
 from experiments import demo, harness
 from experiments.scenarios.moves import TOUR_LIMITS as LIMITS
-from experiments.scenarios.tours import CONTROLS, repeated
+from experiments.scenarios.tours import CONTROLS, Repeated
 from tests.helpers import FAST, G, big_crane, crane, quickly
 
 FREE = Limits((10.0, 100.0, 100.0), (10.0, 100.0, 100.0))
@@ -231,7 +231,7 @@ def test_a_load_heavier_than_planned_is_held_in_the_second_cycle_as_in_the_first
     controller = HoistIntegral(
         planned, lqr(planned, still, dt=1e-3), 4e3, float(planned.effort_limit[2])
     )
-    loop = repeated(controller, still.arrival)
+    loop = Repeated(controller, still.arrival)
     run = quickly(
         heavy, loop, still, start=planned.start, duration=30.0, dt=1e-3, control_period=1e-2
     )

@@ -1,0 +1,69 @@
+"""A controller that takes the cable for shorter than it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cranedyn.clocks import Timed
+from cranedyn.controllers.affine import Affine, Remembering, form
+from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.model.crane import Crane
+
+
+@dataclass(frozen=True, eq=False)
+class Misread:
+    """A controller whose hoist reads less than the cable has: l = (1 + share) reading + offset.
+
+    Attributes:
+        crane: The crane.
+        controller: What acts on the reading.
+        share: By which share the cable is longer than it is read.
+        offset: By how much it is longer besides, wherever the hoist stands [m].
+    """
+
+    crane: Crane
+    controller: Controller
+    share: float
+    offset: float
+
+    def run_begins(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Timed`."""
+        if isinstance(self.controller, Timed):
+            self.controller.run_begins(t, control_period)
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """What the controller commands, shape (m,)."""
+        hoist, q, v = self.crane.layout.index("l"), state.q.copy(), state.v.copy()
+        q[hoist] = (q[hoist] - self.offset) / (1.0 + self.share)
+        v[hoist] /= 1.0 + self.share
+        return self.controller(t, State(q, v), setpoint)
+
+    def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
+        """The common form, see `cranedyn.controllers.affine`: what z - setpoint is to the reading,
+        (z - added) / scale - setpoint, is that of the cable from scale setpoint + added, over
+        scale.
+        """
+        layout = self.crane.layout
+        found = form(self.controller, times, positions, 2 * layout.n)
+        if found is None:
+            return None
+        scale, added = np.ones(2 * layout.n), np.zeros(2 * layout.n)
+        scale[layout.index("l") :: layout.n] += self.share  # position and rate
+        added[layout.index("l")] = self.offset
+        of_drives = scale[layout.drives]
+        return replace(
+            found,
+            gain=found.gain / scale,
+            setpoint=scale * found.setpoint + added,
+            target=of_drives * found.target + added[layout.drives],
+            integral_gain=found.integral_gain / of_drives,
+            integral=of_drives * found.integral,
+        )
+
+    def resume(self, t: float, integral: np.ndarray) -> None:
+        """See `cranedyn.controllers.affine.Remembering`."""
+        if isinstance(self.controller, Remembering):
+            scale = 1.0 + self.share * self.crane.layout.along("l")
+            self.controller.resume(t, integral / scale)
