@@ -90,6 +90,13 @@ class Predictive:
     last: Solution | None = None
     _instant: int = -1
     _correction: np.ndarray = field(init=False)
+    _closed: np.ndarray = field(init=False)
+    _steered: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Know what LQR and decision make of a deviation in each stretch."""
+        self._closed = self.model.a - self.model.b @ self.sweep.gain
+        self._steered = self.model.b @ self.root
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Efforts [N m or N], shape (m,).
@@ -112,23 +119,18 @@ class Predictive:
         """The first correction of the best sequence."""
         stretches = np.minimum(np.arange(instant, instant + self.horizon), len(self.root) - 1)
         efforts, ahead = self._predicted(stretches, deviation)
-        least, most = (side[stretches].ravel() - efforts[:, -1] for side in self.room)
+        least, most = (side[stretches].ravel() - efforts[:, 0] for side in self.room)
         after = np.minimum(
             self.ratio * np.arange(instant + 1, instant + self.horizon + 1),
             len(self.model.setpoint) - 1,
         )
-        away = (self.model.setpoint[np.ix_(after, self.bounded)] / self.bound).ravel() + ahead[
-            :, -1
-        ]
+        setpoint = self.model.setpoint[after[:, None], self.bounded]
+        away = (setpoint / self.bound).ravel() + ahead[:, 0]
         count, m = len(self.bound), self.root.shape[1]
         slack, none = np.tile(np.eye(count), (self.horizon, 1)), np.full(len(away), np.inf)
-        rows = np.block(
-            [
-                [np.zeros((len(efforts), count)), efforts[:, :-1]],
-                [-slack, ahead[:, :-1]],
-                [slack, ahead[:, :-1]],
-            ]
-        )
+        slacks = np.concatenate([np.zeros((len(efforts), count)), -slack, slack])
+        decided = np.concatenate([efforts[:, 1:], ahead[:, 1:], ahead[:, 1:]])
+        rows = np.concatenate([slacks, decided], axis=1)
         size = rows.shape[1]
         found, _, flag, about = self.solve(
             np.eye(size),
@@ -153,21 +155,22 @@ class Predictive:
         self, stretches: np.ndarray, deviation: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Corrections, and bounded quantities over their bounds, over the horizon: affine in the
-        decision, the constant last.
+        decision, the constant first.
         """
         m, width = self.root.shape[1], self.root.shape[1] * self.horizon + 1
         efforts, ahead = (
-            np.empty((self.horizon, m, width)),
-            np.empty((self.horizon, len(self.bound), width)),
+            np.zeros((self.horizon, m, width)),
+            np.zeros((self.horizon, len(self.bound), width)),
         )
-        z = np.zeros((len(deviation), width))
-        z[:, -1] = deviation
-        for j, k in enumerate(stretches):
-            efforts[j] = -self.sweep.gain[k] @ z
-            efforts[j, :, m * j : m * j + m] += self.root[k]
-            z = self.model.a[k] @ z + self.model.b[k] @ efforts[j]
-            ahead[j] = z[self.bounded] / self.bound[:, None]
-        return efforts.reshape(-1, z.shape[1]), ahead.reshape(-1, z.shape[1])
+        z = deviation[:, None]  # it depends on no more of the decision than what came before
+        for j, k in enumerate(stretches.tolist()):
+            now, later = z.shape[1], z.shape[1] + m
+            efforts[j, :, :now] = -self.sweep.gain[k] @ z
+            efforts[j, :, now:later] = self.root[k]
+            z = np.concatenate([self._closed[k] @ z, self._steered[k]], axis=1)
+            ahead[j, :, :later] = z[self.bounded]
+        ahead /= self.bound[:, None]
+        return efforts.reshape(-1, width), ahead.reshape(-1, width)
 
 
 @checked

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from cranedyn.controllers import follow, hold_controller
 from cranedyn.controllers.damped import damped
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import effort_weight_of, lqr
-from cranedyn.controllers.mpc import mpc
+from cranedyn.controllers.mpc import Predictive, mpc
 from cranedyn.controllers.paper import paper_controller
 from cranedyn.controllers.rated import GivenRates, rated
 from cranedyn.interfaces import Controller, Drive, Reference
@@ -28,6 +29,11 @@ from cranedyn.references.spline import Spline, spline
 from cranedyn.theory import point_period
 from experiments import harness
 from experiments.scenarios.moves import LIMITS, Move
+
+if TYPE_CHECKING:
+    from cranedyn.compiled.horizon.receding import Receding
+
+Made = TypeVar("Made", "Predictive", "Receding")
 
 
 class Plan(NamedTuple):
@@ -226,10 +232,18 @@ def instant(setup: harness.Setup, t: float) -> float:
     return setup.control_period * float(np.ceil(t / setup.control_period - 1e-9))
 
 
+def copies(make: Callable[[], Made]) -> Callable[[], Made]:
+    """What makes a controller that remembers, at the first call only: then it copies that one,
+    which never runs.
+    """
+    first = cache(make)
+    return lambda: replace(first())
+
+
 def _mpc(setup: harness.Setup, move: Move) -> Plan:
     motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
 
-    def made(effort_weight: np.ndarray | None = None) -> Controller:
+    def made(effort_weight: np.ndarray | None = None) -> Predictive:
         return mpc(
             setup.crane,
             motion,
@@ -240,7 +254,7 @@ def _mpc(setup: harness.Setup, move: Move) -> Plan:
         )
 
     return Plan(
-        made,
+        copies(made),
         motion,
         "effort",
         motion.arrival,
@@ -251,7 +265,7 @@ def _mpc(setup: harness.Setup, move: Move) -> Plan:
 
 def _receding(
     setup: harness.Setup, motion: Motion | None, swing: float, drive: Drive = "effort"
-) -> Controller:
+) -> Receding:
     from cranedyn.compiled.horizon.receding import STAGE, receding, usual_input_weight
 
     usual = usual_input_weight(np.array(LIMITS.accelerations))
@@ -272,7 +286,7 @@ def _compiled_mpc(setup: harness.Setup, move: Move) -> Plan:
     motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
     swing = math.pi / 4.0
     return Plan(
-        lambda: _receding(setup, motion, swing),
+        copies(lambda: _receding(setup, motion, swing)),
         motion,
         "effort",
         motion.arrival,
@@ -284,7 +298,7 @@ def _compiled_mpc(setup: harness.Setup, move: Move) -> Plan:
 def _to_goal(setup: harness.Setup, move: Move) -> Plan:
     goal = hold(setup.crane, move.ends(setup.crane)[1])
     return Plan(
-        lambda: _receding(setup, None, 0.1),
+        copies(lambda: _receding(setup, None, 0.1)),
         goal,
         "effort",
         0.0,

@@ -167,6 +167,17 @@ def test_an_integrator_does_not_remember_another_run(setup: harness.Setup) -> No
     assert np.array_equal(one.q, two.q)
 
 
+def test_a_predictive_controller_is_made_once_and_a_copy_remembers_nothing_of_another_run(
+    setup: harness.Setup,
+) -> None:
+    plan = STRATEGIES[MPC](setup, COMBINED)
+    one = plan.controller()
+    one(0.0, COMBINED.ends(setup.crane)[0], plan.reference(0.0))
+    two = plan.controller()
+    assert one.last is not None and two.last is None  # type: ignore[attr-defined]
+    assert one.sweep is two.sweep  # type: ignore[attr-defined]
+
+
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("compare") / "out"
