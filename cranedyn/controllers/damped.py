@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -52,21 +53,28 @@ class Damped:
 
     def velocity(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Rates that the drives should have a control period later [rad/s or m/s], shape (m,)."""
-        layout = self.crane.layout
-        _, x, phi, theta, length = state.q[list(layout.tower("Drives that yield to the swing"))]
+        (_, *places), slewing, trolley = self._layout
+        x, phi, theta, length = state.q[places].tolist()
         turned = theta / x if x != 0.0 else 0.0  # on the slew axis no slewing moves the pivot
         yielding = (
             2.0
             * self.ratio
             * np.sqrt(self.crane.gravity * length)
-            * (turned * layout.along("gamma") + phi * layout.along("x"))
+            * (turned * slewing + phi * trolley)
         )
-        back = self.recovery * (setpoint.position - state.q[layout.drives])
+        back = self.recovery * (setpoint.position - state.q[self.crane.layout.drives])
         return np.clip(
             self.reference(t + self.control_period).velocity + back - yielding,
             -self.rates,
             self.rates,
         )
+
+    @cached_property
+    def _layout(self) -> tuple[tuple[int, ...], np.ndarray, np.ndarray]:
+        """Where the joints of the tower crane are, and which drives slew and move the trolley."""
+        layout = self.crane.layout
+        joints = layout.tower("Drives that yield to the swing")
+        return joints, layout.along("gamma"), layout.along("x")
 
 
 @checked

@@ -101,9 +101,7 @@ class Shaped(Tabulating):
         """Setpoints at many times [s], shape (n, m) each."""
         parts = tabulated(self.base, np.subtract.outer(times, self.delays).ravel())
         shape = len(times), len(self.delays), -1
-        return Setpoint(
-            *(np.tensordot(self.amplitudes, part.reshape(shape), (0, 1)) for part in parts)
-        )
+        return Setpoint(*(self.amplitudes @ part.reshape(shape) for part in parts))
 
 
 @checked
@@ -142,13 +140,13 @@ class ShapedHoisting(Tabulating):
 
     Attributes:
         base: The reference of the hoist.
-        hoist: Where the hoist stands among the drives.
+        others: Where the others stand among the drives.
         end: When the others are there [s].
         curves: Position of the others over time, its first and its second derivative.
     """
 
     base: Reference
-    hoist: int
+    others: np.ndarray
     end: float
     curves: tuple[scipy.interpolate.BSpline, ...]
 
@@ -158,12 +156,9 @@ class ShapedHoisting(Tabulating):
         position, *derivatives = (curve(inside) for curve in self.curves)
         moving = ((times >= 0.0) & (times < self.end))[:, None]
         parts = [position, *(np.where(moving, derivative, 0.0) for derivative in derivatives)]
-        return Setpoint(
-            *(
-                np.insert(part, self.hoist, hoist[:, self.hoist], axis=1)
-                for part, hoist in zip(parts, own, strict=True)
-            )
-        )
+        for whole, part in zip(own, parts, strict=True):
+            whole[:, self.others] = part
+        return own
 
 
 @checked
@@ -222,5 +217,5 @@ def shaped_hoisting(
         moved += np.stack([np.interp(asked, t, column) for column in way.T], axis=1)
     curve = scipy.interpolate.make_interp_spline(t, setpoint.position[0, others] + moved, k=3)
     return ShapedHoisting(
-        base, hoist, float(t[-1]), (curve, curve.derivative(), curve.derivative(2))
+        base, others, float(t[-1]), (curve, curve.derivative(), curve.derivative(2))
     )
