@@ -152,13 +152,14 @@ class ShapedHoisting(Tabulating):
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (n, m) each."""
-        inside, own = np.clip(times, 0.0, self.end), tabulated(self.base, times)
+        inside = np.clip(times, 0.0, self.end)
         position, *derivatives = (curve(inside) for curve in self.curves)
         moving = ((times >= 0.0) & (times < self.end))[:, None]
         parts = [position, *(np.where(moving, derivative, 0.0) for derivative in derivatives)]
-        for whole, part in zip(own, parts, strict=True):
+        found = Setpoint(*map(np.array, tabulated(self.base, times)))  # what the base has stays
+        for whole, part in zip(found, parts, strict=True):
             whole[:, self.others] = part
-        return own
+        return found
 
 
 @checked

@@ -325,3 +325,11 @@ def test_a_motion_without_drives_of_its_own_is_refused(drives: list[float]) -> N
     rows = np.zeros((2, 5))
     with pytest.raises(OutOfRange, match="drives of a motion"):
         Motion(0.1, rows, rows, rows, np.array(drives))
+
+
+def test_a_shaped_reference_leaves_what_its_base_answers_as_it_is() -> None:
+    still = hold(CRANE, CRANE.state(x=10.0, l=15.0))
+    shaped_one = shaped_hoisting(CRANE, still, zv(), 5.0)
+    before = still.at(np.array([1.0])).position.copy()
+    assert np.array_equal(shaped_one.at(np.array([1.0])).position, before)  # nobody moves
+    assert np.array_equal(still.at(np.array([1.0])).position, before)
