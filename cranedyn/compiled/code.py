@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import reduce
+from functools import cache, lru_cache, reduce
 from typing import Any
 
 from llvmlite import ir
@@ -111,7 +111,7 @@ class Code:
         apart: int | None = None,
     ) -> None:
         self.lanes, self.apart = lanes, apart or lanes
-        self.type = ir.VectorType(DOUBLE, lanes) if lanes > 1 else DOUBLE
+        self.type = lane_type(lanes)
         self.function = ir.Function(
             module, ir.FunctionType(ir.VoidType(), [POINTER] * len(arguments)), name
         )
@@ -125,12 +125,7 @@ class Code:
         """A number known now as one that the code has."""
         if isinstance(number, Value):
             return number
-        return Value(
-            self,
-            ir.Constant(
-                self.type, [float(number)] * self.lanes if self.lanes > 1 else float(number)
-            ),
-        )
+        return Value(self, _constant(self.lanes, float(number).hex()))
 
     def result(self, operation: str, *operands: Any) -> Value:
         """A sum, difference, product, quotient or negative; asked for again in the same block it is
@@ -259,9 +254,8 @@ class Code:
         """One double in every lane."""
         if self.lanes == 1:
             return Value(self, part)
-        index, undefined = ir.IntType(32), ir.Constant(self.type, ir.Undefined)
-        register = self.builder.insert_element(undefined, part, ir.Constant(index, 0))
-        everywhere = ir.Constant(ir.VectorType(index, self.lanes), [0] * self.lanes)
+        undefined, first, everywhere = _spreading(self.lanes)
+        register = self.builder.insert_element(undefined, part, first)
         return Value(self, self.builder.shuffle_vector(register, undefined, everywhere))
 
     def load(self, pointer: ir.Value, first: Any = 0) -> Value:
@@ -354,6 +348,29 @@ class Variable:
     def set(self, value: Any) -> None:
         """Put a value into it."""
         self._code.builder.store(self._code.value(value).register, self._place)
+
+
+@cache
+def lane_type(lanes: int) -> ir.Type:
+    """A double for each lane."""
+    return ir.VectorType(DOUBLE, lanes) if lanes > 1 else DOUBLE
+
+
+@lru_cache(maxsize=4096)
+def _constant(lanes: int, written: str) -> ir.Constant:
+    """A number in every lane, the same object for the same number: LLVM's text is made of it often.
+    It is told by what `float.hex` writes, which has a sign also of zero.
+    """
+    number = float.fromhex(written)
+    return ir.Constant(lane_type(lanes), [number] * lanes if lanes > 1 else number)
+
+
+@cache
+def _spreading(lanes: int) -> tuple[ir.Constant, ir.Constant, ir.Constant]:
+    """A vector of anything, the first of its places, and that place for every lane."""
+    index = ir.IntType(32)
+    places = ir.Constant(ir.VectorType(index, lanes), [0] * lanes)
+    return ir.Constant(lane_type(lanes), ir.Undefined), ir.Constant(index, 0), places
 
 
 def _is(other: Any, number: float) -> bool:

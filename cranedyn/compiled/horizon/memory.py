@@ -8,7 +8,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from cranedyn.compiled.code import DOUBLE, Code, Value
+from cranedyn.compiled.code import DOUBLE, Code, Value, lane_type
 
 BLOCK = 8
 """Stages that are linearised at once, one in each lane."""
@@ -140,7 +140,7 @@ class Other(Code):
     def __init__(self, code: Code, lanes: int) -> None:
         self.lanes = self.apart = lanes
         self.function, self.builder = code.function, code.builder
-        self.type = ir.VectorType(DOUBLE, lanes) if lanes > 1 else DOUBLE
+        self.type = lane_type(lanes)
         self.argument, self._angles, self._turns, self._results = code.argument, {}, {}, {}
 
 

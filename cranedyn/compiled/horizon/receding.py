@@ -117,7 +117,7 @@ class Receding:
         finite("path", self.path, (self.programme.rows, shape.states))
         made = _made(self.programme)
         self._memory = self.memory(1)
-        self._instant = Instant(made, self._memory, self.programme)
+        self._instant = Instant(made.machine, self._memory, self.programme)
 
     def memory(self, lanes: int) -> np.ndarray:
         """Memory of a group of so many cranes before a run, shape (doubles,)."""
@@ -201,12 +201,19 @@ class Receding:
         self._when, self._last = self._count(t) // self.programme.ratio, t
 
 
+class _Made(NamedTuple):
+    """The code of a programme, and what stands in the memory of each stage before all else."""
+
+    machine: Machine
+    known: list[tuple[str, int, int, float]]
+
+
 @lru_cache(maxsize=64)
-def _made(programme: Programme) -> Machine:
+def _made(programme: Programme) -> _Made:
     module = ir.Module()
-    emit_plan(module, programme)
+    known = emit_plan(module, programme)
     emit_instant(module, programme)
-    return translated(module)
+    return _Made(translated(module), known)
 
 
 @checked
@@ -377,6 +384,6 @@ def _table(
     for name in ("barrier", "first"):
         row("report")[REPORT.index(name)] = _BARRIER * PRICE
     stages = table[shape.first :].reshape(shape.padded, shape.stride)
-    for name, i, lane, value in emit_plan(ir.Module(), programme):
+    for name, i, lane, value in _made(programme).known:
         stages[:, shape.place(name, i) + lane] = value
     return table
