@@ -14,6 +14,7 @@ import sys
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from xml.dom import Node, minidom
 
@@ -113,12 +114,34 @@ def describe(
             raise UnknownName("argument", name, known)
         unit, allowed = known[name].unit, known[name].allowed
         mappings[name] = repr(number(name, value, unit, allowed)) if allowed else str(value)
+    given = str(path), tuple(mappings.items())
+    own = Path(path).parent == XACRO.parent
+    return _remembered(*given, _written()) if own else _expanded(*given)
+
+
+def _written() -> tuple[tuple[int, int], ...]:
+    """When each xacro file of this project was written last [ns], and how long it is."""
+    found = (file.stat() for file in sorted(XACRO.parent.glob("*.xacro")))
+    return tuple((one.st_mtime_ns, one.st_size) for one in found)
+
+
+@lru_cache(maxsize=64)
+def _remembered(
+    path: str, mappings: tuple[tuple[str, str], ...], _: tuple[tuple[int, int], ...]
+) -> str:
+    """What one of this project's files expands to for as long as all stay as they are: they read
+    nothing but each other.
+    """
+    return _expanded(path, mappings)
+
+
+def _expanded(path: str, mappings: tuple[tuple[str, str], ...]) -> str:
     try:
         with _EXPANDING, contextlib.redirect_stderr(io.StringIO()):
             # A node that xacro moves from document to document: an interruption in its midst would
             # leave it in none, and nothing could be expanded any more.
             xacro._empty_text_node = minidom.Document().createTextNode("\n\n")
-            document = xacro.process_file(str(path), mappings=mappings)
+            document = xacro.process_file(path, mappings=dict(mappings))
         _strip_comments(document)
         return (
             "\n".join(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -13,8 +14,9 @@ import pytest
 import xacro
 
 from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName
+from cranedyn.model import description
 from cranedyn.model.description import XACRO, arguments, describe, main, parse_values
-from tests.helpers import files
+from tests.helpers import files, turned
 
 SMALL = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <xacro:arg name="size" default="2.0"/>  <!-- [m] > 0: how big -->
@@ -88,7 +90,28 @@ def test_the_urdf_is_plain(urdf: str) -> None:
 
 
 def test_the_same_arguments_give_the_same_bytes(urdf: str) -> None:
+    description._remembered.cache_clear()
     assert describe() == urdf
+
+
+def test_a_file_of_ours_is_expanded_once_and_again_when_it_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for path in XACRO.parent.glob("*.xacro"):
+        shutil.copy(path, tmp_path)
+    own, expansions = tmp_path / XACRO.name, []
+    monkeypatch.setattr(description, "XACRO", own)
+    honest = description._expanded
+    monkeypatch.setattr(
+        description, "_expanded", lambda *given: expansions.append(given) or honest(*given)
+    )
+    one, two = describe(own), describe(own)
+    assert one == two
+    assert len(expansions) == 1
+    old, new = (f'name="payload_mass" default="{mass}"' for mass in (1000.0, 1001.0))
+    own.write_text(turned(old, new, own.read_text()))
+    assert '<mass value="1000.0"/>' in one
+    assert '<mass value="1001.0"/>' in describe(own)
 
 
 def test_an_interruption_in_the_midst_of_an_expansion_does_no_harm_to_the_next(
@@ -104,6 +127,7 @@ def test_an_interruption_in_the_midst_of_an_expansion_does_no_harm_to_the_next(
 
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
         patched.setattr(minidom.Node, "removeChild", interrupted)
+        description._remembered.cache_clear()
         describe()
     assert describe() == urdf
 
