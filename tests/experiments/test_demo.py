@@ -137,7 +137,7 @@ def test_residual_is_the_amplitude_of_a_known_swing() -> None:
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo")
-    assert demo.main(["--cycles", "1", "--out", str(folder / "demo")]) == 0
+    assert demo.main(["--cycles", "1", "--engine", FAST, "--out", str(folder / "demo")]) == 0
     return folder / "demo"
 
 
@@ -263,7 +263,7 @@ def test_bad_input_is_one_sentence_and_nothing_written(
 def test_a_live_recording_shows_the_energy_of_the_whole_run_not_of_its_pieces(
     tmp_path: Path,
 ) -> None:
-    setup = harness.Setup()
+    setup = harness.Setup(engine=FAST)
     tour = itinerary(setup.crane, setup.crane.start, ARTICLE_TOUR, rates=RATES, dwell=6.0)
     pieces = list(demo.pieces(setup, tour, hold_controller(setup.crane), 2.0))
     with Live(setup.crane, "demo", title="Live", file=tmp_path / "live.rrd") as live:
