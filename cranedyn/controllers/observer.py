@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
 from cranedyn.arguments import checked
 from cranedyn.clocks import SAME_PERIOD
@@ -77,7 +76,10 @@ def kalman_gain(seen: np.ndarray, spread: np.ndarray) -> np.ndarray:
     Raises:
         CraneError: If that is not positive definite.
     """
-    # LAPACK itself: for so few numbers NumPy's way there takes longer than the solution
+    # LAPACK itself: for so few numbers NumPy's way there takes longer than the solution. Those who
+    # observe nothing need not wait for SciPy.
+    from scipy.linalg.lapack import dposv
+
     _, solution, failed = dposv(spread, seen)
     if failed:
         raise CraneError("What the observer believes of its errors is no covariance any more.")
