@@ -110,11 +110,12 @@ def _taken_for_a_fault() -> None:
 
 
 def test_an_interruption_that_xacro_takes_for_a_fault_is_one(
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    (tmp_path / "a.xacro").write_text('<robot name="a"/>')  # ours may have been expanded before
     monkeypatch.setattr(xacro, "process_file", lambda *_, **__: _taken_for_a_fault())
     with pytest.raises(KeyboardInterrupt):
-        describe()
+        describe(tmp_path / "a.xacro")
 
 
 def _refused() -> int:
