@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import adapted, hold_controller, lqr, observed, sensed
 from cranedyn.controllers.adapted import Adapted
 from cranedyn.controllers.load_filter import LIGHTEST, LoadFilter, Sensors
+from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import prescribed_acceleration
 from cranedyn.errors import CraneError, MissingRole
@@ -37,10 +39,17 @@ def at_rest(crane: Crane, **where: float) -> Motion:
     return Motion(PERIOD, crane.state(**where).q[None], still, still, crane.layout.drives)
 
 
+@cache
 def combined(crane: Crane, beyond: float = 0.0) -> Motion:
     """Slew, trolley and hoist together, in 20 s, on a cable longer by so much [m]."""
     start = crane.state(x=10.0, l=15.0 + beyond)
     return flat(crane, start, crane.state(gamma=0.6, x=20.0, l=10.0 + beyond), 20.0)
+
+
+@cache
+def tracked() -> Tracking:
+    """The LQR about the combined move, which remembers nothing."""
+    return lqr(crane(), combined(crane()))
 
 
 def shortened(controller: Controller, offset: float, share: float = 0.0) -> Controller:
@@ -59,7 +68,7 @@ def moved(
 ) -> tuple[Adapted, Trajectory]:
     """The combined move up to its arrival with a load and a cable that differ from the plan."""
     motion = combined(crane())
-    controller = adapted(lqr(crane(), motion), crane(), motion, sensors=sensors)
+    controller = adapted(tracked(), crane(), motion, sensors=sensors)
     start = crane().state(x=10.0, l=15.0 * (1.0 + share) + offset)
     heavy = crane(payload_mass=1000.0 * load)
     run = quickly(
@@ -193,7 +202,7 @@ def test_half_and_one_and_a_half_of_the_load_on_cables_a_tenth_off_arrive_withou
 
 def test_an_observer_that_knows_nothing_of_the_load_leaves_more_than_tenfold() -> None:
     motion = combined(crane())
-    controller = observed(lqr(crane(), motion), crane(), motion)
+    controller = observed(tracked(), crane(), motion)
     start = crane().state(x=10.0, l=15.0)
     light = crane(payload_mass=500.0)
     run = quickly(light, controller, motion, start=start, duration=motion.arrival)
@@ -202,7 +211,7 @@ def test_an_observer_that_knows_nothing_of_the_load_leaves_more_than_tenfold() -
 
 def test_noisy_and_late_sensors_of_the_drives_alone_end_below_a_milliradian() -> None:
     motion, delay = combined(crane()), 2
-    inner = adapted(lqr(crane(), motion), crane(), motion, delay=delay)
+    inner = adapted(tracked(), crane(), motion, delay=delay)
     noisy = sensed(crane(), inner, delay=delay, rng=np.random.default_rng(2))
     start = crane().state(x=10.0, l=16.5)
     run = quickly(
@@ -220,7 +229,7 @@ def test_both_engines_leave_the_same() -> None:
     runs = [
         quickly(
             crane(payload_mass=1500.0),
-            adapted(lqr(crane(), motion), crane(), motion),
+            adapted(tracked(), crane(), motion),
             motion,
             start=start,
             duration=1.0,

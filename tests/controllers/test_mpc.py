@@ -7,6 +7,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -44,6 +45,7 @@ def at_rest(crane: Crane, **where: float) -> Motion:
     )
 
 
+@cache
 def combined(crane: Crane) -> Motion:
     """Slew, trolley and hoist together, in 20 s."""
     return flat(crane, crane.state(x=10.0, l=15.0), crane.state(gamma=0.6, x=20.0, l=10.0), 20.0)
