@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import math
 import time
@@ -228,6 +229,14 @@ def test_it_keeps_runs_figures_and_a_recording_of_several_drawn_into_each_other(
     assert len(read(done / "compare_flat_lqr.parquet")) == 8001
     recording = (done / "compare.rrd").read_bytes()
     assert all(strategy.encode() in recording for strategy in (PD, FLAT))
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_garbage_is_not_collected_while_a_controller_is_timed(timed: bool) -> None:
+    with pytest.raises(KeyboardInterrupt), compare.collector_waits(timed):
+        assert gc.isenabled() is not timed
+        raise KeyboardInterrupt
+    assert gc.isenabled()
 
 
 def test_strategies_that_are_usually_not_recorded_are_where_there_are_no_others() -> None:
