@@ -105,6 +105,7 @@ NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
 WITHIN = (
     "add_values",
     "gust_shape",
+    "over_period",
     "usual_input_weight",
     "bounds",
     "drive_bounds",
