@@ -546,6 +546,7 @@ PLAIN = {
         "at_drives",
         "over_period",
         "kalman_gain",
+        "load_lapack",
     ),
     *(
         "stationary",

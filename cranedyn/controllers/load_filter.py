@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.controllers.observer import kalman_gain
+from cranedyn.controllers.observer import kalman_gain, load_lapack
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import by_state_and_force, full
@@ -61,6 +61,7 @@ class LoadFilter:
         disturbance: np.ndarray,
         noise: np.ndarray,
     ) -> None:
+        load_lapack()
         self.crane = replace(crane, model=crane.model.copy())
         self.mean, self.covariance, self.sensors = mean, covariance, sensors
         self._period, self._noise = period, noise

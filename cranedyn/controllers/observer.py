@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 
 import numpy as np
 
@@ -76,14 +77,20 @@ def kalman_gain(seen: np.ndarray, spread: np.ndarray) -> np.ndarray:
     Raises:
         CraneError: If that is not positive definite.
     """
-    # LAPACK itself: for so few numbers NumPy's way there takes longer than the solution. Those who
-    # observe nothing need not wait for SciPy.
+    # LAPACK itself: for so few numbers NumPy's way there takes longer than the solution
     from scipy.linalg.lapack import dposv
 
     _, solution, failed = dposv(spread, seen)
     if failed:
         raise CraneError("What the observer believes of its errors is no covariance any more.")
     return solution.T
+
+
+def load_lapack() -> None:
+    """Have SciPy's at hand when an observer is made: it takes some tenths of a second to come,
+    which no control instant has, and who observes nothing need not wait for it.
+    """
+    import_module("scipy.linalg.lapack")
 
 
 @dataclass(eq=False)
@@ -130,6 +137,7 @@ class Observed:
 
     def __post_init__(self) -> None:
         """Begin without deviation and correction."""
+        load_lapack()
         self._identity = np.eye(len(self.covariance))
         self.gain, self._deviation = (
             np.zeros((len(self.covariance), len(self.measured))),

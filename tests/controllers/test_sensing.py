@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 from functools import cache
 
@@ -380,6 +382,29 @@ def test_an_observer_that_cannot_be_is_refused(given: dict[str, object], words: 
     motion = at_rest(crane(), x=10.0, l=15.0)
     with pytest.raises(CraneError, match=words):
         observed(Watched(), crane(), motion, **given)  # type: ignore[arg-type]
+
+
+def test_what_an_observer_needs_is_loaded_before_its_first_control_instant() -> None:
+    program = """
+import sys
+from cranedyn.controllers import adapted, hold_controller, observed
+from cranedyn.model.load import load_crane
+from cranedyn.references import Motion
+crane = load_crane()
+start = crane.state(x=10.0, l=15.0)
+still = Motion(5e-3, start.q[None], 0.0 * start.q[None], 0.0 * start.q[None], crane.layout.drives)
+for observer in (observed, adapted):
+    for name in [name for name in sys.modules if name.startswith("scipy.linalg")]:
+        del sys.modules[name]
+    observer(hold_controller(crane), crane, still)
+    print("scipy.linalg.lapack" in sys.modules)
+"""
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, check=True
+        ).stdout.split()
+        == ["True"] * 2
+    )
 
 
 def test_errors_that_have_no_covariance_have_no_gain() -> None:
