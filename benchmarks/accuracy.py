@@ -21,6 +21,7 @@ from cranedyn.analysis.swing import zero_crossings
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics import pinocchio as dynamics
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
+from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import panels
@@ -173,11 +174,7 @@ def start_up(
     """Wall time of fresh processes until a first control period is done, of those that come so far;
     each starts once before it counts.
     """
-    names = [
-        one.name
-        for one in contestants
-        if one.missing() is None and not fresh(_FIRST_STEP, one.name).returncode
-    ]
+    names = [one.name for one in contestants if one.missing() is None and _comes(one.name)]
     tasks = [partial(fresh, "pass"), *(partial(fresh, _FIRST_STEP, name) for name in names)]
     taken = np.median(race(tasks, rounds, rng), axis=1)
     note = (
@@ -190,6 +187,15 @@ def start_up(
         for name, one in zip(["Python, nothing else", *names], taken, strict=True)
     ]
     return Table("To the first step", [("strategy", ""), ("ms", ".0f")], rows, note)
+
+
+def _comes(name: str) -> bool:
+    """Whether a way comes to its first step."""
+    try:
+        fresh(_FIRST_STEP, name)
+    except CraneError:
+        return False
+    return True
 
 
 def accuracy_figure(table: Table) -> Figure:

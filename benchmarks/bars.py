@@ -20,7 +20,6 @@ from benchmarks.timing import fresh
 from benchmarks.workload import Case, plain
 from cranedyn.command import command
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.load import load_crane
 from experiments.harness.outcome import Outcome, Table, show
@@ -82,8 +81,8 @@ def bars() -> list[Bar]:
     """All of them, each some 20 ms of work but for the processes."""
     case, hook = Case(), Case(load_crane(hook_mass=200.0))
     calls = Work(partial(bare, case.crane, 6000), 6000)
-    others = Work(partial(_process, _OTHERS), 1.0, _ROUNDS // 6, _of_children)
-    first = Work(partial(_process, _FIRST_STEP), 1.0, _ROUNDS // 6, _of_children)
+    others = Work(partial(fresh, _OTHERS), 1.0, _ROUNDS // 6, _of_children)
+    first = Work(partial(fresh, _FIRST_STEP), 1.0, _ROUNDS // 6, _of_children)
     return [
         Bar("plain loop", _loop(case, 1.0), calls, 0.39),
         Bar("Python controller, compiled steps", _stepping(case, 10.0), calls, 2.25),
@@ -118,11 +117,6 @@ def _batch(case: Case, duration: float, cranes: int = 512) -> Work:
         simulate_batch, case.crane, case.controller, start=start, duration=duration, threads=1
     )
     return Work(run, cranes * case.periods(duration) * case.steps)
-
-
-def _process(script: str) -> None:
-    if (done := fresh(script)).returncode:
-        raise CraneError(done.stderr)
 
 
 def _of_children() -> float:

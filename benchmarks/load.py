@@ -33,7 +33,7 @@ def measure(rounds: int) -> list[float]:
     URDF.
     """
     fresh(_PROGRAM)  # its modules are translated then
-    runs = (fresh(_PROGRAM).stdout for _ in range(rounds))
+    runs = (fresh(_PROGRAM) for _ in range(rounds))
     return [statistics.median(column) for column in zip(*map(json.loads, runs), strict=True)]
 
 

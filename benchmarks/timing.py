@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.workload import DURATION, Case, Run
+from cranedyn.errors import CraneError
 
 
 def seconds(task: Callable[[], object]) -> float:
@@ -22,12 +23,18 @@ def seconds(task: Callable[[], object]) -> float:
     return time.perf_counter() - before
 
 
-def fresh(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+def fresh(script: str, *arguments: str) -> str:
     """Run a script in a process of its own, as users start them: from the second time on Python
     finds the modules translated, also where this environment keeps it from writing that down.
+
+    Returns:
+        What it printed.
+
+    Raises:
+        CraneError: If it fails.
     """
     usual = {name: what for name, what in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    return subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-c", script, *arguments],
         cwd=Path(__file__).parents[1],
         env=usual,
@@ -35,6 +42,9 @@ def fresh(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
         text=True,
         check=False,
     )
+    if done.returncode:
+        raise CraneError(f"A process that was measured failed: {done.stderr}")
+    return done.stdout
 
 
 def race(

@@ -227,12 +227,14 @@ def collector_waits(timed: bool) -> Iterator[None]:
     """Have Python's garbage collected after a run that is timed, not in its midst: to go through
     all that a process holds takes 0.15 s, which would be counted as the controller's.
     """
+    collects = gc.isenabled()
     if timed:
         gc.disable()
     try:
         yield
     finally:
-        gc.enable()
+        if collects:
+            gc.enable()
 
 
 def _timed(make_controller: Callable[[], Controller], calls: list[float]) -> Controller:

@@ -148,7 +148,8 @@ def form(controller: object, times: np.ndarray, positions: np.ndarray, width: in
 def without_integral(feed_forward: np.ndarray, gain: np.ndarray, setpoint: np.ndarray) -> Affine:
     """The common form of a controller that does not integrate."""
     none = np.zeros(feed_forward.shape[1])
-    return Affine(feed_forward, gain, setpoint, none[None], none, none + np.inf, none)
+    most = np.full_like(none, np.inf)
+    return Affine(feed_forward, gain, setpoint, none[None], none, most, none)
 
 
 def at_drives(crane: Crane, positions: np.ndarray, rates: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,11 +29,6 @@ from cranedyn.references.spline import Spline, spline
 from cranedyn.theory import point_period
 from experiments import harness
 from experiments.scenarios.moves import LIMITS, Move
-
-if TYPE_CHECKING:
-    from cranedyn.compiled.horizon.receding import Receding
-
-Made = TypeVar("Made", "Predictive", "Receding")
 
 
 class Plan(NamedTuple):
@@ -232,14 +227,6 @@ def instant(setup: harness.Setup, t: float) -> float:
     return setup.control_period * float(np.ceil(t / setup.control_period - 1e-9))
 
 
-def copies(make: Callable[[], Made]) -> Callable[[], Made]:
-    """What makes a controller that remembers, at the first call only: then it copies that one,
-    which never runs.
-    """
-    first = cache(make)
-    return lambda: replace(first())
-
-
 def _mpc(setup: harness.Setup, move: Move) -> Plan:
     motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
 
@@ -253,8 +240,9 @@ def _mpc(setup: harness.Setup, move: Move) -> Plan:
             effort_weight=effort_weight,
         )
 
+    first = cache(made)  # it never runs, so that its copies remember nothing
     return Plan(
-        copies(made),
+        lambda: replace(first()),
         motion,
         "effort",
         motion.arrival,
@@ -265,7 +253,7 @@ def _mpc(setup: harness.Setup, move: Move) -> Plan:
 
 def _receding(
     setup: harness.Setup, motion: Motion | None, swing: float, drive: Drive = "effort"
-) -> Receding:
+) -> Controller:
     from cranedyn.compiled.horizon.receding import STAGE, receding, usual_input_weight
 
     usual = usual_input_weight(np.array(LIMITS.accelerations))
@@ -286,7 +274,7 @@ def _compiled_mpc(setup: harness.Setup, move: Move) -> Plan:
     motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
     swing = math.pi / 4.0
     return Plan(
-        copies(lambda: _receding(setup, motion, swing)),
+        lambda: _receding(setup, motion, swing),
         motion,
         "effort",
         motion.arrival,
@@ -298,7 +286,7 @@ def _compiled_mpc(setup: harness.Setup, move: Move) -> Plan:
 def _to_goal(setup: harness.Setup, move: Move) -> Plan:
     goal = hold(setup.crane, move.ends(setup.crane)[1])
     return Plan(
-        copies(lambda: _receding(setup, None, 0.1)),
+        lambda: _receding(setup, None, 0.1),
         goal,
         "effort",
         0.0,
