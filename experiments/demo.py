@@ -353,8 +353,8 @@ class _Show:
                 for piece in pieces:
                     if not self.record:  # what would be refused has been by now
                         sinks, began = _Sinks(self._options, self._world, stack), time.monotonic()
+                    sinks.append(piece)  # first: until the scene is drawn there is nothing to keep
                     self._add(piece)
-                    sinks.append(piece)
                     if self._pace:
                         time.sleep(
                             max(0.0, float(piece.t[-1]) / self._pace - (time.monotonic() - began))

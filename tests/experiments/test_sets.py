@@ -299,6 +299,18 @@ def test_a_demo_interrupted_before_its_first_row_is_130_and_leaves_the_recording
     assert files(tmp_path) == ["demo.rrd"]
 
 
+def test_a_demo_interrupted_while_its_scene_is_drawn_draws_it_no_second_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cranedyn.recording.live.dashboard", interrupted)
+    code, err = said(lambda: demo.main(["--engine", FAST, "--out", str(tmp_path)]))
+    assert (code, err) == (130, "Interrupted before the first half second was over.\n")
+    assert not files(tmp_path)
+
+
 def test_a_live_recording_has_its_name_when_its_first_row_stands(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     path.write_text("old")
