@@ -5,7 +5,8 @@ time.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from functools import reduce
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from llvmlite import ir
@@ -83,37 +84,56 @@ def _both(code: Code, angle: Value) -> tuple[Value, Value]:
     return sine, cosine
 
 
-def turned(code: Code, known: tuple[Value, Value], by: Value, angle: Value) -> tuple[Value, Value]:
-    """Sine and cosine of an angle [rad] from those before it went on by a little; each time adds a
-    rounding or two.
+class Turn(NamedTuple):
+    """An angle that went on: sine and cosine before, by how much [rad], and where it is now."""
 
-    Where a lane went on by more than 1/64 rad, its sine and cosine are computed anew; no lane feels
-    another.
-    """
-    little = code.call("llvm.fabs", by) < _LITTLE
-    small = code.everywhere(little)
-    fast = _by_a_little(code, known, by)
+    known: tuple[Value, Value]
+    by: Value
+    angle: Value
+
+    def little(self) -> ir.Value:
+        """For each lane, whether it went on by so little that `turned` is as good as new."""
+        return self.by * self.by < _LITTLE**2
+
+    def turned(self) -> tuple[Value, Value]:
+        """Sine and cosine from those before; each time adds a rounding or two."""
+        (sine, cosine), by, code = self.known, self.by, self.by.code
+        square = by * by
+        rise = code.fused(by * square, code.fused(square, code.value(1.0 / 120.0), -1.0 / 6.0), by)
+        less = code.fused(square, code.value(1.0 / 720.0), -1.0 / 24.0)
+        less = square * code.fused(less, square, 0.5)
+        return (
+            code.fused(cosine, rise, code.fused(-sine, less, sine)),
+            code.fused(-sine, rise, code.fused(-cosine, less, cosine)),
+        )
+
+    def mended(self, turned: tuple[Value, Value]) -> tuple[Value, Value]:
+        """Sine and cosine computed anew in lanes that went on by more; no lane feels another."""
+        code, little = self.by.code, self.little()
+        sine, cosine = sine_and_cosine(code, self.angle)
+        return code.chosen(little, turned[0], sine), code.chosen(little, turned[1], cosine)
+
+
+def all_little(code: Code, turns: Sequence[Turn]) -> ir.Value:
+    """Whether all angles went on by a little in all lanes."""
+    if not turns:
+        return ir.Constant(ir.IntType(1), True)
+    squares = [turn.by * turn.by for turn in turns]
+    largest = reduce(lambda a, b: code.chosen(a > b, a, b), squares)
+    return code.everywhere(largest < _LITTLE**2)
+
+
+def turned(code: Code, turn: Turn) -> tuple[Value, Value]:
+    """Sine and cosine of an angle that went on."""
+    small, fast = all_little(code, [turn]), turn.turned()
     here = code.builder.block
     with code.builder.if_then(code.builder.not_(small), likely=False):
-        anew = sine_and_cosine(code, angle)
-        slow = [code.chosen(little, one, other) for one, other in zip(fast, anew, strict=True)]
+        slow = turn.mended(fast)
         there = code.builder.block
     sine, cosine = (
         code.joined(one, here, other, there) for one, other in zip(fast, slow, strict=True)
     )
     return sine, cosine
-
-
-def _by_a_little(code: Code, known: tuple[Value, Value], by: Value) -> tuple[Value, Value]:
-    sine, cosine = known
-    square = by * by
-    rise = code.fused(by * square, code.fused(square, code.value(1.0 / 120.0), -1.0 / 6.0), by)
-    less = code.fused(square, code.value(1.0 / 720.0), -1.0 / 24.0)
-    less = square * code.fused(less, square, 0.5)
-    return (
-        code.fused(cosine, rise, code.fused(-sine, less, sine)),
-        code.fused(-sine, rise, code.fused(-cosine, less, cosine)),
-    )
 
 
 def _of_eighth_turn(code: Code, angle: Value) -> tuple[Value, Value]:

@@ -7,16 +7,19 @@ added to 0, or computed twice for it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, lru_cache, reduce
 from typing import Any
 
 from llvmlite import ir
 
-from cranedyn.compiled.angles import sine_and_cosine, turned
+from cranedyn.compiled.angles import Turn, sine_and_cosine, turned
 
 INTEGER, POINTER, DOUBLE = ir.IntType(64), ir.PointerType(), ir.DoubleType()
+
+_LINE = 64
+"""Bytes in a line of the cache."""
 
 _FAST = ("contract", "reassoc", "nsz", "arcp")
 """Sums and products may be fused and put in another order, the sign of zero is free; infinities and
@@ -87,8 +90,9 @@ class Value:
         return self.code.builder.fcmp_ordered(how, self.register, self.code.value(other).register)
 
     def _with(self, operation: str, other: Any) -> Any:
-        if operation == "fsub" and isinstance(other, Value) and other.register is self.register:
-            return 0.0
+        if isinstance(other, Value) and other.register is self.register:
+            if operation in ("fsub", "fdiv"):
+                return 0.0 if operation == "fsub" else 1.0
         return self.code.result(operation, self, other)
 
 
@@ -115,11 +119,15 @@ class Code:
         self.function = ir.Function(
             module, ir.FunctionType(ir.VoidType(), [POINTER] * len(arguments)), name
         )
+        if lanes > 1:  # or vectors that wait on the stack would cross lines of the cache
+            self.function.attributes.alignstack = min(8 * lanes, _LINE)
+            self.function.attributes.add("nounwind")  # llvmlite writes the one only with another
         self.argument = dict(zip(arguments, self.function.args, strict=True))
         self.builder = ir.IRBuilder(self.function.append_basic_block())
         self._angles: dict[ir.Value, tuple[Value, Value]] = {}
         self._turns: dict[ir.Value, tuple[Value, Value]] = {}
         self._results: dict[tuple[Any, ...], Value] = {}
+        self._asked: set[ir.Value] = set()
 
     def value(self, number: Any) -> Value:
         """A number known now as one that the code has."""
@@ -161,13 +169,23 @@ class Code:
         again they are those there are; of an angle that has `gone_on` those from which it comes,
         turned.
         """
+        self._asked.add(angle.register)
         if angle.register not in self._angles:
-            before, by = self._turns.get(angle.register, (angle, angle))
-            known = self._angles.get(before.register)
+            turn = self.turn(angle)
             self._angles[angle.register] = (
-                sine_and_cosine(self, angle) if known is None else turned(self, known, by, angle)
+                sine_and_cosine(self, angle) if turn is None else turned(self, turn)
             )
         return self._angles[angle.register]
+
+    def turn(self, angle: Value) -> Turn | None:
+        """How an angle went on from one whose sine and cosine are known; None if it did not."""
+        before, by = self._turns.get(angle.register, (angle, angle))
+        known = self._angles.get(before.register)
+        return None if known is None else Turn(known, by, angle)
+
+    def asked(self, angle: Value) -> bool:
+        """Whether sine or cosine of an angle were asked for."""
+        return angle.register in self._asked
 
     def known_angle(self, angle: Value, sine: Value, cosine: Value) -> None:
         """Have sine and cosine of an angle, here and until this loop or condition ends."""
@@ -313,6 +331,41 @@ class Code:
         counter.add_incoming(self.builder.add(counter, self.integer(1)), self.builder.block)
         self.builder.branch(head)
         self.builder.position_at_end(after)
+        self._forget()
+
+    @contextmanager
+    def stretches(self, first: ir.Value, last: ir.Value) -> Iterator[Callable[[ir.Value], None]]:
+        """Statements for each whole number from the first up to, but without, the last, in a loop
+        without branches that is left where something rare is to be done.
+
+        Yields:
+            What to call at the end of the statements with whether nothing is. Statements after that
+            call are gone through where something is, and after the last number.
+        """
+        block, build = self.function.append_basic_block, self.builder
+        head, body, rest, after = (block(name) for name in ("head", "body", "rest", "after"))
+        before = build.block
+        build.branch(head)
+        build.position_at_end(head)
+        begin = build.phi(INTEGER)
+        build.cbranch(build.icmp_signed("<", begin, last), body, after)
+        build.position_at_end(body)
+        number = build.phi(INTEGER)
+        next_one = build.add(number, self.integer(1))
+        self._forget()
+
+        def end(nothing: ir.Value) -> None:
+            on = build.and_(nothing, build.icmp_signed("<", next_one, last))
+            number.add_incoming(next_one, build.block)
+            build.cbranch(on, body, rest)
+            build.position_at_end(rest)
+
+        yield end
+        begin.add_incoming(first, before)
+        begin.add_incoming(next_one, build.block)
+        number.add_incoming(begin, head)
+        build.branch(head)
+        build.position_at_end(after)
         self._forget()
 
     @contextmanager

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
+from cranedyn.compiled.angles import all_little
 from cranedyn.compiled.call import CALL, SLOTS, TURNS, Parts, Sizes, places, size
 from cranedyn.compiled.code import INTEGER, Code, Value, Variable
 from cranedyn.compiled.horizon.control import Control, Programme, emit_instant, emit_plan
@@ -19,7 +20,7 @@ from cranedyn.compiled.machine import Machine, translated
 from cranedyn.compiled.step import stepped
 from cranedyn.compiled.threads import THREAD, one_after_another
 from cranedyn.dynamics.integrators import Integrator
-from cranedyn.dynamics.plant import Plant, Topology, plant
+from cranedyn.dynamics.plant import SI, Plant, Topology, Units, plant
 from cranedyn.dynamics.rigid_body import array
 
 
@@ -136,16 +137,23 @@ def _plant(
     return plant(topology, values, recipe.drive, recipe.buffers)
 
 
+def _moving(crane: Plant, dt: Any, recipe: Recipe) -> tuple[Plant, Units]:
+    """What steps go by. A thread has no registers for numbers that are constants in SI only."""
+    return (crane, SI) if recipe.threads else crane.in_steps(dt)
+
+
 def _emit_answer(
     code: Code, topology: Topology, constants: Sequence[float | None], recipe: Recipe
 ) -> None:
     for attribute in () if recipe.threads else ("noinline", "optnone"):  # called some times only
         code.function.attributes.add(attribute)
     crane = _plant(code, code.argument["numbers"], topology, constants, recipe)
+    crane, units = _moving(crane, 1.0, recipe)
     parts = Sizes.of(topology.layout).given
     given = [code.load(code.argument["given"], i * code.apart) for i in range(size(parts))]
     q, v, command, forces = (array(given[where]) for where in places(parts).values())
-    for i, a in enumerate(crane.answer(q, v, command, forces if recipe.forces else None)[0]):
+    pushes = forces * units.force if recipe.forces else None
+    for i, a in enumerate(crane.answer(q, v, command * units.command, pushes)[0]):
         code.store(a, code.argument["accelerations"], i * code.apart)
     code.end()
 
@@ -188,10 +196,11 @@ class _Loop:
             self.given.update(
                 {name: code.load_one(code.argument["call"], SLOTS[name], kind) for name in names}
             )
+        self.dt, self.period = (code.from_double(self.given[name]) for name in ("dt", "period"))
         self.plant = _plant(code, self.given["numbers"], topology, constants, recipe)
+        self.moving, self.units = _moving(self.plant, self.dt, recipe)
         self.state = self._variables("state", self.sizes.state)
         self.summary = self._variables("summary", self.sizes.summary) if recipe.summary else {}
-        self.dt, self.period = (code.from_double(self.given[name]) for name in ("dt", "period"))
         self.turns = {
             i: code.variables([0.0, 0.0])
             for i, joint in enumerate(topology.layout.joints)
@@ -243,9 +252,12 @@ class _Loop:
         return q
 
     def _keep_angles(self, q: np.ndarray) -> None:
-        for i, pair in self.turns.items():
-            for variable, value in zip(pair, self.code.sine_and_cosine(q[i]), strict=True):
-                variable.set(value)
+        for i in self.turns:
+            self._keep_angle(i, self.code.sine_and_cosine(q[i]))
+
+    def _keep_angle(self, i: int, pair: tuple[Value, Value]) -> None:
+        for variable, value in zip(self.turns[i], pair, strict=True):
+            variable.set(value)
 
     def _set(self, part: str, values: Iterable[Any]) -> None:
         for variable, value in zip(self.state[part], values, strict=True):
@@ -271,45 +283,58 @@ class _Loop:
 
     def _period(self, forces: np.ndarray | None) -> None:
         """The steps of a control period. Sines and cosines are carried from one to the next, and
-        computed anew every some steps and at the end.
+        computed anew every some steps and at the end; as long are rates in the units of the steps.
         """
         code, steps, turns = self.code, self.given["steps"], self.recipe.turns
-        if not self.turns:
-            return self._steps(0, steps, forces)
+        if self.recipe.threads:
+            return self._steps(code.integer(0), steps, forces)
         pieces = code.builder.sdiv(
             code.builder.add(steps, code.integer(turns - 1)), code.integer(turns)
         )
         with code.loop(0, pieces) as piece:
             first = code.product(piece, turns)
             last = code.least(code.builder.add(first, code.integer(turns)), steps)
+            self._set("v", self._get("v") * self.dt)
             self._steps(first, last, forces)
+            self._set("v", self._get("v") * (1.0 / self.dt))
             self._keep_angles(self._get("q"))
 
-    def _steps(self, first: Any, last: ir.Value, forces: np.ndarray | None) -> None:
+    def _steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:
         """Steps from the first up to, but without, the last."""
-        with self.code.loop(first, last):
-            work = self.state["buffers"][0].get()
+        code, units = self.code, self.units
+        with code.stretches(first, last) as end:
+            here, work = self._coordinates(), self.state["buffers"][0].get()
             v, last_command = self._get("v"), self._get("last_command")
             if self.recipe.late is not None:
-                reference, rising = self._ramped(last_command, v)
+                reference, rising = self._ramped(last_command, v * (1.0 / units.time))
                 self._set("reference", reference)
                 self._set("rising", rising)
                 last_command = array(reference)
             q, v, work = stepped(
                 self.recipe.integrator,
-                self.plant,
-                self._coordinates(),
+                self.moving,
+                here,
                 v,
-                last_command,
-                forces,
-                self.dt,
+                last_command * units.command,
+                None if forces is None else forces * units.force,
+                self.dt / units.time,
                 work,
+                units.work,
                 self.given["small"],
             )
             self._set("q", q)
             self._set("v", v)
             self._set("buffers", [work])
-            self._keep_angles(q)
+            asked = [i for i in self.turns if code.asked(here[i])]
+            turns = {i: turn for i in asked if (turn := code.turn(q[i])) is not None}
+            pairs = {i: turn.turned() for i, turn in turns.items()}
+            for i in asked:
+                self._keep_angle(i, pairs[i] if i in pairs else code.sine_and_cosine(q[i]))
+            little = all_little(code, [*turns.values()])
+            end(little)
+            with code.when(code.builder.not_(little)):
+                for i, turn in turns.items():
+                    self._keep_angle(i, turn.mended(pairs[i]))
 
     def _forces(self, instant: ir.Value) -> np.ndarray | None:
         return (

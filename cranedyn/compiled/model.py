@@ -95,9 +95,7 @@ def _emit(code: Code, model: pin.Model) -> None:
         q = rigid_body.array([_coordinate(model, i, numbers) for i in range(1, model.njoints)])
         v, tau = (rigid_body.array(numbers[model.nq + k * model.nv :][: model.nv]) for k in (0, 1))
         where = rigid_body.frames(tree, q)
-        a = rigid_body.solve(
-            rigid_body.mass_matrix(tree, where), tau - rigid_body.inverse_dynamics(tree, where, v)
-        )
+        a = rigid_body.forward_dynamics(tree, where, v, tau)
         for i, part in enumerate(a):
             code.store(
                 part,

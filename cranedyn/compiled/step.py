@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.compiled.code import Code, Value
+from cranedyn.compiled.code import Code
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.plant import Plant
 from cranedyn.dynamics.rigid_body import array
@@ -63,31 +63,33 @@ def stepped(
     v: np.ndarray,
     command: np.ndarray,
     forces: Any,
-    dt: Value,
+    dt: Any,
     work: Any,
+    unit: Any,
     small: Any,
 ) -> Stepped:
     """One step.
 
     Args:
         integrator: The stepping rule.
-        plant: The crane.
+        plant: The crane, which may have units of its own, see `Plant.in_units`.
         q: Coordinates.
         v: Rates.
         command: Of the drives.
         forces: From outside.
-        dt: The step [s].
+        dt: The step; 1 where time is counted in steps.
         work: Of the buffers so far [J].
+        unit: What the plant's unit of work is [J].
         small: Number of small semi-implicit steps to take instead where buffers act and the rule
             needs a motion without kinks.
     """
     if not (plant.buffers and integrator.smooth):
-        return _by_rule(integrator, plant, q, v, command, forces, dt, work)
+        return _by_rule(integrator, plant, q, v, command, forces, dt, work, unit)
     there, faster, _ = _by_rule(
-        integrator, replace(plant, buffers=False), q, v, command, forces, dt, work
+        integrator, replace(plant, buffers=False), q, v, command, forces, dt, work, unit
     )
     return _where_buffers_act(
-        plant, (q, v, work), (there, faster, work), command, forces, dt, small
+        plant, (q, v, work), (there, faster, work), command, forces, dt, unit, small
     )
 
 
@@ -100,6 +102,7 @@ def _by_rule(
     forces: Any,
     dt: Any,
     work: Any,
+    unit: Any,
 ) -> Stepped:
     def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return plant.answer(q, v, command, forces)[0]
@@ -108,11 +111,12 @@ def _by_rule(
         return v + a * dt
 
     def move(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return array([dt.code.gone_on(*pair) for pair in zip(q, v * dt, strict=True)])
+        return array([one.code.gone_on(one, by) for one, by in zip(q, v * dt, strict=True)])
 
     there, faster = integrator.rule(acceleration, speed_up, move, q, v, 1)
     if plant.buffers:
-        work = work + 0.5 * dt * (plant.stops.effort(q, v) @ (v + faster)[plant.stops.drives])
+        done = plant.stops.effort(q, v) @ (v + faster)[plant.stops.drives]
+        work = work + 0.5 * dt * unit * done
     return there, faster, work
 
 
@@ -122,13 +126,14 @@ def _where_buffers_act(
     smooth: Stepped,
     command: np.ndarray,
     forces: Any,
-    dt: Value,
+    dt: Any,
+    unit: Any,
     small: Any,
 ) -> Stepped:
     """The outcome of a smooth step, replaced by that of small semi-implicit ones where a drive is
     beyond its range before or after it.
     """
-    code: Code = dt.code
+    code: Code = before[0][0].code
     n = len(before[0])
     outcome = code.variables([*smooth[0], *smooth[1], smooth[2]])
     rough = code.either(*plant.stops.beyond(before[0]), *plant.stops.beyond(smooth[0]))
@@ -146,6 +151,7 @@ def _where_buffers_act(
                 forces,
                 fine,
                 now[2 * n],
+                unit,
             )
             for place, value in zip(here, [*q, *v, done], strict=True):
                 place.set(value)

@@ -39,15 +39,16 @@ class JointForces:
         """Those of a crane."""
         return cls(crane.damping, crane.springs if crane.springs.any else None)
 
-    def in_steps(self, dt: float) -> JointForces:
-        """The same with time counted in steps of `dt` [s]: forces scale like dt², damping like
-        dt.
+    def in_steps(self, dt: Any, mass: Any = 1.0) -> JointForces:
+        """The same with time counted in steps of `dt` [s] and mass in units of `mass` [kg]: forces
+        scale like dt², damping like dt.
         """
+        damping, force = self.damping * (dt / mass), dt * dt / mass
         if self.springs is None:
-            return JointForces(dt * self.damping, None)
+            return JointForces(damping, None)
         stiffness, rest, rope = self.springs.stiffness, self.springs.rest, self.springs.rope
-        scaled = None if rope is None else Rope(rope.stretch, rope.length, dt * dt * rope.stiffness)
-        return JointForces(dt * self.damping, Springs(dt * dt * stiffness, rest, scaled))
+        scaled = None if rope is None else Rope(rope.stretch, rope.length, rope.stiffness * force)
+        return JointForces(damping, Springs(stiffness * force, rest, scaled))
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Generalized forces at coordinates q and rates v, shape (n,)."""
@@ -120,11 +121,10 @@ class Stops:
             2.0 * _STOP_DAMPING * _STOP_FREQUENCY * inertia,
         )
 
-    def in_steps(self, dt: float) -> Stops:
-        """The same with time counted in steps of `dt` [s]."""
-        return Stops(
-            self.drives, self.lower, self.upper, dt * dt * self.stiffness, dt * self.damping
-        )
+    def in_steps(self, dt: Any, mass: Any = 1.0) -> Stops:
+        """As `JointForces.in_steps`."""
+        stiffness, damping = self.stiffness * (dt * dt / mass), self.damping * (dt / mass)
+        return Stops(self.drives, self.lower, self.upper, stiffness, damping)
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """What the buffers exert on the drives at coordinates q and rates v, shape (m,)."""

@@ -5,8 +5,8 @@ buffers make of a state.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -73,6 +73,26 @@ def _above(parents: Sequence[int], joint: int) -> list[int]:
     return found
 
 
+class Units(NamedTuple):
+    """What is what for a plant that counts time and mass in units of its own.
+
+    Attributes:
+        time: Its unit of time [s].
+        command: How much it has of a unit of a command.
+        force: How much it has of a newton, from outside or of a drive.
+        work: What its unit of work is [J].
+    """
+
+    time: Any
+    command: Any
+    force: Any
+    work: Any
+
+
+SI = Units(1.0, 1.0, 1.0, 1.0)
+"""Seconds and kilograms."""
+
+
 @dataclass(frozen=True, eq=False)
 class Plant:
     """A crane with n joints and m drives whose numbers are known, or stand for what is not known
@@ -107,6 +127,28 @@ class Plant:
     buffers: bool
     response: Response | None = None
 
+    def in_steps(self, dt: Any) -> tuple[Plant, Units]:
+        """The same with time counted in steps of `dt` [s] and mass in that of the load, where that
+        is not counted with another body: rates are v dt, accelerations a dt², and the length of the
+        step and the load drop out of much that is to be computed.
+
+        Returns:
+            The plant, and its units.
+        """
+        load = self.tree.mass[self.topology.bodies[0]]
+        mass = 1.0 if isinstance(load, float) and load == 0.0 else load
+        force, response = dt * dt / mass, self.response
+        made = replace(
+            self,
+            tree=self.tree.in_steps(dt, mass),
+            joint=self.joint.in_steps(dt, mass),
+            stops=self.stops.in_steps(dt, mass),
+            effort_limit=self.effort_limit * force,
+            response=None if response is None else response._replace(lags=response.lags / dt),
+        )
+        commands = {"effort": force, "motion": dt * dt, "velocity": dt}
+        return made, Units(dt, commands[self.drive], force, 1.0 / force)
+
     def answer(
         self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -139,19 +181,20 @@ class Plant:
             strict=forces is not None,
         )
         external = [ExternalForce(body, lever, force) for body, lever, force in acting]
-        resisting = rigid_body.inverse_dynamics(
-            self.tree, where, v, external_forces=external
-        ) - self.joint.effort(q, v)
+        effort = self.joint.effort(q, v)
         if self.buffers:
-            resisting[drives] = resisting[drives] - self.stops.effort(q, v)
-        mass = rigid_body.mass_matrix(self.tree, where)
+            effort[drives] = effort[drives] + self.stops.effort(q, v)
+        if self.drive == "effort":
+            effort[drives] = effort[drives] + command
+            a = rigid_body.forward_dynamics(self.tree, where, v, effort, external)
+            return a, command, command
+        resisting = rigid_body.inverse_dynamics(self.tree, where, v, external_forces=external)
+        resisting, mass = resisting - effort, rigid_body.mass_matrix(self.tree, where)
         if self.response is not None:
             wanted = array(self.response.accelerations_at(command, v[drives]))
             return held_back(mass, resisting, wanted, self.effort_limit, self.topology.layout)
         a = array([0.0] * len(q))
         a[drives] = command
-        if self.drive == "effort":
-            return rigid_body.solve(mass, a - resisting), command, command
         a[passive] = rigid_body.solve(
             mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive]
         )

@@ -71,6 +71,11 @@ class Bodies:
             first += old.size
         return Bodies(self.parents, *parts)
 
+    def in_steps(self, dt: Any, mass: Any) -> Bodies:
+        """The same with time counted in steps of `dt` [s] and mass in units of `mass` [kg]."""
+        masses = {name: getattr(self, name) / mass for name in ("mass", "inertia", "armature")}
+        return replace(self, **masses, gravity=self.gravity * (dt * dt))
+
 
 def regrouped(tree: Bodies) -> Bodies:
     """The same tree with less in its bodies: what a joint moves as its parent does anyway is
@@ -219,6 +224,7 @@ def inverse_dynamics(
     v: np.ndarray,
     a: np.ndarray | None = None,
     external_forces: Sequence[ExternalForce] = (),
+    pulled: tuple[int, Any] | None = None,
 ) -> np.ndarray:
     """Generalized forces that cause accelerations against gravity and pushes, as `pin.rnea`;
     damping is not counted.
@@ -229,6 +235,8 @@ def inverse_dynamics(
         v: Rates of the coordinates, shape (n,).
         a: Their accelerations, shape (n,); None for zero.
         external_forces: What pushes from outside.
+        pulled: A body that slides along an axis of its frame, and the effort that acts on it there,
+            which is what the others feel of it along the axis, whatever its acceleration.
     """
     n, zero = len(tree), array([0.0] * 3)
     motions: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
@@ -260,6 +268,10 @@ def inverse_dynamics(
     effort = array([0.0] * n) if a is None else tree.armature * a
     for i in range(n - 1, -1, -1):
         effort[i] = effort[i] + tree.axis[i, 0] @ forces[i] + tree.axis[i, 1] @ torques[i]
+        if pulled is not None and i == pulled[0]:
+            sides = zip(tree.axis[i, 0], forces[i], strict=True)
+            forces[i] = array([f if _is_zero(one) else one * pulled[1] for one, f in sides])
+            torques[i] = cross(tree.lever[i], forces[i])
         if (parent := tree.parents[i]) >= 0:
             force, torque = _to_parent(where[i], forces[i], torques[i])
             forces[parent], torques[parent] = forces[parent] + force, torques[parent] + torque
@@ -286,6 +298,73 @@ def mass_matrix(tree: Bodies, where: Sequence[Frame]) -> np.ndarray:
         if (parent := tree.parents[i]) >= 0:
             composites[parent] = composites[parent].plus(composites[i].seen_from_parent(where[i]))
     return mass
+
+
+def forward_dynamics(
+    tree: Bodies,
+    where: Sequence[Frame],
+    v: np.ndarray,
+    effort: np.ndarray,
+    external_forces: Sequence[ExternalForce] = (),
+) -> np.ndarray:
+    """Accelerations that generalized forces cause, as `pin.aba`.
+
+    Of a load that hangs on nothing but its rope the others feel its mass across the rope, and along
+    it the effort of the rope: what is left to solve has one unknown less, and nothing that cancels.
+
+    Args:
+        tree: The bodies.
+        where: Their frames.
+        v: Rates of the coordinates, shape (n,).
+        effort: Generalized forces, damping and springs among them, shape (n,).
+        external_forces: What pushes from outside.
+    """
+    last = len(tree) - 1
+    if not _is_sliding_point(tree, last):
+        resisting = inverse_dynamics(tree, where, v, external_forces=external_forces)
+        return solve(mass_matrix(tree, where), effort - resisting)
+    resisting = inverse_dynamics(
+        tree, where, v, external_forces=external_forces, pulled=(last, effort[last])
+    )
+    others = tree.mass.copy()
+    others[last] = 0.0
+    mass = mass_matrix(replace(tree, mass=others), where)[:last, :last]
+    along = array([0.0] * last)
+    for unit, one in zip(np.eye(3), tree.axis[last, 0], strict=True):
+        moved = _moved(tree, where, last, array(unit.tolist()))[:last]
+        if _is_zero(one):
+            mass = mass + np.multiply.outer(moved, moved) * tree.mass[last]
+        else:
+            along = one * moved
+    a = solve(mass, (effort - resisting)[:last])
+    return array([*a, (effort - resisting)[last] / tree.mass[last] - along @ a])
+
+
+def _is_sliding_point(tree: Bodies, i: int) -> bool:
+    """Whether a body has nothing but mass, and slides along an axis of its frame."""
+    along, about = tree.axis[i]
+    nothing = np.concatenate([about, tree.inertia[i].ravel(), tree.armature[[i]]])
+    return (
+        tree.parents[i] >= 0
+        and all(map(_is_zero, nothing))
+        and all(isinstance(part, float) for part in along)
+        and sorted(map(abs, along)) == [0.0, 0.0, 1.0]
+        and not _is_zero(tree.mass[i])
+    )
+
+
+def _moved(tree: Bodies, where: Sequence[Frame], body: int, unit: np.ndarray) -> np.ndarray:
+    """How fast each coordinate moves the centre of mass of a body in a direction of its frame per
+    rate, shape (n,): what a unit force there exerts on it.
+    """
+    found = array([0.0] * len(tree))
+    force, torque = unit, cross(tree.lever[body], unit)
+    found[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
+    while (parent := tree.parents[body]) >= 0:
+        force, torque = _to_parent(where[body], force, torque)
+        body = parent
+        found[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
+    return found
 
 
 def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:

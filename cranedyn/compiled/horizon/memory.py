@@ -142,6 +142,7 @@ class Other(Code):
         self.function, self.builder = code.function, code.builder
         self.type = lane_type(lanes)
         self.argument, self._angles, self._turns, self._results = code.argument, {}, {}, {}
+        self._asked = set()
 
 
 class Rows:
