@@ -243,6 +243,20 @@ MUTATIONS = (
         "compiled::a_run_of_many_blocks_is_the_same",
     ),
     Mutation(
+        "what hangs on its rope has no mass across it",
+        "cranedyn/dynamics/rigid_body.py",
+        "np.multiply.outer(moved, moved) * tree.mass[last]",
+        "np.multiply.outer(moved, moved) * 0.0",
+        "rigid_body::a_load_on_its_rope_moves_as_in_pinocchio_wherever_its_centre_is",
+    ),
+    Mutation(
+        "an angle that turned too far for a series keeps what the series gave",
+        "cranedyn/compiled/kernel.py",
+        "self._keep_angle(i, turn.mended(pairs[i]))",
+        "self._keep_angle(i, pairs[i])",
+        "turned_angles::long_steps_that_turn_far_are_those_of_pinocchio",
+    ),
+    Mutation(
         "compiled robots are taken as they come",
         "cranedyn/compiled/model.py",
         "if off := rigid_body.disagreement(",
@@ -259,8 +273,8 @@ MUTATIONS = (
     Mutation(
         "compiled cranes have no joint damping",
         "cranedyn/dynamics/plant.py",
-        "external_forces=external) - self.joint.effort(q, v)",
-        "external_forces=external)",
+        "effort = self.joint.effort(q, v)",
+        "effort = 0.0 * v",
         "compiled::a_run_of_many_blocks_is_the_same",
     ),
     Mutation(
@@ -273,8 +287,8 @@ MUTATIONS = (
     Mutation(
         "compiled buffers push outwards",
         "cranedyn/dynamics/plant.py",
-        "resisting[drives] - self.stops.effort(q, v)",
-        "resisting[drives] + self.stops.effort(q, v)",
+        "effort[drives] + self.stops.effort(q, v)",
+        "effort[drives] - self.stops.effort(q, v)",
         "compiled::both_engines_record_the_same",
     ),
     Mutation(
@@ -400,7 +414,7 @@ MUTATIONS = (
     Mutation(
         "springs are counted in seconds where time is counted in steps",
         "cranedyn/dynamics/joint_forces.py",
-        "Springs(dt * dt * stiffness, rest, scaled)",
+        "Springs(stiffness * force, rest, scaled)",
         "Springs(stiffness, rest, scaled)",
         "cranes::a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs",
     ),

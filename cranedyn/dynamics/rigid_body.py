@@ -270,8 +270,9 @@ def inverse_dynamics(
         effort[i] = effort[i] + tree.axis[i, 0] @ forces[i] + tree.axis[i, 1] @ torques[i]
         if pulled is not None and i == pulled[0]:
             sides = zip(tree.axis[i, 0], forces[i], strict=True)
-            forces[i] = array([f if _is_zero(one) else one * pulled[1] for one, f in sides])
-            torques[i] = cross(tree.lever[i], forces[i])
+            force = array([f if _is_zero(one) else one * pulled[1] for one, f in sides])
+            torques[i] = torques[i] + cross(tree.lever[i], force - forces[i])
+            forces[i] = force
         if (parent := tree.parents[i]) >= 0:
             force, torque = _to_parent(where[i], forces[i], torques[i])
             forces[parent], torques[parent] = forces[parent] + force, torques[parent] + torque

@@ -127,6 +127,39 @@ def test_solving_with_the_mass_matrix_leaves_nothing_over(q: np.ndarray, right: 
     )
 
 
+@given(vectors, vectors, vectors)
+def test_accelerations_are_those_of_pinocchio(
+    q: np.ndarray, v: np.ndarray, effort: np.ndarray
+) -> None:
+    found = _plain(rigid_body.forward_dynamics(*_at(q), v, rigid_body.array(effort.tolist())))
+    expected = pin.aba(ARM, ARM.createData(), q, v, effort)
+    mass = pin.crba(ARM, ARM.createData(), q)
+    assert not rigid_body.disagreement(found, expected, mass)
+
+
+@given(states)
+def test_a_load_on_its_rope_moves_as_in_pinocchio_wherever_its_centre_is(state: State) -> None:
+    c = crane(damp_swing=0)
+    model, data = c.model.copy(), c.model.createData()
+    model.inertias[5] = pin.Inertia(800.0, np.array([0.3, -0.2, 0.5]), np.zeros((3, 3)))
+    tree = _tree(model)
+    effort = np.array([1e4, -2e3, 30.0, -40.0, -9e3])
+    force = ExternalForce(4, np.array([0.1, 0.2, -0.3]), np.array([300.0, -200.0, 100.0]))
+    where = rigid_body.frames(tree, state.q)
+    assert rigid_body._is_sliding_point(tree, 4)
+    found = _plain(
+        rigid_body.forward_dynamics(
+            tree, where, state.v, rigid_body.array(effort.tolist()), [force]
+        )
+    )
+    pushed, free = (
+        _plain(rigid_body.inverse_dynamics(tree, where, np.zeros(5), external_forces=some))
+        for some in ([force], [])
+    )
+    expected = pin.aba(model, data, state.q, state.v, effort + free - pushed)
+    assert not rigid_body.disagreement(found, expected, pin.crba(model, data, state.q))
+
+
 @given(states)
 def test_a_payload_that_turns_is_pushed_at_its_centre(state: State) -> None:
     c = crane(damp_swing=0)
