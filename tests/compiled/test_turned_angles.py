@@ -76,8 +76,9 @@ def test_roundings_of_turned_angles_do_not_add_up_over_a_long_control_period() -
     assert np.abs(swing(100.0) - swing(0.05)).max() < 1e-14
 
 
-def test_long_steps_that_turn_far_are_those_of_pinocchio() -> None:
-    start = crane().state(phi=0.1, phi_dot=1.0, theta_dot=-0.5)
+@pytest.mark.parametrize("period", [0.05, 0.5])
+def test_long_steps_that_turn_far_are_those_of_pinocchio(period: float) -> None:
+    start = crane().state(phi=0.1, phi_dot=4.0, theta_dot=-0.5)
     runs = [
         simulate(
             crane(),
@@ -85,7 +86,7 @@ def test_long_steps_that_turn_far_are_those_of_pinocchio() -> None:
             start=start,
             duration=2.0,
             dt=0.05,
-            control_period=0.05,
+            control_period=period,
             drive="motion",
             integrator=rk4,
             validity="mark",
