@@ -17,8 +17,23 @@ if TYPE_CHECKING:
 _LARGEST_ANGLE = 1e6
 """Beyond this the reduction of an angle to a quarter turn loses digits [rad]."""
 
-_LITTLE = 1.0 / 64.0
-"""Up to this the series of a small turn end below the precision of a double [rad]."""
+
+class Series(NamedTuple):
+    """How a small turn takes sine and cosine along.
+
+    Attributes:
+        most: Up to this the series end below the precision of a double [rad].
+        sine: Of its sine, sin h = h + h³ (…), in powers of h².
+        less: Of what its cosine lacks, 1 - cos h = h² (…), likewise.
+    """
+
+    most: float
+    sine: tuple[float, ...]
+    less: tuple[float, ...]
+
+
+SHORTER = Series(1.0 / 640.0, (-1.0 / 6.0,), (0.5, -1.0 / 24.0))
+LONGER = Series(1.0 / 64.0, (-1.0 / 6.0, 1.0 / 120.0), (0.5, -1.0 / 24.0, 1.0 / 720.0))
 
 _HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 """π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody &
@@ -91,49 +106,58 @@ class Turn(NamedTuple):
     by: Value
     angle: Value
 
-    def little(self) -> ir.Value:
-        """For each lane, whether it went on by so little that `turned` is as good as new."""
-        return self.by * self.by < _LITTLE**2
-
-    def turned(self) -> tuple[Value, Value]:
+    def turned(self, series: Series) -> tuple[Value, Value]:
         """Sine and cosine from those before; each time adds a rounding or two."""
         (sine, cosine), by, code = self.known, self.by, self.by.code
         square = by * by
-        rise = code.fused(by * square, code.fused(square, code.value(1.0 / 120.0), -1.0 / 6.0), by)
-        less = code.fused(square, code.value(1.0 / 720.0), -1.0 / 24.0)
-        less = square * code.fused(less, square, 0.5)
+        rise = code.fused(by * square, _polynomial(code, square, series.sine), by)
+        less = square * _polynomial(code, square, series.less)
         return (
             code.fused(cosine, rise, code.fused(-sine, less, sine)),
             code.fused(-sine, rise, code.fused(-cosine, less, cosine)),
         )
 
-    def mended(self, turned: tuple[Value, Value]) -> tuple[Value, Value]:
-        """Sine and cosine computed anew in lanes that went on by more; no lane feels another."""
-        code, little = self.by.code, self.little()
-        sine, cosine = sine_and_cosine(code, self.angle)
-        return code.chosen(little, turned[0], sine), code.chosen(little, turned[1], cosine)
+    def mended(self, quick: tuple[Value, Value]) -> tuple[Value, Value]:
+        """Sine and cosine for lanes that went on by more than is good for the shorter series, by
+        the longer one or anew; no lane feels another.
+        """
+        short, code = self.by * self.by < SHORTER.most**2, self.by.code
+        return _or_anew(self, _chosen(code, short, quick, self.turned(LONGER)))
 
 
-def all_little(code: Code, turns: Sequence[Turn]) -> ir.Value:
-    """Whether all angles went on by a little in all lanes."""
+def all_little(code: Code, turns: Sequence[Turn], series: Series) -> ir.Value:
+    """Whether no angle went on by more than is good for a series, in any lane."""
     if not turns:
         return ir.Constant(ir.IntType(1), True)
     squares = [turn.by * turn.by for turn in turns]
     largest = reduce(lambda a, b: code.chosen(a > b, a, b), squares)
-    return code.everywhere(largest < _LITTLE**2)
+    return code.everywhere(largest < series.most**2)
 
 
-def turned(code: Code, turn: Turn) -> tuple[Value, Value]:
+def turned(turn: Turn) -> tuple[Value, Value]:
     """Sine and cosine of an angle that went on."""
-    small, fast = all_little(code, [turn]), turn.turned()
+    return _or_anew(turn, turn.turned(LONGER))
+
+
+def _or_anew(turn: Turn, fast: tuple[Value, Value]) -> tuple[Value, Value]:
+    """A pair for lanes in which the longer series is good; in the others it is computed anew."""
+    code = turn.by.code
+    small = all_little(code, [turn], LONGER)
     here = code.builder.block
     with code.builder.if_then(code.builder.not_(small), likely=False):
-        slow = turn.mended(fast)
+        little = turn.by * turn.by < LONGER.most**2
+        slow = _chosen(code, little, fast, sine_and_cosine(code, turn.angle))
         there = code.builder.block
     sine, cosine = (
         code.joined(one, here, other, there) for one, other in zip(fast, slow, strict=True)
     )
     return sine, cosine
+
+
+def _chosen(
+    code: Code, condition: ir.Value, yes: tuple[Value, Value], no: tuple[Value, Value]
+) -> tuple[Value, Value]:
+    return code.chosen(condition, yes[0], no[0]), code.chosen(condition, yes[1], no[1])
 
 
 def _of_eighth_turn(code: Code, angle: Value) -> tuple[Value, Value]:

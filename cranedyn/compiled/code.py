@@ -173,7 +173,7 @@ class Code:
         if angle.register not in self._angles:
             turn = self.turn(angle)
             self._angles[angle.register] = (
-                sine_and_cosine(self, angle) if turn is None else turned(self, turn)
+                sine_and_cosine(self, angle) if turn is None else turned(turn)
             )
         return self._angles[angle.register]
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.angles import all_little
+from cranedyn.compiled.angles import SHORTER, all_little
 from cranedyn.compiled.call import CALL, SLOTS, TURNS, Parts, Sizes, places, size
 from cranedyn.compiled.code import INTEGER, Code, Value, Variable
 from cranedyn.compiled.horizon.control import Control, Programme, emit_instant, emit_plan
@@ -327,10 +327,10 @@ class _Loop:
             self._set("buffers", [work])
             asked = [i for i in self.turns if code.asked(here[i])]
             turns = {i: turn for i in asked if (turn := code.turn(q[i])) is not None}
-            pairs = {i: turn.turned() for i, turn in turns.items()}
+            pairs = {i: turn.turned(SHORTER) for i, turn in turns.items()}
             for i in asked:
                 self._keep_angle(i, pairs[i] if i in pairs else code.sine_and_cosine(q[i]))
-            little = all_little(code, [*turns.values()])
+            little = all_little(code, [*turns.values()], SHORTER)
             end(little)
             with code.when(code.builder.not_(little)):
                 for i, turn in turns.items():

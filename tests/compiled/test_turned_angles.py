@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -9,8 +12,9 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 
 from llvmlite import ir
 
+from cranedyn.compiled.angles import LONGER, SHORTER, Turn
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.compiled.code import Code
+from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.machine import translated
 from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.integrators import rk4
@@ -21,13 +25,24 @@ from tests.helpers import crane
 LANES = 8
 
 
-def _turned(before: np.ndarray, by: np.ndarray) -> np.ndarray:
+Way = Callable[[Code, Turn], tuple[Value, Value]]
+
+WAYS: dict[str, Way] = {
+    "in a step": lambda code, turn: code.sine_and_cosine(turn.angle),
+    "after a step": lambda code, turn: turn.turned(SHORTER),
+    "after a step, mended": lambda code, turn: turn.mended(turn.turned(SHORTER)),
+}
+
+
+def _turned(before: np.ndarray, by: np.ndarray, way: str) -> np.ndarray:
     """Sine and cosine of `before + by`, shape (2, LANES), by code that knows those of `before`."""
     module = ir.Module()
     code = Code(module, "run", ["given", "found"], LANES)
     angle, step = (code.load(code.argument["given"], i * LANES) for i in range(2))
     code.sine_and_cosine(angle)
-    for i, value in enumerate(code.sine_and_cosine(code.gone_on(angle, step))):
+    turn = code.turn(code.gone_on(angle, step))
+    assert turn is not None
+    for i, value in enumerate(WAYS[way](code, turn)):
         code.store(value, code.argument["found"], i * LANES)
     code.end()
     given, found = np.ascontiguousarray([before, by]), np.empty((2, LANES))
@@ -36,23 +51,34 @@ def _turned(before: np.ndarray, by: np.ndarray) -> np.ndarray:
     return found
 
 
-@pytest.mark.parametrize("largest", [1e-9, 1e-3, 1.0 / 64.0])
-def test_a_small_turn_costs_two_roundings_at_most(largest: float) -> None:
+@pytest.mark.parametrize(
+    ("way", "largest"),
+    [
+        *product(WAYS, [1e-9, 1e-3, SHORTER.most]),
+        *product(["in a step", "after a step, mended"], [LONGER.most, 3.0]),
+    ],
+)
+def test_a_turn_costs_two_roundings_at_most(way: str, largest: float) -> None:
     rng = np.random.default_rng(1)
     before, by = rng.uniform(-3.0, 3.0, LANES), rng.uniform(-largest, largest, LANES)
     after = before + by
-    off = _turned(before, by) - [np.sin(after), np.cos(after)]
+    off = _turned(before, by, way) - [np.sin(after), np.cos(after)]
     # the sum itself is rounded, which moves the angle by half a unit of 4
     assert np.abs(off).max() <= 2.0 * np.finfo(float).eps + 0.5 * np.spacing(4.0)
 
 
-def test_a_lane_that_turns_far_is_computed_anew_and_no_other_lane_feels_it() -> None:
+@pytest.mark.parametrize("way", ["in a step", "after a step, mended"])
+def test_a_lane_that_turns_far_is_computed_anew_and_no_other_lane_feels_it(way: str) -> None:
     before, by = np.linspace(-1.0, 1.0, LANES), np.full(LANES, 1e-3)
-    calm = _turned(before, by)
+    by[5] = 1e-2
+    calm = _turned(before, by, way)
     by[3] = 2.0
-    found = _turned(before, by)
+    found = _turned(before, by, way)
     assert np.abs(found[:, 3] - [np.sin(before[3] + 2.0), np.cos(before[3] + 2.0)]).max() < 3e-16
     assert np.array_equal(np.delete(found, 3, axis=1), np.delete(calm, 3, axis=1))
+    quick = _turned(before, by, "after a step")
+    if way != "in a step":  # little turns are as they were
+        assert np.array_equal(np.delete(found, [3, 5], axis=1), np.delete(quick, [3, 5], axis=1))
 
 
 def _still(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
