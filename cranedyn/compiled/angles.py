@@ -34,6 +34,7 @@ class Series(NamedTuple):
 
 SHORTER = Series(1.0 / 640.0, (-1.0 / 6.0,), (0.5, -1.0 / 24.0))
 LONGER = Series(1.0 / 64.0, (-1.0 / 6.0, 1.0 / 120.0), (0.5, -1.0 / 24.0, 1.0 / 720.0))
+"""Most steps can do with the shorter one."""
 
 _HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 """π/2 in three parts; products of the first two with whole numbers up to 2²⁰ are exact (Cody &
@@ -134,8 +135,8 @@ def all_little(code: Code, turns: Sequence[Turn], series: Series) -> ir.Value:
     return code.everywhere(largest < series.most**2)
 
 
-def turned(turn: Turn) -> tuple[Value, Value]:
-    """Sine and cosine of an angle that went on."""
+def turned_or_anew(turn: Turn) -> tuple[Value, Value]:
+    """Sine and cosine of an angle that went on, by the longer series or computed anew."""
     return _or_anew(turn, turn.turned(LONGER))
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from cranedyn.compiled.angles import Turn, sine_and_cosine, turned
+from cranedyn.compiled.angles import Turn, sine_and_cosine, turned_or_anew
 
 INTEGER, POINTER, DOUBLE = ir.IntType(64), ir.PointerType(), ir.DoubleType()
 
@@ -173,7 +173,7 @@ class Code:
         if angle.register not in self._angles:
             turn = self.turn(angle)
             self._angles[angle.register] = (
-                sine_and_cosine(self, angle) if turn is None else turned(turn)
+                sine_and_cosine(self, angle) if turn is None else turned_or_anew(turn)
             )
         return self._angles[angle.register]
 
