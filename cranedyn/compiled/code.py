@@ -151,6 +151,12 @@ class Code:
         """A b + c, rounded once where the machine can."""
         return self.call("llvm.fmuladd", a, b, c)
 
+    def quotient(self, value: Value, by: Any) -> Value:
+        """A quotient rounded once: a product with the reciprocal is off to the same side always."""
+        if _is(by, 1.0):
+            return value
+        return Value(self, self.builder.fdiv(value.register, self.value(by).register))
+
     def call(self, intrinsic: str, *values: Any) -> Value:
         """One of LLVM's functions of numbers, such as llvm.maxnum, llvm.sqrt, llvm.fabs."""
         name = f"{intrinsic}.{f'v{self.lanes}' if self.lanes > 1 else ''}f64"

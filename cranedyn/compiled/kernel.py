@@ -138,8 +138,10 @@ def _plant(
 
 
 def _moving(crane: Plant, dt: Any, recipe: Recipe) -> tuple[Plant, Units]:
-    """What steps go by. A thread has no registers for numbers that are constants in SI only."""
-    return (crane, SI) if recipe.threads else crane.in_steps(dt)
+    """What steps go by. A thread has no registers for numbers that are constants in SI only; and
+    where rates are told after every step, to change their units each time would round them.
+    """
+    return (crane, SI) if recipe.threads or recipe.turns == 1 else crane.in_steps(dt)
 
 
 def _emit_answer(
@@ -294,9 +296,9 @@ class _Loop:
         with code.loop(0, pieces) as piece:
             first = code.product(piece, turns)
             last = code.least(code.builder.add(first, code.integer(turns)), steps)
-            self._set("v", self._get("v") * self.dt)
+            self._set("v", self._get("v") * self.units.time)
             self._steps(first, last, forces)
-            self._set("v", self._get("v") * (1.0 / self.dt))
+            self._set("v", [code.quotient(rate, self.units.time) for rate in self._get("v")])
             self._keep_angles(self._get("q"))
 
     def _steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:

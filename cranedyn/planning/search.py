@@ -246,7 +246,8 @@ def _planner(
 
 def _ompl() -> tuple[Any, Any]:
     try:
-        from ompl import base, geometric, util
+        with held_back():  # which would end the process in the midst of its C++
+            from ompl import base, geometric, util
     except ImportError as error:
         raise CraneError(
             "To plan a path install the extra planning: pip install 'cranedyn[planning]'."

@@ -421,8 +421,13 @@ def test_a_batch_does_what_each_crane_does_alone(drive: Drive) -> None:
     assert (batch.failures == 0).all()
     for i in (0, 7, 10):
         run = to(goals[i], starts[i], receding(crane(), LIMITS, drive=drive), duration=4.0)
-        # sums of eight cranes in lanes may be fused otherwise than of one
-        np.testing.assert_allclose(batch.end.q[i], run.q[-1], atol=1e-9)
+        # Sums of eight cranes in lanes may be fused otherwise than of one; where a plan is
+        # sensitive to a rounding, as that of the first, so is its end.
+        near = starts[i]._replace(q=starts[i].q * (1.0 + np.finfo(float).eps))
+        other = to(goals[i], near, receding(crane(), LIMITS, drive=drive), duration=4.0)
+        allowed = 1e-12 + 10.0 * np.abs(other.q[-1] - run.q[-1]).max()
+        assert allowed < 1e-7
+        np.testing.assert_allclose(batch.end.q[i], run.q[-1], rtol=0.0, atol=allowed)
 
 
 def test_a_second_run_does_not_go_on_with_the_plan_of_the_first() -> None:
