@@ -249,5 +249,7 @@ def _kept(element: ET.Element) -> ET.Element:
     kept.attrib |= {
         name: " ".join(text.split()) for name in numbers if (text := element.get(name)) is not None
     }
-    kept.extend(_kept(child) for child in element if child.tag in _SKELETON.get(element.tag, ()))
+    wanted = _SKELETON.get(element.tag, ())
+    # a list, since an interruption in the midst of a generator becomes a TypeError there
+    kept.extend([_kept(child) for child in element if child.tag in wanted])
     return kept
