@@ -21,6 +21,9 @@ INTEGER, POINTER, DOUBLE = ir.IntType(64), ir.PointerType(), ir.DoubleType()
 _LINE = 64
 """Bytes in a line of the cache."""
 
+_OF_ITSELF = {"fsub": 0.0, "fdiv": 1.0}
+"""What comes of a number and itself."""
+
 _FAST = ("contract", "reassoc", "nsz", "arcp")
 """Sums and products may be fused and put in another order, the sign of zero is free; infinities and
 what is not a number stay."""
@@ -90,9 +93,8 @@ class Value:
         return self.code.builder.fcmp_ordered(how, self.register, self.code.value(other).register)
 
     def _with(self, operation: str, other: Any) -> Any:
-        if isinstance(other, Value) and other.register is self.register:
-            if operation in ("fsub", "fdiv"):
-                return 0.0 if operation == "fsub" else 1.0
+        if isinstance(other, Value) and other.register is self.register and operation in _OF_ITSELF:
+            return _OF_ITSELF[operation]
         return self.code.result(operation, self, other)
 
 
@@ -124,6 +126,10 @@ class Code:
             self.function.attributes.add("nounwind")  # llvmlite writes the one only with another
         self.argument = dict(zip(arguments, self.function.args, strict=True))
         self.builder = ir.IRBuilder(self.function.append_basic_block())
+        self._know_nothing()
+
+    def _know_nothing(self) -> None:
+        """Begin without a value."""
         self._angles: dict[ir.Value, tuple[Value, Value]] = {}
         self._turns: dict[ir.Value, tuple[Value, Value]] = {}
         self._results: dict[tuple[Any, ...], Value] = {}

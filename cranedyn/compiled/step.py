@@ -72,7 +72,7 @@ def stepped(
 
     Args:
         integrator: The stepping rule.
-        plant: The crane, which may have units of its own, see `Plant.in_units`.
+        plant: The crane, which may have units of its own, see `Plant.in_steps`.
         q: Coordinates.
         v: Rates.
         command: Of the drives.

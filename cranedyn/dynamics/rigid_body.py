@@ -289,13 +289,9 @@ def mass_matrix(tree: Bodies, where: Sequence[Frame]) -> np.ndarray:
     mass = np.empty((n, n), dtype=object)
     mass[:] = 0.0
     for i in range(n - 1, -1, -1):
-        force, torque = composites[i].times(*tree.axis[i])
-        mass[i, i] = tree.axis[i, 0] @ force + tree.axis[i, 1] @ torque + tree.armature[i]
-        j = i
-        while (parent := tree.parents[j]) >= 0:
-            force, torque = _to_parent(where[j], force, torque)
-            j = parent
-            mass[i, j] = mass[j, i] = tree.axis[j, 0] @ force + tree.axis[j, 1] @ torque
+        row = _exerted(tree, where, i, *composites[i].times(*tree.axis[i]))
+        row[i] = row[i] + tree.armature[i]
+        mass[i, : i + 1] = mass[: i + 1, i] = row[: i + 1]
         if (parent := tree.parents[i]) >= 0:
             composites[parent] = composites[parent].plus(composites[i].seen_from_parent(where[i]))
     return mass
@@ -331,14 +327,17 @@ def forward_dynamics(
     others[last] = 0.0
     mass = mass_matrix(replace(tree, mass=others), where)[:last, :last]
     along = array([0.0] * last)
-    for unit, one in zip(np.eye(3), tree.axis[last, 0], strict=True):
-        moved = _moved(tree, where, last, array(unit.tolist()))[:last]
+    for side, one in zip(np.eye(3), tree.axis[last, 0], strict=True):
+        # What a unit force on the point exerts is how fast each coordinate moves it that way.
+        unit = array(side.tolist())
+        moved = _exerted(tree, where, last, unit, cross(tree.lever[last], unit))[:last]
         if _is_zero(one):
             mass = mass + np.multiply.outer(moved, moved) * tree.mass[last]
         else:
             along = one * moved
-    a = solve(mass, (effort - resisting)[:last])
-    return array([*a, (effort - resisting)[last] / tree.mass[last] - along @ a])
+    free = effort - resisting
+    a = solve(mass, free[:last])
+    return array([*a, free[last] / tree.mass[last] - along @ a])
 
 
 def _is_sliding_point(tree: Bodies, i: int) -> bool:
@@ -354,12 +353,11 @@ def _is_sliding_point(tree: Bodies, i: int) -> bool:
     )
 
 
-def _moved(tree: Bodies, where: Sequence[Frame], body: int, unit: np.ndarray) -> np.ndarray:
-    """How fast each coordinate moves the centre of mass of a body in a direction of its frame per
-    rate, shape (n,): what a unit force there exerts on it.
-    """
+def _exerted(
+    tree: Bodies, where: Sequence[Frame], body: int, force: np.ndarray, torque: np.ndarray
+) -> np.ndarray:
+    """What a force and a torque on a body exert on each coordinate, shape (n,)."""
     found = array([0.0] * len(tree))
-    force, torque = unit, cross(tree.lever[body], unit)
     found[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
     while (parent := tree.parents[body]) >= 0:
         force, torque = _to_parent(where[body], force, torque)

@@ -141,8 +141,8 @@ class Other(Code):
         self.lanes = self.apart = lanes
         self.function, self.builder = code.function, code.builder
         self.type = lane_type(lanes)
-        self.argument, self._angles, self._turns, self._results = code.argument, {}, {}, {}
-        self._asked = set()
+        self.argument = code.argument
+        self._know_nothing()
 
 
 class Rows:
