@@ -45,6 +45,7 @@ _WORDS = {
     str: "a text",
     NoneType: "None",
     np.ndarray: "an array of numbers",
+    Path: "a pathlib.Path",  # which Python 3.13 defines in a module of another name
     collections.abc.Mapping: "a mapping, such as a dict",
     np.random.Generator: "a np.random.Generator, such as np.random.default_rng(1)",
 }

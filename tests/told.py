@@ -4,6 +4,7 @@ there.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -17,10 +18,38 @@ Told = tuple[list[str], list[str]]
 """What README.md and docs/findings.md tell."""
 
 
-def missing(numbers: Iterable[str], document: str) -> list[str]:
-    """Those that a document does not tell, however its lines are broken."""
+_NUMBER = re.compile(r"([+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?)")
+
+
+def missing(sentences: Iterable[str], document: str) -> list[str]:
+    """Return the sentences, with numbers as printed, that a document does not tell, however its
+    lines are broken.
+
+    A number with decimals is told if it is off by one of its last digit: half is rounding, and half
+    is what other processors and libraries may add to a digit that is printed.
+    """
     text = " ".join((ROOT / document).read_text(encoding="utf-8").split())
-    return [number for number in numbers if number not in text]
+    return [sentence for sentence in sentences if not _is_told(sentence, text)]
+
+
+def _is_told(sentence: str, text: str) -> bool:
+    parts = _NUMBER.split(sentence)  # words and numbers in turn
+    numbers = parts[1::2]
+    pattern = "".join(
+        _NUMBER.pattern if at % 2 else re.escape(part) for at, part in enumerate(parts)
+    )
+    return any(
+        all(map(_near, numbers, found.groups()))
+        # not from the middle of another number on
+        for found in re.finditer(rf"(?<![\d.])(?={pattern}(?!\.?\d))", text)
+    )
+
+
+def _near(number: str, told: str) -> bool:
+    mantissa, _, exponent = number.partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    digit = 10.0 ** (int(exponent or 0) - decimals) if decimals else 0.0
+    return abs(float(number) - float(told)) <= (1.0 + 1e-9) * digit
 
 
 def _row(numbers: Iterable[float], form: str, between: str = " | ") -> str:

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 import scipy
+from numpy.polynomial import Polynomial
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
@@ -24,29 +25,32 @@ from cranedyn.references.motion import Motion
 _MARGIN = 6
 
 _CLOSEST = 5e-3
-"""Least distance between samples that derivatives are taken from [s]: four in a row magnify
-rounding by its fourth power."""
+"""Least distance between samples that derivatives are taken from [s]."""
+
+_SMOOTHSTEP = Polynomial([0.0] * 5 + [126.0, -420.0, 540.0, -315.0, 70.0])
 
 
-def smoothstep(s: np.ndarray) -> np.ndarray:
-    """From 0 at s = 0 to 1 at s = 1 with four derivatives zero at both ends: 126 s⁵ - 420 s⁶ + 540
-    s⁷ - 315 s⁸ + 70 s⁹.
+def smoothstep(s: np.ndarray, order: int = 0) -> np.ndarray:
+    """Return 126 s⁵ - 420 s⁶ + 540 s⁷ - 315 s⁸ + 70 s⁹, or its derivative of an order of 4 at most.
+
+    It goes from 0 at s = 0 to 1 at s = 1, stays there outside, and has four derivatives that are
+    zero at both ends.
     """
     s = np.clip(s, 0.0, 1.0)
-    return s**5 * (126.0 + s * (-420.0 + s * (540.0 + s * (-315.0 + s * 70.0))))
+    # The second half is the first one turned over: near s = 1 the terms would cancel.
+    half = _SMOOTHSTEP.deriv(order)(np.minimum(s, 1.0 - s))
+    return np.where(s <= 0.5, half, (order == 0) - (-1.0) ** order * half)
 
 
-def cruise(t: np.ndarray, duration: float, ramp: float) -> np.ndarray:
-    """From 0 at t = 0 to 1 at the duration [s] at constant speed, which is reached and lost within
-    a ramp [s] that is a smoothstep.
+def cruise(t: np.ndarray, duration: float, ramp: float, order: int = 0) -> np.ndarray:
+    """Return a way from 0 at t = 0 to 1 at the duration [s] at constant speed, or its derivative
+    [1/s per order]; the speed is reached and lost within a ramp [s] that is a smoothstep.
     """
 
     def sped_up(s: np.ndarray) -> np.ndarray:
-        inside = np.clip(s, 0.0, 1.0)
-        area = inside**6 * (
-            21.0 + inside * (-60.0 + inside * (67.5 + inside * (-35.0 + inside * 7.0)))
-        )
-        return area + np.maximum(s - 1.0, 0.0)
+        if order:
+            return smoothstep(s, order - 1) / ramp**order
+        return _SMOOTHSTEP.integ()(np.clip(s, 0.0, 1.0)) + np.maximum(s - 1.0, 0.0)
 
     return ramp / (duration - ramp) * (sped_up(t / ramp) - sped_up((t - duration) / ramp + 1.0))
 
@@ -105,12 +109,25 @@ def flat(
         * each
         * np.arange(-_MARGIN, math.ceil(duration / (period * each) - 1e-9) + 1 + _MARGIN)
     )
-    share = smoothstep(t / duration) if ramp is None else cruise(t, duration, ramp)
-    gamma, radius, z = (ends[0] + (ends[1] - ends[0]) * share[:, None]).T
-    path = np.stack([radius * np.sin(gamma), -radius * np.cos(gamma), z], axis=1)
+    share, speed, growth = (
+        smoothstep(t / duration, order) / duration**order
+        if ramp is None
+        else cruise(t, duration, ramp, order)
+        for order in range(3)
+    )
+    way = ends[1] - ends[0]
+    gamma, radius, z = (ends[0] + way * share[:, None]).T
+    outward = np.stack([np.sin(gamma), -np.cos(gamma), np.zeros_like(gamma)], axis=1)
+    tangent = np.stack([np.cos(gamma), np.sin(gamma), np.zeros_like(gamma)], axis=1)
+    up = np.array([0.0, 0.0, 1.0])
+    path = radius[:, None] * outward + z[:, None] * up
     finite("path of the payload", path, path.shape, unit="m")
-    rope = scipy.interpolate.make_interp_spline(t, path, k=7).derivative(2)(t) + np.array(
-        [0.0, 0.0, crane.gravity]
+    # The acceleration in cylindrical coordinates, since second differences of the path would
+    # magnify rounding to 1e-4 m/s² in the acceleration of the drives.
+    rope = (
+        (way[1] * growth - radius * (way[0] * speed) ** 2)[:, None] * outward
+        + (radius * way[0] * growth + 2.0 * way[1] * way[0] * speed**2)[:, None] * tangent
+        + (way[2] * growth + crane.gravity)[:, None] * up
     )
     if rope[:, 2].min() <= 0.0:
         raise OutOfRange(

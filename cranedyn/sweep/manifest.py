@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from importlib import metadata
 from pathlib import Path
 
 from cranedyn.data.files import flocked, make_folder, parse_json, read_text, written
@@ -79,14 +78,6 @@ def as_folder(given: str | Path) -> Path:
     if not isinstance(given, (str, os.PathLike)) or not str(given) or "\0" in str(given):
         raise DataError(f"The folder of a sweep is {shown(given)}; allowed is a path.")
     return Path(given)
-
-
-def version() -> str:
-    """The version of cranedyn, empty where it is not installed."""
-    try:
-        return metadata.version("cranedyn")
-    except metadata.PackageNotFoundError:
-        return ""
 
 
 def read_manifest(folder: Path) -> Manifest:

@@ -19,10 +19,11 @@ from cranedyn.sweep.chunk import Study, failed, joined, name_of
 from cranedyn.sweep.cluster import Cluster
 from cranedyn.sweep.design import Design
 from cranedyn.sweep.limits import check_disk, whole
-from cranedyn.sweep.manifest import Manifest, as_folder, claimed, version
+from cranedyn.sweep.manifest import Manifest, as_folder, claimed
 from cranedyn.sweep.pool import Cores, Pool, Rows
 from cranedyn.sweep.sources import digest, sources
 from cranedyn.sweep.store import finished, unify, write_part
+from cranedyn.version import __version__
 
 if TYPE_CHECKING:
     from distributed.security import Security
@@ -118,7 +119,7 @@ def sweep(
     name, folder = name_of(study), as_folder(folder)
     files = sources(name)
     asked = Manifest(
-        name, version(), files, design.fingerprint, tuple(design.columns), len(design), size
+        name, __version__, files, design.fingerprint, tuple(design.columns), len(design), size
     )
     with claimed(folder, asked, chunk is not None) as manifest:
         books = _Books(folder, manifest, design, progress)

@@ -20,7 +20,7 @@ from typing import TypeVar
 from cranedyn.command import FAILED, Parser, command
 from cranedyn.data.files import check_writable, parse_json, read_bytes, read_text, write_text
 from cranedyn.errors import DataError, quoted
-from experiments.harness.outcome import Table
+from experiments.harness.outcome import Table, resolution
 
 _BLOCK = re.compile(
     r"(<!-- (?P<experiment>\w+): ?(?P<title>[^\n]*?) ?-->\n)(?P<content>.*?)(<!-- end -->\n)",
@@ -76,19 +76,15 @@ class Document:
 
         return _BLOCK.sub(filled, self.text)
 
-    def stale(
-        self, tables: Sequence[Table], *, part: bool = False, rounding: float = 0.0
-    ) -> list[str]:
+    def stale(self, tables: Sequence[Table], *, part: bool = False) -> list[str]:
         """Where it shows something else than tables made anew, a sentence each.
 
-        A number shown must be the new one rounded: off by half of its last digit, and by a
-        hundredth of it for what lies on the edge.
+        A number may be off by one of its last digit: half of it is rounding, and the other half is
+        what other processors and libraries may add to a digit that is printed.
 
         Args:
             tables: Those of the experiment.
             part: Whether rows that were not made are left alone.
-            rounding: By how much more a number may differ, where what is shown is the rounding of
-                larger ones.
 
         Raises:
             DataError: If a block asks for a table that is not there.
@@ -98,9 +94,7 @@ class Document:
             for block in _BLOCK.finditer(self.text)
             if block["experiment"] == self.experiment
             for table in self._asked(block, tables)
-            for sentence in _differences(
-                table, _shown(block["content"], table.title), part, rounding
-            )
+            for sentence in _differences(table, _shown(block["content"], table.title), part)
         ]
 
     def _asked(self, block: re.Match[str], tables: Sequence[Table]) -> list[Table]:
@@ -148,9 +142,7 @@ def _shown(content: str, title: str) -> list[list[str]]:
     return [*rows[:1], *rows[2:]]
 
 
-def _differences(
-    table: Table, shown: Sequence[Sequence[str]], part: bool, rounding: float
-) -> Iterator[str]:
+def _differences(table: Table, shown: Sequence[Sequence[str]], part: bool) -> Iterator[str]:
     """What is shown of a table and is not in it any more, or is in it and not shown."""
     headers = [header.strip() for header, _ in table.columns]
     if not shown or list(shown[0]) != headers:
@@ -167,7 +159,7 @@ def _differences(
         for header, form, old, new, value in zip(
             headers, forms, before.get(name, row), row, values, strict=True
         ):
-            if not (old == new or _rounds(old, value, form, rounding)):
+            if not (old == new or _rounds(old, value, form)):
                 yield f"{header} of {name!r} is {old}, now {new}"
 
 
@@ -180,23 +172,25 @@ def _by_name(names: Sequence[str], items: Sequence[_Item]) -> dict[str, _Item]:
     return found
 
 
-def _rounds(shown: str, value: float | str | None, form: str, rounding: float) -> bool:
+def _rounds(shown: str, value: float | str | None, form: str) -> bool:
     """Whether a cell is what a value is rounded to."""
     if value is None or isinstance(value, str) or shown == "-":
         return False
-    return abs(float(shown.replace(",", "")) - value) <= 0.51 * last_digit(value, form) + rounding
+    before = resolution(form) / 2.0 if shown[0] == "<" else float(shown.replace(",", ""))
+    # 1e-9 of it for decimal fractions that are no binary ones
+    return abs(before - value) <= (1.0 + 1e-9) * last_digit(value, form)
 
 
 def last_digit(value: float, form: str) -> float:
-    """One of the last digit with which a format shows a value."""
-    found = re.fullmatch(r"[+-]?,?(?:\.(\d+))?([a-z%]?)", form)
+    """Return one of the last digit with which a format shows a value."""
+    found = re.fullmatch(r"[+-]?,?(?:\.(\d+))?([a-z%]?)", form.partition(">")[0])
     if found is None or found[2] not in "efg" or not math.isfinite(value):
         return 0.0
     digits = 6 if found[1] is None else int(found[1])
     if found[2] == "f":
-        return 10.0**-digits
+        return max(10.0**-digits, resolution(form))
     exponent = math.floor(math.log10(abs(value))) if value else 0
-    return 10.0 ** (exponent - digits + (found[2] == "g"))
+    return max(10.0 ** (exponent - digits + (found[2] == "g")), resolution(form))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,9 +25,30 @@ if TYPE_CHECKING:
 MARKS = {True: "holds", False: "FAILS", None: "not judged"}
 """What is said of a claim."""
 
-FORMAT = re.compile(r"[+-]?,?(\.\d\d?)?[a-z%]?")
-"""Formats that a column may have: sign, thousands, digits, kind. None of them can make a long text
-of a short number."""
+FORMAT = re.compile(r"([+-]?,?(?:\.\d\d?)?[a-z%]?)(?:>(1e-\d\d?|0\.0{0,5}1|1))?")
+"""Formats that a column may have: sign, thousands, digits, kind, and a resolution. None of them can
+make a long text of a short number.
+
+A resolution is a power of ten at the end, as in ``.3g>0.1``: no digit below it is shown, and a
+smaller number is "< 0.1". It is for columns in which rounding decides what is smaller, as
+``python -m tests.determined`` measures."""
+
+
+def resolution(form: str) -> float:
+    """Return the resolution of a column's format, 0 where it has none."""
+    return float(form.partition(">")[2] or 0.0)
+
+
+def cell(value: float | str | None, form: str) -> str:
+    """Return a value as a column of a format shows it."""
+    if value is None:
+        return "-"
+    plain, _, least = form.partition(">")
+    if least:
+        if abs(float(value)) < float(least):
+            return f"< {least}"
+        value = round(float(value), -round(math.log10(float(least))))
+    return printable(format(value, plain))
 
 
 @dataclass(frozen=True)
@@ -74,10 +96,7 @@ class Table:
     def shown(self) -> list[list[str]]:
         """The rows as text; a cell is one line, whatever is quoted in it."""
         return [
-            [
-                "-" if value is None else printable(format(value, form))
-                for value, (_, form) in zip(row, self.columns, strict=True)
-            ]
+            [cell(value, form) for value, (_, form) in zip(row, self.columns, strict=True)]
             for row in self.rows
         ]
 

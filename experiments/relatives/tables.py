@@ -20,10 +20,10 @@ def frequencies(found: Sequence[modes.Frequency]) -> harness.Table:
         ("mode", ""),
         ("closed form [rad/s]", ".8f"),
         ("linearised", ".8f"),
-        ("off", "+.0e"),
+        ("off", "+.0e>1e-11"),
         ("small swing", ".8f"),
         ("of the step", "+.0e"),
-        ("rest", "+.0e"),
+        ("rest", "+.0e>1e-11"),
     ]
     rows = [
         (
@@ -68,8 +68,8 @@ def agreement(found: Sequence[Agreement]) -> harness.Table:
     columns = [
         ("crane", ""),
         ("joints", "d"),
-        ("Pinocchio - code", ".0e"),
-        ("Pinocchio - MuJoCo", ".0e"),
+        ("Pinocchio - code", ".0e>1e-12"),
+        ("Pinocchio - MuJoCo", ".0e>1e-12"),
         ("energy [J]", ".0f"),
         ("open [J]", ".0e"),
     ]
@@ -102,7 +102,7 @@ def control(found: Sequence[Control]) -> harness.Table:
         ("left [mrad]", ".3f"),
         ("limits [%]", ".1f"),
         ("wind [m]", ".2f"),
-        ("batch", ".0e"),
+        ("batch", ".0e>1e-12"),
     ]
     rows: list[tuple[float | str | None, ...]] = [
         (
@@ -196,7 +196,7 @@ def robots(found: Sequence[Robot]) -> harness.Table:
         ("robot", ""),
         ("joints", "d"),
         ("driven", "d"),
-        ("Pinocchio - code", ".0e"),
+        ("Pinocchio - code", ".0e>1e-12"),
         ("open, Euler [J]", ".1e"),
         ("order", ".3f"),
         ("open, RK4 [J]", ".1e"),

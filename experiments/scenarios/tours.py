@@ -79,7 +79,8 @@ def _flat(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
     gaining = 2.5 * np.divide(limits.rates, limits.accelerations)
 
     def plan(start: State, goal: State) -> Motion:
-        ramp = float(gaining[(goal.q != start.q)[setup.crane.layout.drives]].max(initial=0.0))
+        moving = ~np.isclose(goal.q, start.q, rtol=0.0, atol=1e-9)[setup.crane.layout.drives]
+        ramp = float(gaining[moving].max(initial=0.0))
 
         def lasting(duration: float, period: float = 10.0 * setup.control_period) -> Motion:
             return flat(

@@ -57,8 +57,8 @@ def test_a_planned_path_leaves_no_swing_on_converters_whatever_is_not_as_planned
 
 
 def test_the_page_on_drives_shows_it_as_printed(found: dict[str, Results]) -> None:
-    tables = [compare._table(move, found[move.name]) for move in (*MOVES, SWINGING)]
-    tables += compare._case_tables(found[MOVES[-1].name])
+    tables = [compare._table(move, found[move.name], "velocity") for move in (*MOVES, SWINGING)]
+    tables += compare._case_tables(found[MOVES[-1].name], "velocity")
     tables.append(compare._drives_table(SWINGING, found[SWINGING.name], beyond=True))
     assert read_document(ROOT / "docs/drives.md", "compare_velocity").stale(tables, part=True) == []
 

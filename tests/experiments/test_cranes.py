@@ -37,7 +37,6 @@ from cranedyn.simulation.simulate import simulate
 from experiments import cranes
 from experiments.harness.document import read_document
 from experiments.harness.outcome import Table
-from experiments.oracles.check import ROUNDING
 from experiments.oracles.reading import locked
 from experiments.relatives.catalogue import (
     BEND,
@@ -378,4 +377,4 @@ def test_every_claim_of_the_experiment_holds_and_none_goes_unjudged(
     assert (tmp_path / "cranes" / "cranes.rrd").stat().st_size > 1e6
     kept = json.loads((tmp_path / "cranes" / "result.json").read_text())["tables"]
     document = read_document(ROOT / "docs" / "cranes.md", "cranes")
-    assert document.stale([Table.of(one) for one in kept], rounding=ROUNDING) == []
+    assert document.stale([Table.of(one) for one in kept]) == []

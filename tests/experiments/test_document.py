@@ -10,6 +10,7 @@ import pytest
 from cranedyn.errors import DataError
 from experiments.harness.document import Document, main, read_document
 from experiments.harness.outcome import Table
+from tests import told
 
 TABLES = [
     Table("Move one: far", [("strategy", ""), ("s", ".1f")], [("a", 1.25)]),
@@ -38,44 +39,78 @@ def test_each_block_gets_the_tables_it_asks_for_and_all_else_stays(tmp_path: Pat
 
 
 SHOWN = (
-    "<!-- trial: -->\n\n**Move**\n\n| strategy | s | mrad |\n| --- | ---: | ---: |\n"
-    "| a | 12.86 | 1.02e-05 |\n| b | - | 5.52 |\n\n<!-- end -->\n"
+    "<!-- trial: -->\n\n**Move**\n\n| strategy | s | mrad | left |\n| --- | ---: | ---: | ---: |\n"
+    "| a | 12.86 | 1.02e-05 | < 0.1 |\n| b | - | 5.52 | 0.7 |\n\n<!-- end -->\n"
 )
+A, B = ("a", 12.86, 1.02e-5, 0.055), ("b", None, 5.52, 0.69)
 
 
 @pytest.mark.parametrize(
     ("rows", "stale"),
     [
-        ([("a", 12.86, 1.02e-5), ("b", None, 5.52)], []),
-        ([("a", 12.86505, 1.02505e-5), ("b", None, 5.51495)], []),  # on the edge
-        ([("a", 12.8655, 1.02e-5), ("b", None, 5.52)], ["s of 'a' is 12.86, now 12.87"]),
-        ([("a", 12.88, 1.02e-5), ("b", None, 5.52)], ["s of 'a' is 12.86, now 12.88"]),
+        ([A, B], []),
+        # off by half of a digit, and on the edge of the next; the last column has a resolution
+        ([("a", 12.8649, 1.029e-5, 0.14), ("b", None, 5.5101, 0.79)], []),
+        ([("a", 12.86, 1.02e-5, 0.0), ("b", None, 5.52, 0.61)], []),
+        ([("a", 12.8711, 1.02e-5, 0.0), B], ["s of 'a' is 12.86, now 12.87"]),
         (
-            [("a", 12.86, 1.04e-5), ("b", None, 3.59)],
+            [("a", 12.86, 1.04e-5, 0.0), ("b", None, 3.59, 0.7)],
             ["mrad of 'a' is 1.02e-05, now 1.04e-05", "mrad of 'b' is 5.52, now 3.59"],
         ),
         (
-            [("a", None, 1.02e-5), ("b", 1.0, 5.52)],
+            [("a", 12.86, 1.02e-5, 0.16), ("b", None, 5.52, 0.05)],
+            ["left of 'a' is < 0.1, now 0.2", "left of 'b' is 0.7, now < 0.1"],
+        ),
+        (
+            [("a", None, 1.02e-5, 0.0), ("b", 1.0, 5.52, 0.7)],
             ["s of 'a' is 12.86, now -", "s of 'b' is -, now 1.00"],
         ),
-        ([("a", 12.86, 1.02e-5)], ["its row 'b' was not made"]),
-        ([("a", 12.86, 1.02e-5), ("b", None, 5.52), ("c", 1.0, 1.0)], ["a row 'c' is not there"]),
+        ([A], ["its row 'b' was not made"]),
+        ([A, B, ("c", 1.0, 1.0, 1.0)], ["a row 'c' is not there"]),
     ],
 )
 def test_a_cell_that_is_not_what_is_made_now_is_named(
     rows: list[tuple[object, ...]], stale: list[str], tmp_path: Path
 ) -> None:
     # A header ends with a blank where another is the same.
-    table = Table("Move", [("strategy", ""), ("s ", ".2f"), ("mrad", ".3g")], rows)  # type: ignore[arg-type]
+    columns = [("strategy", ""), ("s ", ".2f"), ("mrad", ".3g"), ("left", ".3g>0.1")]
+    table = Table("Move", columns, rows)  # type: ignore[arg-type]
     document = Document(tmp_path / "page.md", "trial", SHOWN)
-    assert document.stale([table]) == [
-        f"{tmp_path / 'page.md'}, Move: {sentence}." for sentence in stale
-    ]
-    assert document.stale([table], part=True, rounding=100.0) == [
-        f"{tmp_path / 'page.md'}, Move: {sentence}."
-        for sentence in stale
-        if "not there" in sentence or "-," in sentence or "now -" in sentence
-    ]
+    for part in (False, True):
+        assert document.stale([table], part=part) == [
+            f"{tmp_path / 'page.md'}, Move: {sentence}."
+            for sentence in stale
+            if not (part and "was not made" in sentence)
+        ]
+
+
+@pytest.mark.parametrize(
+    ("value", "form", "shown"),
+    [
+        (0.0548, ".3g>0.1", "< 0.1"),
+        (-0.0548, "+.3g>0.1", "< 0.1"),
+        (0.154, ".3g>0.1", "0.2"),
+        (16.14, ".3g>0.1", "16.1"),
+        (1244.0, ".3g>0.1", "1.24e+03"),
+        (4.4e-16, "+.1e>1e-11", "< 1e-11"),
+        (-3.14e-4, "+.1e>1e-11", "-3.1e-04"),
+        (None, ".3g>0.1", "-"),
+    ],
+)
+def test_no_digit_below_the_resolution_of_a_column_is_shown(
+    value: float | None, form: str, shown: str
+) -> None:
+    assert Table("t", [("a", form)], [(value,)]).shown() == [[shown]]
+
+
+def test_a_number_that_a_document_tells_may_be_off_by_one_of_its_last_digit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(told, "ROOT", tmp_path)
+    (tmp_path / "page.md").write_text("Within 0.0021 %\nor 6.4e-6 rad, 36 forms.", encoding="utf-8")
+    right = ["Within 0.0021 %", "within 0.0022 %".capitalize(), "% or 6.5e-6 rad, 36 forms"]
+    wrong = ["Within 0.0023 %", "6.6e-6 rad", "37 forms", "6 forms", "4e-6 rad", "36 form of"]
+    assert told.missing(right + wrong, "page.md") == wrong
 
 
 def test_documents_are_held_against_results_and_filled_from_them(
@@ -114,7 +149,9 @@ def test_a_table_takes_formats_of_sign_thousands_digits_and_kind(form: str) -> N
     ]
 
 
-@pytest.mark.parametrize("form", [".999999999f", "<10", "010d", "{", "_d", "f "])
+@pytest.mark.parametrize(
+    "form", [".999999999f", "<10", "010d", "{", "_d", "f ", ".3g>2", ".3g>0.1f"]
+)
 def test_a_table_with_another_format_cannot_be_made(form: str) -> None:
     with pytest.raises(ValueError, match="has the format"):
         Table("t", [("a", form)], [(1,)])
