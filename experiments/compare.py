@@ -74,10 +74,11 @@ UNSEEING = "it does not look at the swing"
 IDEAL = "ideal"
 """Drives that take what each strategy answers."""
 
-QUANTISED = ">0.1"
-"""Resolution of swings on converters [mrad]: rates come in 1/16384 of the largest, and a step of
-the trolley's or slew's rate swings a load on 15 m by 0.009 mrad; a dozen of them in step with the
-swing, as rounding may have it, are 0.1 mrad."""
+RESOLUTION = {IDEAL: (">0.001", ">0.01"), "velocity": (">0.1", ">1")}
+"""Least swing [mrad] and way of the hook [mm] that are told apart, by drives. Rates of converters
+come in 1/16384 of the largest, and one such step of the trolley's or slew's rate swings a load on
+15 m by 0.009 mrad; a dozen of them in step with the swing, as rounding may have it, are 0.1 mrad.
+On ideal drives the control period leaves some 0.001 mrad."""
 
 PREDICTIVE = (MPC, COMPILED_MPC, TO_GOAL)
 """Strategies whose time to compute is noted."""
@@ -330,7 +331,7 @@ def _reasons(results: Mapping[str, Result]) -> str:
 
 
 def _table(move: Move, found: Results, drive: str) -> harness.Table:
-    rounded, hook = (QUANTISED, ">1") if drive != IDEAL else ("", "")
+    rounded, hook = RESOLUTION[drive]
     columns = [
         ("strategy", ""),
         ("arrives [s]", ".2f"),
@@ -420,10 +421,13 @@ def _tour_table(tours: Mapping[str, Toured | str]) -> harness.Table:
     columns = [
         ("control", ""),
         ("cycle [s]", ".1f"),
-        ("worst dwell [mrad]", ".4g"),
-        ("mean of dwells [mrad]", ".4g"),
+        ("worst dwell [mrad]", f".4g{RESOLUTION[IDEAL][0]}"),
+        ("mean of dwells [mrad]", f".4g{RESOLUTION[IDEAL][0]}"),
     ]
-    columns += [("worst at the hook [mm]", ".4g"), ("peak on the way [mrad]", ".1f")]
+    columns += [
+        ("worst at the hook [mm]", f".4g{RESOLUTION[IDEAL][1]}"),
+        ("peak on the way [mrad]", ".1f"),
+    ]
     rows = [
         (control, *([None] * 5 if isinstance(found, str) else found))
         for control, found in tours.items()
@@ -440,7 +444,7 @@ def _case_tables(found: Results, drive: str) -> Iterator[harness.Table]:
         (
             "Swing 20 s after the arrival [mrad], combined move",
             lambda s: 1e3 * s.later,
-            QUANTISED if drive != IDEAL else "",
+            RESOLUTION[drive][0],
             _quantised(drive),
         ),
         (
