@@ -88,8 +88,10 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
         | {
             "sites": names,
             "lifts": count,
-            "rates": list(LIMITS.rates),
-            "accelerations": list(LIMITS.accelerations),
+            "limits": {
+                name: [list(kept.rates), list(kept.accelerations)]
+                for name, kept in ((n, one.certificate.lift.limits) for n, one in made.items())
+            },
         },
         trajectories={f"lift_{name}": one.certificate.run for name, one in made.items()}
         | {f"least_time_{name}": one.least.run for name, one in made.items() if one.least},

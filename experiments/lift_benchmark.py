@@ -152,7 +152,11 @@ def _others(setup: harness.Setup, lift: Lift) -> dict[str, tuple[float, float, f
     start, _ = lift.states()
     corners = lift.points[1:].tolist()
     durations = shortest(
-        lift.crane, start, corners, rates=LIMITS.rates, accelerations=LIMITS.accelerations
+        lift.crane,
+        start,
+        corners,
+        rates=lift.limits.rates,
+        accelerations=lift.limits.accelerations,
     )
     splines = spline(lift.crane, start, corners, durations)
     joystick, end = _operated(lift)
@@ -168,17 +172,18 @@ def _operated(lift: Lift) -> tuple[Reference, float]:
     slowest at each.
     """
     pulses, at, drives = [], 0.0, [joint.symbol for joint in lift.crane.layout.driven]
+    limits = lift.limits
     for one, other in itertools.pairwise(lift.points):
         lasts = 0.0
         for drive, way, rate, acceleration in zip(
-            drives, other - one, LIMITS.rates, LIMITS.accelerations, strict=True
+            drives, other - one, limits.rates, limits.accelerations, strict=True
         ):
             if abs(way) > 1e-6:
                 speed = min(rate, math.sqrt(abs(way) * acceleration))
                 pulses.append(JoystickPulse(drive, math.copysign(speed, way), at, abs(way) / speed))
                 lasts = max(lasts, abs(way) / speed + speed / acceleration)
         at += lasts
-    return operator(lift.crane, lift.states()[0], pulses, accelerations=LIMITS.accelerations), at
+    return operator(lift.crane, lift.states()[0], pulses, accelerations=limits.accelerations), at
 
 
 def _run(

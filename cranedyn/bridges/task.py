@@ -149,10 +149,9 @@ class Task:
         )
         first = self.fleet.cranes[0]
         self.goal = np.tile(first.start.q[layout.drives][:, None], count)
-        self._rates = layout.for_drives("rate limit", rules.limits.rates, "/s", "> 0")[:, None]
-        self._most = layout.for_drives(
-            "acceleration limit", rules.limits.accelerations, "/s²", "> 0"
-        )[:, None]
+        limits = [rules.limits.for_crane(crane) for crane in self.fleet.cranes]
+        self._rates = np.min([one.rates for one in limits], axis=0)[:, None]
+        self._most = np.asarray(limits[0].accelerations)[:, None]
         self._reach = layout.for_drives("reach", rules.reach, "", ">= 0")[:, None]
         low, high = (
             np.array([getattr(crane, end)[layout.drives] for crane in self.fleet.cranes])

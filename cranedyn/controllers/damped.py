@@ -113,8 +113,6 @@ def damped(
     pull = number("recovery", recovery, "1/s", ">= 0")
     number("control_period", control_period, "s", "> 0")
     crane.layout.tower("Drives that yield to the swing")
-    rates = crane.layout.for_drives("rate limit", limits.rates, "/s", "> 0")
-    accelerations = crane.layout.for_drives(
-        "acceleration limit", limits.accelerations, "/s²", "> 0"
-    )
+    kept = limits.for_crane(crane)
+    rates, accelerations = np.array(kept.rates), np.array(kept.accelerations)
     return Damped(crane, reference, zeta, pull, rates, accelerations, control_period)

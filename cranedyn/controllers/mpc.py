@@ -201,8 +201,8 @@ def mpc(
         horizon: How many of them it looks ahead.
         effort_limit: Largest efforts of the drives [N m or N], shape (m,); by default those of the
             crane.
-        rate_limit: Largest rates of the drives [rad/s or m/s], shape (m,); by default those of the
-            crane's URDF.
+        rate_limit: Largest rates of the drives [rad/s or m/s], shape (m,), where they shall be less
+            than the crane's own.
         swing_limit: Largest swing of each swing joint [rad], up to π/2.
         state_weight: Q for coordinates and rates, shape (2 n, 2 n); None for that of `lqr`.
         effort_weight: R for the drives, shape (m, m); None for that of `lqr`.
@@ -215,13 +215,14 @@ def mpc(
     """
     solve = _solver()
     whole("horizon", horizon, 1, "periods")
-    layout, own_rates = crane.layout, crane.model.velocityLimit[crane.layout.drives]
+    layout = crane.layout
     efforts = layout.for_drives(
         "effort limit", crane.effort_limit if effort_limit is None else effort_limit, None, "> 0"
     )
     rates = layout.for_drives(
-        "rate limit", own_rates if rate_limit is None else rate_limit, "/s", "> 0"
+        "rate limit", crane.rate_limit if rate_limit is None else rate_limit, "/s", "> 0"
     )
+    rates = np.minimum(rates, crane.rate_limit)
     swing = within(
         "swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, math.pi / 2.0, "rad"
     )

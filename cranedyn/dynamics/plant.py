@@ -221,10 +221,16 @@ class Plant:
         layout = self.topology.layout
         tension = rope_tension(layout, self.joint.damping, self.joint.springs, q, v, hoist_force)
         height = rigid_body.height(self.tree, q, self.topology.bodies[0], self.levers[0])
-        found = [*bounds(layout, self.lower, self.upper, q, tension, height, buffers=self.buffers)]
-        if self.drive != "effort":
-            rates = self.rate_limit if self.drive == "motion" else None
-            found += drive_bounds(layout, needed, self.effort_limit, v, rates)
+        found = [
+            *bounds(layout, self.lower, self.upper, q, tension, height, buffers=self.buffers),
+            *drive_bounds(
+                layout,
+                None if self.drive == "effort" else needed,
+                self.effort_limit,
+                v,
+                None if self.drive == "velocity" else self.rate_limit,
+            ),
+        ]
         return [condition for bound in found for condition in bound.conditions]
 
     def within(self, command: np.ndarray) -> np.ndarray:

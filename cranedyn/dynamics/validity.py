@@ -111,11 +111,12 @@ _ROUND_OFF = 1.0 + 1e-9
 def drive_bounds(
     layout: Layout, needed: Any, effort_limit: Any, v: Any, rate_limit: Any
 ) -> Iterator[Bound]:
-    """What must hold of drives that follow a motion or a rate: that they can.
+    """Yield the limits of the drives that a state must keep.
 
     Args:
         layout: Joints of the crane.
-        needed: Efforts that they need for it [N m or N], m numbers.
+        needed: Efforts that drives need which follow a motion or a rate [N m or N], m numbers; None
+            for drives that take efforts.
         effort_limit: Largest efforts, m numbers.
         v: Rates of the joints, n numbers.
         rate_limit: Largest rates of the drives, m numbers, inf for none; None where they keep them
@@ -123,26 +124,26 @@ def drive_bounds(
     """
     for i, joint in enumerate(layout.driven):
         where, name = int(layout.drives[i]), joint.name
-        yield Bound(
-            where,
-            needed[i],
-            -(effort_limit[i] * _ROUND_OFF),
-            effort_limit[i] * _ROUND_OFF,
-            False,
-            f"{name} would need {{value:.6g}} {joint.effort_unit}, its drive has {{low:.6g}} to "
-            f"{{high:.6g}} {joint.effort_unit}",
-        )
-        if rate_limit is None:
-            continue
-        yield Bound(
-            where,
-            v[where],
-            -(rate_limit[i] * _ROUND_OFF),
-            rate_limit[i] * _ROUND_OFF,
-            False,
-            f"{name} moves at {{value:.6g}} {joint.unit}/s, its drive at {{low:.6g}} to "
-            f"{{high:.6g}} {joint.unit}/s",
-        )
+        if needed is not None:
+            yield Bound(
+                where,
+                needed[i],
+                -(effort_limit[i] * _ROUND_OFF),
+                effort_limit[i] * _ROUND_OFF,
+                False,
+                f"{name} would need {{value:.6g}} {joint.effort_unit}, its drive has {{low:.6g}} "
+                f"to {{high:.6g}} {joint.effort_unit}",
+            )
+        if rate_limit is not None:
+            yield Bound(
+                where,
+                v[where],
+                -(rate_limit[i] * _ROUND_OFF),
+                rate_limit[i] * _ROUND_OFF,
+                False,
+                f"{name} moves at {{value:.6g}} {joint.unit}/s, its drive at {{low:.6g}} to "
+                f"{{high:.6g}} {joint.unit}/s",
+            )
 
 
 class Event(NamedTuple):
@@ -170,9 +171,11 @@ def first_event(
     *,
     buffers: bool = False,
     needed: np.ndarray | None = None,
-    converters: bool = False,
 ) -> Event | None:
-    """The first row at which the model does not hold, None if there is none.
+    """Return the first row at which a run must stop, None if there is none.
+
+    A run goes on where a drive that takes efforts is faster than its rate limit; such rows are not
+    `valid`.
 
     Args:
         crane: The crane.
@@ -182,16 +185,15 @@ def first_event(
             of no account without a hoist.
         buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little
             is no event.
-        needed: Efforts that drives need which follow a motion or a rate [N m or N], shape (rows,
-            m); None for drives that take efforts.
-        converters: Whether drives keep their rates by themselves.
+        needed: Efforts that drives need which follow a motion [N m or N], shape (rows, m); None for
+            other drives.
 
     Raises:
         OutOfRange: If an array has another shape.
     """
     found = [
         event
-        for bound in _of_rows(crane, q, v, hoist, buffers, needed, converters)
+        for bound in _of_rows(crane, q, v, hoist, buffers, needed, rates=needed is not None)
         for event in _beginnings(crane, bound, bound.holds)[:1]
     ]
     return min(found, key=lambda event: event.row, default=None)
@@ -206,7 +208,9 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
     needed = run.command if drive in ("motion", "velocity") else None
     known = [
         (bound, bound.holds | (run.valid == 1.0))
-        for bound in _of_rows(crane, run.q, run.v, hoist, buffers, needed, drive == "velocity")
+        for bound in _of_rows(
+            crane, run.q, run.v, hoist, buffers, needed, rates=drive in ("motion", "effort")
+        )
     ]
     return sorted(event for bound, holds in known for event in _beginnings(crane, bound, holds))
 
@@ -222,12 +226,15 @@ def valid(
     needed: np.ndarray | None = None,
     converters: bool = False,
 ) -> np.ndarray:
-    """Whether the model holds at each row, shape (rows,); arguments as of `first_event`.
+    """Return whether the model holds at each row and the drives keep their limits, shape (rows,).
+
+    Arguments as of `first_event`, but that `needed` is given for drives that follow a rate as well;
+    `converters` says that they keep their rates by themselves.
 
     Raises:
         OutOfRange: If an array has another shape.
     """
-    found = _of_rows(crane, q, v, hoist, buffers, needed, converters)
+    found = _of_rows(crane, q, v, hoist, buffers, needed, rates=not converters)
     return np.logical_and.reduce([bound.holds for bound in found])
 
 
@@ -250,7 +257,8 @@ def _of_rows(
     hoist: np.ndarray,
     buffers: bool,
     needed: np.ndarray | None,
-    converters: bool,
+    *,
+    rates: bool,
 ) -> Iterator[Bound]:
     q = shaped("q", q, ("rows", crane.layout.n))
     v, hoist = shaped("v", v, q.shape), shaped("hoist", hoist, q.shape[:1])
@@ -258,9 +266,9 @@ def _of_rows(
     tension = rope_tension(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
     yield from bounds(crane.layout, crane.lower, crane.upper, q.T, tension, height, buffers=buffers)
     if needed is not None:
-        needed = shaped("needed", needed, (len(q), crane.layout.m))
-        rates = None if converters else crane.rate_limit
-        yield from drive_bounds(crane.layout, needed.T, crane.effort_limit, v.T, rates)
+        needed = shaped("needed", needed, (len(q), crane.layout.m)).T
+    limits = crane.rate_limit if rates else None
+    yield from drive_bounds(crane.layout, needed, crane.effort_limit, v.T, limits)
 
 
 def _tree(crane: Crane) -> rigid_body.Bodies:

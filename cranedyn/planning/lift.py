@@ -124,7 +124,7 @@ def plan_lift(
 
     Args:
         site: Where it takes place.
-        limits: Rates and accelerations of the drives.
+        limits: Rates and accelerations of the drives; the crane's own rates hold as well.
         start: Centre of the load at the start, in the frame of the site [m], shape (3,); None for
             that of the site.
         goal: The same at the end.
@@ -141,7 +141,8 @@ def plan_lift(
         CraneError: If there is no start or goal, the crane is none, or the extra `planning` is not
             installed.
     """
-    clearance = Clearance(crane_of(site) if crane is None else crane, site)
+    crane = crane_of(site) if crane is None else crane
+    clearance, limits = Clearance(crane, site), limits.for_crane(crane)
     first, last = (
         _end(clearance, what, point if point is not None else default)
         for what, point, default in (("start", start, site.start), ("goal", goal, site.goal))

@@ -151,9 +151,8 @@ def optimal(
     within("tolerance", number("tolerance", tolerance), 1e-12, 1e-2)
     whole("iterations", iterations, 1)
     drives = _moving(crane, start, goal, still, clearance is not None)
-    layout = crane.layout
-    rate = layout.for_drives("rate limit", limits.rates, "/s", "> 0")
-    acceleration = layout.for_drives("acceleration limit", limits.accelerations, "/s²", "> 0")
+    kept = limits.for_crane(crane)
+    rate, acceleration = np.asarray(kept.rates), np.asarray(kept.accelerations)
     _check_ends(crane, start, goal, rate, swing)
     jerk = None
     if number("ramp", ramp, "s", ">= 0") > 0.0:

@@ -150,14 +150,14 @@ def itinerary(
         start: Where the drives are.
         legs: Where to go; the last should lead back to the start, else the repetition begins with a
             jump.
-        rates: Rates of the drives [rad/s or m/s], shape (m,).
+        rates: Rates of the drives [rad/s or m/s], shape (m,), at most the crane's own.
         dwell: How long to stand still after each leg [s].
 
     Raises:
         OutOfRange: For a rate that is not positive, a negative dwell, no leg at all, or a tour that
             does not end where it began.
     """
-    limits = crane.layout.for_drives("rate", rates, "/s", "> 0")
+    limits = np.minimum(crane.layout.for_drives("rate", rates, "/s", "> 0"), crane.rate_limit)
     number("dwell", dwell, "s", ">= 0")
     stages: list[Stage] = []
     here, t = start.q[crane.layout.drives], 0.0

@@ -21,7 +21,10 @@ _LONGEST = 3600.0
 @checked
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What the drives may do besides the effort limits of the crane.
+    """Limits of the drives that a plan keeps besides the crane's own of effort and rate.
+
+    A crane has no limit of acceleration of its own; its rate limits can be narrowed here, not
+    widened.
 
     Attributes:
         rates: Of the drives [rad/s or m/s], shape (m,).
@@ -44,18 +47,27 @@ class Limits:
             for value in values:
                 number(f"{kind} limit", value, f"per {per}", "> 0")
 
+    def for_crane(self, crane: Crane) -> Limits:
+        """Return the limits with no rate above the crane's own.
+
+        Raises:
+            OutOfRange: If there is not one number for each drive of the crane.
+        """
+        layout = crane.layout
+        rates = layout.for_drives("rate limit", self.rates, "/s", "> 0")
+        accelerations = layout.for_drives("acceleration limit", self.accelerations, "/s²", "> 0")
+        return Limits(np.minimum(rates, crane.rate_limit).tolist(), accelerations.tolist())
+
 
 @checked
 def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
-    """The largest share of each limit that a motion uses, by the name of the limit; 1 is all of
-    it.
+    """Return the largest share of each limit that a motion uses, by the name of the limit; 1 is
+    all of it.
     """
-    layout = crane.layout
-    rates = layout.for_drives("rate limit", limits.rates, "/s", "> 0")
-    accelerations = layout.for_drives("acceleration limit", limits.accelerations, "/s²", "> 0")
+    layout, kept = crane.layout, limits.for_crane(crane)
     shares = {
-        "rate": np.abs(motion.v[:, layout.drives]).max(axis=0) / rates,
-        "acceleration": np.abs(motion.a[:, layout.drives]).max(axis=0) / accelerations,
+        "rate": np.abs(motion.v[:, layout.drives]).max(axis=0) / kept.rates,
+        "acceleration": np.abs(motion.a[:, layout.drives]).max(axis=0) / kept.accelerations,
         "effort": np.abs(motion_efforts(crane, motion)).max(axis=0) / crane.effort_limit,
     }
     names = [joint.role or joint.symbol for joint in layout.driven]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import OutOfRange, number, within
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import Tabulating
@@ -79,18 +79,19 @@ def operator(
         accelerations: Limits of the drives [rad/s² or m/s²], shape (m,).
 
     Raises:
-        OutOfRange: If a limit or a hold is not positive, a number is not finite, or two pulses of
-            one drive overlap.
+        OutOfRange: If a limit or a hold is not positive, a number is not finite, a rate is more
+            than the drive has, or two pulses of one drive overlap.
         UnknownName: If there is no such drive.
     """
     limits = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
     ramps: list[tuple[float, float, np.ndarray]] = []
     for drive in dict.fromkeys(pulse.drive for pulse in pulses):
         axis = crane.layout.along(drive)
-        limit = float(axis @ limits)
+        limit, fastest = float(axis @ limits), float(crane.rate_limit[axis > 0.0][0])
+        mine = [_checked(pulse, fastest) for pulse in pulses if pulse.drive == drive]
         ramps += [
             (begin, lasts, math.copysign(limit, lasts) * axis)
-            for begin, lasts in _ramps(drive, pulses, limit)
+            for begin, lasts in _ramps(mine, limit)
         ]
     columns = [np.array([ramp[i] for ramp in ramps], dtype=float) for i in range(3)]
     return Operator(
@@ -101,19 +102,17 @@ def operator(
     )
 
 
-def _ramps(drive: str, pulses: Sequence[JoystickPulse], limit: float) -> list[tuple[float, float]]:
-    """When a drive accelerates at its limit and for how long [s], negative where it accelerates the
-    other way.
+def _ramps(pulses: Sequence[JoystickPulse], limit: float) -> list[tuple[float, float]]:
+    """Return when a drive accelerates at its limit and for how long [s], negative where it
+    accelerates the other way.
     """
-    mine = sorted(
-        (_checked(pulse) for pulse in pulses if pulse.drive == drive), key=lambda pulse: pulse.at
-    )
+    mine = sorted(pulses, key=lambda pulse: pulse.at)
     ramps, speed = [], 0.0  # the speed counted in seconds of acceleration
     for pulse, following in zip(mine, [*(pulse.at for pulse in mine[1:]), math.inf], strict=True):
         end = pulse.at + pulse.hold
         if following < end - _TOUCH:
             raise OutOfRange(
-                f"start of a push of {drive}",
+                f"start of a push of {pulse.drive}",
                 following,
                 f"{end:g} or later, when the one before it ends",
                 "s",
@@ -128,6 +127,8 @@ def _ramps(drive: str, pulses: Sequence[JoystickPulse], limit: float) -> list[tu
     return ramps
 
 
-def _checked(pulse: JoystickPulse) -> JoystickPulse:
-    rate, at = number("rate of a push", pulse.rate), number("start of a push", pulse.at, "s")
+def _checked(pulse: JoystickPulse, fastest: float) -> JoystickPulse:
+    rate = number(f"rate of a push of {pulse.drive}", pulse.rate)
+    within(f"rate of a push of {pulse.drive}", rate, -fastest, fastest, "rad/s or m/s")
+    at = number("start of a push", pulse.at, "s")
     return JoystickPulse(pulse.drive, rate, at, number("hold of a push", pulse.hold, "s", "> 0"))

@@ -117,13 +117,13 @@ def shortest(
         crane: The crane.
         start: Where the drives are.
         waypoints: Positions of the drives at each [rad or m], shape (k, m).
-        rates: Limits of the drives [rad/s or m/s].
+        rates: Limits of the drives [rad/s or m/s]; the crane's own hold as well.
         accelerations: Limits of the drives [rad/s² or m/s²].
 
     Raises:
         OutOfRange: If a limit is not positive, or a waypoint not one number for each drive.
     """
-    v = crane.layout.for_drives("rate limit", rates, "/s", "> 0")
+    v = np.minimum(crane.layout.for_drives("rate limit", rates, "/s", "> 0"), crane.rate_limit)
     a = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
     points = [
         start.q[crane.layout.drives],

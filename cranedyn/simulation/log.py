@@ -141,7 +141,8 @@ class Log:
 
     def event(self, drive: str, *, buffers: bool) -> Event | None:
         """Where the model ceases to hold among the rows not looked at before, which are looked at
-        then; None if it holds at all of them. That frequency converters cannot is no event.
+        then; None if it holds at all of them. That frequency converters cannot follow, or that a
+        drive which takes efforts is too fast, is no event.
         """
         self._write()
         rows = slice(self._looked, self._rows)
@@ -150,7 +151,7 @@ class Log:
             needed = self._command[rows] if drive == "motion" else None
             if event := _first_event(self._crane, q, v, hoist, buffers=buffers, needed=needed):
                 return event
-            if drive != "velocity":
+            if drive == "motion":
                 self._valid[rows] = 1.0
         self._looked = rows.stop
         return None

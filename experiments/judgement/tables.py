@@ -11,7 +11,6 @@ from cranedyn.lifting.factors import DriveClass, HoistingClass
 from cranedyn.lifting.loads import hanging_mass
 from experiments.harness import Table
 from experiments.judgement.case import Case
-from experiments.scenarios.moves import LIMITS
 
 Row = list[float | str | None]
 
@@ -59,8 +58,8 @@ def _lift(made: Case) -> Table:
         ["radius [m]", f"{radius.min():.1f} to {radius.max():.1f}", "the plan"],
         ["cable [m]", f"{length.min():.1f} to {length.max():.1f}", "the plan"],
         ["time of the lift", f"{lift.timed.motion.arrival:.0f} s", "the plan"],
-        ["slew, at most", f"{LIMITS.rates[0] * 30.0 / math.pi:.2f} rpm", "limits of the drives"],
-        ["trolley, hoist, at most", "{1:.2f}, {2:.2f} m/s".format(*LIMITS.rates), "the same"],
+        ["slew, at most", f"{lift.limits.rates[0] * 30.0 / math.pi:.2f} rpm", "the drives"],
+        ["trolley, hoist, at most", "{1:.2f}, {2:.2f} m/s".format(*lift.limits.rates), "the same"],
         ["required distance", f"{site.distance:g} m", "the site's file"],
     ]
     return Table("The lift", [("", ""), ("value", ""), ("from", "")], rows)
@@ -119,13 +118,14 @@ def _clearances(made: Case, again: str) -> Table:
 
 def _factors(made: Case, hoisting: HoistingClass, drive: DriveClass) -> Table:
     crane, carried = made.crane, made.carried
-    largest = LIMITS.rates[crane.layout.drive("l")]
+    limits = made.certificate.lift.limits
+    largest = limits.rates[crane.layout.drive("l")]
     speed = factors.pick_up_speed(drive, largest, CREEP * largest)
     phi_2 = factors.phi_2(hoisting, speed, drive)
     weight = hanging_mass(crane) * crane.gravity
     pull = float(carried["rope_N"].max()) / weight
     mass, radius = hanging_mass(crane), float(carried["radius_m"].max())
-    along, about = (LIMITS.accelerations[crane.layout.drive(one)] for one in ("x", "gamma"))
+    along, about = (limits.accelerations[crane.layout.drive(one)] for one in ("x", "gamma"))
     out, aside = (
         float(np.abs(carried["pull_N"] * np.tan(carried[f"{side}_lead_rad"])).max())
         for side in ("off", "side")

@@ -161,6 +161,7 @@ def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
     after = run.since(arrives - 1e-9)
     distance = np.linalg.norm([payload_position(crane, q) - there for q in after.q], axis=1)
     beyond = run.effort + crane.payload_mass * crane.gravity * crane.layout.along("l")
+    limits = LIMITS.for_crane(crane)
     return Score(
         arrives=arrives,
         peak=float(np.linalg.norm(swing, axis=1).max()),
@@ -171,12 +172,12 @@ def score(crane: Crane, goal: State, run: Trajectory, arrives: float) -> Score:
         tracking=1000.0 * np.abs(run.q[:, run.drives] - run.setpoint).max(axis=0),
         effort=np.abs(beyond).max(axis=0),
         rms=np.sqrt(np.mean(beyond**2, axis=0)),
-        rate=float((np.abs(run.v[:, run.drives]) / LIMITS.rates).max()),
+        rate=float((np.abs(run.v[:, run.drives]) / limits.rates).max()),
         acceleration=float(
             (
                 np.abs(np.diff(run.v[:, run.drives], axis=0))
                 / np.diff(run.t)[:, None]
-                / LIMITS.accelerations
+                / limits.accelerations
             ).max()
         ),
         work=float(np.maximum(np.diff(run.work, axis=0), 0.0).sum()),

@@ -170,9 +170,9 @@ def joystick(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
     """What an operator who knows the way does: full rate at once in every drive, and back to rest
     in time; with its end [s].
     """
-    pulses, end = [], 0.0
+    pulses, end, limits = [], 0.0, LIMITS.for_crane(setup.crane)
     for drive, first, last, rate, acceleration in zip(
-        ("gamma", "x", "l"), move.start, move.goal, LIMITS.rates, LIMITS.accelerations, strict=True
+        ("gamma", "x", "l"), move.start, move.goal, limits.rates, limits.accelerations, strict=True
     ):
         distance = abs(last - first)
         if distance > 0.0:

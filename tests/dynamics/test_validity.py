@@ -11,14 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from cranedyn.controllers import hold_controller
+from cranedyn.compiled.batch import simulate_batch
+from cranedyn.controllers import hold_controller, lqr
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
 from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.interfaces import EngineName, Setpoint, State
+from cranedyn.model.load import load_crane
 from cranedyn.references import hold, ramp
+from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, G, big_crane, constant, crane, locked, states
 
@@ -49,6 +52,24 @@ def test_a_run_stops_where_a_drive_leaves_its_range_and_keeps_what_it_has() -> N
     assert (error.trajectory["x_m"][:-1] <= 22.0).all()
     assert error.t == error.trajectory.t[-1]
     assert error.trajectory["valid"].tolist() == [1.0] * (len(error.trajectory) - 1) + [0.0]
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", FAST])
+def test_rows_in_which_a_drive_is_faster_than_its_joint_allows_are_not_valid_and_the_run_goes_on(
+    engine: EngineName,
+) -> None:
+    slow = load_crane(trolley_velocity=0.5)
+    start = slow.state(x=8.0, l=10.0)
+    motion = flat(slow, start, slow.state(x=18.0, l=10.0), 20.0)
+    controller = lqr(slow, motion)
+    run = simulate(slow, controller, motion, start=start, duration=25.0, engine=engine)
+    too_fast = np.abs(run["x_dot_m_s"]) > 0.5
+    assert too_fast.any() and run.t[-1] == 25.0
+    assert ((run.valid == 0.0) == too_fast).all()
+    assert "trolley_joint moves at 0.5" in events(slow, run)[0].words
+    pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+    batch = simulate_batch(slow, controller, motion, start=[start] * 2, duration=25.0)
+    assert (batch.valid_until == run.t[too_fast.argmax()]).all()
 
 
 def test_a_marked_run_goes_on_to_its_end_and_names_where_it_left_the_range() -> None:

@@ -36,6 +36,7 @@ from cranedyn.planning.timing import STEP, carried
 from cranedyn.references.limits import use
 from cranedyn.simulation.simulate import simulate
 from experiments import lift as experiment
+from tests.helpers import FAST, G
 from tests.planning.sites import (
     LIMITS,
     RATES,
@@ -51,6 +52,16 @@ from tests.planning.sites import (
 
 def red(certified: Certificate) -> list[str]:
     return [check.sentence for check in certified.checks if not check.holds]
+
+
+def test_a_crane_with_slow_drives_is_planned_for_and_certified_at_its_own_rates() -> None:
+    slow = load_crane(gravity=G, slew_velocity=0.03, trolley_velocity=0.3, hoist_velocity=0.2)
+    planned = plan_lift(site(WALL), LIMITS, crane=slow)
+    certified = certify(planned, engine=FAST)
+    assert planned.limits.rates == (0.03, 0.3, 0.2)
+    assert certified.holds
+    # The controller's corrections may add half a percent, as the certificate says.
+    assert (np.abs(certified.run.v[:, [0, 1, 4]]).max(axis=0) <= 1.005 * slow.rate_limit).all()
 
 
 def test_a_lift_over_a_wall_is_certified() -> None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.interfaces import Reference, State
+from cranedyn.model.load import load_crane
 from cranedyn.references import (
     JoystickPulse,
     Leg,
@@ -28,7 +29,9 @@ from cranedyn.references import (
     spline,
     zv,
 )
+from cranedyn.references.limits import Limits, fastest
 from cranedyn.references.motion import Motion
+from cranedyn.references.spline import PEAK_RATE, shortest
 from cranedyn.references.tabulated import tabulated
 from cranedyn.references.tour import tour
 from tests.helpers import crane
@@ -282,6 +285,21 @@ def test_a_ramp_of_no_length_does_nothing() -> None:
     reference = ramp(CRANE, BASE, "x", 0.0, rate=1.0, at=1.0)
     assert [reference(t).position.tolist() for t in (0.0, 1.0, 2.0)] == [PLACE] * 3
     assert not reference(1.0).velocity.any()
+
+
+def test_the_rates_of_a_crane_narrow_the_limits_of_a_plan() -> None:
+    slow = load_crane(trolley_velocity=0.5)
+    kept = Limits((0.1, 1.5, 1.0), (0.02, 0.4, 0.4)).for_crane(slow)
+    assert (kept.rates, kept.accelerations) == ((0.1, 0.5, 1.0), (0.02, 0.4, 0.4))
+    start, goal = slow.state(x=8.0), slow.state(x=18.0)
+    duration = fastest(slow, lambda t: flat(slow, start, goal, t), Limits((1, 9, 9), (9, 9, 9)))
+    assert np.abs(flat(slow, start, goal, duration).v[:, 1]).max() == pytest.approx(0.5, rel=1e-3)
+    (section,) = shortest(
+        slow, start, [goal.q[slow.layout.drives]], rates=(1, 9, 9), accelerations=(9, 9, 9)
+    )
+    assert section == pytest.approx(PEAK_RATE * 10.0 / 0.5)
+    with pytest.raises(OutOfRange, match=r"rate of a push of x is 0\.6 rad/s or m/s; .* 0\.5"):
+        operator(slow, start, [JoystickPulse("x", 0.6, 0.0, 1.0)], accelerations=(1, 1, 1))
 
 
 def _pulse(**changes: Any) -> Reference:

@@ -25,10 +25,11 @@ from hypothesis import strategies as st
 from rich.console import Console
 from rich.progress import Progress as Bars
 
+import cranedyn
 from cranedyn.errors import CraneError, DataError
 from cranedyn.sweep import Design, Progress, cross, grid, limits, results, sweep
 from cranedyn.sweep.chunk import DIED, evaluate, name_of
-from cranedyn.sweep.manifest import Manifest, claimed, version
+from cranedyn.sweep.manifest import Manifest, claimed
 from cranedyn.sweep.sources import sources
 from experiments.harness import progress as told
 from tests import studies
@@ -242,7 +243,7 @@ def test_damaged_parts_are_computed_again_and_whole_ones_are_not(tmp_path: Path)
 
 def _manifest(**changes: object) -> Manifest:
     study, design = "tests.studies:squares", grid(x=range(10))
-    code = {"version": version(), "sources": sources(study)}
+    code = {"version": cranedyn.__version__, "sources": sources(study)}
     return Manifest(
         **{
             "study": study,

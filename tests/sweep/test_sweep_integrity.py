@@ -16,10 +16,11 @@ from pathlib import Path
 
 import pytest
 
+import cranedyn
 from cranedyn.errors import CraneError, DataError
 from cranedyn.sweep import Progress, grid, results, sweep
 from cranedyn.sweep.chunk import evaluate
-from cranedyn.sweep.manifest import MANIFEST, PART, Manifest, claimed, read_manifest, version
+from cranedyn.sweep.manifest import MANIFEST, PART, Manifest, claimed, read_manifest
 from cranedyn.sweep.part import Damaged, is_whole, opened
 from cranedyn.sweep.sources import sources
 from experiments import sweep as experiment
@@ -182,7 +183,7 @@ def test_files_are_on_the_disk_before_their_names_are(
 
 def test_a_manifest_names_the_code(swept: Path) -> None:
     found = json.loads((swept / MANIFEST).read_text())
-    assert found["version"] == version() and version()
+    assert found["version"] == cranedyn.__version__
     assert found["sources"] == sources("tests.studies:squares")
     assert {
         "tests/studies.py",
@@ -220,8 +221,8 @@ def test_a_sweep_by_another_version_is_not_gone_on_with(copied: Path) -> None:
     )
     with pytest.raises(
         DataError,
-        match=rf"what is there was computed by cranedyn 0\.0\.9, this is {version()}; go on with "
-        r"that, or sweep into",
+        match=r"what is there was computed by cranedyn 0\.0\.9, "
+        rf"this is {cranedyn.__version__}; go on with that, or sweep into",
     ):
         _go_on(copied)
 
@@ -283,7 +284,7 @@ def test_a_refused_sweep_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_a_lock_that_a_refused_sweep_has_removed_locks_nothing(tmp_path: Path) -> None:
-    one = Manifest("a:b", version(), {}, "0", ("x",), 10, 1)
+    one = Manifest("a:b", cranedyn.__version__, {}, "0", ("x",), 10, 1)
     with claimed(tmp_path, one, True):
         (tmp_path / ".lock").unlink()
         with claimed(tmp_path, one, True):  # by its name there is another now
