@@ -428,8 +428,8 @@ MUTATIONS = (
     Mutation(
         "an elastic crane starts where its springs are slack",
         "cranedyn/model/load.py",
-        "State(crane.hanging(q), np.zeros(layout.n))) if springs.any else crane",
-        "State(q, np.zeros(layout.n))) if springs.any else crane",
+        "start=State(crane.hanging(q), np.zeros(layout.n)))",
+        "start=State(q, np.zeros(layout.n)))",
         "cranes::a_crane_hangs_where_nothing_accelerates_and_its_energy_has_the_springs",
     ),
     Mutation(

@@ -107,6 +107,7 @@ class Plant:
         effort_limit, rate_limit: Of the drives, shape (m,).
         levers: Where the points are in the frames of their joints [m], shape (points, 3).
         arms: From each swing joint to the payload, but for the cable [m], shape (swings,).
+        rest: Where the swing joints hang, see `cranedyn.model.crane.Rest`: angle and slope.
         drive: Whether commands are efforts, "effort", accelerations, "motion", or reference rates,
             "velocity".
         buffers: Whether there are buffers.
@@ -123,6 +124,7 @@ class Plant:
     rate_limit: np.ndarray
     levers: np.ndarray
     arms: np.ndarray
+    rest: tuple[np.ndarray, np.ndarray]
     drive: str
     buffers: bool
     response: Response | None = None
@@ -222,7 +224,16 @@ class Plant:
         tension = rope_tension(layout, self.joint.damping, self.joint.springs, q, v, hoist_force)
         height = rigid_body.height(self.tree, q, self.topology.bodies[0], self.levers[0])
         found = [
-            *bounds(layout, self.lower, self.upper, q, tension, height, buffers=self.buffers),
+            *bounds(
+                layout,
+                self.lower,
+                self.upper,
+                q,
+                self.swing_angles(q),
+                tension,
+                height,
+                buffers=self.buffers,
+            ),
             *drive_bounds(
                 layout,
                 None if self.drive == "effort" else needed,
@@ -249,12 +260,20 @@ class Plant:
         ) + rigid_body.potential_energy(self.tree, where)
         return rigid if self.joint.springs is None else rigid + self.joint.springs.energy(q)
 
+    def swing_angles(self, q: np.ndarray) -> dict[int, Any]:
+        """Angles of the swing joints from where they hang [rad], by their place among the
+        coordinates.
+        """
+        angle, slope = self.rest
+        hanging = angle + slope @ q[self.topology.layout.drives]
+        return {i: q[i] - at for (i, _), at in zip(self.topology.swings, hanging, strict=True)}
+
     def swing(self, q: np.ndarray, v: np.ndarray) -> tuple[Any, Any]:
         """Squares of the swing, and of its amplitude as the pendulums below each joint would have
         it alone [rad²].
         """
         swings = self.topology.swings
-        angle: Any = sum((q[i] * q[i] for i, _ in swings), 0.0)
+        angle: Any = sum((one * one for one in self.swing_angles(q).values()), 0.0)
         gravity = -self.tree.gravity[2]
         rest: Any = 0.0
         for (i, hangs), arm in zip(swings, self.arms, strict=True):
@@ -285,6 +304,8 @@ def numbers(crane: Crane) -> np.ndarray:
             np.minimum(crane.rate_limit, _NO_LIMIT),
             levers,
             _arms(crane),
+            crane.rest.angle,
+            crane.rest.slope.ravel(),
             stops.stiffness,
             stops.damping,
         ]
@@ -319,7 +340,8 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         values = values[:-count]
     tree = rigid_body.blank(topology.parents)
     count = len(tree.numbers())
-    counts = [n, n, n, 1, n, n, m, m, 3 * len(topology.bodies), len(topology.swings), m, m]
+    swings = len(topology.swings)
+    counts = [n, n, n, 1, n, n, m, m, 3 * len(topology.bodies), swings, swings, swings * m, m, m]
     parts = np.split(array(values[count:]), np.cumsum(counts)[:-1])
     (
         damping,
@@ -332,6 +354,8 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         rate_limit,
         levers,
         arms,
+        rest_angle,
+        rest_slope,
         stop_stiffness,
         stop_damping,
     ) = parts
@@ -351,6 +375,7 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         rate_limit,
         levers.reshape(-1, 3),
         arms,
+        (rest_angle, rest_slope.reshape(swings, m)),
         drive,
         buffers,
         response,

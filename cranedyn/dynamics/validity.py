@@ -9,7 +9,7 @@ that on to the load: where hoist and buffer together push, the model ceases to h
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import reduce
 from operator import and_
 from typing import Any, NamedTuple
@@ -66,6 +66,7 @@ def bounds(
     lower: np.ndarray,
     upper: np.ndarray,
     q: np.ndarray,
+    swings: Mapping[int, Any],
     tension: Any,
     height: Any,
     *,
@@ -78,6 +79,8 @@ def bounds(
         lower: Where their ranges begin [rad or m], shape (n,).
         upper: Where they end, shape (n,).
         q: Coordinates, n numbers.
+        swings: Angles of the swing joints from where they hang [rad], by their place among the
+            coordinates.
         tension: Of the rope [N]; None if there is no hoist.
         height: Of the payload above the ground [m].
         buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little
@@ -89,7 +92,7 @@ def bounds(
             f"{{high:.6g}} {joint.unit}"
         )
         if not joint.driven and joint.kind == "revolute":
-            yield Bound(i, q[i], -math.pi / 2, math.pi / 2, False, words)
+            yield Bound(i, swings.get(i, q[i]), -math.pi / 2, math.pi / 2, False, words)
         if not (joint.driven and buffers):
             yield Bound(i, q[i], lower[i], upper[i], False, words)
     if tension is not None:
@@ -264,7 +267,10 @@ def _of_rows(
     v, hoist = shaped("v", v, q.shape), shaped("hoist", hoist, q.shape[:1])
     height = rigid_body.heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
     tension = rope_tension(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
-    yield from bounds(crane.layout, crane.lower, crane.upper, q.T, tension, height, buffers=buffers)
+    swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
+    yield from bounds(
+        crane.layout, crane.lower, crane.upper, q.T, swings, tension, height, buffers=buffers
+    )
     if needed is not None:
         needed = shaped("needed", needed, (len(q), crane.layout.m)).T
     limits = crane.rate_limit if rates else None

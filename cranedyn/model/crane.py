@@ -25,7 +25,7 @@ STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²], exact by definition (CGPM 1901)."""
 
 
-_NEWTON, _BALANCED = 50, 1e-13
+_NEWTON, _BALANCED, _PLUMB = 50, 1e-13, 1e-12
 
 _UPRIGHT = float(np.nextafter(np.pi / 2, 0.0))
 
@@ -42,6 +42,23 @@ class Point(NamedTuple):
     name: str
     body: int
     lever: np.ndarray
+
+
+class Rest(NamedTuple):
+    """Where the swing joints of a crane hang at rest: `angle + slope @ drives`.
+
+    Both are exactly zero for a load that hangs plumb when its swing joints are at zero.
+
+    Attributes:
+        angle: Shape (swings,) [rad].
+        slope: By the coordinates of the drives, shape (swings, m) [rad per rad or m].
+        hangs: Whether the passive joints have a stable rest near the start; false for a mechanism
+            that is no crane, such as a robot with free joints. Angle and slope are zero then.
+    """
+
+    angle: np.ndarray
+    slope: np.ndarray
+    hangs: bool
 
 
 class _Scratch(threading.local):
@@ -69,7 +86,8 @@ class Crane(ShownCrane):
         springs: What is elastic in it.
         lower, upper: Joint ranges [rad or m], shape (n,).
         effort_limit: Largest effort of the drives [N m or N], shape (m,).
-        start: Where the URDF lets the drives start, all else hanging at rest.
+        start: Where the URDF lets the drives start, all else hanging at rest; a mechanism whose
+            passive joints do not hang starts with them at zero.
         points: Those on which forces from outside act, the payload first.
         record: All that `cranedyn.model.load.load_crane` needs to make it again, as it is written
             beside a run.
@@ -185,6 +203,14 @@ class Crane(ShownCrane):
             dtype=int,
         )
 
+    def swing_angles(self, q: np.ndarray) -> np.ndarray:
+        """Return the angles of the swing joints from where they hang [rad], shape (..., swings), of
+        coordinates of shape (..., n).
+        """
+        return (
+            q[..., self.swings] - self.rest.angle - q[..., self.layout.drives] @ self.rest.slope.T
+        )
+
     def state(self, **values: float) -> State:
         """A state from named coordinates, at rest where nothing else is said.
 
@@ -215,37 +241,78 @@ class Crane(ShownCrane):
                 q[i] = within(f"{name} at the start", value, low, high, unit)
             else:
                 v[i] = number(f"{name} at the start", value, f"{unit}/s")
-        hangs = self.springs.any and not any(layout.symbols[i] in values for i in layout.passive)
-        return State(self.hanging(q) if hangs else q, v)
+        swinging = any(layout.symbols[i] in values for i in layout.passive)
+        return State(q if swinging else self.resting(q), v)
+
+    def resting(self, q: np.ndarray) -> np.ndarray:
+        """Return the coordinates of `hanging`, or q itself, shape (n,), for a mechanism whose
+        passive joints do not hang, such as a robot with free joints.
+        """
+        return self.hanging(q) if self.rest.hangs else q
 
     def hanging(self, q: np.ndarray) -> np.ndarray:
-        """Coordinates at rest, shape (n,): the drives where q has them, the passive joints where
-        gravity and springs balance, by Newton.
+        """Return the coordinates at rest, shape (n,): the drives where q has them, the passive
+        joints where gravity and springs balance, by Newton's method from where q has these.
 
         Raises:
             OutOfRange: If q is not one finite number for each joint.
             ModelError: If there is no such place near q within the ranges.
         """
         free, q = self.layout.passive, finite("coordinates", q, (self.layout.n,)).copy()
-        data = self.model.createData()
+        # What rounding leaves of the torques of a load that hangs plumb.
+        rounding = 1e-15 * self.gravity * sum(inertia.mass for inertia in self.model.inertias)
         for _ in range(_NEWTON):
-            open_ = (pin.computeGeneralizedGravity(self.model, data, q) - self.springs.effort(q))[
-                free
-            ]
-            slope = pin.computeGeneralizedGravityDerivatives(
-                self.model, data, q
-            ) + self.springs.tangent(q)
-            step = np.linalg.lstsq(slope[np.ix_(free, free)], open_, rcond=None)[0]
-            q[free] -= step
-            if np.abs(step).max(initial=0.0) < _BALANCED:
+            weight = pin.computeGeneralizedGravity(self.model, self.data, q)
+            torque = (weight - self.springs.effort(q))[free]
+            if np.abs(torque).max(initial=0.0) <= rounding:
                 break
-        if not (
-            np.abs(step).max(initial=0.0) < 1e-9
-            and (q >= self.lower).all()
-            and (q <= self.upper).all()
-        ):
+            # Down the energy also where it curves the other way, half a radian or metre at most.
+            step = _compliance(self._stiffness(q)[np.ix_(free, free)]) @ torque
+            largest = float(np.abs(step).max())
+            q[free] -= step * min(1.0, 0.5 / max(largest, _BALANCED))
+            if largest < _BALANCED:
+                break
+        else:
+            q[free] = np.nan  # it has not settled
+        if not ((q >= self.lower) & (q <= self.upper))[free].all():
             raise ModelError(
                 "This crane does not hang at rest within the ranges of its joints near "
                 f"{q.tolist()}."
             )
         return q
+
+    def _stiffness(self, q: np.ndarray) -> np.ndarray:
+        """Second derivatives of the energy of gravity and springs, shape (n, n)."""
+        weight = pin.computeGeneralizedGravityDerivatives(self.model, self.data, q)
+        return weight + self.springs.tangent(q)
+
+    @cached_property
+    def rest(self) -> Rest:
+        """Where the swing joints hang, to first order in the places of the drives about `start`."""
+        free, drives = self.layout.passive, self.layout.drives
+        none = Rest(np.zeros(len(self.swings)), np.zeros((len(self.swings), len(drives))), False)
+        try:
+            hanging = self.hanging(self.start.q)
+        except ModelError:
+            return none
+        stiffness = self._stiffness(hanging)
+        own = stiffness[np.ix_(free, free)]
+        curvature = np.linalg.eigvalsh(own)
+        if curvature.min(initial=0.0) < -1e-9 * np.abs(curvature).max(initial=0.0):
+            return none  # it would fall
+        by_drives = -_compliance(own) @ stiffness[np.ix_(free, drives)]
+        slope = by_drives[np.isin(free, self.swings)]
+        slope[np.abs(slope) < _PLUMB] = 0.0
+        angle = hanging[self.swings] - slope @ hanging[drives]
+        angle[np.abs(angle) < _PLUMB] = 0.0
+        return Rest(angle, slope, True)
+
+
+def _compliance(stiffness: np.ndarray) -> np.ndarray:
+    """Return the inverse of a symmetric stiffness with all its eigenvalues taken as positive, and
+    as infinite where nothing pulls, as about a vertical axis.
+    """
+    values, vectors = np.linalg.eigh(stiffness)
+    size = np.abs(values)
+    pulls = size > max(1e-12 * size.max(initial=0.0), np.finfo(float).tiny)
+    return (vectors[:, pulls] / size[pulls]) @ vectors[:, pulls].T

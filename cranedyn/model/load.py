@@ -179,9 +179,9 @@ def _crane(
             "check_axes": check_axes,
         },
     )
-    return (
-        replace(crane, start=State(crane.hanging(q), np.zeros(layout.n))) if springs.any else crane
-    )
+    if springs.any or crane.rest.hangs:
+        return replace(crane, start=State(crane.hanging(q), np.zeros(layout.n)))
+    return crane
 
 
 def _recorded(whole: Mapping[str, Any], path: Path) -> Crane:

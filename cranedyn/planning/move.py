@@ -126,10 +126,8 @@ class Move:
 
 def at_rest(crane: Crane, state: State) -> bool:
     """Whether nothing moves, and the passive joints are where gravity and springs balance."""
-    passive = crane.layout.passive
-    rest = crane.hanging(state.q)[passive] if crane.springs.any else np.zeros(len(passive))
-    off = np.abs(state.q[passive] - rest).max(initial=0.0)
-    return bool(not state.v.any() and off <= PLUMB * crane.springs.any)
+    off = np.abs(state.q - crane.hanging(state.q)).max(initial=0.0)
+    return bool(not state.v.any() and off <= PLUMB)
 
 
 def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Problem:
@@ -155,6 +153,11 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
     full, effort = symbolic.prescribed_acceleration(crane, q, v, a)
     swings = np.isin(layout.passive, crane.swings)
     angle, angle_rate = (part[np.flatnonzero(swings).tolist()] for part in (free, free_rate))
+    moved, moving = (part[layout.drives.tolist()] for part in (q, v))
+    angle, angle_rate = (
+        angle - crane.rest.angle - crane.rest.slope @ moved,
+        angle_rate - crane.rest.slope @ moving,
+    )
     # Between two points a parabola stays below the higher of them or the crossing of its tangents,
     # half a gap ahead.
     ahead = angle + gap / 2.0 * angle_rate
@@ -163,6 +166,12 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
         kept.append((rate + gap / 2.0 * acceleration) / move.rate)
     if move.tilt is not None:
         kept += [ca.sumsqr(one) / (move.tilt * (1.0 - _WITHIN)) ** 2 for one in (angle, ahead)]
+    lower, upper = move.ranges
+    bound, any_rate = np.full(p, np.inf), np.full(p, np.inf)
+    bound[swings] = move.swing
+    if crane.rest.angle.any() or crane.rest.slope.any():
+        bound[swings] = np.inf  # the bound moves with the drives
+        kept.append(angle / move.swing)
     shares, hoist = ca.vertcat(*kept), layout.drive_of("hoist")
     positive = [] if spaces is None else [spaces.room(q)]
     if hoist is not None:
@@ -170,8 +179,6 @@ def problem(move: Move, spaces: HalfSpaces | None = None) -> transcription.Probl
         holding = abs(holding_effort(crane, move.start.q)[hoist])
         positive.append((crane.damping[cable] * v[cable] - effort[hoist]) / holding - _TAUT)
     least = ca.vertcat(*positive)
-    bound, any_rate = np.where(swings, move.swing, np.inf), np.full(p, np.inf)
-    lower, upper = move.ranges
     low = [np.maximum(-bound, lower[passive]), -any_rate, lower[move.joints]]
     high = [np.minimum(bound, upper[passive]), any_rate, upper[move.joints]]
     kinds = [move.rate, move.acceleration][: len(sizes) - 3]

@@ -287,15 +287,15 @@ def _check_ends(crane: Crane, start: State, goal: State, rate: np.ndarray, swing
     for where, state in (("start", start), ("goal", goal)):
         most = np.full(layout.n, np.inf)
         most[layout.drives] = rate
-        moves = bool(state.v.any() or state.q[crane.swings].any())
-        rest = crane.hanging(state.q) if crane.springs.any else np.zeros(layout.n)
+        moves = bool(state.v.any() or crane.swing_angles(state.q).any())
+        rest = crane.hanging(state.q)
         for i, joint in enumerate(layout.joints):
             place, unit = f"{joint.symbol} at the {where}", joint.unit
             within(place, state.q[i], crane.lower[i], crane.upper[i], unit)
             if i in crane.swings:
-                within(place, state.q[i], -swing, swing, unit)
+                within(place, state.q[i], rest[i] - swing, rest[i] + swing, unit)
             if not joint.driven and not moves:
-                if abs(state.q[i] - rest[i]) > PLUMB * crane.springs.any:
+                if abs(state.q[i] - rest[i]) > PLUMB:
                     raise OutOfRange(place, state.q[i], f"{rest[i]:g}: it hangs at rest", unit)
             within(f"{joint.symbol}_dot at the {where}", state.v[i], -most[i], most[i], f"{unit}/s")
     if np.array_equal(start.q, goal.q) and np.array_equal(start.v, goal.v):

@@ -129,8 +129,7 @@ def plumb(crane: Crane, reference: Reference, duration: float, period: float = 5
     parts[0] = crane.start.q
     parts[:, :, drives] = tabulated(reference, times, crane.layout.m)
     parts[1:, -1] = 0.0
-    if crane.springs.any:
-        parts[0] = [crane.hanging(q) for q in parts[0]]
+    parts[0] = [crane.resting(q) for q in parts[0]]
     q, v, a = parts
     return Motion(period, q, v, a, drives)
 
