@@ -120,7 +120,8 @@ def _made(setup: harness.Setup, site: Site, options: argparse.Namespace, count: 
         None if point is None else np.array([number("coordinate", one, "m") for one in point])
         for point in (options.start, options.goal)
     )
-    lift = plan_lift(site, LIMITS, start=start, goal=goal, crane=crane, period=setup.control_period)
+    limits = site.limits or LIMITS
+    lift = plan_lift(site, limits, start=start, goal=goal, crane=crane, period=setup.control_period)
     planned = time.monotonic()
     certificate = certify(lift, dt=setup.dt, engine=setup.engine)
     done = time.monotonic()

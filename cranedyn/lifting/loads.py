@@ -3,14 +3,14 @@ tower's foot and its corners, and how far the rope is from plumb, slack and its 
 
 All of it follows from coordinates, rates and efforts of the recorded rows: these and gravity cause
 accelerations, and with them Newton and Euler give what passes through each cut
-(`cranedyn.lifting.wrench`). Weights that the model does not know are left out of what they would
-add: that of a mast that is fixed (`Base.weight` adds it), and where the jib's own mass lies.
+(`cranedyn.lifting.wrench`). Weights that the model does not know are added where they are entered:
+mast, base and ballast by `Base`, jib and counter-jib by `Arm`.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,18 +47,22 @@ class Base:
         spacing: Between neighbouring corners [m].
         mass: Of base, ballast and mast, whatever the crane's model does not weigh [kg], above the
             middle.
+        permitted: Largest force that the ground may bear under a corner [N]; None if nobody said.
 
     Raises:
-        OutOfRange: If the spacing is not positive, or the mass negative.
+        OutOfRange: If the spacing or the permitted force is not positive, or the mass negative.
     """
 
-    spacing: float = 4.5
-    mass: float = 60.0e3
+    spacing: float
+    mass: float
+    permitted: float | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         number("spacing of the corners", self.spacing, "m", "> 0")
         number("mass of the base", self.mass, "kg", ">= 0")
+        if self.permitted is not None:
+            number("permitted force of a corner", self.permitted, "N", "> 0")
 
     def corners(self, foot: Wrench, gravity: float) -> np.ndarray:
         """How hard each corner presses on the ground [N], shape (rows, 4), at (+, +), (-, +),
@@ -72,6 +76,32 @@ class Base:
         m_x, m_y = foot.moment[:, 0], foot.moment[:, 1]
         share = [(m_y * x - m_x * y) / self.spacing**2 for x, y in at]
         return np.stack([vertical / 4.0 + one for one in share], axis=1)
+
+
+@checked
+@dataclass(frozen=True)
+class Arm:
+    """A part of the upper structure that weighs where it lies, jib or counter-jib.
+
+    Its weight is added to what passes through the slewing ring and the foot, besides the upper
+    structure that the crane's model has on the slew axis. What it does as it slews is in the
+    crane's `slewing_inertia` alone.
+
+    Attributes:
+        mass: [kg].
+        centre: Of mass, from the slew axis along the jib, negative behind it [m].
+
+    Raises:
+        OutOfRange: If the mass is negative, or a number is not finite.
+    """
+
+    mass: float
+    centre: float
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        number("mass of an arm", self.mass, "kg", ">= 0")
+        number("centre of an arm", self.centre, "m")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -155,8 +185,10 @@ class Loads(Shown):
 
 
 @checked
-def loads(crane: Crane, run: Trajectory, *, base: Base = Base()) -> Loads:
-    """The loads of a recorded run.
+def loads(
+    crane: Crane, run: Trajectory, *, base: Base | None = None, arms: Sequence[Arm] = ()
+) -> Loads:
+    """Return the loads of a recorded run.
 
     Columns, as far as the crane has the joints for them. Hoist: `rope_N` (tension), `pull_N` (what
     hangs pulls down), `slack_margin` (tension over the weight that hangs; slack at 0),
@@ -166,13 +198,15 @@ def loads(crane: Crane, run: Trajectory, *, base: Base = Base()) -> Loads:
     weight that hangs). Slew besides: `radius_m`, `load_moment_Nm` (pull times radius: what a load
     moment indicator shows), `ring_vertical_N`, `ring_tilting_Nm` (in the plane of the jib, jib down
     positive), `ring_lateral_Nm`, `ring_torsion_Nm` (about the slew axis). Always `foot_vertical_N`,
-    `foot_x_Nm`, `foot_y_Nm`, `overturning_Nm`, `torsion_Nm` about the world's origin, the base
-    counted, and `corner_1_N` to `corner_4_N`, see `Base`.
+    `foot_x_Nm`, `foot_y_Nm`, `overturning_Nm`, `torsion_Nm` about the world's origin; the base is
+    counted, and `corner_1_N` to `corner_4_N` are there, if there is one, see `Base`.
 
     Args:
         crane: The crane that moved.
         run: What it did.
-        base: On what it stands.
+        base: On what it stands; None if that is not known.
+        arms: Jib and counter-jib, as far as the model does not weigh them; for a crane with a
+            trolley and a slew.
 
     Raises:
         OutOfRange: If the run is of another crane.
@@ -182,12 +216,15 @@ def loads(crane: Crane, run: Trajectory, *, base: Base = Base()) -> Loads:
             "run", f"of joints {', '.join(run.symbols)}", f"of {', '.join(crane.layout.symbols)}"
         )
     buffers = run.parameters.get("validity") == "buffers"
-    found = loads_of_rows(crane, run.q, run.v, run.effort, run.force, base=base, buffers=buffers)
-    with_base: dict[str, float | str] = {
-        "base_spacing_m": base.spacing,
-        "base_mass_kg": base.mass,
-    }
-    return Loads(run.t, found, with_base, run.record)
+    found = loads_of_rows(
+        crane, run.q, run.v, run.effort, run.force, base=base, arms=arms, buffers=buffers
+    )
+    entered: dict[str, float | str] = {}
+    if base is not None:
+        entered |= {"base_spacing_m": base.spacing, "base_mass_kg": base.mass}
+    for i, arm in enumerate(arms, start=1):
+        entered |= {f"arm_{i}_mass_kg": arm.mass, f"arm_{i}_centre_m": arm.centre}
+    return Loads(run.t, found, entered, run.record)
 
 
 @checked
@@ -198,7 +235,8 @@ def loads_of_rows(
     effort: np.ndarray,
     force: np.ndarray | None = None,
     *,
-    base: Base = Base(),
+    base: Base | None = None,
+    arms: Sequence[Arm] = (),
     buffers: bool = False,
 ) -> dict[str, np.ndarray]:
     """The columns of `loads` for any rows of states, such as those of a batch.
@@ -209,7 +247,8 @@ def loads_of_rows(
         v: Their rates, shape (..., n).
         effort: Of the drives [N m or N], shape (..., m).
         force: From outside on the points of the crane in the world [N], shape (..., 3 points).
-        base: On what it stands.
+        base: As of `loads`.
+        arms: As of `loads`.
         buffers: Whether buffers end the ranges of the drives.
 
     Returns:
@@ -228,17 +267,24 @@ def loads_of_rows(
     if layout.has("hoist"):
         found |= _of_rope(crane, moving, effort, buffers)
     if layout.has("slew", "trolley", "hoist"):
-        found |= _of_ring(crane, moving, found["pull_N"])
+        found |= _of_ring(crane, moving, found["pull_N"], arms)
     foot = moving.through(None)
+    if arms:
+        out, _ = _plan(moving, layout.role("trolley", "A jib that weighs where it lies"))
+        turning = np.cross(out, -_UP) * (crane.gravity * sum(one.mass * one.centre for one in arms))
+        weight = _UP * (crane.gravity * sum(one.mass for one in arms))
+        foot = foot._replace(force=foot.force - weight, moment=foot.moment + turning)
+    still = 0.0 if base is None else base.mass * crane.gravity
     found |= {
-        "foot_vertical_N": -foot.force[:, 2] + base.mass * crane.gravity,
+        "foot_vertical_N": -foot.force[:, 2] + still,
         "foot_x_Nm": foot.moment[:, 0],
         "foot_y_Nm": foot.moment[:, 1],
         "overturning_Nm": np.hypot(foot.moment[:, 0], foot.moment[:, 1]),
         "torsion_Nm": foot.moment[:, 2],
     }
-    corners = base.corners(foot, crane.gravity).T
-    found |= {f"corner_{i}_N": one for i, one in enumerate(corners, start=1)}
+    if base is not None:
+        corners = base.corners(foot, crane.gravity).T
+        found |= {f"corner_{i}_N": one for i, one in enumerate(corners, start=1)}
     return {name: one.reshape(shape) for name, one in found.items()}
 
 
@@ -311,16 +357,20 @@ def _of_rope(
     return found
 
 
-def _of_ring(crane: Crane, moving: Moving, pull: np.ndarray) -> dict[str, np.ndarray]:
+def _of_ring(
+    crane: Crane, moving: Moving, pull: np.ndarray, arms: Sequence[Arm]
+) -> dict[str, np.ndarray]:
     slew, trolley = (crane.layout.role(one, "The slewing ring") for one in ("slew", "trolley"))
     out, aside = _plan(moving, trolley)
     ring = moving.through(slew)
     radius = _along(moving.origin(trolley) - ring.point, out)
+    own = crane.gravity * np.array([[one.mass, one.mass * one.centre] for one in arms]).sum(axis=0)
+    weight, turning = own if arms else (0.0, 0.0)
     return {
         "radius_m": radius,
         "load_moment_Nm": pull * radius,
-        "ring_vertical_N": -ring.force[:, 2],
-        "ring_tilting_Nm": _along(ring.moment, aside),
+        "ring_vertical_N": -ring.force[:, 2] + weight,
+        "ring_tilting_Nm": _along(ring.moment, aside) + turning,
         "ring_lateral_Nm": _along(ring.moment, out),
         "ring_torsion_Nm": ring.moment[:, 2],
     }

@@ -44,10 +44,12 @@ _TOO_FAST = 1.005
 
 
 class Check(NamedTuple):
-    """Something that is asked of a lift, in a sentence with its numbers, and whether it holds."""
+    """Something that is asked of a lift, in a sentence with its numbers, and whether it holds; None
+    where that cannot be judged, since nobody entered what decides it.
+    """
 
     sentence: str
-    holds: bool
+    holds: bool | None
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
-from cranedyn.errors import CraneError
+from cranedyn.errors import CraneError, DataError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -26,6 +26,10 @@ from cranedyn.references.limits import Limits
 EXTRA = (0.1, 0.2, 0.0)
 """Room beyond what is required that a path is planned with, as far as there is a way [m]: what
 averaging may take it off its curve."""
+
+RESERVE = 1.1
+"""Rate that a drive of the crane has over the largest that is planned with: what the controller
+needs to make up for what is not as planned."""
 
 _FAST = 1.23
 """A motion is fast enough, so that no other room is tried, if it lasts no more than so many times
@@ -103,7 +107,14 @@ class Lift:
 
 @checked
 def crane_of(site: Site, *, gravity: float | None = None, **values: object) -> Crane:
-    """The crane of a site, with further numbers of it changed by name."""
+    """Load the crane of a site, with further numbers of it changed by name.
+
+    Raises:
+        DataError: If the site gives such a number, too.
+        CraneError: As `cranedyn.model.load.load_crane`.
+    """
+    for name in site.crane.keys() & values.keys():
+        raise DataError(f"{name} is given by the site, too; leave one out.")
     given = {**site.crane, **values}
     return load_crane(**given) if gravity is None else load_crane(gravity=gravity, **given)  # type: ignore[arg-type]
 
@@ -124,7 +135,8 @@ def plan_lift(
 
     Args:
         site: Where it takes place.
-        limits: Rates and accelerations of the drives; the crane's own rates hold as well.
+        limits: Rates and accelerations of the drives; of the crane's own rates a plan uses ten
+            elevenths at most, and leaves the rest to the controller.
         start: Centre of the load at the start, in the frame of the site [m], shape (3,); None for
             that of the site.
         goal: The same at the end.
@@ -142,7 +154,7 @@ def plan_lift(
             installed.
     """
     crane = crane_of(site) if crane is None else crane
-    clearance, limits = Clearance(crane, site), limits.for_crane(crane)
+    clearance, limits = Clearance(crane, site), _with_reserve(limits.for_crane(crane), crane)
     first, last = (
         _end(clearance, what, point if point is not None else default)
         for what, point, default in (("start", start, site.start), ("goal", goal, site.goal))
@@ -171,6 +183,10 @@ def plan_lift(
     if best is None:
         raise NoWay(_why(clearance, first, last, slews, rates))
     return best
+
+
+def _with_reserve(limits: Limits, crane: Crane) -> Limits:
+    return replace(limits, rates=np.minimum(limits.rates, crane.rate_limit / RESERVE).tolist())
 
 
 def _end(clearance: Clearance, what: str, point: np.ndarray | None) -> np.ndarray:

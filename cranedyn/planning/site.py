@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cranedyn.errors import DataError, number, quoted
+from cranedyn.lifting.loads import Arm, Base
 from cranedyn.planning.solids import Solid, turned
+from cranedyn.references.limits import Limits
 
 DISTANCE, SWING = 0.5, math.radians(2.0)
 """What a site asks for if it does not say: how near anything may come [m], and how far the load may
@@ -26,13 +28,19 @@ class Site:
         ground: Height of the ground [m].
         foot: Where the crane's mast stands [m], shape (3,).
         heading: Where the jib points at zero slew, from X towards Y [rad].
-        crane: Numbers of the crane that differ from its defaults, by name.
+        crane: Numbers of the crane that differ from its defaults, by name; the mass of the load
+            with its rigging, the efforts of the drives and the length of the counter-jib are among
+            them, where they are entered.
         load: Corners of the load about its centre [m], shape (n, 3); X is across the jib, Y against
             it; None for that of the crane.
         start, goal: Centre of the load at the start and at the end [m], shape (3,); None if the
             site does not say.
         distance: How near anything may come to anything [m].
         swing: Within which angle from plumb the load is held for swinging [rad].
+        limits: Of the drives; None if the site does not say.
+        base: On what the crane stands; None likewise.
+        arms: Mass and centre of jib and counter-jib; empty likewise.
+        rigging: Masses of hook and slings [kg], by name, counted in that of the crane's load.
     """
 
     name: str
@@ -46,6 +54,10 @@ class Site:
     goal: np.ndarray | None = None
     distance: float = DISTANCE
     swing: float = SWING
+    limits: Limits | None = None
+    base: Base | None = None
+    arms: tuple[Arm, ...] = ()
+    rigging: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check what a distance can be taken of.

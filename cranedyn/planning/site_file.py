@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,12 @@ import numpy as np
 from cranedyn.arguments import checked
 from cranedyn.data.files import read_text
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number, quoted
+from cranedyn.lifting.loads import Arm, Base
 from cranedyn.planning.bim import read_ifc
 from cranedyn.planning.neighbour import neighbour
 from cranedyn.planning.site import DISTANCE, SWING, Site
 from cranedyn.planning.solids import Solid, body, box, prism, read_mesh, turned
+from cranedyn.references.limits import Limits
 
 SITES = Path(__file__).parent / "sites"
 """Example sites: open_yard, city_block, tower, neighbour."""
@@ -120,7 +122,7 @@ def read_site(path: str | Path) -> Site:
         "site",
         found,
         lines.get(("", 0), {}),
-        ["name", "ground", "crane", "load", "lift", *_SOLIDS],
+        ["name", "ground", "crane", "load", "lift", *_ENTERED, *_SOLIDS],
     )
     if not isinstance(found.get("ground"), dict):
         top.fail("ground", "there is none; a site needs a table [ground] with its height.")
@@ -160,9 +162,15 @@ def read_site(path: str | Path) -> Site:
         table("load", ["size", "file", "mass"]),
     )
     lift = table("lift", ["from", "to", "distance", "swing"])
+    drives, base, jib, counter_jib, rigging = (table(name, _ENTERED[name]) for name in _ENTERED)
     values = crane.take("values", lambda given: _values(given), {})
-    if "mass" in load.found:
-        values = {**values, "payload_mass": load.number("mass", unit="kg", allowed="> 0")}
+    masses = {
+        name: rigging.number(name, unit="kg", allowed=">= 0") for name in sorted(rigging.found)
+    }
+    for entry, name, argument, value in _arguments(load, drives, counter_jib, masses):
+        if argument in values:
+            entry.fail(name, f"{argument} is among the values of [crane], too; leave one out.")
+        values = {**values, argument: value}
     return Site(
         name=top.text("name", path.stem),
         solids=tuple(solids),
@@ -175,6 +183,75 @@ def read_site(path: str | Path) -> Site:
         goal=_point(lift, "to"),
         distance=lift.number("distance", DISTANCE, "m", "> 0"),
         swing=math.radians(lift.number("swing", math.degrees(SWING), "degrees", "0 to 28")),
+        limits=_limits(drives),
+        base=_base(base),
+        arms=_arms(jib, counter_jib),
+        rigging=masses,
+    )
+
+
+_ENTERED = {
+    "drives": ["rates", "accelerations", "efforts"],
+    "base": ["spacing", "mass", "permitted"],
+    "jib": ["mass", "centre"],
+    "counter_jib": ["length", "mass", "centre"],
+    "rigging": ["hook", "slings"],
+}
+"""Tables of what only the people on the site know, with their fields."""
+
+_DRIVES = ("slew", "trolley", "hoist")
+
+
+def _arguments(
+    load: _Table, drives: _Table, counter_jib: _Table, rigging: Mapping[str, float]
+) -> Iterator[tuple[_Table, str, str, float]]:
+    """Yield the arguments of the crane that other tables enter: table, field, argument, value."""
+    if "mass" in load.found:
+        mass = load.number("mass", unit="kg", allowed="> 0") + sum(rigging.values())
+        yield load, "mass", "payload_mass", mass
+    elif rigging:
+        load.fail("mass", "it is missing; hook and slings are counted besides.")
+    if "length" in counter_jib.found:
+        yield counter_jib, "length", "counter_jib", counter_jib.number("length", allowed="> 0")
+    if "efforts" in drives.found:
+        for drive, value in zip(_DRIVES, _of_drives(drives, "efforts"), strict=True):
+            yield drives, "efforts", f"{drive}_effort", value
+
+
+def _of_drives(drives: _Table, name: str) -> list[float]:
+    """Return numbers of slew, trolley and hoist, those of the slew in radians."""
+    slew, *others = drives.numbers(name, 3, "> 0")
+    return [slew if name == "efforts" else math.radians(slew), *others]
+
+
+def _limits(drives: _Table) -> Limits | None:
+    if not drives.found:
+        return None
+    return Limits(*(_of_drives(drives, name) for name in ("rates", "accelerations")))
+
+
+def _base(base: _Table) -> Base | None:
+    if not base.found:
+        return None
+    permitted = (
+        base.number("permitted", unit="kN", allowed="> 0") if "permitted" in base.found else None
+    )
+    return Base(
+        base.number("spacing", allowed="> 0"),
+        base.number("mass", unit="kg", allowed=">= 0"),
+        None if permitted is None else 1e3 * permitted,
+    )
+
+
+def _arms(jib: _Table, counter_jib: _Table) -> tuple[Arm, ...]:
+    """Return jib and counter-jib, as far as their masses are entered."""
+    return tuple(
+        Arm(
+            one.number("mass", unit="kg", allowed=">= 0"),
+            sign * one.number("centre", allowed=">= 0"),
+        )
+        for one, sign in ((jib, 1.0), (counter_jib, -1.0))
+        if {"mass", "centre"} & one.found.keys()
     )
 
 

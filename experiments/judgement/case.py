@@ -4,6 +4,7 @@ made many times not quite as planned.
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +17,7 @@ from cranedyn.lifting.loads import Loads, loads
 from cranedyn.model.crane import Crane
 from cranedyn.planning.certificate import Certificate, Check, certify
 from cranedyn.planning.lift import crane_of, plan_lift
-from cranedyn.planning.perturbed import CONFIDENCE, Perturbed, perturb
+from cranedyn.planning.perturbed import CONFIDENCE, Perturbed, Spread, perturb
 from cranedyn.planning.site import Site
 from cranedyn.planning.wind_limit import WindLimit, wind_limit
 from experiments import harness
@@ -103,9 +104,9 @@ def case(
     """
     on = chart.on(falls)
     crane = crane_of(site, gravity=setup.gravity, **setup.values, **values)
-    lift = plan_lift(site, LIMITS, crane=crane, period=setup.control_period)
+    lift = plan_lift(site, site.limits or LIMITS, crane=crane, period=setup.control_period)
     certificate = certify(lift, dt=setup.dt, engine=setup.engine)
-    carried = loads(crane, certificate.run)
+    carried = loads(crane, certificate.run, base=site.base, arms=site.arms)
     used, beyond = None, ""
     try:
         used = utilisation(carried, chart, falls, gravity=crane.gravity)
@@ -139,12 +140,48 @@ def checks(made: Case) -> list[Check]:
     """All that must hold for a lift to go, each in a sentence with its numbers."""
     return [
         *made.certificate.checks,
+        *_entered(made),
         _chart(made),
+        _heavier(made),
         _rope(made),
         _corners(made),
         _wind(made),
         _risk(made),
     ]
+
+
+def _entered(made: Case) -> list[Check]:
+    """Whether somebody entered what plan and proof rest on; a go rests on no default."""
+    site, limits = made.site, made.certificate.lift.limits
+    rates = (
+        f"{math.degrees(limits.rates[0]):.2g} °/s, {limits.rates[1]:.2f} and "
+        f"{limits.rates[2]:.2f} m/s at most"
+    )
+    counter_jib = site.crane.get("counter_jib")
+    return [
+        Check(f"The drives are as entered: {rates}.", True)
+        if site.limits is not None
+        else Check(f"Nobody entered what the drives can do ([drives]); assumed: {rates}.", None),
+        Check(f"The counter-jib is as long as entered, {counter_jib:g} m.", True)
+        if counter_jib
+        else Check(
+            "Nobody entered how long the counter-jib is ([counter_jib] length); it turns freely "
+            "as long as it is drawn.",
+            None,
+        ),
+    ]
+
+
+def _heavier(made: Case) -> Check:
+    more = Spread().load
+    if made.used is None:
+        return Check("What a heavier load would use of the chart is not known.", None)
+    most = (1.0 + more) * float(made.used.max())
+    return Check(
+        f"A load {100.0 * more:.0f} % heavier than entered uses {100.0 * most:.1f} % of the chart; "
+        f"a limiter cuts out at {100.0 * CUT_OUT:g} %.",
+        most < CUT_OUT,
+    )
 
 
 def _chart(made: Case) -> Check:
@@ -170,10 +207,23 @@ def _rope(made: Case) -> Check:
 
 
 def _corners(made: Case) -> Check:
-    least = min(float(made.carried[f"corner_{i}_N"].min()) for i in range(1, 5))
+    site = made.site
+    if site.base is None or len(site.arms) < 2:
+        missing = ["[base]"] * (site.base is None) + ["[jib]", "[counter_jib]"] * (
+            len(site.arms) < 2
+        )
+        return Check(
+            "Whether all corners of the base press on the ground is not known: nobody entered "
+            f"masses and centres of {', '.join(missing)}.",
+            None,
+        )
+    corners = np.stack([made.carried[f"corner_{i}_N"] for i in range(1, 5)])
+    least, most, permitted = float(corners.min()), float(corners.max()), site.base.permitted
+    bears = "" if permitted is None else f"; the ground may bear {permitted / 1e3:.0f} kN"
     return Check(
-        f"All corners of the base press on the ground, by {least / 1e3:.0f} kN at least.",
-        least > 0.0,
+        f"All corners of the base press on the ground, by {least / 1e3:.0f} kN at least and "
+        f"{most / 1e3:.0f} kN at most{bears}.",
+        least > 0.0 and (permitted is None or most <= permitted),
     )
 
 

@@ -77,12 +77,13 @@ def _first(result: Mapping[str, Any], title: str) -> str:
     """Go or no go, and why."""
     today, claims = date.today(), result["claims"]
     failed = [claim for claim in claims if claim["holds"] is not True]
-    go = not failed
-    does = "does" if len(failed) == 1 else "do"
+    go, unknown = not failed, sum(claim["holds"] is None for claim in claims)
+    does = "does" if len(failed) - unknown == 1 else "do"
     why = (
         f"All {len(claims)} checks hold."
         if go
-        else f"{len(failed)} of {len(claims)} checks {does} not hold:"
+        else f"{len(failed) - unknown} of {len(claims)} checks {does} not hold, {unknown} could "
+        "not be judged:"
     )
     listed = "".join(
         f"<li>{mark_html(claim['holds'])}{escape(claim['sentence'])}</li>"

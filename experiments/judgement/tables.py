@@ -49,7 +49,7 @@ def _lift(made: Case) -> Table:
     rows: list[Row] = [
         ["site", site.name, "the site's file"],
         ["from, to [m]", " to ".join(_point(one) for one in ends), "the site's file"],
-        ["load with hook and slings", f"{hanging_mass(crane) / 1e3:.2f} t", "the crane's numbers"],
+        ["gross load", _gross(made), "the site's file"],
         ["its size [m]", " x ".join(f"{one:.1f}" for one in size), "the site's file"],
         ["crane", crane.model.name, "its URDF"],
         ["chart", made.chart.name, "the chart's file"],
@@ -63,6 +63,14 @@ def _lift(made: Case) -> Table:
         ["required distance", f"{site.distance:g} m", "the site's file"],
     ]
     return Table("The lift", [("", ""), ("value", ""), ("from", "")], rows)
+
+
+def _gross(made: Case) -> str:
+    """Return the mass that hangs as the sum that it is."""
+    gross, rigging = hanging_mass(made.crane) / 1e3, made.site.rigging
+    own = gross - sum(rigging.values()) / 1e3
+    parts = [f"load {own:.2f} t", *(f"{name} {one / 1e3:.2f} t" for name, one in rigging.items())]
+    return f"{gross:.2f} t" + (f" = {' + '.join(parts)}" if rigging else " with hook and slings")
 
 
 def _point(point: np.ndarray) -> str:
@@ -91,15 +99,18 @@ def _loads(made: Case, again: str) -> Table:
     add("slewing ring, torsion", carried["ring_torsion_Nm"], 1e-3, "kN m")
     add("foot, overturning", carried["overturning_Nm"], 1e-3, "kN m")
     add("foot, torsion", carried["torsion_Nm"], 1e-3, "kN m")
-    corners = np.stack([carried[f"corner_{i}_N"] for i in range(1, 5)], axis=1)
-    add("corner, most", corners.max(axis=1), 1e-3, "kN")
-    at = int(corners.min(axis=1).argmin())
-    rows.append(["corner, least [kN]", 1e-3 * float(corners.min()), float(t[at]), "> 0"])
+    base, note = made.site.base, f"Formulas: {_MODEL}. Again: {again}."
+    if base is not None:
+        corners = np.stack([carried[f"corner_{i}_N"] for i in range(1, 5)], axis=1)
+        permitted = "-" if base.permitted is None else f"{base.permitted / 1e3:g}"
+        add("corner, most", corners.max(axis=1), 1e-3, "kN", permitted)
+        at = int(corners.min(axis=1).argmin())
+        rows.append(["corner, least [kN]", 1e-3 * float(corners.min()), float(t[at]), "> 0"])
+        note = (
+            f"Formulas: {_MODEL}. Corners: base {base.spacing:g} m wide, {base.mass / 1e3:g} t "
+            f"with mast and ballast, as entered. Again: {again}."
+        )
     columns = [("largest", ""), ("value", ".2f"), ("at [s]", ".1f"), ("limit", "")]
-    note = (
-        f"Formulas: {_MODEL}. Corners: base 4.5 m wide, 60 t with mast and ballast, both chosen "
-        f"here. Again: {again}."
-    )
     return Table("Loads of the run", columns, rows, note)
 
 

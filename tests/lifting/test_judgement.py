@@ -19,9 +19,10 @@ from cranedyn.data.trajectory import read
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.lifting import wind
 from cranedyn.lifting.chart import CHARTS, judged, read_chart
-from cranedyn.lifting.loads import loads
+from cranedyn.lifting.loads import Arm, Base, loads
 from cranedyn.model.load import load_crane
 from cranedyn.planning.perturbed import _DRAG, _silhouette
+from cranedyn.planning.site_file import SITES
 from cranedyn.planning.wind_limit import GUST_FACTOR, WindLimit, wind_limit
 from experiments import lift_report
 from experiments.judgement import printed
@@ -147,7 +148,7 @@ def test_what_does_not_hold_is_no_go_and_comes_first(folder: Path, tmp_path: Pat
     kept["claims"][4]["holds"] = False
     (tmp_path / "copy" / "result.json").write_text(json.dumps(kept), encoding="utf-8")
     text = page(tmp_path / "copy")
-    assert ">NO GO<" in text and "1 of 10 checks does not hold" in text
+    assert ">NO GO<" in text and "1 of 13 checks does not hold, 0 could not be judged" in text
     listed = re.findall(r"</span>([^<]*)</li>", text)
     assert listed[0] == kept["claims"][4]["sentence"]
 
@@ -155,23 +156,33 @@ def test_what_does_not_hold_is_no_go_and_comes_first(folder: Path, tmp_path: Pat
 def small(**changes: object) -> Case:
     """The lift over a wall of the tests of plans, without wind and without others like it."""
     made = certificate()
-    carried = loads(made.lift.crane, made.run)
+    site = replace(
+        made.lift.clearance.site,
+        crane={"counter_jib": 9.4},
+        limits=made.lift.limits,
+        base=Base(4.5, 60.0e3, 400.0e3),
+        arms=(Arm(2000.0, 10.0), Arm(3500.0, -6.0)),
+    )
+    carried = loads(made.lift.crane, made.run, base=site.base, arms=site.arms)
     used, _ = judged(made.lift.crane, made.run, CHART)
     asked = Asked(8.0, math.radians(5.0), 0.01, 0, 0)
-    case = Case(made.lift.clearance.site, CHART, 2, asked, made, carried, used, "", None, None, 0.0)
+    case = Case(site, CHART, 2, asked, made, carried, used, "", None, None, 0.0)
     return replace(case, **changes)  # type: ignore[arg-type]
 
 
 def red(made: Case) -> list[str]:
-    return [check.sentence for check in checks(made) if not check.holds]
+    return [check.sentence for check in checks(made) if check.holds is False]
 
 
 def test_a_lift_that_holds_goes_and_each_thing_that_does_not_stops_it() -> None:
     case = small()
     assert red(case) == []
     assert case.used is not None
-    (over,) = red(small(used=case.used / case.used.max() * 0.95))
+    over, heavier = red(small(used=case.used / case.used.max() * 0.95))
     assert "Utilisation is 95.0 %" in over and "warning at" in over
+    assert "30 % heavier than entered uses 123.5 %" in heavier
+    (heavier,) = red(small(used=case.used / case.used.max() * 0.8))
+    assert "30 % heavier than entered uses 104.0 %" in heavier
     (beyond,) = red(small(used=None, beyond="radius is 23 m."))
     assert beyond == "The chart does not reach: radius is 23 m."
     (not_blown,) = red(small(asked=replace(case.asked, gusts=4)))
@@ -182,6 +193,37 @@ def test_a_lift_that_holds_goes_and_each_thing_that_does_not_stops_it() -> None:
     slack = replace(case.carried, values={**case.carried.values, "slack_margin": -case.carried.t})
     (rope,) = red(small(carried=slack))
     assert "taut" in rope
+
+
+@pytest.mark.parametrize(
+    ("missing", "words"),
+    [
+        ({"limits": None}, "what the drives can do ([drives])"),
+        ({"crane": {}}, "how long the counter-jib is ([counter_jib] length)"),
+        ({"base": None}, "nobody entered masses and centres of [base]."),
+        ({"arms": ()}, "nobody entered masses and centres of [jib], [counter_jib]."),
+    ],
+)
+def test_what_nobody_entered_is_not_judged_and_no_go(
+    missing: dict[str, object], words: str, folder: Path, tmp_path: Path
+) -> None:
+    case = small()
+    made = replace(case, site=replace(case.site, **missing))  # type: ignore[arg-type]
+    (open_,) = [check for check in checks(made) if check.holds is not True]
+    assert open_.holds is None and words in open_.sentence
+    shutil.copytree(folder, tmp_path / "copy")
+    kept = result(folder)
+    kept["claims"][5]["holds"] = None
+    (tmp_path / "copy" / "result.json").write_text(json.dumps(kept), encoding="utf-8")
+    assert ">NO GO<" in page(tmp_path / "copy")
+
+
+def test_a_site_without_what_decides_ends_in_no_go_and_exit_code_one(tmp_path: Path) -> None:
+    text = (SITES / "open_yard.toml").read_text(encoding="utf-8")
+    (tmp_path / "bare.toml").write_text(re.sub(r"\[base\]\n(.+\n)+", "", text), encoding="utf-8")
+    words = ["--site", str(tmp_path / "bare.toml"), "--lifts", "0", "--gusts", "0"]
+    assert lift_report.main([*words, "--out", str(tmp_path / "out")]) == 1
+    assert [claim["holds"] for claim in result(tmp_path / "out")["claims"]].count(None) == 1
 
 
 def test_the_weakest_wind_that_breaks_a_limit_is_the_first_beyond_it() -> None:

@@ -18,7 +18,7 @@ from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import full
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
-from cranedyn.lifting.loads import Base, Loads, hanging_mass, jib_moment, loads, loads_of_rows
+from cranedyn.lifting.loads import Arm, Base, Loads, hanging_mass, jib_moment, loads, loads_of_rows
 from cranedyn.lifting.wrench import Moving
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -70,7 +70,7 @@ def test_what_passes_through_a_joint_is_what_pinocchio_says(
 def test_cranes_of_other_topology_stand_on_what_they_weigh(relative: object) -> None:
     of = crane_of(relative)  # type: ignore[arg-type]
     run = quickly(of, hold_controller(of), duration=0.05)
-    found = loads(of, run, base=Base(mass=0.0))
+    found = loads(of, run)
     weight = sum(inertia.mass for inertia in of.model.inertias) * of.gravity
     first = run.q[0], run.v[0], run.effort[0], np.zeros(3 * len(of.points))
     expected = sum(
@@ -88,14 +88,40 @@ def test_cranes_of_other_topology_stand_on_what_they_weigh(relative: object) -> 
 def still(of: Crane, duration: float = 0.05, **where: float) -> tuple[Trajectory, Loads]:
     """A load that hangs at rest under drives that do not move."""
     run = simulate(of, locked, start=of.state(**where), duration=duration, drive="motion")
-    return run, loads(of, run)
+    return run, loads(of, run, base=BASE)
+
+
+BASE = Base(spacing=4.5, mass=60.0e3)
+
+
+def test_a_jib_and_a_counter_jib_weigh_where_they_lie() -> None:
+    of = crane()
+    arms = (Arm(2000.0, 10.0), Arm(3500.0, -6.0))
+    for slew in (0.0, 0.7, -2.0):
+        run, bare = still(of, gamma=slew, x=12.0)
+        found = loads(of, run, base=BASE, arms=arms)
+        for name, more in (
+            ("foot_vertical_N", 5500.0 * G),
+            ("ring_vertical_N", 5500.0 * G),
+            ("ring_tilting_Nm", -1000.0 * G),
+            ("overturning_Nm", -1000.0 * G),
+        ):
+            added = found[name] - bare[name]
+            np.testing.assert_allclose(added, more, rtol=0.0, atol=ROUND_OFF * 1e6, err_msg=name)
+        corners = sum(found[f"corner_{i}_N"] for i in range(1, 5))
+        np.testing.assert_allclose(corners, found["foot_vertical_N"], rtol=ROUND_OFF)
+
+
+def test_without_a_base_nothing_is_said_of_its_corners() -> None:
+    run, _ = still(crane())
+    assert not [name for name in loads(crane(), run).keys() if name.startswith("corner")]
 
 
 def test_at_rest_every_load_is_that_of_statics() -> None:
     of = crane()
     _, found = still(of, gamma=0.4, x=12.0, l=10.0)
     above = of.payload_mass + of.trolley_mass + 2.0 * 50.0  # load, trolley, two links
-    ring, foot = above * G * 12.0, (above + 3000.0 + Base().mass) * G
+    ring, foot = above * G * 12.0, (above + 3000.0 + BASE.mass) * G
     expected = {
         "rope_N": of.payload_mass * G,
         "pull_N": of.payload_mass * G,
@@ -130,7 +156,7 @@ def test_corners_carry_the_whole_and_turn_with_the_jib() -> None:
         assert corners.sum() == pytest.approx(found["foot_vertical_N"][0], rel=ROUND_OFF)
         pressed = {1: 4, 2: 1, 3: 2, 4: 3}[most]
         assert int(corners.argmax()) + 1 in (most, pressed)
-        arm = Base().spacing / np.sqrt(2.0)
+        arm = BASE.spacing / np.sqrt(2.0)
         pair = corners.max() - corners.min()
         assert pair * arm * 2.0 == pytest.approx(2.0 * found["overturning_Nm"][0], rel=ROUND_OFF)
 
@@ -210,6 +236,7 @@ def test_a_batch_carries_what_its_runs_carry_alone() -> None:
         np.stack([one.q, other.q]),
         np.stack([one.v, other.v]),
         np.stack([one.effort, other.effort]),
+        base=BASE,
     )
     for name, values in both.items():
         np.testing.assert_array_equal(values[0], found[name])
@@ -241,8 +268,10 @@ def test_loads_are_a_table_like_a_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda of, run: Base(spacing=0.0), "spacing of the corners is 0.0 m; allowed is > 0"),
-        (lambda of, run: Base(mass=-1.0), "mass of the base is -1.0 kg"),
+        (lambda of, run: Base(0.0, 1.0), "spacing of the corners is 0.0 m; allowed is > 0"),
+        (lambda of, run: Base(1.0, -1.0), "mass of the base is -1.0 kg"),
+        (lambda of, run: Base(1.0, 1.0, 0.0), "permitted force of a corner is 0.0 N"),
+        (lambda of, run: Arm(-1.0, 1.0), "mass of an arm is -1.0 kg"),
         (lambda of, run: loads(of, run)["nothing"], "There is no column 'nothing'"),
         (lambda of, run: loads(of, run).write("x.txt"), "the ending must be .csv or .parquet"),
         (lambda of, run: loads(of, run).view(), "no picture"),

@@ -5,6 +5,8 @@ models of our own making.
 from __future__ import annotations
 
 import importlib.util
+import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +14,10 @@ import pytest
 import trimesh
 
 from cranedyn.errors import CraneError, DataError
+from cranedyn.lifting.loads import Arm, Base
 from cranedyn.planning import bim
 from cranedyn.planning.bim import read_ifc
+from cranedyn.planning.bodies import solid_parts
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.lift import crane_of
 from cranedyn.planning.site_file import SITES, read_site
@@ -48,6 +52,76 @@ centre = [9.0, 6.0]
 size = [1.0, 2.0, 3.0]
 yaw = 90.0
 """
+
+
+ENTERED = """
+[ground]
+height = 0.0
+[load]
+size = [1.0, 1.0, 1.0]
+mass = 870.0
+[rigging]
+hook = 100.0
+slings = 30.0
+[drives]
+rates = [4.5, 1.5, 1.0]
+accelerations = [0.9, 0.4, 0.3]
+efforts = [2e5, 1e4, 5e4]
+[base]
+spacing = 6.0
+mass = 8e4
+permitted = 350.0
+[jib]
+mass = 2000.0
+centre = 10.0
+[counter_jib]
+length = 8.0
+mass = 3000.0
+centre = 6.0
+"""
+
+
+def test_what_only_the_people_on_the_site_know_is_entered_in_tables_of_its_own(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "site.toml").write_text(ENTERED)
+    here = read_site(tmp_path / "site.toml")
+    assert here.rigging == {"hook": 100.0, "slings": 30.0}
+    crane = crane_of(here)
+    assert crane.payload_mass == 1000.0 and crane.effort_limit.tolist() == [2e5, 1e4, 5e4]
+    assert here.limits is not None
+    assert here.limits.rates == (math.radians(4.5), 1.5, 1.0)
+    assert here.limits.accelerations == (math.radians(0.9), 0.4, 0.3)
+    assert here.base == Base(6.0, 8e4, 350e3)
+    assert here.arms == (Arm(2000.0, 10.0), Arm(3000.0, -6.0))
+    behind = max(points[:, 1].max() for _, points in solid_parts(crane))
+    assert 8.0 <= behind < 8.1  # the jib points along -Y
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("accelerations = [0.9, 0.4, 0.3]\n", "", "[drives] accelerations: it is missing."),
+        ("mass = 870.0\n", "", "[load] mass: it is missing; hook and slings are counted besides."),
+        ("hook = 100.0", "hok = 100.0", "[rigging] hok"),
+        ("[load]", "[crane]\nvalues = {payload_mass = 5.0}\n[load]", "[load] mass: payload_mass"),
+        ("efforts = [2e5", "efforts = [-2e5", "[drives] efforts"),
+        ("centre = 10.0\n", "", "[jib] centre: it is missing."),
+    ],
+)
+def test_what_is_entered_wrongly_or_twice_is_refused_with_its_table_and_field(
+    old: str, new: str, words: str, tmp_path: Path
+) -> None:
+    assert old in ENTERED
+    (tmp_path / "site.toml").write_text(ENTERED.replace(old, new))
+    with pytest.raises(DataError, match=re.escape(words)):
+        read_site(tmp_path / "site.toml")
+
+
+def test_a_number_that_the_site_gives_cannot_be_given_besides(tmp_path: Path) -> None:
+    (tmp_path / "site.toml").write_text(ENTERED)
+    with pytest.raises(DataError, match="counter_jib is given by the site, too; leave one out"):
+        crane_of(read_site(tmp_path / "site.toml"), counter_jib=9.0)
 
 
 @pytest.mark.parametrize("name", ["open_yard", "city_block", "tower", "neighbour"])

@@ -337,7 +337,7 @@ RIGHT: dict[str, str] = {
     "Motion": "motion",
     "Lift": "lift",
     "Chart": "chart",
-    "Base": "Base()",
+    "Base": "Base(4.5, 6e4)",
     "Loads": "carried",
     "Certificate": "certificate",
     "Limits": "limits",
