@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite, shaped
-from cranedyn.errors import ModelError, UnknownName, number, within
+from cranedyn.errors import Misshapen, ModelError, UnknownName, number, within
 from cranedyn.interfaces import State
 from cranedyn.model.layout import Layout
 from cranedyn.model.shown import ShownCrane
@@ -203,13 +203,19 @@ class Crane(ShownCrane):
             dtype=int,
         )
 
+    @checked
     def swing_angles(self, q: np.ndarray) -> np.ndarray:
         """Return the angles of the swing joints from where they hang [rad], shape (..., swings), of
         coordinates of shape (..., n).
+
+        Raises:
+            OutOfRange: If q is not n numbers in each row.
         """
-        return (
-            q[..., self.swings] - self.rest.angle - q[..., self.layout.drives] @ self.rest.slope.T
-        )
+        if q.shape[-1:] != (self.layout.n,):
+            shape = f"one of shape (..., {self.layout.n})"
+            raise Misshapen("coordinates", f"an array of shape {q.shape}", shape)
+        drives = q[..., self.layout.drives]
+        return q[..., self.swings] - self.rest.angle - drives @ self.rest.slope.T
 
     def state(self, **values: float) -> State:
         """A state from named coordinates, at rest where nothing else is said.

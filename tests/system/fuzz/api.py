@@ -171,6 +171,8 @@ RIGHT: dict[str, str] = {
     "swing_mode.coordinate": "2",
     "swing_mode.period": "0.005",
     "hanging.q": "start.q",
+    "resting.q": "start.q",
+    "swing_angles.q": "start.q",
     "feedback_gain.stiffness": "(5e5, 3e5, 3e4)",
     "feedback_gain.damping": "(1e6, 5e4, 2e4)",
     "closed.gain": "np.zeros((3, 10))",
