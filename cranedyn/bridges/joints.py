@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ET
 from argparse import Namespace
 from dataclasses import dataclass, field
 
+from cranedyn.dynamics.pinocchio import full, holding_effort
 from cranedyn.errors import ModelError, quoted
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
@@ -35,6 +36,8 @@ class ExportedJoint(Joint):
         stiffness: Of its spring [N m/rad or N/m], 0 for none.
         rest: Where the spring is at rest [rad or m].
         start: Where it stands when a run starts [rad or m].
+        holding: Effort of the drive that holds the crane at rest there [N m or N], 0 of a joint
+            without a drive.
     """
 
     child: str = field(kw_only=True)
@@ -47,6 +50,7 @@ class ExportedJoint(Joint):
     stiffness: float = field(kw_only=True)
     rest: float = field(kw_only=True)
     start: float = field(kw_only=True)
+    holding: float = field(kw_only=True)
 
 
 def described(crane: Crane) -> ET.Element:
@@ -73,6 +77,7 @@ def described(crane: Crane) -> ET.Element:
 def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
     """The moving joints of a crane in the order of its coordinates, from its model and its text."""
     elements = {element.get("name", ""): element for element in robot.iterfind("joint")}
+    holding = full(crane, holding_effort(crane, crane.start.q))
     found = []
     for i, joint in enumerate(crane.layout.joints):
         child, axis, limit = (elements[joint.name].find(tag) for tag in ("child", "axis", "limit"))
@@ -90,6 +95,7 @@ def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
                 stiffness=float(crane.springs.stiffness[i]),
                 rest=float(crane.springs.rest[i]),
                 start=float(crane.start.q[i]),
+                holding=float(holding[i]),
             )
         )
     return tuple(found)

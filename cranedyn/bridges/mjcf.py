@@ -30,7 +30,8 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
     Its step is that of `simulate`: semi-implicit Euler with damping at the rates before the step.
     Each drive is a motor that takes its effort [N m or N] as control, within the drive's limits;
     passive joints have none. Joint ranges act where a joint leaves them. The keyframe ``start`` is
-    where the crane starts; MuJoCo's own zero lies outside of the ranges.
+    where the crane starts, with the efforts that hold it there; MuJoCo's own zero lies outside of
+    the ranges.
 
     Args:
         file: Where; it must not be there yet, and its ending must be .xml.
@@ -87,7 +88,11 @@ def mjcf(crane: Crane, robot: ET.Element, dt: float) -> ET.Element:
             )
     keyframe = ET.SubElement(root, "keyframe")
     ET.SubElement(
-        keyframe, "key", name="start", qpos=" ".join(repr(joint.start) for joint in moving)
+        keyframe,
+        "key",
+        name="start",
+        qpos=" ".join(repr(joint.start) for joint in moving),
+        ctrl=" ".join(repr(joint.holding) for joint in moving if joint.driven),
     )
     return root
 

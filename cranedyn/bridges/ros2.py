@@ -27,7 +27,7 @@ _TEMPLATES = Path(__file__).with_name("templates") / "ros2"
 
 _NEEDED = (
     "controller_manager",
-    "effort_controllers",
+    "forward_command_controller",
     "gz_ros2_control",
     "joint_state_broadcaster",
     "joint_state_publisher_gui",
@@ -53,8 +53,9 @@ def export(
     """Write a description package.
 
     Only the drives have command interfaces; the passive joints have states, position and velocity,
-    so that nothing overwrites their swing. Initial values put every joint into its range. No
-    comment and no mesh is in the URDF; gravity acts on all links.
+    so that nothing overwrites their swing. Initial values put every joint into its range and let
+    each drive exert, until its first command, the effort that holds the crane there. No comment
+    and no mesh is in the URDF; gravity acts on all links.
 
     Args:
         folder: Where; it must not be there yet.
@@ -117,9 +118,13 @@ def _control(moving: Sequence[ExportedJoint]) -> ET.Element:
             command = ET.SubElement(entry, "command_interface", name="effort")
             for bound, value in (("min", -joint.effort), ("max", joint.effort)):
                 ET.SubElement(command, "param", name=bound).text = repr(value)
-        position = ET.SubElement(entry, "state_interface", name="position")
-        ET.SubElement(position, "param", name="initial_value").text = repr(joint.start)
-        ET.SubElement(entry, "state_interface", name="velocity")
+        states = {"position": joint.start, "velocity": 0.0}
+        if joint.driven:
+            # gz_ros2_control begins the effort command with the initial value of the effort state.
+            states["effort"] = joint.holding
+        for name, value in states.items():
+            state = ET.SubElement(entry, "state_interface", name=name)
+            ET.SubElement(state, "param", name="initial_value").text = repr(value)
     return control
 
 
@@ -140,10 +145,11 @@ def _controllers(drives: Sequence[str]) -> str:
     joint_state_broadcaster:
       type: joint_state_broadcaster/JointStateBroadcaster
     drives:
-      type: effort_controllers/JointGroupEffortController
+      type: forward_command_controller/ForwardCommandController
 
 drives:
   ros__parameters:
+    interface_name: effort
     joints:
 {listed}"""
 
@@ -165,7 +171,7 @@ def _package(name: str) -> ET.Element:
 
 
 def _gz_world(crane: Crane, dt: float) -> ET.Element:
-    """A world of gz sim (Harmonic)."""
+    """A world of gz sim."""
     sdf = ET.Element("sdf", version="1.7")
     one = ET.SubElement(sdf, "world", name="crane")
     ET.SubElement(one, "gravity").text = f"0 0 {-crane.gravity!r}"

@@ -20,7 +20,7 @@ from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from tests.helpers import G, crane, states
+from tests.helpers import ROOT, G, crane, states
 from tests.system.test_cross_engines import DAMPING, DT, PERIOD, combined_move
 
 
@@ -88,6 +88,16 @@ def test_the_same_combined_move_of_30_s_under_the_hold_controller_by_its_own_mot
         mujoco.mj_step(model, data, round(PERIOD / DT))
     # Rounding, as in test_cross_engines.
     assert np.abs(np.array(rows) - np.hstack([run.q, run.v])).max() < 2e-13
+
+
+@pytest.mark.parametrize("xacro", ["tower_crane", "overhead_crane"])
+def test_a_crane_hangs_still_from_its_keyframe_on(xacro: str, tmp_path: Path) -> None:
+    mujoco, model, data = opened(tmp_path, load_crane(ROOT / "urdf" / f"{xacro}.urdf.xacro"))
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    start = data.qpos.copy()
+    mujoco.mj_step(model, data, 20_000)
+    # Rounding of the weight: 10 s under eps g is 5e-14 m.
+    assert_allclose(data.qpos, start, atol=1e-12)
 
 
 def test_a_motor_gives_no_more_than_the_limit_of_its_drive(engine: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 import subprocess
 import sys
@@ -16,10 +17,11 @@ from cranedyn.bridges import ros2
 from cranedyn.bridges.command import main
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from tests.helpers import files
+from tests.helpers import ROOT, files
 
 DRIVES = ["yaw_joint", "trolley_joint", "hoist_joint"]
 PASSIVE = ["swing_radial_joint", "swing_tangential_joint"]
+INITIAL_EFFORT = "state_interface[@name='effort']/param[@name='initial_value']"
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +88,24 @@ def test_commands_go_to_the_drives_only_and_states_come_from_all(robot: ET.Eleme
         for j in control.iterfind("joint")
     }
     assert commands == {**{key: ["effort"] for key in DRIVES}, **{key: [] for key in PASSIVE}}
-    assert states == {key: ["position", "velocity"] for key in [*DRIVES, *PASSIVE]}
+    assert states == {
+        **{key: ["position", "velocity", "effort"] for key in DRIVES},
+        **{key: ["position", "velocity"] for key in PASSIVE},
+    }
+
+
+@pytest.mark.parametrize("xacro", ["tower_crane", "overhead_crane"])
+def test_the_efforts_before_the_first_command_hold_the_crane_where_it_starts(
+    xacro: str, tmp_path: Path
+) -> None:
+    crane = load_crane(ROOT / "urdf" / f"{xacro}.urdf.xacro", payload_mass=1234.5)
+    robot = ET.parse(ros2.export(tmp_path / "out", crane) / "urdf" / "crane.urdf").getroot()
+    efforts = [
+        float(robot.findtext(f"ros2_control/joint[@name='{joint.name}']/{INITIAL_EFFORT}") or "0")
+        for joint in crane.layout.joints
+    ]
+    # a closed form: the hoist carries the load, nothing else carries anything
+    assert efforts == pytest.approx([0.0, 0.0, 0.0, 0.0, -1234.5 * crane.gravity], abs=1e-9)
 
 
 def test_every_joint_starts_within_its_range(robot: ET.Element) -> None:
@@ -123,9 +142,9 @@ def test_the_controllers_run_at_200_hz_on_the_drives(package: Path) -> None:
     assert manager["update_rate"] == 200
     assert {name: one["type"] for name, one in manager.items() if name != "update_rate"} == {
         "joint_state_broadcaster": "joint_state_broadcaster/JointStateBroadcaster",
-        "drives": "effort_controllers/JointGroupEffortController",
+        "drives": "forward_command_controller/ForwardCommandController",
     }
-    assert made["drives"]["ros__parameters"]["joints"] == DRIVES
+    assert made["drives"]["ros__parameters"] == {"joints": DRIVES, "interface_name": "effort"}
     yaml.YAML(typ="safe").load((package / "rviz" / "crane.rviz").read_text())
 
 
@@ -172,6 +191,8 @@ def test_the_launch_files_start_what_the_package_depends_on(launched: Any, packa
         if "executable" in one.named
     ]
     assert {node.named["package"] for node in nodes} < depends
+    controllers = (package / "config" / "controllers.yaml").read_text()
+    assert set(re.findall(r"type: (\w+)/", controllers)) < depends
     assert {node.named["executable"] for node in nodes} >= {
         "rviz2",
         "robot_state_publisher",

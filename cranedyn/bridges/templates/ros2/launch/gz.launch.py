@@ -1,5 +1,6 @@
-"""The crane in gz sim (Harmonic) under ros2_control: efforts on the drives by /drives/commands, all
-joints on /joint_states.
+"""The crane in gz sim under ros2_control: efforts on the drives by /drives/commands, all joints on
+/joint_states. Until the first command the drives exert the initial values of their effort
+interfaces in urdf/crane.urdf, which hold the crane where it starts.
 """
 
 from pathlib import Path
