@@ -35,6 +35,18 @@ TYPES = {
 }
 """Topics by their usual names, with the types of their messages."""
 
+_FOREVER = "{sec: 9223372036, nsec: 854775807}"
+
+PROFILES = {
+    topic: "- {history: 1, depth: 1, reliability: 1, durability: 1, "
+    f"deadline: {_FOREVER}, lifespan: {_FOREVER}, liveliness: 1, "
+    f"liveliness_lease_duration: {_FOREVER}, avoid_ros_namespace_conventions: false}}"
+    for topic in ("/tf_static", "/robot_description")
+}
+"""Quality of service of the topics that have one message, in the numbers of rmw, which rosbag2
+reads from Humble on: reliable and transient local, so that a later subscriber receives it.
+"""
+
 Message = tuple[str, int, dict[str, Any]]
 """Topic, time [ns], message."""
 
@@ -57,8 +69,9 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     ``/joint_states`` has all moving joints by their names in the URDF, with position, velocity and
     effort, of the drives the effort that acted, 0 for passive joints. ``/joint_setpoints`` has the
     drives with position wanted and effort commanded. ``/tf`` has a frame for each moving link, 20
-    ms apart or more; ``/tf_static`` and ``/robot_description`` stand at the first time. Times are
-    those of the run, from 0 on, in the header, as log time and as publish time.
+    ms apart or more; ``/tf_static`` and ``/robot_description`` stand at the first time, and reach
+    whoever subscribes later (`PROFILES`). Times are those of the run, from 0 on, in the header, as
+    log time and as publish time.
 
     Args:
         file: Where; it must not be there yet, and its ending must be .mcap.
@@ -72,7 +85,8 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
         OutOfRange: If the run has no row, or begins before time 0.
     """
     check_installed()
-    from mcap_ros2.writer import Writer
+    from mcap.writer import Writer
+    from mcap_ros2._dynamic import serialize_dynamic
     from rosbags.typesys import Stores, get_typestore
 
     file = Path(file)
@@ -87,14 +101,18 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     known = get_typestore(Stores.ROS2_HUMBLE)
     with new_file(file) as draft, draft.open("wb") as stream:
         writer = Writer(stream)
-        schemas = {
-            name: writer.register_msgdef(name, known.generate_msgdef(name, ros_version=2)[0])
-            for name in set(TYPES.values())
-        }
+        writer.start(profile="ros2")
+        schemas, encoders, channels = {}, {}, {}
+        for name in dict.fromkeys(TYPES.values()):
+            definition = known.generate_msgdef(name, ros_version=2)[0]
+            schemas[name] = writer.register_schema(name, "ros2msg", definition.encode())
+            encoders[name] = serialize_dynamic(name, definition)[name]
+        for topic, name in TYPES.items():
+            profile = {"offered_qos_profiles": PROFILES[topic]} if topic in PROFILES else {}
+            channels[topic] = writer.register_channel(topic, "cdr", schemas[name], profile)
         for topic, time, message in _messages(crane, robot, trajectory):
-            writer.write_message(
-                topic, schemas[TYPES[topic]], message, log_time=time, publish_time=time
-            )
+            data = encoders[TYPES[topic]](message)
+            writer.add_message(channels[topic], log_time=time, data=data, publish_time=time)
         writer.finish()
     return file
 

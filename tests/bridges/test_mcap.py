@@ -124,6 +124,26 @@ def test_the_description_of_the_robot_is_in_it(messages: Any) -> None:
     assert message.data == SETUP.crane.urdf
 
 
+def test_what_is_published_once_plays_back_to_who_comes_late(file: Path) -> None:
+    with AnyReader([file]) as reader:
+        kept = {
+            one.topic: [profile.durability.name for profile in one.ext.offered_qos_profiles]  # type: ignore[union-attr]
+            for one in reader.connections
+        }
+        (profile,) = next(
+            one.ext.offered_qos_profiles  # type: ignore[union-attr]
+            for one in reader.connections
+            if one.topic == "/tf_static"
+        )
+    once = {"/tf_static", "/robot_description"}
+    assert kept == {topic: ["TRANSIENT_LOCAL"] if topic in once else [] for topic in mcap.TYPES}
+    assert (profile.reliability.name, profile.history.name, profile.depth) == (
+        "RELIABLE",
+        "KEEP_LAST",
+        1,
+    )
+
+
 def test_the_command_writes_a_trajectory_of_an_experiment(tmp_path: Path, run: Trajectory) -> None:
     short = run.before(2.0)
     short.write(tmp_path / "run.parquet")
