@@ -7,6 +7,7 @@ code, or one.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -121,9 +122,9 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
 
         Raises:
             UnknownName: If there is no such option.
-            OutOfRange: If one is not what it should be.
+            OutOfRange: If the seed or an option is not what it should be.
         """
-        super().reset(seed=seed)
+        super().reset(seed=_seed(seed))
         given = dict(options or {})
         mask = np.asarray(given.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
         if mask.shape != (self.num_envs,) or mask.dtype != bool:
@@ -231,8 +232,12 @@ class TowerCraneEnv(gym.Env):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin an episode: a random one, or as `options` say: start (a State), goal (slew,
         trolley, hoist).
+
+        Raises:
+            UnknownName: If there is no such option.
+            OutOfRange: If the seed or an option is not what it should be.
         """
-        super().reset(seed=seed)
+        super().reset(seed=_seed(seed))
         self.task.begin(self.np_random, np.zeros(1), **_beginning(dict(options or {})))
         z = self.task.fleet.z[:, 0].copy()
         self._episode, self._start, self._accelerations = (
@@ -324,6 +329,19 @@ def _rules(given: dict[str, Any]) -> Rules:
         if name not in known:
             raise UnknownName("rule of the task", name, known)
     return Rules(**given)
+
+
+def _seed(seed: object) -> int | None:
+    """Return a seed as Gymnasium takes it.
+
+    Raises:
+        OutOfRange: If it is no whole number, such as a list with a seed for each crane.
+    """
+    if seed is None:
+        return None
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
+        raise OutOfRange("seed", described(seed), "None or one whole number >= 0 for all cranes")
+    return int(seed)
 
 
 def _beginning(given: dict[str, Any]) -> dict[str, Any]:

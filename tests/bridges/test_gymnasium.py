@@ -26,7 +26,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 
 from benchmarks import environment  # noqa: E402
-from cranedyn.bridges.gymnasium import ID, TowerCraneVectorEnv  # noqa: E402
+from cranedyn.bridges.gymnasium import ID, TowerCraneEnv, TowerCraneVectorEnv  # noqa: E402
 from cranedyn.bridges.task import OBSERVED, PENALTY, Rules, Task, cranes_between  # noqa: E402
 
 DRIVES, PASSIVE = crane().layout.drives, crane().layout.passive
@@ -308,6 +308,22 @@ def test_actions_and_options_that_are_none_are_refused_in_a_sentence() -> None:
         env.reset(options={"reset_mask": [1, 0]})
     with pytest.raises(OutOfRange, match="goal"):
         env.reset(options={"goal": (0.0, 500.0, 10.0)})
+
+
+@pytest.mark.parametrize("seed", [[1, 2, 3], np.arange(3), -1, 1.5, "a", True])
+def test_a_seed_is_one_whole_number_for_all_cranes(seed: Any) -> None:
+    for env in (many(3), TowerCraneEnv(crane=crane())):
+        with pytest.raises(OutOfRange, match="allowed is None or one whole number >= 0") as said:
+            env.reset(seed=seed)
+        assert "\n" not in str(said.value)
+
+
+def test_a_seed_of_numpy_is_the_same_as_that_of_python_and_gymnasiums_own_is_taken() -> None:
+    one, other = many(3), many(3)
+    assert np.array_equal(one.reset(seed=np.int64(7))[0], other.reset(seed=7)[0])
+    drawn = many(3)
+    drawn.reset()
+    drawn.reset(seed=drawn.np_random_seed)  # 128 bits
 
 
 def test_the_benchmark_counts_steps(capsys: pytest.CaptureFixture[str]) -> None:
