@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> tuple[float, float]:
         default=Path("out/cosimulation"),
         help="folder for the unit, which must not be there",
     )
-    out: Path = parser.parse_args(arguments).out
+    out: Path = parser.parse_args(arguments).out.resolve()  # FMPy loads libraries by whole paths
     out.mkdir(parents=True, exist_ok=True)
 
     crane = load_crane()

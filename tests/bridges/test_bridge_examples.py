@@ -68,4 +68,4 @@ def test_an_example_does_what_it_says(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    TESTS[name](tmp_path)
+    TESTS[name](Path("out"))
