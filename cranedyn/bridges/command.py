@@ -22,7 +22,7 @@ DOORS = {
     "ros2": "cranedyn.bridges.ros2",
 }
 """Doors by name: a module with `TARGET`, `add_arguments(parser)` and `run(options)`, whose first
-line of documentation says what it is.
+paragraph of documentation says what it is.
 
 `run` writes to `options.target` and returns it; `cranedyn.bridges.joints.loaded(options)` is the
 crane that the command line describes.
@@ -40,7 +40,7 @@ def parser() -> argparse.ArgumentParser:
     )
     for name, module in DOORS.items():
         door = import_module(module)
-        about = (door.__doc__ or "").partition("\n")[0]
+        about = " ".join((door.__doc__ or "").partition("\n\n")[0].split())
         one = doors.add_parser(
             name,
             help=about,

@@ -4,6 +4,7 @@ its files are whole or not there.
 
 from __future__ import annotations
 
+import importlib
 import re
 import shlex
 from pathlib import Path
@@ -93,6 +94,16 @@ def test_without_llvmlite_only_the_door_that_needs_it_stays_shut(tmp_path: Path)
         "error: The compiled engine needs llvmlite, which is not installed: pip install"
     )
     assert [path.name for path in tmp_path.iterdir()] == ["crane.xml"]
+
+
+def test_the_help_says_each_door_in_whole_sentences(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in (["--help"], *([door, "--help"] for door in DOORS)):
+        with pytest.raises(SystemExit):
+            main(arguments)
+        said = " ".join(capsys.readouterr().out.split())
+        for door in DOORS if arguments == ["--help"] else arguments[:1]:
+            about = (importlib.import_module(DOORS[door]).__doc__ or "").split("\n\n")[0]
+            assert about.rstrip().endswith(".") and " ".join(about.split()) in said
 
 
 def test_no_door_is_no_door(capsys: pytest.CaptureFixture[str]) -> None:
