@@ -25,7 +25,7 @@ RATE = 200
 
 _TEMPLATES = Path(__file__).with_name("templates") / "ros2"
 
-_NEEDED = (
+NEEDED = (
     "controller_manager",
     "forward_command_controller",
     "gz_ros2_control",
@@ -164,7 +164,7 @@ def _package(name: str) -> ET.Element:
     ET.SubElement(package, "maintainer", email="nobody@example.org").text = "nobody"
     ET.SubElement(package, "license").text = "MIT"
     ET.SubElement(package, "buildtool_depend").text = "ament_cmake"
-    for needed in _NEEDED:
+    for needed in NEEDED:
         ET.SubElement(package, "exec_depend").text = needed
     ET.SubElement(ET.SubElement(package, "export"), "build_type").text = "ament_cmake"
     return package

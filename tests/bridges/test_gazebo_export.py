@@ -20,6 +20,7 @@ import experiments.a1
 import experiments.a2
 import experiments.a3
 import experiments.energy
+import experiments.gazebo
 from cranedyn.bridges import gazebo, ros2
 from cranedyn.bridges.command import main
 from cranedyn.bridges.programs import Program
@@ -32,6 +33,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
 from experiments import harness
+from experiments.relatives.catalogue import OVERHEAD
 from experiments.scenarios import programs
 from experiments.scenarios.moves import residual
 from experiments.scenarios.strategies import FLAT, LQR, PAPER, PD
@@ -339,6 +341,18 @@ def test_a_controller_moves_the_crane_in_gazebo_as_it_does_here(
         *(np.ptp(there[name][-len(arrived) :]) / 2.0 for name in ("phi_rad", "theta_rad"))
     )
     assert swung == pytest.approx(residual(arrived), abs=5e-6)
+
+
+@with_gazebo
+def test_an_overhead_crane_moves_in_gazebo_as_it_does_here(in_gazebo: Runner) -> None:
+    crane = load_crane(OVERHEAD)
+    start = crane.state(phi=0.1, theta=-0.08)
+    reference = ramp(crane, hold(crane, start), "x", 3.0, rate=0.5, at=1.0)
+    program = Program(crane, hold_controller(crane), reference, start, 20.0)
+    here, swings, allowed = ran(program), ("phi_rad", "theta_rad"), experiments.gazebo.ALLOWED
+    there = read_columns(in_gazebo(program, False), swings)
+    # Gazebo's step, as there.
+    assert max(np.abs(there[name] - here[name]).max() for name in swings) < allowed
 
 
 def gazebo_columns() -> list[str]:

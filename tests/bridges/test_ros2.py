@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -11,13 +12,18 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from cranedyn.bridges import ros2
 from cranedyn.bridges.command import main
+from cranedyn.controllers import hold_controller
+from cranedyn.dynamics.pinocchio import full
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from tests.helpers import ROOT, files
+from tests.helpers import ROOT, files, quickly
+from tests.system.test_cross_engines import DT, PERIOD
 
 DRIVES = ["yaw_joint", "trolley_joint", "hoist_joint"]
 PASSIVE = ["swing_radial_joint", "swing_tangential_joint"]
@@ -58,6 +64,27 @@ def test_the_package_is_one_by_the_rules_of_ament(package: Path) -> None:
         "urdf",
         "worlds",
     }
+
+
+def test_colcon_builds_the_package_and_installs_every_file_of_it(
+    package: Path, tmp_path: Path
+) -> None:
+    system = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+    if shutil.which("colcon", path=system["PATH"]) is None:
+        pytest.skip("colcon is not installed: run .ci/colcon as root")
+    shutil.copytree(package, tmp_path / "src" / "crane_description")
+    build = subprocess.run(
+        ["colcon", "build"], cwd=tmp_path, env=system, capture_output=True, text=True, check=False
+    )
+    assert build.returncode == 0, build.stderr
+    share = tmp_path / "install" / "crane_description" / "share"
+    for name in files(package):
+        if (package / name).is_file() and name != "CMakeLists.txt":
+            installed = share / "crane_description" / name
+            assert installed.read_bytes() == (package / name).read_bytes()
+    index = share / "ament_index" / "resource_index"
+    needed = (index / "package_run_dependencies" / "crane_description").read_text()
+    assert set(needed.split(";")) == set(ros2.NEEDED)
 
 
 def test_the_urdf_is_read_by_check_urdf_and_loads_as_the_same_crane(
@@ -146,6 +173,56 @@ def test_the_controllers_run_at_200_hz_on_the_drives(package: Path) -> None:
     }
     assert made["drives"]["ros__parameters"] == {"joints": DRIVES, "interface_name": "effort"}
     yaml.YAML(typ="safe").load((package / "rviz" / "crane.rviz").read_text())
+
+
+@pytest.mark.parametrize("xacro", ["tower_crane", "overhead_crane"])
+def test_the_crane_moves_in_dart_as_here_under_the_same_efforts_to_rounding(
+    xacro: str, tmp_path: Path
+) -> None:
+    dart = pytest.importorskip(
+        "dartpy", reason="dartpy is not installed: pip install 'cranedyn[dart]'"
+    )
+    # DART takes damping at the rates after a step; both take semi-implicit Euler steps.
+    crane = load_crane(ROOT / "urdf" / f"{xacro}.urdf.xacro", damp_swing=0.0)
+    push, hold = np.random.default_rng(0).normal(size=(2001, 3)), hold_controller(crane)
+    run = quickly(
+        crane,
+        lambda t, state, goal: hold(t, state, goal) + [2e3, 1e3, 800.0] * push[round(t / PERIOD)],
+        start=crane.state(phi=0.2, theta=-0.15),
+        duration=10.0,
+        dt=DT,
+        control_period=PERIOD,
+    )
+    urdf = ros2.export(tmp_path / "out", crane) / "urdf" / "crane.urdf"
+    skeleton = dart.utils.DartLoader().parseSkeleton(str(urdf))
+    drives = [skeleton.getDof(joint.name).getIndexInSkeleton() for joint in crane.layout.driven]
+    assert drives == crane.layout.drives.tolist()
+    world = dart.simulation.World()
+    world.setGravity([0.0, 0.0, -crane.gravity])
+    world.setTimeStep(DT)
+    world.addSkeleton(skeleton)
+    skeleton.setPositions(run.q[0])
+    rows = []
+    for efforts in run.effort:
+        rows.append([*skeleton.getPositions(), *skeleton.getVelocities()])
+        for _ in range(round(PERIOD / DT)):
+            skeleton.setForces(full(crane, efforts))
+            world.step()
+    # Rounding, as in test_cross_engines.
+    assert_allclose(rows, np.hstack([run.q, run.v]), rtol=0.0, atol=1e-12)
+
+
+def test_dart_reads_ranges_damping_and_effort_limits(package: Path, crane: Crane) -> None:
+    dart = pytest.importorskip(
+        "dartpy", reason="dartpy is not installed: pip install 'cranedyn[dart]'"
+    )
+    skeleton = dart.utils.DartLoader().parseSkeleton(str(package / "urdf" / "crane.urdf"))
+    joints = [skeleton.getDof(joint.name) for joint in crane.layout.joints]
+    assert [joint.getDampingCoefficient() for joint in joints] == crane.damping.tolist()
+    assert [joint.getPositionLowerLimit() for joint in joints] == crane.lower.tolist()
+    assert [joint.getPositionUpperLimit() for joint in joints] == crane.upper.tolist()
+    drives = [joints[i].getForceUpperLimit() for i in crane.layout.drives]
+    assert drives == crane.effort_limit.tolist()
 
 
 class _Stub:
