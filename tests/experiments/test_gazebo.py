@@ -72,6 +72,24 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return json.loads((folder / "result.json").read_text())
 
 
+def test_the_claims_and_the_readme_tell_the_largest_difference_of_either_swing_angle(
+    result: Any, found: dict[str, gazebo.Pair]
+) -> None:
+    worst = {
+        run: max(
+            pair.largest(angle)
+            for name, pair in found.items()
+            for angle in ("phi_rad", "theta_rad")
+            if name.startswith(run.lower())
+        )
+        for run in ("A1", "A2", "A3")
+    }
+    told = ", ".join(f"{run} {value:.1e}".replace("e-0", "e-") for run, value in worst.items())
+    assert missing([f"| {told} rad |"], "README.md") == []
+    for claim, value in zip(result["claims"], worst.values(), strict=True):
+        assert f"({value:.1e} rad at most)" in claim["sentence"]
+
+
 def test_the_experiment_claims_it_and_documents_tell_its_numbers(result: Any) -> None:
     assert [claim["holds"] for claim in result["claims"]] == [True, True, True]
     swings, hoisting, slewing = (table["rows"] for table in result["tables"])
