@@ -103,8 +103,9 @@ def test_each_crane_moves_as_in_simulate_whatever_its_load_wind_and_neighbours(
 
 def test_drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges() -> None:
     limits = Limits(rates=(0.1, 2.0, 1.5), accelerations=(0.02, 0.8, 0.6))
-    for action in ("velocity", "acceleration"):
-        env = many(8, action=action, limits=limits, max_episode_steps=10_000)
+    # The way that a semi-implicit Euler step adds to braking grows with the step.
+    for action, dt in (("velocity", 5e-4), ("acceleration", 5e-4), ("velocity", 0.05)):
+        env = many(8, action=action, limits=limits, dt=dt, max_episode_steps=10_000)
         env.reset(seed=0)
         push = np.sign(np.random.default_rng(0).uniform(-1.0, 1.0, (8, 3)))
         task, c = env.task, crane()
@@ -114,10 +115,10 @@ def test_drives_keep_their_limits_and_stop_before_the_ends_of_their_ranges() -> 
             q, v = task.fleet.z[:5], task.fleet.z[5:]
             assert (np.abs(a) <= np.array(limits.accelerations)[:, None] * (1.0 + 1e-9)).all()
             assert (np.abs(v[DRIVES]) <= np.array(limits.rates)[:, None] * (1.0 + 1e-9)).all()
-            assert (q[DRIVES] >= c.lower[DRIVES][:, None]).all() and (
-                q[DRIVES] <= c.upper[DRIVES][:, None]
-            ).all()
-        gap = np.minimum(q[DRIVES] - c.lower[DRIVES][:, None], c.upper[DRIVES][:, None] - q[DRIVES])
+            gap = np.minimum(
+                q[DRIVES] - c.lower[DRIVES][:, None], c.upper[DRIVES][:, None] - q[DRIVES]
+            )
+            assert (gap >= 0.05 - 1e-12).all()  # rounding of 75 m
         assert (gap[1:] < 0.06).all()  # pushed there and stopped, 5 cm before
 
 
