@@ -54,7 +54,7 @@ def export(
         DataError: If something stands there, it cannot be written, or the controller is not affine
             in the state.
         ModelError: If the crane has a link without mass or inertia, which Gazebo drops with all
-            that it carries, or what no URDF carries.
+            that it carries, a joint with an armature, or what no URDF carries.
         OutOfRange: If the drives follow prescribed motion, or a number is not allowed.
         UnknownName: If there is no such solver.
     """

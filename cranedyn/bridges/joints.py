@@ -35,6 +35,7 @@ class ExportedJoint(Joint):
         damping: Viscous [N m s/rad or N s/m].
         stiffness: Of its spring [N m/rad or N/m], 0 for none.
         rest: Where the spring is at rest [rad or m].
+        armature: Inertia of its motor and gear [kg m² or kg].
         start: Where it stands when a run starts [rad or m].
         holding: Effort of the drive that holds the crane at rest there [N m or N], 0 of a joint
             without a drive.
@@ -49,6 +50,7 @@ class ExportedJoint(Joint):
     damping: float = field(kw_only=True)
     stiffness: float = field(kw_only=True)
     rest: float = field(kw_only=True)
+    armature: float = field(kw_only=True)
     start: float = field(kw_only=True)
     holding: float = field(kw_only=True)
 
@@ -94,6 +96,7 @@ def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
                 damping=float(crane.damping[i]),
                 stiffness=float(crane.springs.stiffness[i]),
                 rest=float(crane.springs.rest[i]),
+                armature=float(crane.model.armature[i]),
                 start=float(crane.start.q[i]),
                 holding=float(holding[i]),
             )
@@ -137,8 +140,16 @@ def grounded(robot: ET.Element, door: str) -> ET.Element:
     cannot move any will do.
 
     Raises:
-        ModelError: If another link than the root has that name.
+        ModelError: If another link than the root has that name, or a joint has an armature, which
+            Gazebo does not know.
     """
+    for joint in robot.iterfind("joint"):
+        dynamics = joint.find("dynamics")
+        if dynamics is not None and float(dynamics.get("armature", "0")):
+            raise ModelError(
+                f"The joint {quoted(joint.get('name', ''))} has an armature, the inertia of its "
+                "motor, which Gazebo does not know; allowed is 0."
+            )
     ends = [
         (joint.get("type"), _end(joint, "parent"), _end(joint, "child"))
         for joint in robot.iterfind("joint")

@@ -172,9 +172,11 @@ def _joint(joint: ExportedJoint) -> ET.Element:
         if joint.stiffness
         else {}
     )
+    motor = {"armature": repr(joint.armature)} if joint.armature else {}
     kind = "hinge" if joint.unit == "rad" else "slide"
     return ET.Element(
-        "joint", {"name": joint.name, "type": kind, "axis": joint.own_axis, **limits, **spring}
+        "joint",
+        {"name": joint.name, "type": kind, "axis": joint.own_axis, **limits, **spring, **motor},
     )
 
 

@@ -66,8 +66,8 @@ def export(
     Raises:
         DataError: If something stands there, it cannot be written, or the name is none that ROS
             allows.
-        ModelError: If the crane has a link without mass or inertia, a mesh, or a rope that
-            stretches.
+        ModelError: If the crane has a link without mass or inertia, a joint with an armature, a
+            mesh, or a rope that stretches.
         OutOfRange: If the step is not positive.
     """
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z0-9]+)*", name):

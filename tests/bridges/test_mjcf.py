@@ -108,7 +108,7 @@ def test_a_motor_gives_no_more_than_the_limit_of_its_drive(engine: Any) -> None:
     assert data.qfrc_actuator[[0, 1, 4]].tolist() == crane().effort_limit.tolist()
 
 
-def test_springs_and_turned_inertias_are_carried(tmp_path: Path) -> None:
+def test_springs_motors_and_turned_inertias_are_carried(tmp_path: Path) -> None:
     spring = (
         "<gazebo reference='swing_radial_joint'>"
         "<springStiffness>70.0</springStiffness><springReference>0.25</springReference></gazebo>"
@@ -121,7 +121,7 @@ def test_springs_and_turned_inertias_are_carried(tmp_path: Path) -> None:
     )
     text = text[:old] + inertial + text[text.index("</inertial>", old) + len("</inertial>") :]
     path = tmp_path / "other.urdf"
-    path.write_text(text)
+    path.write_text(text.replace('armature="0"', 'armature="250.0"'))
     c = load_crane(path, gravity=G)
     mujoco, model, data = opened(tmp_path, c)
     assert (model.jnt_stiffness[2], model.qpos_spring[2]) == (70.0, 0.25)

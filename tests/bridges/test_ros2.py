@@ -323,6 +323,16 @@ def test_what_cannot_be_written_is_a_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_inertia_of_a_motor_which_gazebo_does_not_know_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = load_crane().urdf.replace('armature="0"', 'armature="250.0"')
+    (tmp_path / "geared.urdf").write_text(text)
+    assert load_crane(tmp_path / "geared.urdf").model.armature.max() == 250.0
+    assert main(["ros2", str(tmp_path / "out"), "--urdf", str(tmp_path / "geared.urdf")]) == 2
+    assert "The joint yaw_joint has an armature" in capsys.readouterr().err
+
+
 def test_a_crane_that_hangs_on_another_root_is_hung_on_the_world(tmp_path: Path) -> None:
     text = load_crane().urdf
     old = text[text.index('<link name="world"/>') : text.index('<link name="base_link">')]
