@@ -72,7 +72,6 @@ static void look(Data *data) {
   if (data->mode <= INITIALIZING) {
     memset(data->state, 0, sizeof data->state);
     memcpy(data->state, data->value + START, STATES * sizeof(double));
-    data->invalid = 0;
   }
   double before[SIZE_STATE];
   memcpy(before, data->state, sizeof before);

@@ -287,6 +287,21 @@ def test_what_cannot_be_is_refused_by_the_unit_in_a_sentence(unit: Unit) -> None
     assert unit.told[-1] == "There is no such variable with value reference 999."
 
 
+def test_time_goes_on_from_the_start_that_the_importer_names(unit: Unit) -> None:
+    unit.slave.enterInitializationMode(startTime=3.0)
+    unit.slave.exitInitializationMode()
+    assert unit.get("time") == [3.0]
+    unit.slave.doStep(currentCommunicationPoint=3.0, communicationStepSize=PERIOD)
+    assert unit.get("time") == [3.0 + PERIOD]
+
+
+def test_a_run_that_diverges_is_an_error_that_says_when(unit: Unit) -> None:
+    unit.begin(gamma_dot_start=2e6)
+    with pytest.raises(FMICallException):
+        unit.step(0)
+    assert unit.told[-1].startswith("The run diverged between 0 and 0.005 s: a joint moves at")
+
+
 def test_a_unit_says_once_the_model_no_longer_holds(unit: Unit) -> None:
     valid = [unit.reference["valid"]]
     unit.begin(**START)
