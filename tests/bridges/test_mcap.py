@@ -28,9 +28,12 @@ from rosbags.typesys import Stores, get_typestore  # noqa: E402
 
 from cranedyn.bridges import bags, mcap  # noqa: E402
 from cranedyn.bridges.command import main  # noqa: E402
+from cranedyn.controllers import hold_controller  # noqa: E402
 from cranedyn.data.trajectory import Trajectory  # noqa: E402
 from cranedyn.dynamics.pinocchio import payload_position  # noqa: E402
 from cranedyn.errors import CraneError  # noqa: E402
+from cranedyn.model.load import load_crane  # noqa: E402
+from cranedyn.simulation.simulate import simulate  # noqa: E402
 from experiments import a1, a3, harness  # noqa: E402
 from tests.helpers import FAST  # noqa: E402
 
@@ -90,6 +93,25 @@ def test_setpoints_and_commands_are_those_of_the_drives(messages: Any, run: Traj
         run.setpoint[1100].tolist(),
         run.command[1100].tolist(),
     )
+
+
+def test_a_command_that_a_drive_cuts_is_told_as_it_was_given(tmp_path: Path) -> None:
+    weak = load_crane(trolley_effort=800.0)
+    start = weak.state(phi=0.1)
+    cut = simulate(weak, hold_controller(weak), start=start, duration=0.1, engine=FAST)
+    assert (cut.command != cut.effort).any()
+    with AnyReader([mcap.export(tmp_path / "cut.mcap", weak, cut)]) as reader:
+        told = [
+            reader.deserialize(raw, one.msgtype)
+            for one, _, raw in reader.messages()
+            if one.topic == "/joint_setpoints"
+        ]
+    assert [message.effort.tolist() for message in told] == cut.command.tolist()
+
+
+def test_frames_come_fifty_times_a_second(messages: Any) -> None:
+    times = [time for time, _ in messages["/tf"]]
+    assert set(np.diff(times).tolist()) == {20_000_000}
 
 
 def test_the_frames_put_the_load_where_the_model_does(messages: Any, run: Trajectory) -> None:
