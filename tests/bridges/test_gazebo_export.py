@@ -107,12 +107,29 @@ def test_the_plugin_puts_joints_where_they_start_and_limits_the_drives_only(a1: 
         "swing_tangential_joint": 0,
         "hoist_joint": 15,
     }
+    assert (
+        plugin.findtext("rows_between_logs"),
+        plugin.findtext("overwrite_passive_velocities"),
+    ) == (
+        "10",
+        "false",
+    )
     limited = [
         joint.findtext("name")
         for joint in plugin.iterfind("joint")
         if joint.find("effort_limit") is not None
     ]
     assert limited == ["yaw_joint", "trolley_joint", "hoist_joint"]
+
+
+def test_the_plugin_is_told_rates_at_the_start_and_what_to_overwrite(tmp_path: Path) -> None:
+    crane = SETUP.crane
+    program = Program(crane, hold_controller(crane), None, crane.state(theta_dot=0.25), 1.0)
+    folder = gazebo.export(tmp_path / "out", program, overwritten=True)
+    plugin = ET.parse(folder / "models" / "crane" / "model.urdf").find("gazebo/plugin")
+    assert plugin is not None and plugin.findtext("overwrite_passive_velocities") == "true"
+    rates = [float(joint.findtext("start_rate") or "nan") for joint in plugin.iterfind("joint")]
+    assert rates == [0.0, 0.0, 0.0, 0.25, 0.0]
 
 
 def test_the_tables_are_the_controller_to_the_bit(tmp_path: Path) -> None:

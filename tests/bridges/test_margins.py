@@ -12,7 +12,7 @@ from cranedyn.controllers import hold_controller, lqr, observed, paper_controlle
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.dynamics.linearisation import Sampled, sampled
 from cranedyn.errors import CraneError
-from cranedyn.interfaces import Controller
+from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import Motion
 from tests.helpers import crane
 
@@ -95,6 +95,24 @@ def test_a_drive_is_unstable_just_beyond_what_its_margins_say(name: str) -> None
         last = math.ceil(margin.late / PERIOD) - 1
         assert radius(plant, law, drive, periods=last) < 1.0
         assert radius(plant, law, drive, periods=last + 1) > 1.0
+
+
+def test_a_regulator_answers_as_the_controller_that_it_stands_for() -> None:
+    law, goal = law_of(integrating()), Setpoint(REST.q[crane().layout.drives], *np.zeros((2, 3)))
+    away = np.random.default_rng(2).normal(size=10) * 1e-2
+    runs = [integrating(), integrating()]
+    for controller in runs:
+        controller.run_begins(0.0, PERIOD)
+    x = np.zeros(len(law.a))
+    for k in range(3):
+        there = State(REST.q + away[:5], away[5:])
+        moved, still = (
+            controller(k * PERIOD, state, goal)
+            for controller, state in zip(runs, (there, REST), strict=True)
+        )
+        # rounding of efforts of 1e4 N
+        np.testing.assert_allclose(moved - still, -law.c @ x - law.d @ away, atol=1e-9)
+        x = law.a @ x + law.b @ away
 
 
 def test_damping_and_growth_are_those_of_the_slowest_poles() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,17 @@ def test_joints_damping_ranges_gravity_start_and_drives_are_those_of_the_crane(e
     assert [model.actuator(i).name for i in range(model.nu)] == ["yaw", "trolley", "hoist"]
     assert model.actuator_ctrlrange[:, 1].tolist() == c.effort_limit.tolist()
     assert model.ngeom > 200  # it is drawn
+
+
+def test_cylinders_are_as_long_and_as_wide_as_those_of_the_urdf(engine: Any) -> None:
+    mujoco, model, _ = engine
+    drawn = model.geom_size[model.geom_type == mujoco.mjtGeom.mjGEOM_CYLINDER, :2]
+    urdf = [
+        (float(shape.get("radius", "nan")), float(shape.get("length", "nan")) / 2.0)
+        for shape in ET.fromstring(crane(**DAMPING).urdf.encode()).iterfind(".//visual//cylinder")
+    ]
+    assert len(urdf) > 0
+    assert_allclose(sorted(map(tuple, drawn.tolist())), sorted(urdf))
 
 
 def test_mass_matrix_and_bias_are_those_of_pinocchio(engine: Any) -> None:

@@ -135,6 +135,24 @@ def test_the_efforts_before_the_first_command_hold_the_crane_where_it_starts(
     assert efforts == pytest.approx([0.0, 0.0, 0.0, 0.0, -1234.5 * crane.gravity], abs=1e-9)
 
 
+def test_commands_are_limited_to_the_efforts_of_the_drives(robot: ET.Element, crane: Crane) -> None:
+    bounds = [
+        [
+            float(robot.findtext(f".//joint[@name='{name}']/command_interface/{param}") or "nan")
+            for param in ("param[@name='min']", "param[@name='max']")
+        ]
+        for name in DRIVES
+    ]
+    assert bounds == [[-limit, limit] for limit in crane.effort_limit.tolist()]
+
+
+def test_the_worlds_take_the_physics_step_that_is_asked_for(tmp_path: Path, crane: Crane) -> None:
+    folder = ros2.export(tmp_path / "out", crane, dt=1.25e-3)
+    for world in ("crane.sdf", "classic.sdf"):
+        root = ET.parse(folder / "worlds" / world).getroot()
+        assert root.findtext("world/physics/max_step_size") == "0.00125"
+
+
 def test_every_joint_starts_within_its_range(robot: ET.Element) -> None:
     for joint in robot.iterfind("ros2_control/joint"):
         start = float(
