@@ -210,7 +210,7 @@ def _run(
         record=20,
         threads=1,
     )
-    least = min(lift.clearance.true_room(q) for q in batch.q[0]) + lift.clearance.site.distance
+    least = min(lift.clearance.least(q) for q in batch.q[0])
     k = int(np.searchsorted(batch.t, arrives))
     passive, hoist = lift.crane.layout.passive, lift.clearance.joints.hoist
     here = slice(k, k + 1)

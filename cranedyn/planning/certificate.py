@@ -62,8 +62,8 @@ class Certificate:
         t: Times at which distances were measured [s], shape (m,).
         distances: How near anything that hangs comes to each obstacle then [m], by its name, shape
             (m,) each.
-        nearest: The least distance of all, of which body from what; zones count where something is
-            in them.
+        nearest: The least distance of all that hangs, of which body from what; zones count where
+            something is in them.
         at: When that is [s].
         left: Amplitude of the swing at the arrival [rad].
         checks: All that is asked.
@@ -139,21 +139,22 @@ def certify(
     found = [against.distances(run.q[k], jib=False) for k in rows]
     names = list(found[0])
     distances = {name: np.array([one[name].distance for one in found]) for name in names}
-    k, nearest = _nearest(against, run, rows, found)
-    at, left = float(run.t[k]), _left(lift, run)
+    k = _least_row(against, run)
+    nearest, at, left = against.nearest(run.q[k]), float(run.t[k]), _left(lift, run)
     checks = _checks(against, lift, run, goal.q, nearest, at, left)
     return Certificate(lift, run, run.t[rows], distances, nearest, at, left, checks)
 
 
-def _nearest(
-    clearance: Clearance, run: Trajectory, rows: np.ndarray, found: Sequence[dict[str, Nearest]]
-) -> tuple[int, Nearest]:
-    """The row in which something is nearest to what it must keep away from, and which is it."""
-    rooms = [clearance.true_room(run.q[k]) for k in rows]
-    about = int(np.argmin(rooms))
-    between = range(rows[max(about - 1, 0)], rows[min(about + 1, len(rows) - 1)] + 1, 4)
-    k = min((clearance.true_room(run.q[k]), k) for k in between)[1]
-    return k, clearance.nearest(run.q[k])
+def _least_row(clearance: Clearance, run: Trajectory) -> int:
+    """Return the row in which anything that hangs is nearest to anything: every fourth is looked
+    at, then all beside the nearest of these.
+    """
+
+    def least(rows: range) -> int:
+        return min(rows, key=lambda k: clearance.least(run.q[k]))
+
+    about = least(range(0, len(run), 4))
+    return least(range(max(about - 3, 0), min(about + 4, len(run))))
 
 
 def unproven_time(clearance: Clearance, run: Trajectory) -> float | None:
@@ -219,9 +220,9 @@ def _checks(
     )
     return [
         Check(
-            f"Nothing comes nearer than {site.distance:g} m: least is {nearest.distance:.2f} m, "
-            f"{nearest.body} and {nearest.obstacle} at "
-            f"t = {at:.1f} s; {proof}.",
+            f"Nothing that hangs comes nearer than {site.distance:g} m: least is "
+            f"{nearest.distance:.2f} m, {nearest.body} and {nearest.obstacle} at t = {at:.1f} s; "
+            f"{proof}.",
             unproven is None and nearest.distance >= site.distance,
         ),
         Check(f"Slewing: {jib}.", bool(turned)),

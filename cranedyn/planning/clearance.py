@@ -233,9 +233,14 @@ class Clearance:
         """By how much all that hangs is farther from everything than required, at coordinates of
         all joints, shape (n,); in [m].
         """
-        return (
-            min(self._fields[kind].least(moving) for _, kind, moving in self._placed(q)) - ROUNDING
-        )
+        return min(self._rooms(q))
+
+    def least(self, q: np.ndarray) -> float:
+        """Return the least distance of all that hangs [m], at coordinates of all joints, shape
+        (n,); zones count where something is in them.
+        """
+        room, in_zones = self._rooms(q)
+        return min(room + self.site.distance, in_zones if in_zones <= 0.0 else math.inf)
 
     def moved(self, q: np.ndarray, other: np.ndarray) -> np.ndarray:
         """How far any point of what hangs is moved at most between coordinates, shape (..., n)
@@ -286,15 +291,18 @@ class Clearance:
                 )
         return found
 
-    def nearest(self, q: np.ndarray) -> Nearest:
-        """Which body is how near to what, at coordinates of all joints, shape (n,); zones count
-        where something is in them.
+    def nearest(self, q: np.ndarray, *, beside_zones: bool = False) -> Nearest:
+        """Return which body that hangs has the least room, at coordinates of all joints, shape
+        (n,); zones count where something is in them, or beside them, too.
         """
         zones = {solid.name for solid in self.solids if solid.zone}
         return min(
-            found
-            for found in self.distances(q).values()
-            if found.obstacle not in zones or found.distance <= 0.0
+            (
+                found
+                for found in self.distances(q, jib=False).values()
+                if beside_zones or found.obstacle not in zones or found.distance <= 0.0
+            ),
+            key=lambda one: one.distance - self.site.distance * (one.obstacle not in zones),
         )
 
     def touches(self, q: np.ndarray, far: float) -> Iterator[Touch]:
@@ -370,6 +378,15 @@ class Clearance:
     @cached_property
     def _upper(self) -> list[Body]:
         return [Body(placed, self.site.distance) for placed in self.bodies.upper]
+
+    def _rooms(self, q: np.ndarray) -> tuple[float, float]:
+        """Return by how much all that hangs is farther than required from everything but zones,
+        and from zones [m].
+        """
+        least = [math.inf, math.inf]
+        for _, kind, moving in self._placed(q):
+            least[kind == "zones"] = min(least[kind == "zones"], self._fields[kind].least(moving))
+        return least[0] - ROUNDING, least[1] - ROUNDING
 
     def _placed(self, q: np.ndarray) -> Iterator[tuple[str, str, Body]]:
         """Each body that hangs, at its place, with each kind of obstacle that it has to keep away

@@ -88,7 +88,9 @@ def best_on_grid(
             cost[there], before[there] = beyond, here
             heapq.heappush(waiting, (beyond + grid.left(there), beyond, there))
     if best == math.inf:
-        names = Counter(clearance.nearest(clearance.q(place)).obstacle for place in blocked)
+        names = Counter(
+            clearance.nearest(clearance.q(place), beside_zones=True).obstacle for place in blocked
+        )
         return Searched(None, best, len(done), [name for name, _ in names.most_common()])
     way: list[tuple[int, ...]] = [last]
     while way[-1] in before:

@@ -200,7 +200,7 @@ def _end(clearance: Clearance, what: str, point: np.ndarray | None) -> np.ndarra
         if solid.holds(centre):
             raise NoWay(f"At the {what} the load is inside of {solid.name}.")
     if room < CLOSE:
-        near = clearance.nearest(clearance.q(place))
+        near = clearance.nearest(clearance.q(place), beside_zones=True)
         zones = [solid.name for solid in clearance.solids if solid.zone]
         asked = "kept out of" if near.obstacle in zones else f"required are {site.distance:g} m"
         raise NoWay(

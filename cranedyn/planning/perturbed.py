@@ -88,8 +88,9 @@ class Perturbed:
 
     Attributes:
         least: How far at least anything that hangs stayed from anything in each lift [m], measured
-            where it could be less than required; not a number where the lift failed: the rope
-            slack, a range left; shape (n,).
+            where it could be less than required; from zones, which ask for none, by what is
+            required more; not a number where the lift failed: the rope slack, a range left; shape
+            (n,).
         required: How near it may come [m].
         drawn: What was drawn for each lift, by name.
         swing: Amplitude of the swing after each lift [rad], shape (n,).

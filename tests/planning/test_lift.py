@@ -32,7 +32,7 @@ from cranedyn.planning.perturbed import (
     perturb,
 )
 from cranedyn.planning.proof import Line, unproven
-from cranedyn.planning.solids import body, box
+from cranedyn.planning.solids import body, box, prism
 from cranedyn.planning.timing import STEP, carried
 from cranedyn.references.limits import use
 from cranedyn.simulation.simulate import simulate
@@ -150,6 +150,34 @@ def test_a_wall_moved_by_a_metre_into_the_plan_turns_its_certificate_red() -> No
     assert moved.nearest.obstacle == "wall"
     assert "not proven at t =" in red(moved)[0]
     assert certify(lift(), with_wall(0.0)).holds
+
+
+ROAD = prism(
+    "road",
+    np.array([[4.0, -16.0], [8.0, -16.0], [8.0, -13.2], [4.0, -13.2]]),
+    0.0,
+    10.0,
+    zone=True,
+)
+"""Behind the start, nearer to the load there than the half metre that the wall keeps from it."""
+
+
+def test_the_least_distance_of_a_certificate_is_that_of_the_whole_run_beside_a_zone_too() -> None:
+    beside = Clearance(crane(), site(WALL, ROAD))
+    certified = certify(lift(), beside)
+    rows = certified.run.q[::4]
+    # The zone has the least room at the start; it asks for no distance, so the wall is nearest.
+    assert 0.0 < beside.distances(rows[0], jib=False)["road"].distance < 0.5
+    brute = min(one["wall"].distance for one in (beside.distances(q, jib=False) for q in rows))
+    assert certified.nearest.obstacle == "wall"
+    # Between rows 20 ms apart: a t²/2 of 1 m/s², and coal's tolerance.
+    assert certified.nearest.distance == pytest.approx(brute, abs=1e-4)
+    assert f"least is {brute:.2f} m, load and wall" in certified.checks[0].sentence
+
+
+def test_a_start_too_near_to_a_zone_names_the_zone() -> None:
+    with pytest.raises(NoWay, match=r"At the start the hook is 0\.\d\d m from road; kept out of"):
+        plan_lift(site(WALL, ROAD), LIMITS, crane=crane())
 
 
 def test_a_tower_put_into_the_way_of_the_jib_turns_the_certificate_red() -> None:
