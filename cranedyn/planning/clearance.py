@@ -243,16 +243,21 @@ class Clearance:
         return min(room + self.site.distance, in_zones if in_zones <= 0.0 else math.inf)
 
     def moved(self, q: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """How far any point of what hangs is moved at most between coordinates, shape (..., n)
-        each; in [m], shape (...).
+        """Return how far any point of what hangs is moved at most between coordinates, shape
+        (..., n) each; in [m], shape (...).
+
+        Drives move it one after the other: slew and trolley across, the hoist along a rope that
+        leans and so takes it across, too.
         """
         apart = np.abs(other - q)
         swing = np.maximum(self.tilt(q), self.tilt(other))
         slewed, out, hoisted = np.moveaxis(apart[..., self.place_of], -1, 0)
         _, x, length = np.moveaxis(np.maximum(q, other)[..., self.place_of], -1, 0)
         length = length + self.bodies.below
-        radius = x + self.bodies.spread + length * np.sin(np.minimum(swing, math.pi / 2.0))
-        return np.hypot(radius * slewed + out, hoisted) + length * self.tilt(apart)
+        aside = np.sin(np.minimum(swing, math.pi / 2.0))
+        across = (x + self.bodies.spread + length * aside) * slewed + out
+        driven = np.sqrt(across**2 + hoisted**2 + 2.0 * aside * across * hoisted)
+        return driven + length * self.tilt(apart)
 
     # --- what slews with the jib ------------------------------------------------------------------
 

@@ -97,20 +97,40 @@ def test_the_envelope_holds_the_load_at_every_swing_that_the_site_allows(
     assert asked.true_room(q) >= asked.room(place) - 1e-5
 
 
+def _farthest(asked: Clearance, one: np.ndarray, other: np.ndarray) -> float:
+    """Return how far any corner of the load is moved between coordinates, by Pinocchio [m]."""
+    before, after = (
+        asked.bodies.load @ data.oMi[5].rotation.T + data.oMi[5].translation
+        for data in (_kinematics(one), _kinematics(other))
+    )
+    return float(np.linalg.norm(after - before, axis=1).max())
+
+
+def _kinematics(q: np.ndarray) -> pin.Data:
+    data = crane().model.createData()
+    pin.forwardKinematics(crane().model, data, q)
+    return data
+
+
 @given(PLACES, SMALL, st.tuples(*[st.floats(-0.2, 0.2)] * 4).map(np.array))
 def test_no_point_of_the_load_moves_farther_than_said(
     place: np.ndarray, step: np.ndarray, swings: np.ndarray
 ) -> None:
     asked = clearance(WALL)
-    points = []
-    for where, swing in ((place, swings[:2]), (place + step, swings[2:])):
-        q = asked.q(where)
-        q[2:4] = swing
-        data = crane().model.createData()
-        pin.forwardKinematics(crane().model, data, q)
-        points.append((q, asked.bodies.load @ data.oMi[5].rotation.T + data.oMi[5].translation))
-    (one, before), (other, after) = points
-    assert np.linalg.norm(after - before, axis=1).max() <= float(asked.moved(one, other)) + 1e-9
+    one, other = asked.q(place), asked.q(place + step)
+    one[2:4], other[2:4] = swings[:2], swings[2:]
+    assert _farthest(asked, one, other) <= float(asked.moved(one, other)) + 1e-9
+
+
+@given(PLACES, SMALL, st.floats(0.0, 0.3), st.floats(-np.pi, np.pi))
+def test_hoisting_along_a_leaning_rope_moves_the_load_no_farther_than_said(
+    place: np.ndarray, step: np.ndarray, lean: float, towards: float
+) -> None:
+    """A rope that keeps its angle takes the load outward while trolley and slew do so, too."""
+    asked = clearance(WALL)
+    one, other = asked.q(place), asked.q(place + step)
+    one[2:4] = other[2:4] = lean * np.array([np.cos(towards), np.sin(towards)])
+    assert _farthest(asked, one, other) <= float(asked.moved(one, other)) + 1e-9
 
 
 def test_a_concave_prism_is_hollow_where_its_outline_is() -> None:
