@@ -22,7 +22,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import EngineName
 from cranedyn.planning.clearance import Clearance, Nearest
 from cranedyn.planning.lift import Lift
-from cranedyn.planning.proof import slew_range
+from cranedyn.planning.proof import slew_range, unproven_row
 from cranedyn.simulation.simulate import simulate
 
 HOIST_INTEGRAL = 4.0e3
@@ -33,10 +33,6 @@ AFTER = 5.0
 
 ARRIVAL_SWING = 0.05e-3
 """Largest amplitude of the swing at the arrival [rad]."""
-
-_BEND = 1e-4
-"""By how much a point may be off its straight line between two instants [m]: h²/8 of 32 m/s² at 5
-ms."""
 
 _SHOWN = 0.2
 _TOO_FAST = 1.005
@@ -157,27 +153,6 @@ def _least_row(clearance: Clearance, run: Trajectory) -> int:
     return least(range(max(about - 3, 0), min(about + 4, len(run))))
 
 
-def unproven_time(clearance: Clearance, run: Trajectory) -> float | None:
-    """When in a run it is not proven that all that hangs keeps its distance [s]; None if it is at
-    all times.
-
-    Between two instants no point moves farther than the difference of their coordinates says;
-    stretches of instants are halved until the room in their middle is more than that.
-    """
-    gone = np.concatenate([[0.0], np.cumsum(clearance.moved(run.q[:-1, :], run.q[1:, :]))])
-    waiting = [(0, len(run) - 1)]
-    while waiting:
-        low, high = waiting.pop()
-        middle = (low + high) // 2
-        way = max(gone[middle] - gone[low], gone[high] - gone[middle]) + _BEND
-        if clearance.true_room(run.q[middle]) > way:
-            continue
-        if high - low <= 1:
-            return float(run.t[middle])
-        waiting += [(low, middle), (middle, high)]
-    return None
-
-
 def _left(lift: Lift, run: Trajectory) -> float:
     """Amplitude of the swing at the arrival [rad]."""
     crane, there = lift.crane, run.since(lift.timed.motion.arrival - 1e-9)
@@ -197,7 +172,7 @@ def _checks(
     swing: float,
 ) -> list[Check]:
     site, motion = clearance.site, lift.timed.motion
-    unproven = unproven_time(clearance, run)
+    unproven = unproven_row(clearance, run.q, motion.period)
     slew, place = run.q[:, clearance.joints.slew], clearance.place_of
     turns = slew_range(clearance, float(slew[0]), float(slew.min()), float(slew.max()))
     turned = (
@@ -211,7 +186,9 @@ def _checks(
         np.linalg.norm(clearance.point(after.q[-1, place]) - clearance.point(goal[place]))
     )
     proof = (
-        "proven between all instants" if unproven is None else f"not proven at t = {unproven:.2f} s"
+        "proven between all instants"
+        if unproven is None
+        else f"not proven at t = {run.t[unproven]:.2f} s"
     )
     jib = (
         f"jib and counter-jib turn freely, with {site.distance:g} m at least"

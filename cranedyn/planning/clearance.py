@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import coal
 import numpy as np
@@ -43,6 +43,9 @@ _KEEPS_FROM = {
 """Which obstacles which body has to keep away from: by the required distance, and as it is. The
 load hangs lowest, and solids that are not tall never come near the trolley, whose height does not
 change."""
+
+
+Length = TypeVar("Length", float, np.ndarray)
 
 
 class Joints(NamedTuple):
@@ -203,12 +206,11 @@ class Clearance:
 
     # --- what hangs -------------------------------------------------------------------------------
 
-    def envelope(self, length: float) -> float:
-        """How far a point of load, hook, rope or trolley may be from where it is with the load
-        plumb [m], on a cable of a length [m].
+    def envelope(self, length: Length) -> Length:
+        """Return how far a point of load, hook or rope may be from where it is with the load plumb
+        under its trolley [m], on a cable of a length [m].
 
-        All of these are turned about the pivot, or about the load, by no more than the swing of the
-        site.
+        All of these are turned about the pivot by no more than the swing of the site.
         """
         return 2.0 * (length + self.bodies.below) * math.sin(self.site.swing / 2.0)
 

@@ -17,7 +17,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import Path, lasts, rounded
 from cranedyn.planning.grid import Searched, best_on_grid
-from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven
+from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
 from cranedyn.planning.search import CELLS, search
 from cranedyn.planning.site import Site
 from cranedyn.planning.timing import RAMP, Timed, timed
@@ -281,13 +281,15 @@ def _way(
 
 
 def _proven(clearance: Clearance, made: Timed, slews: SlewRange) -> bool:
-    """Whether the load of a motion is proven free, all joints stay in their ranges, and the jib
-    among the slew angles that are free.
+    """Return whether all that hangs is proven free where a motion has it, with its envelope of
+    swing, all joints stay in their ranges, and the jib among the slew angles that are free.
     """
     q, slew = made.motion.q, made.motion.q[:, clearance.joints.slew]
     inside = bool((q >= clearance.crane.lower).all() and (q <= clearance.crane.upper).all())
     turns = bool(slews.low <= slew.min() and slew.max() <= slews.high)
-    return inside and turns and unproven(clearance, made, 0.0, len(made.places) - 1.0) is None
+    return (
+        inside and turns and unproven_row(clearance, q, made.motion.period, swinging=True) is None
+    )
 
 
 def _why(

@@ -22,6 +22,10 @@ CLOSE = 1e-2
 
 _MOST = 20_000
 
+_FASTEST = 32.0
+"""Acceleration of a point that hangs [m/s²], more than thrice that of a fall: between two rows it
+is off its straight line by h²/8 of it at most."""
+
 
 class Unproven(CraneError):
     """A motion that is not proven to touch nothing.
@@ -83,6 +87,37 @@ def unproven(clearance: Clearance, curve: Curve, first: float, last: float) -> f
             if clearance.travel(place, curve.reach(middle - near, middle + near)) > room:
                 near = 0.0
             waiting += [(low, middle - near), (middle + near, high)]
+    return None
+
+
+def unproven_row(
+    clearance: Clearance, q: np.ndarray, period: float, *, swinging: bool = False
+) -> int | None:
+    """Return a row of a motion about which it is not proven that all that hangs keeps its distance;
+    None if it does at all times.
+
+    Between two rows no point moves farther than the difference of their coordinates says; stretches
+    of rows are halved until the room in their middle is more than that.
+
+    Args:
+        clearance: Crane and site.
+        q: Coordinates of all joints, shape (rows, n).
+        period: Time between rows [s].
+        swinging: Whether the envelope of swing has to be free about what hangs, too.
+    """
+    margin = clearance.envelope(q[:, clearance.joints.hoist]) * swinging
+    steps = clearance.moved(q[:-1], q[1:]) + np.abs(np.diff(margin))
+    gone = np.concatenate([[0.0], np.cumsum(steps)])
+    bend, waiting = _FASTEST * period**2 / 8.0, [(0, len(q) - 1)]
+    while waiting:
+        low, high = waiting.pop()
+        middle = (low + high) // 2
+        way = max(gone[middle] - gone[low], gone[high] - gone[middle]) + bend
+        if clearance.true_room(q[middle]) - margin[middle] > way:
+            continue
+        if high - low <= 1:
+            return middle
+        waiting += [(low, middle), (middle, high)]
     return None
 
 

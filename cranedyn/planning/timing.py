@@ -85,23 +85,6 @@ class Timed:
     bound: float
     shares: dict[str, float]
 
-    def at(self, s: float) -> np.ndarray:
-        """The place at a row, shape (3,), between rows on a straight line; see
-        `cranedyn.planning.proof.Curve`.
-        """
-        k = min(int(s), len(self.places) - 2)
-        return self.places[k] + (s - k) * (self.places[k + 1] - self.places[k])
-
-    def reach(self, first: float, last: float) -> np.ndarray:
-        """See `cranedyn.planning.proof.Curve`; the curve between two rows is off their straight
-        line by h²/8 of an acceleration.
-        """
-        rows = np.vstack(
-            [self.places[math.ceil(first) : math.floor(last) + 1], self.at(first), self.at(last)]
-        )
-        bend = np.abs(np.diff(self.places, 2, axis=0)).max(axis=0) / 8.0
-        return np.abs(rows - self.at((first + last) / 2.0)).max(axis=0) + 2.0 * bend
-
 
 def timed(
     clearance: Clearance,

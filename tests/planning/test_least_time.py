@@ -29,7 +29,7 @@ from cranedyn.planning.least_time import in_least_time  # noqa: E402
 from cranedyn.planning.lift import Lift  # noqa: E402
 from cranedyn.planning.move import Preference  # noqa: E402
 from cranedyn.planning.optimal import optimal  # noqa: E402
-from cranedyn.planning.proof import Unproven, unproven  # noqa: E402
+from cranedyn.planning.proof import Unproven, unproven_row  # noqa: E402
 
 RATE, ACCELERATION = 1.0, 0.4
 """Of the hoist."""
@@ -192,7 +192,8 @@ def test_a_lift_in_least_time_is_certified_and_near_what_the_drives_alone_need()
     assert least.bound < least.motion.arrival < 0.95 * planned.motion.arrival
     assert least.motion.arrival < 1.05 * least.bound
     assert max(least.shares.values()) <= 1.0 + 1e-3
-    assert unproven(made.lift.clearance, least, 0.0, len(least.places) - 1.0) is None
+    motion = least.motion
+    assert unproven_row(made.lift.clearance, motion.q, motion.period) is None
 
 
 def test_half_spaces_about_a_place_tell_its_room_and_no_more_of_any_place() -> None:

@@ -5,8 +5,10 @@ done.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,8 +20,10 @@ from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import Path, rounded
 from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.lift import plan_lift
-from cranedyn.planning.proof import CLOSE, Curve, Line, slew_range, unproven
+from cranedyn.planning.proof import CLOSE, Curve, Line, slew_range, unproven, unproven_row
 from cranedyn.planning.solids import box
+from cranedyn.planning.timing import STEP, carried
+from cranedyn.references.flat import smoothstep
 from tests.planning.sites import LIMITS, RATES, WALL, clearance, corners, crane, site
 
 PLATE = box("plate", (13.4, 0.0), (6.0, 0.02, 20.0), 0.0)
@@ -73,8 +77,9 @@ def test_a_sampling_validator_in_the_place_of_the_proving_one_gets_no_certificat
         swing=0.03,
     )
     assert certify(plan_lift(here, LIMITS, crane=crane())).holds
-    for module in (search, curve, planned):
+    for module in (search, curve):
         monkeypatch.setattr(module, "unproven", sampled)
+    monkeypatch.setattr(planned, "unproven_row", lambda *_, **__: None)
     wrong = certify(plan_lift(here, LIMITS, crane=crane()))
     assert not wrong.holds
     assert wrong.nearest.obstacle == "plate"
@@ -108,6 +113,40 @@ def test_derivatives_of_a_path_are_those_of_its_places() -> None:
         path.derivatives(np.array([0.0, path.duration]))[0], points[[0, -1]], atol=1e-12
     )
     assert place.shape == (50, 3)
+
+
+def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimuth() -> None:
+    """A load of 20 m, four metres from the mast: where the slew speeds up, the jib is ahead of it.
+
+    The post stands before the corner that is farthest from where the load would be if it hung plumb
+    in its place; until then no load in its place comes near to it.
+    """
+    asked = Clearance(crane(), site(load=corners(20.0, 0.4, 1.0)))
+    share = smoothstep(np.linspace(0.0, 1.0, round(14.2 / STEP)))
+    places = np.column_stack([1.6 * share, np.full_like(share, 4.2), np.full_like(share, 25.0)])
+    motion = carried(asked, places, STEP)
+    assert asked.tilt(motion.q).max() <= asked.site.swing
+
+    def corner(q: np.ndarray) -> np.ndarray:
+        data = crane().model.createData()
+        pin.forwardKinematics(crane().model, data, q)
+        return asked.bodies.load @ data.oMi[5].rotation.T + data.oMi[5].translation
+
+    off = np.array(
+        [
+            corner(q) - corner(asked.q(place))
+            for q, place in zip(motion.q[:350], places[:350], strict=True)
+        ]
+    )
+    row, which = np.unravel_index(np.argmax(np.linalg.norm(off, axis=2)), off.shape[:2])
+    apart = off[row, which]
+    assert np.linalg.norm(apart) > asked.envelope(25.0)
+    at = corner(motion.q[row])[which] + 0.45 * apart / np.linalg.norm(apart)
+    solid = box("post", (float(at[0]), float(at[1])), (0.1, 0.1, 6.0), 0.0)
+    post, so_far = Clearance(crane(), replace(asked.site, solids=(solid,))), motion.q[: row + 1]
+    assert min(post.room(place) for place in places[: row + 1]) > CLOSE
+    assert min(post.true_room(q) for q in so_far) < 0.0
+    assert unproven_row(post, so_far, STEP, swinging=True) is not None
 
 
 def test_rounding_a_corner_over_a_wall_is_proven_and_sharper_where_there_is_less_room() -> None:
