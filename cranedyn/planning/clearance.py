@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +22,7 @@ import pinocchio as pin
 from cranedyn.errors import quoted, within
 from cranedyn.model.crane import Crane
 from cranedyn.planning.bodies import Bodies, bodies
-from cranedyn.planning.fields import Body, Field, Rope
+from cranedyn.planning.fields import Body, Field, Placed, rope
 from cranedyn.planning.site import Site
 from cranedyn.planning.solids import Solid, hull
 
@@ -30,6 +31,9 @@ GROUND, MAST = "ground", "own mast"
 
 ROUNDING = 1e-4
 """By how much a distance counts as less [m]: a hundred times the tolerance of coal's algorithm."""
+
+_KINEMATICS = threading.Lock()
+"""Held while Pinocchio's data is written and read; all else is the same for all threads."""
 
 _KEEPS_FROM = {
     "inflated": {
@@ -136,8 +140,8 @@ class Clearance:
     @cached_property
     def height(self) -> float:
         """Of the swing pivot above the crane's foot [m]."""
-        pin.forwardKinematics(self.crane.model, self.crane.data, self.crane.start.q)
-        return float(self.crane.data.oMi[self.joints.radial_swing + 1].translation[2])
+        (pivot,) = self._frames(self.crane.start.q, self.joints.radial_swing)
+        return float(pivot.getTranslation()[2])
 
     @property
     def shortest(self) -> float:
@@ -365,22 +369,17 @@ class Clearance:
                 name: Body((coal.Box(size), np.eye(3), centre), inflated)
                 for name, (centre, size) in boxes.items()
             }
-            made[kind] |= {
-                "rope": Rope(self.bodies.falls, inflated),
-                "load": Body((hull(self.bodies.load), *here), inflated),
-            }
+            made[kind]["load"] = Body((hull(self.bodies.load), *here), inflated)
         return made
 
     @cached_property
     def _above(self) -> float:
         """How far the swing pivot is above the load where the hoist stands at zero [m]."""
         start = self.crane.start.q
-        pin.forwardKinematics(self.crane.model, self.crane.data, start)
-        pivot, load = (
-            self.crane.data.oMi[joint + 1].translation
-            for joint in (self.joints.radial_swing, self.joints.hoist)
+        pivot, load = self._frames(start, self.joints.radial_swing, self.joints.hoist)
+        return math.dist(pivot.getTranslation(), load.getTranslation()) - float(
+            start[self.joints.hoist]
         )
-        return math.dist(pivot, load) - float(start[self.joints.hoist])
 
     @cached_property
     def _upper(self) -> list[Body]:
@@ -395,34 +394,39 @@ class Clearance:
             least[kind == "zones"] = min(least[kind == "zones"], self._fields[kind].least(moving))
         return least[0] - ROUNDING, least[1] - ROUNDING
 
-    def _placed(self, q: np.ndarray) -> Iterator[tuple[str, str, Body]]:
+    def _placed(self, q: np.ndarray) -> Iterator[tuple[str, str, Placed]]:
         """Each body that hangs, at its place, with each kind of obstacle that it has to keep away
         from.
         """
-        data = self.crane.data
-        pin.forwardKinematics(self.crane.model, data, q)
-        trolley, load = (_frame(data, joint) for joint in (self.joints.trolley, self.joints.hoist))
+        trolley, load = self._frames(q, self.joints.trolley, self.joints.hoist)
         length = float(q[self.joints.hoist]) + self._above
-        for which in ("inflated", "bare") if len(self._fields["zones"]) else ("inflated",):
-            for name, body in self._bodies[which].items():
-                if isinstance(body, Rope):
-                    moving = body.along(load, length)
+        for which, hanging in self._bodies.items():
+            for name, kinds in _KEEPS_FROM[which].items():
+                kinds = [kind for kind in kinds if len(self._fields[kind])]
+                if not kinds:
+                    continue
+                if name == "rope":
+                    inflated = self.site.distance if which == "inflated" else 0.0
+                    moving = rope(load, self.bodies.falls, length, inflated)
                 else:
-                    moving = body.put(trolley if name == "trolley" else load)
-                for kind in _KEEPS_FROM[which][name]:
-                    if len(self._fields[kind]):
-                        yield name, kind, moving
+                    moving = hanging[name].put(trolley if name == "trolley" else load)
+                for kind in kinds:
+                    yield name, kind, moving
 
-    def _slewing(self, gamma: float) -> Iterator[Body]:
+    def _slewing(self, gamma: float) -> Iterator[Placed]:
         q = np.zeros(self.crane.layout.n)
         q[self.joints.slew] = gamma
-        pin.forwardKinematics(self.crane.model, self.crane.data, q)
-        frame = _frame(self.crane.data, self.joints.slew)
+        (frame,) = self._frames(q, self.joints.slew)
         for body in self._upper:
             yield body.put(frame)
 
+    @cached_property
+    def _data(self) -> pin.Data:
+        return self.crane.model.createData()
 
-def _frame(data: pin.Data, joint: int) -> coal.Transform3s:
-    """Where a joint is, by its number among the coordinates."""
-    placement = data.oMi[joint + 1]
-    return coal.Transform3s(placement.rotation, placement.translation)
+    def _frames(self, q: np.ndarray, *joints: int) -> list[coal.Transform3s]:
+        """Return where joints are, by their numbers among the coordinates."""
+        with _KINEMATICS:
+            pin.forwardKinematics(self.crane.model, self._data, q)
+            placements = [self._data.oMi[joint + 1] for joint in joints]
+            return [coal.Transform3s(one.rotation, one.translation) for one in placements]

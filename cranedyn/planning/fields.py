@@ -6,35 +6,55 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import coal
 import numpy as np
 
-from cranedyn.planning.bodies import Placed
+from cranedyn.planning.bodies import Placed as Shape
+
+
+class Placed(NamedTuple):
+    """A body at its place.
+
+    Attributes:
+        moving: The shape there, inflated.
+        inflated: By how much [m].
+    """
+
+    moving: coal.CollisionObject
+    inflated: float
+
+    @property
+    def bare(self) -> coal.CollisionObject:
+        """The shape without what it is inflated by: coal knows of no inflated shape beside a
+        surface of triangles.
+        """
+        shape = self.moving.collisionGeometry().clone()
+        shape.setSweptSphereRadius(0.0)
+        return coal.CollisionObject(shape, self.moving.getTransform())
 
 
 class Body:
-    """A shape that moves, inflated by a distance on all sides.
+    """A shape that moves, inflated by a distance on all sides. It is the same wherever it is put,
+    so that threads may share it.
 
     Inflating is by coal's swept-sphere radius, which its bounding boxes and its distances both know
     of; a `security_margin` of a request is unknown to its broad phase.
 
     Attributes:
-        shape: The shape.
+        shape: The shape, inflated.
         inflated: By how much it is inflated [m].
-        moving: The shape at its place.
     """
 
-    def __init__(self, placed: Placed, inflated: float) -> None:
+    def __init__(self, placed: Shape, inflated: float) -> None:
         """Inflate a shape by a distance [m]; its rotation and translation are those in the frame
         that it moves with.
         """
         shape, rotation, translation = placed
-        self.shape = shape.clone()
-        self.inflated, self._bare = inflated, coal.CollisionObject(shape.clone())
+        self.inflated, self.shape = inflated, shape.clone()
         self.shape.setSweptSphereRadius(inflated)
         self.shape.computeLocalAABB()
-        self.moving = coal.CollisionObject(self.shape)
         self._within = coal.Transform3s(rotation, translation)
 
     @property
@@ -43,42 +63,20 @@ class Body:
         centre = self._within.transform(self.shape.aabb_center)
         return float(np.linalg.norm(centre[:2])) + float(self.shape.aabb_radius)
 
-    @property
-    def bare(self) -> coal.CollisionObject:
-        """The shape at the same place without what it is inflated by: coal knows of no inflated
-        shape beside a surface of triangles.
-        """
-        self._bare.setTransform(self.moving.getTransform())
-        self._bare.computeAABB()
-        return self._bare
-
-    def put(self, frame: coal.Transform3s) -> Body:
-        """Put the frame that it moves with somewhere."""
-        self.moving.setTransform(frame * self._within)
-        self.moving.computeAABB()
-        return self
+    def put(self, frame: coal.Transform3s) -> Placed:
+        """Return it with the frame that it moves with put somewhere."""
+        moving = coal.CollisionObject(self.shape, frame * self._within, False)
+        return Placed(moving, self.inflated)
 
 
-class Rope(Body):
-    """A capsule whose length changes."""
-
-    def __init__(self, radius: float, inflated: float) -> None:
-        """A rope of a radius [m], inflated by a distance [m]."""
-        super().__init__((coal.Capsule(radius, 1.0), np.eye(3), np.zeros(3)), inflated)
-
-    @property
-    def bare(self) -> coal.CollisionObject:
-        """See `Body`."""
-        self._bare = coal.CollisionObject(
-            coal.Capsule(self.shape.radius, 2.0 * self.shape.halfLength)
-        )
-        return super().bare
-
-    def along(self, frame: coal.Transform3s, length: float) -> Body:
-        """Put it from the origin of a frame up along its Z axis, of a length [m]."""
-        self.shape.halfLength = length / 2.0
-        self.shape.computeLocalAABB()
-        return self.put(frame * coal.Transform3s(np.array([0.0, 0.0, length / 2.0])))
+def rope(frame: coal.Transform3s, radius: float, length: float, inflated: float) -> Placed:
+    """Return a rope of a radius and a length [m] from the origin of a frame up along its Z axis,
+    inflated by a distance [m].
+    """
+    shape = coal.Capsule(radius, length)
+    shape.setSweptSphereRadius(inflated)
+    middle = frame.getTranslation() + frame.getRotation()[:, 2] * (length / 2.0)
+    return Placed(coal.CollisionObject(shape, frame.getRotation(), middle), inflated)
 
 
 class Field:
@@ -86,7 +84,7 @@ class Field:
     another.
     """
 
-    def __init__(self, named: Sequence[tuple[str, Placed]]) -> None:
+    def __init__(self, named: Sequence[tuple[str, Shape]]) -> None:
         """Take the things at their places."""
         self._things: dict[bool, list[tuple[str, coal.CollisionObject]]] = {False: [], True: []}
         for name, (geometry, rotation, translation) in named:
@@ -103,7 +101,7 @@ class Field:
         """How many things there are."""
         return sum(map(len, self._things.values()))
 
-    def least(self, body: Body) -> float:
+    def least(self, body: Placed) -> float:
         """Distance of a body, inflated, from the nearest of them [m], inf where there is nothing;
         zero or less where it touches.
         """
@@ -115,7 +113,7 @@ class Field:
             least = min(least, distance - body.inflated if surfaces else distance)
         return least
 
-    def each(self, body: Body) -> dict[str, float]:
+    def each(self, body: Placed) -> dict[str, float]:
         """Distance of a body, inflated, from all things of a name, by name [m]; one after the
         other, without the broad phase.
         """
@@ -129,7 +127,7 @@ class Field:
                 found[name] = min(found.get(name, math.inf), distance)
         return found
 
-    def witnesses(self, body: Body) -> Iterator[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
+    def witnesses(self, body: Placed) -> Iterator[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
         """Distance of a body, not inflated, from each thing [m], the points of both that are
         nearest, and the unit vector from the thing to the body, shape (3,) each.
         """

@@ -210,7 +210,6 @@ def made_otherwise(
                 under_way.append(pool.submit(make, chunks[ahead]))
             if ahead >= workers:
                 some, (batch, force) = chunks[ahead - workers], under_way.popleft().result()
-                # Measured by this thread alone: what hangs is put to its places there.
                 least = _least(lift.clearance, planned, room, batch)
                 yield Otherwise(some, cranes[float(drawn["load"][some[0]])], batch, force, least)
 

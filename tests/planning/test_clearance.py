@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -157,6 +159,18 @@ def test_a_zone_bars_load_hook_and_rope_but_not_the_jib_and_asks_for_no_distance
     assert zoned.nearest(zoned.q(through)).obstacle == "zone"
     assert zoned.slewing_room(0.0) == np.inf
     assert box("b", (0, 0), (1, 1, 1), 0.0).zone is False
+
+
+def test_two_threads_that_share_a_clearance_get_the_distances_of_one() -> None:
+    asked, rng = clearance(WALL), np.random.default_rng(1)
+    places = rng.uniform((-1.0, 6.0, 6.0), (4.0, 20.0, 22.0), (1000, 3))
+
+    def rooms(order: slice) -> list[float]:
+        return [asked.true_room(asked.q(place)) for place in places[order]]
+
+    with ThreadPoolExecutor(2) as pool:
+        forth, back = pool.map(rooms, (slice(None), slice(None, None, -1)))
+    assert forth == back[::-1] == rooms(slice(None))
 
 
 def _cube_of_triangles(edge: float) -> tuple[np.ndarray, np.ndarray]:
