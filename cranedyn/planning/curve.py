@@ -14,6 +14,7 @@ from numpy.polynomial import Polynomial
 
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.proof import unproven
+from cranedyn.references.limits import Limits
 
 _KERNEL = Polynomial([35.0 / 32.0]) * Polynomial([1.0, 0.0, -1.0]) ** 3
 _STEP = _KERNEL.integ(lbnd=-1)
@@ -32,6 +33,18 @@ def lasts(points: np.ndarray, rates: np.ndarray) -> np.ndarray:
         rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
     """
     return (np.abs(np.diff(points, axis=0)) / rates).max(axis=1)
+
+
+def full_stop(ways: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
+    """Return the times [s] in which drives get along ways from rest to rest, shape (m,) each."""
+    long = ways * accelerations > rates**2
+    return np.where(long, ways / rates + rates / accelerations, 2.0 * np.sqrt(ways / accelerations))
+
+
+def straight_time(ends: np.ndarray, limits: Limits) -> float:
+    """Return the time [s] that the slowest drive needs from a place to another, shape (2, 3)."""
+    rates, accelerations = np.array(limits.rates), np.array(limits.accelerations)
+    return float(full_stop(np.abs(ends[1] - ends[0]), rates, accelerations).max())
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,12 @@ CELL = 1.0
 """Edge of a cell [s]: as far as each drive gets in that time."""
 
 _TIE = 1e-3
+"""What a step of a further drive costs beside one of the slowest: of ways that last equally long
+the straight one."""
+
+_BLOCKED = 200
+"""How many places in the way are kept, to say what stands there."""
+
 _STEPS = [step for step in itertools.product((-1, 0, 1), repeat=3) if any(step)]
 
 
@@ -47,6 +53,7 @@ def best_on_grid(
     *,
     cell: float = CELL,
     most: int = 400_000,
+    tight: float = 0.0,
 ) -> Searched:
     """The shortest way by A* (Hart, Nilsson, Raphael 1968) over cells, all 26 neighbours of each.
 
@@ -57,47 +64,47 @@ def best_on_grid(
         rates: Rates of the drives, shape (3,).
         cell: Edge of a cell [s].
         most: Cells after which it gives up.
+        tight: What a second costs more where there is no room, less so up to a metre of it.
     """
-    grid = _Grid(clearance, ends, bounds, rates, cell)
-    cost, before, waiting = (
-        {(0, 0, 0): 0.0},
-        dict[tuple[int, ...], tuple[int, ...]](),
-        [(grid.left((0, 0, 0)), 0.0, (0, 0, 0))],
-    )
+    grid, start = _Grid(clearance, ends, bounds, rates, cell), (0, 0, 0)
+    before: dict[tuple[int, ...], tuple[int, ...]] = {}
+    waiting = [(grid.left(start), 0.0, start, start)]
     blocked: list[np.ndarray] = []
-    best, last = math.inf, (0, 0, 0)
-    done: set[tuple[int, ...]] = set()
-    while waiting and len(done) < most:
-        guess, gone, here = heapq.heappop(waiting)
+    best, last = math.inf, start
+    # Edges are proven when their turn comes: most never are.
+    while waiting and len(before) < most:
+        guess, behind, here, parent = heapq.heappop(waiting)
         if guess >= best:
             break
-        if here in done:
+        if here in before:
             continue
-        done.add(here)
-        if grid.beside_goal(here) and grid.free_to_goal(here) and gone + grid.to_goal(here) < best:
-            best, last = gone + grid.to_goal(here), here
+        if here != start and not grid.free(parent, here):
+            if len(blocked) < _BLOCKED:
+                blocked.append(grid.place(here))
+            continue
+        before[here], gone = parent, -behind
+        to_goal = grid.left(here)
+        if grid.beside_goal(here) and gone + to_goal < best and grid.free_to_goal(here):
+            best, last = gone + to_goal, here
         for step in _STEPS:
             there = (here[0] + step[0], here[1] + step[1], here[2] + step[2])
-            beyond = gone + cell * (1.0 + _TIE * (abs(step[0]) + abs(step[1]) + abs(step[2]) - 1))
-            if there in done or beyond >= cost.get(there, math.inf) or not grid.inside(there):
-                continue
-            if not grid.free(here, there):
-                if len(blocked) < 200:
-                    blocked.append(grid.place(there))
-                continue
-            cost[there], before[there] = beyond, here
-            heapq.heappush(waiting, (beyond + grid.left(there), beyond, there))
+            if there not in before and grid.inside(there):
+                share = 1.0 + _TIE * (sum(map(abs, step)) - 1)
+                if tight:
+                    share += tight * max(0.0, 1.0 - grid.room(there))
+                beyond = gone + cell * share
+                heapq.heappush(waiting, (beyond + grid.left(there), -beyond, there, here))
     if best == math.inf:
         names = Counter(
             clearance.nearest(clearance.q(place), beside_zones=True).obstacle for place in blocked
         )
-        return Searched(None, best, len(done), [name for name, _ in names.most_common()])
+        return Searched(None, best, len(before), [name for name, _ in names.most_common()])
     way: list[tuple[int, ...]] = [last]
-    while way[-1] in before:
+    while way[-1] != start:
         way.append(before[way[-1]])
     points = np.array([*(grid.place(node) for node in reversed(way)), ends[1]])
     points = points[np.append(True, np.abs(np.diff(points, axis=0)).max(axis=1) > 1e-9)]
-    return Searched(points, float(lasts(points, rates).sum()), len(done), [])
+    return Searched(points, float(lasts(points, rates).sum()), len(before), [])
 
 
 class _Grid:
@@ -132,18 +139,18 @@ class _Grid:
         )
 
     def left(self, node: tuple[int, ...]) -> float:
-        return self._cell * max(abs(way - part) for way, part in zip(self._way, node, strict=True))
+        """Return what a way from a cell to the goal costs at least."""
+        apart = [abs(way - part) for way, part in zip(self._way, node, strict=True)]
+        most = max(apart)
+        return self._cell * (most + _TIE * (sum(apart) - most))
 
     def beside_goal(self, node: tuple[int, ...]) -> bool:
-        return self.left(node) <= self._cell * (1.0 + 1e-9)
-
-    def to_goal(self, node: tuple[int, ...]) -> float:
-        return self.left(node)
+        return all(abs(way - part) <= 1.0 + 1e-9 for way, part in zip(self._way, node, strict=True))
 
     def free_to_goal(self, node: tuple[int, ...]) -> bool:
         return unproven(self._clearance, Line(self.place(node), self._ends[1]), 0.0, 1.0) is None
 
-    def _room(self, node: tuple[int, ...]) -> float:
+    def room(self, node: tuple[int, ...]) -> float:
         if node not in self._rooms:
             self._rooms[node] = self._clearance.room(self.place(node))
         return self._rooms[node]
@@ -152,7 +159,7 @@ class _Grid:
         """Whether the line between two cells is proven; by the room at its ends where that is
         enough.
         """
-        rooms = self._room(one), self._room(other)
+        rooms = self.room(one), self.room(other)
         if min(rooms) <= 0.0:
             return False
         line = Line(self.place(one), self.place(other))

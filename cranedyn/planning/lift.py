@@ -15,8 +15,8 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.curve import Path, lasts, rounded
-from cranedyn.planning.grid import Searched, best_on_grid
+from cranedyn.planning.curve import Path, full_stop, lasts, rounded, straight_time
+from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.proof import CLOSE, SlewRange, slew_range, unproven_row
 from cranedyn.planning.search import CELLS, search
 from cranedyn.planning.site import Site
@@ -31,9 +31,12 @@ RESERVE = 1.1
 """Rate that a drive of the crane has over the largest that is planned with: what the controller
 needs to make up for what is not as planned."""
 
-_FAST = 1.23
-"""A motion is fast enough, so that no other room is tried, if it lasts no more than so many times
-what the drives alone would need."""
+_FAST = 1.15
+"""A motion is fast enough, so that nothing else is tried, if it lasts no more than so many times
+what the drives alone would need from start to goal if nothing stood there."""
+
+_FINE = 0.5
+"""Edge of the cells of the grid that lifts are measured against [s]."""
 
 _TURN = 2.0 * math.pi
 
@@ -51,9 +54,7 @@ class Lift:
         limits: Of the drives.
         ends: First and last place of the load, shape (2, 3).
         slews: Slew angles through which the jib is proven to turn freely.
-        points: The corners of the way that was found, each proven to be reached from the one
-            before, shape (n, 3).
-        path: The same with rounded corners, proven.
+        path: The way that was found, with rounded corners, proven.
         timed: The motion, proven.
         extra: Room beyond what is required that the way keeps [m].
     """
@@ -62,7 +63,6 @@ class Lift:
     limits: Limits
     ends: np.ndarray
     slews: SlewRange
-    points: np.ndarray
     path: Path
     timed: Timed
     extra: float = 0.0
@@ -78,24 +78,44 @@ class Lift:
         return _bounds(self.clearance, self.ends, self.slews)
 
     @property
+    def points(self) -> np.ndarray:
+        """The corners of the way, each proven to be reached from the one before, shape (n, 3)."""
+        return self.path.points
+
+    @property
     def way(self) -> float:
         """Length of the way as time at full speed [s]."""
         return float(lasts(self.points, np.array(self.limits.rates)).sum())
 
-    @cached_property
-    def on_grid(self) -> Searched:
-        """The best way on a grid of cells of a second that keeps the same room."""
-        return best_on_grid(
-            self.clearance.with_more_distance(self.extra),
-            self.ends,
-            self.bounds,
-            np.array(self.limits.rates),
-        )
+    @property
+    def on_grid(self) -> float:
+        """Length of the best way on a grid of cells of half a second that keeps no more room than
+        required, whichever way round, as time at full speed [s].
+        """
+        return self._reference[0]
+
+    @property
+    def least(self) -> float:
+        """Time [s] that no motion falls short of, whichever way round: each drive needs it from
+        start to goal, and the quickest to full speed needs it along the best way on the grid, less
+        a cell by which that may be too long.
+        """
+        return self._reference[1]
 
     @cached_property
-    def on_grid_without_extra(self) -> Searched:
-        """The best way on the same grid that keeps no more room than required."""
-        return best_on_grid(self.clearance, self.ends, self.bounds, np.array(self.limits.rates))
+    def _reference(self) -> tuple[float, float]:
+        rates = np.array(self.limits.rates)
+        ramp = rates / np.array(self.limits.accelerations)
+        grid = least = math.inf
+        for there in _turns(self.ends[0], self.ends[1], self.slews):
+            ends = np.array([self.ends[0], there])
+            straight = straight_time(ends, self.limits)
+            if straight < least:
+                bounds = _bounds(self.clearance, ends, self.slews)
+                way = best_on_grid(self.clearance, ends, bounds, rates, cell=_FINE).duration
+                along = full_stop(np.array(way - _FINE), np.array(1.0), 1.0 / ramp.min())
+                grid, least = min(grid, way), min(least, max(float(along), straight))
+        return grid, least
 
     def states(self) -> tuple[State, State]:
         """Start and goal, at rest with the load plumb."""
@@ -172,7 +192,7 @@ def plan_lift(
     best: Lift | None = None
     for there in _turns(first, last, slews):
         ends = np.array([first, there])
-        if best is None or float(lasts(ends, rates).sum()) < best.timed.motion.arrival:
+        if best is None or straight_time(ends, limits) < best.timed.motion.arrival:
             found = _way(clearance, ends, slews, rates, ramp, limits, period)
             best = (
                 found
@@ -261,22 +281,24 @@ def _way(
         if extra and least < extra + CLOSE:
             continue
         wider = clearance.with_more_distance(extra) if extra else clearance
-        points = search(wider, ends, bounds, rates, thorough=not extra)
-        path = None if points is None else rounded(wider, points, rates)
-        if points is None or path is None:
-            continue
-        made = timed(
-            clearance,
-            path,
-            limits,
-            lambda one: _proven(clearance, one, slews),
-            ramp=ramp,
-            period=period,
-        )
-        if made is not None and (best is None or made.motion.arrival < best.timed.motion.arrival):
-            best = Lift(clearance, limits, ends, slews, points, path, made, extra)
-        if best is not None and best.timed.motion.arrival < _FAST * best.timed.bound:
-            break
+        for points in search(wider, ends, bounds, rates):
+            path = rounded(wider, points, rates)
+            made = None
+            if path is not None:
+                made = timed(
+                    clearance,
+                    path,
+                    limits,
+                    lambda one: _proven(clearance, one, slews),
+                    ramp=ramp,
+                    period=period,
+                )
+            if path is None or made is None:
+                continue
+            if best is None or made.motion.arrival < best.timed.motion.arrival:
+                best = Lift(clearance, limits, ends, slews, path, made, extra)
+            if made.motion.arrival < _FAST * straight_time(ends, limits):
+                return best
     return best
 
 

@@ -1,33 +1,29 @@
-"""Ways around obstacles: random trees by OMPL (Sucan, Moll, Kavraki 2012) and a grid, every edge
-proven, then made short.
-"""
+"""Ways around obstacles: the best on a grid, every edge proven, then made short."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from cranedyn.command import held_back
-from cranedyn.errors import CraneError
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import lasts
 from cranedyn.planning.grid import best_on_grid
 from cranedyn.planning.proof import Line, unproven
 
-TRIES, LONGEST, CELLS = 8, 2.5, 15_000
-"""How many trees are grown for a way, for how long one may grow in vain [s], and how many cells of
-a grid are looked at."""
+EDGES, CELLS = (1.0, 0.5), 50_000
+"""Edges of the cells of grids that are looked at, one after the other [s], and at how many cells of
+each."""
 
-_SEED = 1
+_TIGHT = 0.2
+"""What a second costs more where there is no room: of ways that last equally long the one with more
+of it is the quicker, and less of it is left by rounding and averaging."""
+
+_TRIES = 3
+"""How often shortcuts of a way are drawn, from as many seeds."""
+
 _STEPS = (4.0, 2.0, 1.0, 0.5, 0.25)
 """By how much corners are shifted on trial [s]."""
-
-_NEAR = 1.01
-"""A way is not looked for on a grid, too, if it lasts no more than so many times what a straight
-one would."""
 
 _STRAIGHT = 0.03
 """What a second of the way of all drives is worth beside one of the longest: of ways that last
@@ -51,48 +47,32 @@ class Proofs:
 
 
 def search(
-    clearance: Clearance,
-    ends: np.ndarray,
-    bounds: np.ndarray,
-    rates: np.ndarray,
-    *,
-    tries: int = TRIES,
-    thorough: bool = True,
-) -> np.ndarray | None:
-    """Places to go by: the shortest way by random trees or, if it is much longer than a straight
-    one, on a grid; None if there is none.
+    clearance: Clearance, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray
+) -> list[np.ndarray]:
+    """Return ways: the straight line, or the best on a grid made short in a few ways; none if there
+    is none on the finest grid either.
 
     Args:
         clearance: Crane and site.
         ends: First and last place, shape (2, 3).
         bounds: Least and largest slew, trolley radius and cable length, shape (2, 3).
         rates: Rates of the drives, in whose time a way is measured, shape (3,).
-        tries: How many trees are grown.
-        thorough: Whether to look on a grid, too, where trees found nothing.
 
     Returns:
-        Places, shape (n, 3), each proven to be reached from the one before along a straight line.
-
-    Raises:
-        CraneError: If OMPL is not installed.
+        Places of each, shape (n, 3), each proven to be reached from the one before along a straight
+        line.
     """
-    free, rng = Proofs(clearance), np.random.default_rng(_SEED)
+    free = Proofs(clearance)
     if free(ends[0], ends[1]):
-        return ends
-    grow = _planner(free, ends, bounds, rates)
-    best: np.ndarray | None = None
-    for _ in range(tries):
-        found = grow()
-        if found is None:
-            break
-        found = _shortcuts(free, _fewer(free, found, rates), rates, rng)
-        if best is None or _cost(found, rates) < _cost(best, rates):
-            best = found
-    ways = [] if best is None else [shortened(free, best, rates, bounds, rng)]
-    if thorough if not ways else lasts(ways[0], rates).sum() > _NEAR * lasts(ends, rates).sum():
-        on_grid = best_on_grid(clearance, ends, bounds, rates, most=CELLS).points
-        ways += [] if on_grid is None else [shortened(free, on_grid, rates, bounds, rng)]
-    return min(ways, key=lambda points: _cost(points, rates), default=None)
+        return [ends]
+    for cell in EDGES:
+        points = best_on_grid(
+            clearance, ends, bounds, rates, cell=cell, most=CELLS, tight=_TIGHT
+        ).points
+        if points is not None:
+            draws = (np.random.default_rng(seed) for seed in range(_TRIES))
+            return [shortened(free, points, rates, bounds, rng) for rng in draws]
+    return []
 
 
 def shortened(
@@ -189,74 +169,3 @@ def _shifted(
                 if shorter and free(trial[k - 1], trial[k]) and free(trial[k], trial[k + 1]):
                     points = trial
     return points
-
-
-def _planner(
-    free: Proofs, ends: np.ndarray, bounds: np.ndarray, rates: np.ndarray
-) -> Callable[[], np.ndarray | None]:
-    """What grows two trees towards each other, from the first place and from the last, measured in
-    time at full speed.
-    """
-    base, geometric = _ompl()
-    space = base.RealVectorStateSpace(3)
-    limits = base.RealVectorBounds(3)
-    for i in range(3):
-        limits.setLow(i, float(bounds[0, i] / rates[i]))
-        limits.setHigh(i, float(bounds[1, i] / rates[i]))
-    space.setBounds(limits)
-    information = base.SpaceInformation(space)
-
-    def place(state: Any) -> np.ndarray:
-        return np.array([state[i] for i in range(3)]) * rates
-
-    class Proving(base.MotionValidator):  # type: ignore[misc, name-defined]
-        def checkMotion(self, one: Any, other: Any) -> bool:
-            return free(place(one), place(other))
-
-    validator = Proving(information)
-    information.setStateValidityChecker(lambda state: free.clearance.room(place(state)) > 0.0)
-    information.setMotionValidator(validator)
-    information.setup()
-    states = []
-    for end in ends:
-        state = space.allocState()
-        for i in range(3):
-            state[i] = float(end[i] / rates[i])
-        states.append(state)
-
-    def grow() -> np.ndarray | None:
-        problem = base.ProblemDefinition(information)
-        problem.setStartAndGoalStates(*states)
-        planner = geometric.RRTConnect(information)
-        planner.setRange(float(np.abs((ends[1] - ends[0]) / rates).max()) / 2.0 + 4.0)
-        planner.setProblemDefinition(problem)
-        planner.setup()
-        until = time.monotonic() + LONGEST
-        with held_back() as interrupted:
-            planner.solve(
-                base.PlannerTerminationCondition(lambda: interrupted() or time.monotonic() > until)
-            )
-        if not problem.hasExactSolution():
-            return None
-        return np.array([place(state) for state in problem.getSolutionPath().getStates()])
-
-    grow.kept = (validator, space, information)  # type: ignore[attr-defined]  # OMPL's C++ holds them by bare pointers
-    return grow
-
-
-def _ompl() -> tuple[Any, Any]:
-    try:
-        with held_back():  # which would end the process in the midst of its C++
-            from ompl import base, geometric, util
-    except ImportError as error:
-        raise CraneError(
-            "To plan a path install the extra planning: pip install 'cranedyn[planning]'."
-        ) from error
-    util.setLogLevel(util.LOG_NONE)
-    if not _SEEDED:
-        util.RNG.setSeed(_SEED)
-        _SEEDED.append(True)
-    return base, geometric
-
-
-_SEEDED: list[bool] = []

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
-pytest.importorskip("ompl", reason="extra planning (ompl) is not installed")
+pytest.importorskip("toppra", reason="extra planning (toppra) is not installed")
 
 from cranedyn.data.trajectory import read
 from cranedyn.disturbances.wind import AIR_DENSITY

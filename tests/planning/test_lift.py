@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +22,8 @@ from cranedyn.model.load import load_crane
 from cranedyn.planning import search
 from cranedyn.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.lift import RESERVE, NoWay, plan_lift
+from cranedyn.planning.curve import straight_time
+from cranedyn.planning.lift import RESERVE, NoWay, _way, plan_lift
 from cranedyn.planning.neighbour import neighbour
 from cranedyn.planning.perturbed import (
     HOIST_INTEGRAL,
@@ -49,6 +52,8 @@ from tests.planning.sites import (
     site,
     with_wall,
 )
+
+ROOT = Path(__file__).parents[2]
 
 
 def red(certified: Certificate) -> list[str]:
@@ -109,7 +114,7 @@ def test_every_leg_curve_and_motion_of_a_lift_is_proven() -> None:
 
 def test_the_motion_is_fast_and_exceeds_no_limit() -> None:
     timed = lift().timed
-    assert timed.bound <= timed.motion.arrival <= 1.25 * timed.bound
+    assert timed.bound <= timed.motion.arrival
     assert lift().path.duration <= timed.bound
     assert max(timed.shares.values()) <= 1.0 + 1e-6
     # Rows four times as dense.
@@ -118,9 +123,32 @@ def test_the_motion_is_fast_and_exceeds_no_limit() -> None:
     assert 0.7 * lift().clearance.site.swing < swing <= lift().clearance.site.swing * (1.0 + 1e-3)
 
 
-def test_the_way_is_within_two_percent_of_the_best_on_a_grid() -> None:
-    assert lift().way <= 1.02 * lift().on_grid.duration
-    assert lift().way >= float((np.abs(lift().ends[1] - lift().ends[0]) / RATES).max()) - 1e-9
+def test_a_lift_is_measured_against_the_shorter_way_round_whichever_way_it_goes() -> None:
+    """Beside it the long way round, planned as if a tower stood in the short one."""
+    made = lift()
+    shortest = straight_time(made.ends, LIMITS)
+    assert shortest <= made.least <= made.timed.motion.arrival <= 1.25 * made.least
+    # A cell of half a second more at both ends.
+    assert made.on_grid - 1.0 <= made.way <= 1.02 * made.on_grid
+    round_about = made.ends - np.array([[0.0, 0.0, 0.0], [2.0 * math.pi, 0.0, 0.0]])
+    long = _way(made.clearance, round_about, made.slews, RATES, 0.5, LIMITS, 5e-3)
+    assert long is not None
+    assert long.least == pytest.approx(made.least, rel=1e-12)
+    assert long.timed.motion.arrival > 1.4 * long.least
+
+
+def test_a_lift_planned_after_another_is_that_of_a_process_of_its_own() -> None:
+    code = (
+        "from tests.planning.sites import *;"
+        "made = plan_lift(site(WALL), LIMITS, crane=crane());"
+        "print(made.points.tolist(), made.timed.motion.arrival)"
+    )
+    there = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    plan_lift(site(WALL, start=np.array([9.0, -12.0, 4.0])), LIMITS, crane=crane())
+    again = plan_lift(site(WALL), LIMITS, crane=crane())
+    assert there.stdout == f"{again.points.tolist()} {again.timed.motion.arrival}\n"
 
 
 def test_the_load_goes_where_the_plan_says_and_arrives_without_swing_in_pinocchio_too() -> None:
@@ -253,7 +281,7 @@ def test_a_load_wider_than_every_gap_is_told_so(monkeypatch: pytest.MonkeyPatch)
     """A shaft up to the jib with a gate of 3.7 m: wide enough for a hook of 1.8 m with 0.5 m on
     both sides, not for a load of 2.6 m.
     """
-    monkeypatch.setattr(search, "LONGEST", 0.1)
+    monkeypatch.setattr(search, "EDGES", (1.0,))
     walls = [
         ("inner", (8.0, -11.0), (0.5, 10.0)),
         ("outer", (17.0, -11.0), (0.5, 10.0)),
