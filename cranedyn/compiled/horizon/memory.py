@@ -128,8 +128,8 @@ class Shape:
 
 
 REPORT = ("barrier", "flag", "iterations", "gap", "open", "excess", "first")
-"""What stands in the first lanes of the report. Given: the barrier to begin with; last, that of an
-optimisation after one that succeeded. Found: 1 if
+"""What stands in the first lanes of the report. Given: the barrier to begin with; last, a constant,
+that of an optimisation after one that succeeded. Found: 1 if
 solved, 0 if not; iterations; mean product of slacks and multipliers; what is left of the gradient
 at the beginning; largest share by which a bound is exceeded without bounds in the way."""
 

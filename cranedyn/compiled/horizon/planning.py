@@ -21,10 +21,11 @@ QUERY = ("row", "last", "hop")
 """Whole numbers that follow the state in a query: row of the path now, its last row, rows from one
 stage to the next."""
 
-MARKS = ("begun", "failures", "flag", "iterations", "excess")
+MARKS = ("begun", "failures", "flag", "iterations", "excess", "barrier")
 """What stands in the first lanes of the row that ends a plan: 1 once there is one; optimisations
 that failed; of the last one, whether it succeeded, its iterations, and how far a bound would be
-exceeded if there were none."""
+exceeded if there were none; the barrier with which the next begins. A plan is all that passes from
+one optimisation to the next: cranes in lanes share the memory of the optimisation."""
 
 
 def emit(module: ir.Module, shape: Shape, layout: Layout, length: float, period: float) -> None:
@@ -57,9 +58,9 @@ class _Plan:
         code, shape, given = self.code, self.shape, self.code.argument
         self.common.put("start", code.load(given["query"]) * mask(code, shape.states))
         fresh = self._mark("begun") < 0.5
-        with code.when(fresh):
-            first = self.common.one("report", 0, REPORT.index("first"))
-            self.common.put_one("report", 0, REPORT.index("barrier"), _WIDER * first)
+        wider = _WIDER * self.common.one("report", 0, REPORT.index("first"))
+        barrier = self.one.chosen(fresh, wider, self._mark("barrier"))
+        self.common.put_one("report", 0, REPORT.index("barrier"), barrier)
         with code.when(fresh), code.loop(0, shape.stages) as k:
             still = code.load(given["query"]) * mask(code, shape.states // 2)
             code.store(still, given["plan"], code.product(k, shape.lanes))
@@ -141,7 +142,6 @@ class _Plan:
         first = self.common.one("report", 0, REPORT.index("first"))
         barrier = self.common.one("report", 0, REPORT.index("barrier"))
         wider = one.call("llvm.minnum", _WIDER * barrier, _WIDEST * first)
-        self.common.put_one("report", 0, REPORT.index("barrier"), one.chosen(solved, first, wider))
         failed = self._mark("failures") + one.chosen(solved, 0.0, 1.0)
         found = {
             "begun": 1.0,
@@ -150,6 +150,7 @@ class _Plan:
                 name: self.common.one("report", 0, REPORT.index(name))
                 for name in ("flag", "iterations", "excess")
             },
+            "barrier": one.chosen(solved, first, wider),
         }
         for name, value in found.items():
             one.store(value, plan, self.marks + MARKS.index(name))

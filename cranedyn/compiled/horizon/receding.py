@@ -77,6 +77,7 @@ class Marks(NamedTuple):
         flag: Of the last one, 1 if it succeeded.
         iterations: Of the last one; 0 where no bound was in the way.
         excess: How far the optimum without bounds would exceed one, negative if it would not.
+        barrier: With which the next one begins.
     """
 
     begun: float
@@ -84,6 +85,7 @@ class Marks(NamedTuple):
     flag: float
     iterations: float
     excess: float
+    barrier: float
 
 
 @checked
@@ -381,8 +383,7 @@ def _table(
     row("low")[:], row("high")[:], row("price")[:] = -_NONE, _NONE, PRICE
     for name, values in (("low", low), ("high", high), ("price", PRICE / size)):
         row(name)[: len(values)] = values
-    for name in ("barrier", "first"):
-        row("report")[REPORT.index(name)] = _BARRIER * PRICE
+    row("report")[REPORT.index("first")] = _BARRIER * PRICE
     stages = table[shape.first :].reshape(shape.padded, shape.stride)
     for name, i, lane, value in _made(programme).known:
         stages[:, shape.place(name, i) + lane] = value
