@@ -55,6 +55,8 @@ class Batch:
         energy: Mechanical energy [J], shape (cranes, rows).
         failures: How many optimisations of a predictive controller failed, so that the plan before
             went on, shape (cranes,).
+        refusals: How many readings it refused, since the crane cannot be where they say, shape
+            (cranes,).
     """
 
     end: State
@@ -69,6 +71,7 @@ class Batch:
     effort: np.ndarray
     energy: np.ndarray
     failures: np.ndarray
+    refusals: np.ndarray
 
     def __len__(self) -> int:
         """Number of cranes."""
@@ -265,7 +268,7 @@ def simulate_batch(
         t=times[:: max(every, 1)][:rows],
         **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort")},
         energy=log[:, :, row_at["energy"]][:, :, 0],
-        failures=_failures(control.planned, memory, cranes),
+        **_marks(control.planned, memory, cranes),
     )
 
 
@@ -286,12 +289,18 @@ def _horizon(
     return np.tile(one, (groups, 1))
 
 
-def _failures(planned: Receding | None, memory: dict[str, np.ndarray], cranes: int) -> np.ndarray:
-    """How many optimisations failed, by crane."""
+def _marks(
+    planned: Receding | None, memory: dict[str, np.ndarray], cranes: int
+) -> dict[str, np.ndarray]:
+    """How many optimisations failed, and how many readings were refused, by crane."""
     if planned is None:
-        return np.zeros(cranes, dtype=int)
+        return dict.fromkeys(("failures", "refusals"), np.zeros(cranes, dtype=int))
     marks = [found for one in memory["horizon"] for found in planned.marked(one, _LANES)]
-    return np.array([found.failures for found in marks[:cranes]], dtype=int)
+    refusals = [planned.refusals(one, _LANES) for one in memory["horizon"]]
+    return {
+        "failures": np.array([found.failures for found in marks[:cranes]], dtype=int),
+        "refusals": np.concatenate(refusals)[:cranes],
+    }
 
 
 def _instant(t: float | None, since: float, clock: Clocks) -> int:

@@ -497,6 +497,71 @@ def test_an_optimisation_that_fails_leaves_the_last_plan_and_a_note_in_the_recor
     assert (batch.failures > 0).all()
 
 
+GLITCHES = (0.1, 1.0, 30.0, 1257.0, 1e8)
+"""Once added to a reading; an encoder that wraps in a control period of 5 ms reads 1257 rad/s."""
+
+
+@pytest.mark.parametrize("drive", ["effort", "velocity"])
+def test_one_wrong_reading_of_any_size_leaves_nothing(drive: Drive) -> None:
+    goal, start = at((0.3, 15.0, 12.0)), at((0.0, 10.0, 15.0))
+    offset = np.zeros((1 + 10 * len(GLITCHES), 402, 10))
+    for lane, (i, size) in enumerate(np.ndindex(10, len(GLITCHES)), 1):
+        offset[lane, 400, i] = GLITCHES[size]  # at an instant of an optimisation
+    batch = simulate_batch(
+        crane(),
+        receding(crane(), LIMITS, drive=drive),
+        hold(crane(), goal),
+        start=[start] * len(offset),
+        duration=25.0,
+        drive=drive,
+        sensor_offset=offset,
+    )
+    # A hundredth of what is called settled, 10 mm, and as many radians.
+    assert np.abs(batch.end.q - batch.end.q[0]).max() < 1e-4
+    assert (batch.peak_swing < 0.11).all()
+    refused = batch.refusals[1:].reshape(10, -1)
+    assert (refused[:, 3:] == 1).all() and (refused[:, 0] == 0).all()
+    assert (batch.failures >= batch.refusals).all()
+
+
+def test_a_reading_that_cannot_be_is_refused_and_said() -> None:
+    goal, count = at((0.3, 15.0, 12.0)), 0
+
+    def wrapped(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        nonlocal count
+        count += 1
+        v = state.v.copy()
+        v[0] += 1257.0 * (count == 201)
+        return made(t, State(state.q, v), setpoint)
+
+    made = receding(crane(), LIMITS)
+    run = to(goal, at((0.0, 10.0, 15.0)), made, duration=1.0)
+    assert run.record["notes"] == {"failed_optimisations": 0}
+    run = quickly(crane(), wrapped, hold(crane(), goal), start=at((0.0, 10.0, 15.0)), duration=2.0)
+    assert np.isfinite(run.effort).all()
+    notes = made.notes()
+    assert notes["failed_optimisations"] == notes["refused_readings"] == 1
+    assert notes["last_refused"] == pytest.approx({"gamma_dot_rad_s": 1257.0}, rel=1e-3)
+
+
+def test_sensors_that_fail_at_the_first_instant_or_for_a_second_are_outlived() -> None:
+    goal, start = at((0.3, 15.0, 12.0)), at((0.0, 10.0, 15.0))
+    offset = np.zeros((3, 602, 10))
+    offset[1, 0, 5], offset[2, 400:600, 2] = 1257.0, 1e3
+    batch = simulate_batch(
+        crane(),
+        receding(crane(), LIMITS),
+        hold(crane(), goal),
+        start=[start] * 3,
+        duration=25.0,
+        sensor_offset=offset,
+    )
+    np.testing.assert_array_equal(batch.refusals, [0, 1, 200])
+    np.testing.assert_array_equal(batch.failures, [0, 1, 20])
+    # As above.
+    assert np.abs(batch.end.q - batch.end.q[0]).max() < 1e-4
+
+
 def test_a_note_is_found_in_a_controller_behind_sensors() -> None:
     goal = at((0.3, 15.0, 12.0))
     behind = sensed(crane(), receding(crane(), LIMITS), delay=1, rng=np.random.default_rng(1))

@@ -84,7 +84,11 @@ class Programme:
     @property
     def plant(self) -> Plant:
         """The crane that it believes in, told by accelerations."""
-        return plant(self.topology, list(self.numbers), "motion", False)
+        return self.driven("motion")
+
+    def driven(self, drive: str) -> Plant:
+        """The crane that it believes in, told by accelerations, "motion", or efforts, "effort"."""
+        return plant(self.topology, list(self.numbers), drive, False)
 
     @property
     def hop(self) -> int:
@@ -130,11 +134,21 @@ class Parts(NamedTuple):
 
 def remembered(layout: Layout) -> dict[str, range]:
     """Where what each lane remembers stands, by name: accelerations held, estimates of what
-    disturbs the drives, rates expected of them, their rates at the instant before, the swing
-    believed then and its rates, whether nothing was cut, and whether there was an instant before.
+    disturbs the drives, rates expected of them, the swing believed at the instant before and its
+    rates, coordinates and rates as read at the last instant at which that was possible, how often
+    it was not, what was read then, and whether there was an instant before.
     """
-    m, passive = layout.m, layout.n - layout.m
-    sizes = dict(held=m, estimate=m, expected=m, rates=m, swing=2 * passive, free=1, begun=1)
+    n, m = layout.n, layout.m
+    sizes = dict(
+        held=m,
+        estimate=m,
+        expected=m,
+        swing=2 * (n - m),
+        read=2 * n,
+        refusals=1,
+        refused=2 * n,
+        begun=1,
+    )
     ends = np.cumsum(list(sizes.values())).tolist()
     return {
         name: range(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)
@@ -222,13 +236,15 @@ class Control:
             due: Whether it is time for an optimisation.
         """
         code = self.code
-        believed = self._believed(q, v)
+        before, begun = self._remembered("read"), self._remembered("begun")[0]
+        q, v, possible = self._possible(q, v)
+        believed = self._believed(q, v, before)
         with code.when(due):
             for lane in range(code.lanes):
-                self._plan(lane, *believed, position, row)
+                self._plan(lane, *believed, position, row, possible)
         told = self._remembered("held")
         if self.programme.drive == "effort":
-            return self._efforts(q, v, told)
+            return self._efforts(q, v, told, begun * possible)
         told = self._taut(q, v, told)
         if self.programme.drive == "motion":
             return told
@@ -259,7 +275,13 @@ class Control:
         return array([code.load(command, i) for i in range(len(position))])
 
     def _plan(
-        self, lane: int, q: np.ndarray, v: np.ndarray, position: np.ndarray, row: ir.Value
+        self,
+        lane: int,
+        q: np.ndarray,
+        v: np.ndarray,
+        position: np.ndarray,
+        row: ir.Value,
+        possible: Value,
     ) -> None:
         code, parts, shape = self.code, self.parts, self.programme.shape
         query, path = (pointer(code, self.memory, at) for at in (parts.query, parts.path))
@@ -275,6 +297,7 @@ class Control:
         for i, number in enumerate(numbers):
             code.builder.store(number, pointer(code, query, shape.lanes + i), align=8)
         assert len(numbers) == len(QUERY)
+        self._store_one(element(code, possible, lane), query, shape.lanes + len(QUERY))
         plan = pointer(code, self.memory, parts.plans + lane * plan_size(shape))
         work = pointer(code, self.memory, parts.work)
         code.builder.call(code.function.module.globals["plan"], [work, plan, query, path])
@@ -296,12 +319,35 @@ class Control:
         for i, value in zip(self._slots[name], values, strict=True):
             self.code.store(value, self.memory, self._place(i))
 
-    def _believed(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _possible(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, Value]:
+        """Coordinates and rates as read, and 1; or, where a crane cannot be so, those that were
+        possible last, and 0.
+        """
+        code, shape = self.code, self.programme.shape
+        least, most = (self.parts.work + shape.place(name) for name in ("least", "most"))
+        read = np.concatenate([q, v])
+        holds = code.both(
+            *(x >= code.spread(self.memory, least + i) for i, x in enumerate(read)),
+            *(x <= code.spread(self.memory, most + i) for i, x in enumerate(read)),
+        )
+        kept = {
+            "read": (read, self._remembered("read")),
+            "refused": (self._remembered("refused"), read),
+            "refusals": (self._remembered("refusals"), self._remembered("refusals") + 1.0),
+        }
+        for name, pairs in kept.items():
+            self._remember(name, [code.chosen(holds, a, b) for a, b in zip(*pairs, strict=True)])
+        q, v = np.split(self._remembered("read"), 2)
+        return q, v, code.chosen(holds, 1.0, 0.0)
+
+    def _believed(
+        self, q: np.ndarray, v: np.ndarray, before: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and rates with which a plan begins: as measured, but for the swing and, where
-        rates are commanded, the rates of the drives.
+        rates are commanded, the rates of the drives; with what was measured at the instant before.
         """
         known, drives = self._remembered("begun")[0] > 0.0, self.layout.drives
-        believed_q, believed_v = self._swinging(known, q, v)
+        believed_q, believed_v = self._swinging(known, q, v, before[self.layout.n + drives])
         if self.programme.drive == "velocity":
             believed_v[drives] = self._corrected(
                 known, self._remembered("expected"), v[drives], self.programme.rate_share
@@ -310,7 +356,7 @@ class Control:
         return believed_q, believed_v
 
     def _swinging(
-        self, known: ir.Value, q: np.ndarray, v: np.ndarray
+        self, known: ir.Value, q: np.ndarray, v: np.ndarray, rates_before: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and rates with what is believed of the swing.
 
@@ -321,14 +367,13 @@ class Control:
         drives, passive = layout.drives, layout.passive
         if self.programme.swing_share == 1.0 or not len(passive):
             return q, v
-        seen, rates, before = [*q[passive], *v[passive]], v[drives], q.copy()
+        seen, before = [*q[passive], *v[passive]], q.copy()
         before[passive], v[passive] = np.split(self._remembered("swing"), 2)
-        done = (rates - self._remembered("rates")) / period
+        done = (v[drives] - rates_before) / period
         caused = self.programme.plant.answer(before, v, done, None)[0][passive]
         after = v[passive] + period * caused
         expected = [*(before[passive] + period * after), *after]
         believed = self._corrected(known, expected, seen, self.programme.swing_share)
-        self._remember("rates", rates)
         self._remember("swing", believed)
         q[passive], v[passive] = np.split(believed, 2)
         return q, v
@@ -344,13 +389,17 @@ class Control:
             ]
         )
 
-    def _efforts(self, q: np.ndarray, v: np.ndarray, told: np.ndarray) -> np.ndarray:
-        """Efforts that accelerate as told, what disturbs taken off; and what it learns of that."""
+    def _efforts(self, q: np.ndarray, v: np.ndarray, told: np.ndarray, learns: Value) -> np.ndarray:
+        """Efforts that accelerate as told, what disturbs taken off; and what it learns of that, if
+        it does: 1, or 0 at the first instant and where no state was read.
+
+        What it expects is what the efforts cause that are left after they are cut, so that an
+        estimate finds back however wrong it is.
+        """
         code, programme, layout = self.code, self.programme, self.layout
-        (free,) = self._remembered("free")
         estimate, expected = self._remembered("estimate"), self._remembered("expected")
         rates = v[layout.drives]
-        gain = free * (programme.share / programme.period)
+        gain = learns * (programme.share / programme.period)
         estimate = array(
             [e + gain * (r - x) for e, r, x in zip(estimate, rates, expected, strict=True)]
         )
@@ -362,10 +411,9 @@ class Control:
             joint = int(layout.drives[hoist])
             most = crane.joint.damping[joint] * v[joint] - programme.taut
             cut[hoist] = code.chosen(cut[hoist] > most, most, cut[hoist])
-        same = [code.call("llvm.fabs", a - b) <= 0.0 for a, b in zip(cut, wanted, strict=True)]
+        caused = programme.driven("effort").answer(q, v, array(cut), None)[0][layout.drives]
         self._remember("estimate", estimate)
-        self._remember("expected", rates + programme.period * told)
-        self._remember("free", [code.chosen(code.both(*same), 1.0, 0.0)])
+        self._remember("expected", rates + programme.period * (caused + estimate))
         return array(cut)
 
     def _taut(self, q: np.ndarray, v: np.ndarray, told: np.ndarray) -> np.ndarray:

@@ -66,11 +66,11 @@ class Dual:
 
     def sin(self) -> Dual:
         """Sine of an angle [rad]."""
-        return self._chain(self.value.sin(), self.value.cos())
+        return self._chain(np.sin(self.value), np.cos(self.value))
 
     def cos(self) -> Dual:
         """Cosine of an angle [rad]."""
-        return self._chain(self.value.cos(), -self.value.sin())
+        return self._chain(np.cos(self.value), -np.sin(self.value))
 
 
 def variables(*groups: np.ndarray) -> list[np.ndarray]:

@@ -54,9 +54,8 @@ class Shape:
     @property
     def common(self) -> dict[str, int]:
         """Rows that all stages share, by name: weights; the first state; bounds and what exceeding
-        them costs; cost-to-go of the end and its gradient; room for
-        intermediate results; where the path ends; a report,
-        see `REPORT`.
+        them costs; least and most that a state can be; cost-to-go of the end and its gradient; room
+        for intermediate results; where the path ends; a report, see `REPORT`.
         """
         z, w = self.states, self.both
         return {
@@ -65,6 +64,8 @@ class Shape:
             "low": 1,
             "high": 1,
             "price": 1,
+            "least": 1,
+            "most": 1,
             "end": z,
             "end_gradient": 1,
             "togo": z,

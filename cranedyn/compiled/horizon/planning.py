@@ -13,13 +13,16 @@ from cranedyn.compiled.horizon.memory import REPORT, Other, Shape, Work, everywh
 from cranedyn.compiled.horizon.riccati import call, mask, total
 from cranedyn.model.layout import Layout
 
+_HUGE = 1e300
+"""What no number of a plan exceeds."""
+
 _WIDER, _WIDEST = 10.0, 100.0
 """By what the barrier is wider for the first optimisation, and for the next when one fails, and by
 what at most."""
 
 QUERY = ("row", "last", "hop")
 """Whole numbers that follow the state in a query: row of the path now, its last row, rows from one
-stage to the next."""
+stage to the next. After them stands 1, or 0 where the state is one that the crane cannot be in."""
 
 MARKS = ("begun", "failures", "flag", "iterations", "excess", "barrier")
 """What stands in the first lanes of the row that ends a plan: 1 once there is one; optimisations
@@ -65,6 +68,17 @@ class _Plan:
             still = code.load(given["query"]) * mask(code, shape.states // 2)
             code.store(still, given["plan"], code.product(k, shape.lanes))
         self._shift()
+        for name in ("flag", "iterations", "excess"):
+            self.common.put_one("report", 0, REPORT.index(name), 0.0)
+        possible = self.one.load(given["query"], shape.lanes + len(QUERY)) > 0.5
+        with code.when(possible):
+            self._solve()
+        self._keep(possible)
+        code.end()
+
+    def _solve(self) -> None:
+        code, shape = self.code, self.shape
+        self._begin_at_state()
         self._aim()
         call(code, "linearise")
         call(code, "end")
@@ -73,14 +87,12 @@ class _Plan:
         ]
         self.common.put("end_gradient", -total(aim))
         call(code, "solve")
-        self._keep()
-        code.end()
 
     def _mark(self, name: str) -> Value:
         return self.one.load(self.code.argument["plan"], self.marks + MARKS.index(name))
 
     def _shift(self) -> None:
-        """Nodes on the last plan, as much later as it is; the first at the state."""
+        """Nodes on the last plan, as much later as it is."""
         code, shape = self.code, self.shape
         ahead, share = divmod(self.period / self.length, 1.0)
         last = code.integer(shape.stages - 1)
@@ -92,9 +104,9 @@ class _Plan:
                 for row in (before, after)
             ]
             self.work.stage(k).put("node", (1.0 - share) * parts[0] + share * parts[1])
-        self._begin_at_state()
 
     def _begin_at_state(self) -> None:
+        """Move the first node to the state."""
         code, shape, first = self.code, self.shape, self.work.stage(0)
         inputs = mask(code, shape.both) - mask(code, shape.states)
         first.put("node", first.get("node") * inputs + self.common.get("start"))
@@ -127,12 +139,16 @@ class _Plan:
                 parts.append(self.common.get("weight", shape.states + c) * everywhere(code, pull))
             self.work.stage(k).put("gradient", -total(parts))
 
-    def _keep(self) -> None:
+    def _keep(self, possible: ir.Value) -> None:
         """What was found becomes the plan; if nothing was, the last plan goes on."""
         code, shape, one = self.code, self.shape, self.one
         plan = code.argument["plan"]
         flag = self.common.one("report", 0, REPORT.index("flag"))
-        solved = flag > 0.5
+        finite = code.variables([1.0])[0]
+        with code.loop(0, shape.stages) as k:
+            size = code.call("llvm.fabs", self.work.stage(k).get("here"))
+            finite.set(code.chosen(size < _HUGE, finite.get(), 0.0))
+        solved = code.both(flag > 0.5, code.everywhere(finite.get() > 0.5))
         with code.loop(0, shape.stages) as k:
             here = self.work.stage(k)
             kept = code.variables([here.get("node")])[0]
@@ -144,11 +160,12 @@ class _Plan:
         wider = one.call("llvm.minnum", _WIDER * barrier, _WIDEST * first)
         failed = self._mark("failures") + one.chosen(solved, 0.0, 1.0)
         found = {
-            "begun": 1.0,
+            "begun": one.chosen(possible, 1.0, self._mark("begun")),
             "failures": failed,
+            "flag": one.chosen(solved, 1.0, 0.0),
             **{
                 name: self.common.one("report", 0, REPORT.index(name))
-                for name in ("flag", "iterations", "excess")
+                for name in ("iterations", "excess")
             },
             "barrier": one.chosen(solved, first, wider),
         }

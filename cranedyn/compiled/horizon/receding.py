@@ -15,12 +15,14 @@ from cranedyn.arguments import check_word, checked
 from cranedyn.arrays import finite
 from cranedyn.clocks import SAME_PERIOD, multiple
 from cranedyn.compiled.door import Instant
+from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.control import (
     Parts,
     Programme,
     emit_instant,
     emit_plan,
     plan_size,
+    remembered,
 )
 from cranedyn.compiled.horizon.memory import REPORT
 from cranedyn.compiled.horizon.planning import MARKS
@@ -28,7 +30,7 @@ from cranedyn.compiled.machine import Machine, translated
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.dynamics.plant import Topology, numbers
+from cranedyn.dynamics.plant import Plant, Topology, numbers
 from cranedyn.errors import CraneError, OutOfRange, number, whole, within
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
@@ -46,6 +48,10 @@ _NONE = 1e9
 """A bound that nothing meets."""
 
 _STAGES = 200
+
+_FASTEST = 10.0
+"""Multiple of its limit that no rate of a drive can be, ours; and twice what a load that falls from
+the height of its pivot reaches, no rate of a swing."""
 
 TAUT = 0.1
 """Least tension of the rope, as a share of the payload's weight."""
@@ -126,8 +132,23 @@ class Receding:
         parts = Parts.of(self.programme, lanes)
         found = np.zeros(parts.size)
         found[parts.work :] = self.table
+        self._of_lanes(found, lanes, "read")[:] = self._row("start")[:, None]
         found[parts.path : parts.path + self.path.size] = self.path.ravel()
         return found
+
+    def _row(self, name: str) -> np.ndarray:
+        """A row of the table about states, shape (2 n,)."""
+        shape = self.programme.shape
+        return self.table[shape.place(name) :][: shape.states]
+
+    def _of_lanes(self, memory: np.ndarray, lanes: int, name: str) -> np.ndarray:
+        """What the lanes of a memory remember of something, shape (numbers, lanes)."""
+        parts, slots = self.programme.parts(lanes), remembered(self.programme.topology.layout)
+        return memory[parts.lanes : parts.plans].reshape(-1, lanes)[slots[name]]
+
+    def refusals(self, memory: np.ndarray, lanes: int) -> np.ndarray:
+        """How often a crane of each lane was said to be where it cannot be, shape (lanes,)."""
+        return self._of_lanes(memory, lanes, "refusals")[0].astype(int)
 
     def fresh(self, t: float, lanes: int) -> np.ndarray:
         """As `memory`, for a compiled loop that begins at a time [s]."""
@@ -144,9 +165,17 @@ class Receding:
         """A copy of what the last optimisation left, see `cranedyn.compiled.horizon.memory`."""
         return self._memory[self.programme.parts(1).work :].copy()
 
-    def notes(self) -> dict[str, int]:
+    def notes(self) -> dict[str, object]:
         """See `cranedyn.simulation.record.Noting`."""
-        return {"failed_optimisations": int(self.marks.failures)}
+        found: dict[str, object] = {"failed_optimisations": int(self.marks.failures)}
+        if refusals := int(self.refusals(self._memory, 1)[0]):
+            joints = self.programme.topology.layout.joints
+            columns = [joint.columns[i] for i in (0, 1) for joint in joints]
+            read = self._of_lanes(self._memory, 1, "refused")[:, 0]
+            wrong = (read < self._row("least")) | (read > self._row("most"))
+            found["refused_readings"] = refusals
+            found["last_refused"] = {columns[i]: float(read[i]) for i in np.flatnonzero(wrong)}
+        return found
 
     def marked(self, memory: np.ndarray, lanes: int) -> list[Marks]:
         """The same of each lane of a memory."""
@@ -317,8 +346,11 @@ def receding(
         () if lags is None else tuple((lags.lags + lags.ahead(control_period)).tolist()),
     )
     cost = _weights(crane, accelerations, state_weight, input_weight)
-    table = _table(programme, cost, *_bounds(crane, rates, accelerations, swing, programme.taut))
-    return Receding(programme, table, path)
+    rows = {
+        **_bounds(crane, rates, accelerations, swing, programme.taut),
+        **_possible(crane, rates, programme),
+    }
+    return Receding(programme, _table(programme, cost, rows), path)
 
 
 def usual_input_weight(accelerations: np.ndarray) -> np.ndarray:
@@ -348,8 +380,8 @@ def _weights(
 
 def _bounds(
     crane: Crane, rates: np.ndarray, accelerations: np.ndarray, swing: float, taut: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least and largest of all that is bounded, and how large each is."""
+) -> dict[str, np.ndarray]:
+    """Least and largest of all that is bounded, and the price of exceeding each."""
     layout = crane.layout
     n, m, drives = layout.n, layout.m, layout.drives
     low, high = np.full(2 * n + 2 * m, -_NONE), np.full(2 * n + 2 * m, _NONE)
@@ -365,12 +397,41 @@ def _bounds(
     hoist = layout.drive_of("hoist")
     if hoist is not None:
         high[2 * n + m + hoist] = -taut
-    return low, high, size
+    return {"low": low, "high": high, "price": PRICE / size}
 
 
-def _table(
-    programme: Programme, cost: np.ndarray, low: np.ndarray, high: np.ndarray, size: np.ndarray
-) -> np.ndarray:
+def _possible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str, np.ndarray]:
+    """Least and most of what coordinates and rates of a crane can be, and where it is until they
+    are read.
+    """
+    layout, start = crane.layout, crane.start.q
+    drives, swings, n = layout.drives, crane.swings, layout.n
+    least, most = np.full(2 * n, -_NONE), np.full(2 * n, _NONE)
+    span = crane.upper - crane.lower
+    least[drives], most[drives] = (crane.lower - span)[drives], (crane.upper + span)[drives]
+    short = start.copy()
+    if (hoist := layout.drive_of("hoist")) is not None:
+        short[drives[hoist]] = crane.lower[drives[hoist]]
+    swinging = 2.0 * math.sqrt(2.0) * frequencies(programme.plant, short).max(initial=0.0)
+    most[swings], most[n + swings], most[n + drives] = math.pi / 2.0, swinging, _FASTEST * rates
+    least[swings], least[n:] = -most[swings], -most[n:]
+    return {
+        "least": np.clip(least, -_NONE, _NONE),
+        "most": np.clip(most, -_NONE, _NONE),
+        "start": np.concatenate([start, np.zeros(n)]),
+    }
+
+
+def frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
+    """Natural frequencies of what hangs free while the drives stand [rad/s], shape (n - m,)."""
+    layout = plant.topology.layout
+    still = np.zeros(layout.n)
+    slopes = model.linear(plant, q, still, np.zeros(layout.m)).rates[layout.passive]
+    stiffness = -slopes[:, layout.passive].astype(float)
+    return np.sqrt(np.clip(np.linalg.eigvals(stiffness).real, 0.0, None))
+
+
+def _table(programme: Programme, cost: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
     """Memory of an optimisation before the first."""
     shape = programme.shape
     table = np.zeros(shape.size)
@@ -381,7 +442,7 @@ def _table(
     for i, numbers_ in enumerate(cost):
         row("weight", i)[: len(cost)] = numbers_
     row("low")[:], row("high")[:], row("price")[:] = -_NONE, _NONE, PRICE
-    for name, values in (("low", low), ("high", high), ("price", PRICE / size)):
+    for name, values in rows.items():
         row(name)[: len(values)] = values
     row("report")[REPORT.index("first")] = _BARRIER * PRICE
     stages = table[shape.first :].reshape(shape.padded, shape.stride)
