@@ -32,6 +32,9 @@ cranes at once some tenths of a second."""
 _INSTANT = 4
 """What control and log of an instant cost, in steps."""
 
+_STAGE = 4
+"""What each stage of an optimisation of one crane costs at most, in steps: some microseconds."""
+
 
 def _address(
     name: str,
@@ -201,6 +204,9 @@ class Loop:
             OutOfRange: If an array is not what the code takes it for, or a number is not finite.
         """
         recipe, lanes, sizes = code.recipe, code.recipe.lanes, code.sizes
+        self._instant = _INSTANT
+        if (programme := recipe.programme) is not None:
+            self._instant += -(-_STAGE * programme.stages * lanes // programme.ratio)
         self._last, self._end = whole("control instants", last, 1), whole("end", end, 0)
         self._steps, small = whole("steps", clock.steps, 1), whole("small steps", clock.small, 1)
         self._weight = small if recipe.buffers and recipe.integrator.smooth else 1
@@ -298,7 +304,7 @@ class Loop:
         """The run in pieces of about so many steps: instants from the first up to, but without, the
         last, steps of each, whether the first goes on from steps.
         """
-        together = piece // (self._steps * self._weight + _INSTANT)
+        together = piece // (self._steps * self._weight + self._instant)
         if together:
             for first in range(0, self._last, together):
                 yield first, min(first + together, self._last), self._steps, False

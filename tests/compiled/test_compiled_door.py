@@ -31,6 +31,7 @@ from cranedyn.compiled.batch import simulate_batch
 from cranedyn.compiled.call import Sizes, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop
+from cranedyn.compiled.horizon.receding import receding
 from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.model import forward_dynamics
 from cranedyn.compiled.tables import Table
@@ -45,6 +46,7 @@ from cranedyn.errors import CraneError, Misshapen, OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold
+from cranedyn.references.limits import Limits
 from cranedyn.references.ramp import ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import ROOT, crane
@@ -672,6 +674,23 @@ def test_ctrl_c_is_answered_within_two_seconds_whatever_runs(
         isinstance(caught.value, KeyboardInterrupt)
         or str(caught.value) == "Interrupted at t = 0.000 s."
     )
+
+
+@pytest.mark.parametrize("run", [simulate, simulate_batch])
+def test_ctrl_c_is_answered_within_two_seconds_under_the_longest_horizon(
+    run: Callable[..., object],
+) -> None:
+    def go(duration: float) -> None:
+        made = receding(crane(), limits, stages=200, period=5e-3, stage=0.1)
+        starts = [crane().state(phi=0.2, x=3.0 + i) for i in range(9)]
+        more = {"start": starts[0], "engine": "compiled", "validity": "mark"}
+        run(crane(), made, duration=duration, **more if run is simulate else {"start": starts})
+
+    limits = Limits(rates=(0.1, 1.0, 1.0), accelerations=(0.05, 0.5, 0.5))
+    go(5e-3)  # code is made
+    with _ctrl_c(0.3) as came, pytest.raises((KeyboardInterrupt, RunError)):
+        go(600.0)
+    assert time.process_time() - came[0] < 2.0  # the machine may be busy with others
 
 
 @pytest.mark.parametrize(("run", "how"), [one for one in _LONG.values() if one[0] is simulate])
