@@ -16,6 +16,7 @@ from cranedyn.data.elsewhere import parse_sources
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, number, quoted, whole
 from cranedyn.identification import Estimate, Known, Model, load_record
+from cranedyn.identification.noise import WHITE
 from cranedyn.identification.parameters import Drives
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.model.description import add_values, parse_values
@@ -24,7 +25,7 @@ from experiments import gazebo, harness
 from experiments.harness.arguments import ROS
 from experiments.harness.progress import watching
 from experiments.harness.swept import columns_swept
-from experiments.identify_coverage import NAMES, coverage
+from experiments.identify_coverage import NAMES, PLANTS, SWING, coverage
 from experiments.identify_figures import beside, correlations
 from experiments.identify_tables import Found, doubts, found, of_trials, tables, values
 from experiments.identify_trial import TRUTH, Tried, trial_record, tried
@@ -97,8 +98,9 @@ def check_effect(options: argparse.Namespace) -> None:
     synthetic = options.coverage is not None
     if synthetic and options.file:
         raise DataError("A FILE has no effect beside --coverage; leave it out.")
-    if options.workers is not None and not synthetic:
-        raise DataError("--workers has no effect without --coverage; leave it out.")
+    for name in ("workers", "plant"):
+        if getattr(options, name) is not None and not synthetic:
+            raise DataError(f"--{name} has no effect without --coverage; leave it out.")
     kinds = {Path(file).suffix in ROS for file in options.file}
     for name in given:
         needed = {"sources": "a .csv or .parquet FILE", "named": "an .mcap or .bag FILE"}
@@ -129,12 +131,23 @@ def files(options: argparse.Namespace, setup: harness.Setup, known: Known) -> ha
     one = found(model, setup, "records")
     return harness.Outcome(
         tables=[*tables(one, "", {}), *of_trials(_trials(one.estimate))],
-        claims=[],
+        claims=[_white("The records", one)],
         parameters=_parameters(one),
         trajectories=_runs(one),
         figures=_figures(one),
         recording=_recording(one),
         texts={"twin.json": one.twin.text},
+    )
+
+
+def _white(words: str, one: Found) -> harness.Claim:
+    """Judge what every interval presumes."""
+    coloured, said = ", ".join(one.estimate.not_white), "all"
+    if coloured:
+        said = f"not {coloured}: the model lacks something, and intervals may not hold the truth"
+    return harness.Claim(
+        f"{words}: what the twin leaves of each column is white noise ({said}).",
+        not coloured,
     )
 
 
@@ -229,6 +242,7 @@ def _trials_claims(alone: Found, both: Found, trials: Sequence[Tried]) -> list[h
                 off[worst] <= 2.0,
             )
         )
+        claims.append(_white(f"The trial, {words}", one))
     pairs = [p for p in alone.judged.alike if {p.one, p.other} == {"delay", "x_lag"}]
     rho = abs(pairs[0].correlation) if pairs else 0.0
     claims.append(
@@ -304,11 +318,11 @@ def _recording(one: Found) -> list[Run]:
 
 def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
     """Identify synthetic cranes, and count how often the intervals hold the truth."""
-    count = whole("coverage", options.coverage, 1)
+    count, plant = whole("coverage", options.coverage, 1), options.plant or "simulate"
     folder = options.folder / "cases"
     end = sweep(
         coverage,
-        grid(seed=list(range(count))),
+        grid(seed=list(range(count)), plant=plant),
         folder,
         chunk=10,
         workers=options.workers,
@@ -328,6 +342,15 @@ def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcom
                 low <= hits <= high,
             )
         )
+    channels, coloured = 4 * count, int(data["not_white"].sum())
+    most = int(binom.ppf(1.0 - _TAIL, channels, WHITE))
+    claims.append(
+        harness.Claim(
+            f"{coloured} of {channels} residuals are not white; of white ones {most} would be at "
+            "most.",
+            coloured <= most,
+        )
+    )
     claims.append(harness.Claim("No crane failed.", end.errors == 0))
     columns = [
         ("what", ""),
@@ -338,13 +361,15 @@ def covered(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcom
     ]
     note = (
         f"Between {low} and {high} lie {100 * (1 - 2 * _TAIL):g} % of all counts of a sure 95 %. "
+        f"Records are made by {'MuJoCo' if plant == 'mujoco' else '`simulate`'}, with efforts as "
+        f"logged; swings begin at up to {math.degrees(SWING):.0f}° in each joint. "
         "Each crane has numbers, moves and noise of its own, and is looked for from the same "
         "wrong start."
     )
     return harness.Outcome(
         tables=[harness.Table(f"Intervals of {count:,} synthetic cranes", columns, rows, note)],
         claims=claims,
-        parameters={"cranes": count},
+        parameters={"cranes": count, "plant": plant},
     )
 
 
@@ -422,6 +447,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="N",
         help="identify N synthetic cranes instead, and count how often the intervals hold the "
         "truth",
+    )
+    made.add_argument(
+        "--plant",
+        choices=tuple(PLANTS),
+        default=None,
+        help="what makes their records: simulate (default) or mujoco (extra mujoco)",
     )
     made.add_argument(
         "--workers",

@@ -1,16 +1,28 @@
-"""Synthetic cranes, each with numbers and moves of its own, identified from a noisy record: how
-often the intervals hold the truth.
+"""Synthetic cranes, each with numbers and moves of its own, identified from a noisy record of a run
+of `simulate` or of MuJoCo: how often the intervals hold the truth.
 """
 
 from __future__ import annotations
 
+import math
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from cranedyn.identification import Estimate, Known, Model, Record, identify
+from cranedyn.bridges.joints import described
+from cranedyn.bridges.mjcf import mjcf
+from cranedyn.controllers import follow
+from cranedyn.dynamics.integrators import rk4
+from cranedyn.errors import DataError
+from cranedyn.identification import Known, Model, Record, identify
+from cranedyn.identification.motion import Rows
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
+from cranedyn.simulation.simulate import simulate
 
 NAMES = ("l_offset", "payload_mass", "damp_swing", "delay", "phi_bias", "theta_bias", "x_friction")
 """What is found of each crane."""
@@ -26,11 +38,15 @@ RANGES = {
 }
 """Between what the truth lies, each number by itself and evenly."""
 
-DURATION, INTERVAL = 40.0, 0.1
-"""Of a record [s], and from row to row."""
+DURATION, INTERVAL, SWING = 40.0, 0.1, math.radians(20.0)
+"""Of a record [s], from row to row, and largest angle of a swing joint at its beginning [rad]."""
 
 NOISE = {"swing": 2e-3, "effort": 50.0}
 """Standard deviation of what the sensors add: to a swing [rad], to an effort [N]."""
+
+_PERIOD, _FINE, _STIFF = 2e-3, 4, 500.0
+"""Time between rows of the plant [s], in how many steps of MuJoCo, and frequency of the servos that
+bring its motors along [rad/s]."""
 
 _MOVES = {"x": (2, 2.0, 2.0, 6.0), "gamma": (1, 0.3, 3.0, 8.0), "l": (1, 3.0, 6.0, 12.0)}
 
@@ -41,92 +57,134 @@ def believed() -> Known:
     return Known()
 
 
-def synthetic(seed: int, known: Known | None = None) -> tuple[Model, dict[str, float]]:
-    """A noisy record of a crane that is not as one believes, with what is true of it.
+def synthetic(
+    seed: int, known: Known | None = None, *, plant: str = "simulate"
+) -> tuple[Model, dict[str, float]]:
+    """Record a crane that is not as one believes, and return what is true of it, too.
 
     Args:
         seed: Of all that is random.
         known: What one believes of it; None for the crane as its description says.
+        plant: What moves the crane, one of `PLANTS`.
     """
     rng, known = np.random.default_rng(seed), known or believed()
     truth = {name: float(rng.uniform(*ends)) for name, ends in RANGES.items()}
-    model = Model.of(known, [_record(known, rng)], NAMES, drives="motion")
-    begins = {"start": 0.03, "start rate": 0.03}
-    values = np.array(
-        [
-            truth[one.name] if one.record is None else begins[one.kind] * rng.standard_normal()
-            for one in model.parameters
-        ]
-    )
-    shown = model_over_all(model, values)
-    columns = dict(model.records[0].columns)
-    for channel, column in zip(model.channels[0], shown, strict=True):
-        noise = NOISE[channel.kind] * rng.standard_normal(len(column))
-        columns[channel.column] = column + noise
-    record = Record.of(known.crane, {"t_s": model.records[0].t, **columns}, name=f"crane {seed}")
+    crane = known.load(payload_mass=truth["payload_mass"], damp_swing=truth["damp_swing"])
+    t = _PERIOD * np.arange(round(DURATION / _PERIOD) + 1)
+    position, velocity = _motion(crane, rng, t)
+    first = dict(zip(("gamma", "x", "l"), position[0].tolist(), strict=True))
+    first["l"] += truth["l_offset"]
+    swing = {name: float(rng.uniform(-SWING, SWING)) for name in ("phi", "theta")}
+    q, effort = PLANTS[plant](crane, crane.state(**first, **swing), position, velocity)
+    every = round(INTERVAL / _PERIOD)
+    columns = {"t_s": t[::every]}
+    for i, joint in enumerate(crane.layout.driven):
+        symbol, at = joint.symbol, int(crane.layout.drives[i])
+        columns[joint.columns[0]] = (q[:, at] - truth.get(f"{symbol}_offset", 0.0))[::every]
+        noise = NOISE["effort"] * rng.standard_normal(len(columns["t_s"]))
+        friction = truth.get(f"{symbol}_friction", 0.0) * np.sign(velocity[:, i])
+        if symbol != "gamma":
+            columns[joint.effort_column] = (effort[:, i] + friction)[::every] + noise
+    for joint in (crane.layout.joints[i] for i in crane.swings.tolist()):
+        seen = CubicSpline(t, q[:, crane.layout.index(joint.symbol)])
+        late = seen(np.maximum(columns["t_s"] - truth["delay"], 0.0))
+        noise = NOISE["swing"] * rng.standard_normal(len(late))
+        columns[joint.columns[0]] = late + truth[f"{joint.symbol}_bias"] + noise
+    record = Record.of(known.crane, columns, name=f"crane {seed}")
     return Model.of(known, [record], NAMES, drives="motion"), truth
 
 
-def model_over_all(model: Model, values: np.ndarray) -> np.ndarray:
-    """What the first record would show in all of its rows, shape (channels, rows); rows that no
-    sensor sees in time keep what they have.
-    """
-    record, rows = model.records[0], model.rows(0)
-    shown = np.array([record.columns[one.column].copy() for one in model.channels[0]])
-    seen = model.predicted(0, values[None])[0]
-    shown[:, rows] = seen
-    # A search begins with the first rows: they have the swing that the crane begins with.
-    for c, channel in enumerate(model.channels[0]):
-        symbol = model.known.crane.layout.symbols[channel.at]
-        first = [values[i] for i, one in enumerate(model.parameters)
-                 if one.record == 0 and one.of == symbol]  # fmt: skip
-        if channel.kind == "swing":
-            shown[c, : rows[0]] = first[0] + first[1] * record.t[: rows[0]]
-    return shown
-
-
-def _record(known: Known, rng: np.random.Generator) -> Record:
-    """The motion of the drives, with columns for whatever is to be predicted."""
-    t = INTERVAL * np.arange(round(DURATION / INTERVAL) + 1)
+def _motion(crane: Crane, rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the drives should be and how fast, shape (rows, m) each."""
     start = {"x": rng.uniform(6.0, 16.0), "gamma": 0.0, "l": rng.uniform(8.0, 16.0)}
-    columns: dict[str, np.ndarray] = {}
-    for joint in known.crane.layout.driven:
+    position, velocity = np.zeros((2, len(t), crane.layout.m))
+    for i, joint in enumerate(crane.layout.driven):
         times, far, least, most = _MOVES[joint.symbol]
-        place = np.full_like(t, start[joint.symbol])
+        position[:, i] = start[joint.symbol]
         for part in range(times):
             begins = rng.uniform(part, part + 0.8) * (DURATION - most) / times
-            share = np.clip((t - begins) / rng.uniform(least, most), 0.0, 1.0)
+            lasts = rng.uniform(least, most)
+            share = np.clip((t - begins) / lasts, 0.0, 1.0)
             size = rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.0) * far
-            place += size * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-        columns[joint.columns[0]] = place
-    placeholder = np.sin(t)
-    columns |= {name: 1e-3 * placeholder for name in ("phi_rad", "theta_rad")}
-    columns |= {name: placeholder for name in ("F_x_N", "F_l_N")}
-    return Record.of(known.crane, {"t_s": t, **columns})
+            position[:, i] += size * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+            velocity[:, i] += size / lasts * 30.0 * (share * (1.0 - share)) ** 2
+    return position, velocity
 
 
-def holds(estimate: Estimate, truth: Mapping[str, float]) -> dict[str, bool]:
-    """Whether each interval holds the truth."""
-    return {
-        name: abs(estimate.value(name) - value) <= estimate.margin(name)
-        for name, value in truth.items()
-    }
+def _simulated(
+    crane: Crane, start: State, position: np.ndarray, velocity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return coordinates, shape (rows, n), and logged efforts of drives that follow a motion."""
+    run = simulate(
+        crane,
+        follow(crane, Rows(_PERIOD, position, velocity), _PERIOD),
+        start=start,
+        duration=DURATION,
+        dt=_PERIOD,
+        control_period=_PERIOD,
+        drive="motion",
+        validity="mark",
+        integrator=rk4,
+        engine="compiled",
+    )
+    return run.q, run.effort
+
+
+def _by_mujoco(
+    crane: Crane, start: State, position: np.ndarray, velocity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the same of MuJoCo, whose motors are stiff servos."""
+    try:
+        import mujoco
+    except ImportError:
+        raise DataError("mujoco is not installed: pip install 'cranedyn[mujoco]'.") from None
+    dt = _PERIOD / _FINE
+    text = ET.tostring(mjcf(crane, described(crane), dt), encoding="unicode")
+    model = mujoco.MjModel.from_xml_string(text)
+    data, drives = mujoco.MjData(model), crane.layout.drives
+    data.qpos[:], data.qvel[:] = start
+    aim = position + (start.q[drives] - position[0])
+    acceleration = np.gradient(velocity, _PERIOD, axis=0)
+    inertia = np.zeros((crane.layout.n, crane.layout.n))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, inertia)
+    mass = 1.0 / np.diag(np.linalg.inv(inertia))[drives]
+    needed = data.qfrc_bias[drives] + mass * acceleration
+    q, effort = np.empty((len(aim), crane.layout.n)), np.empty_like(aim)
+    for k in range(len(aim)):
+        q[k] = data.qpos
+        for step in range(_FINE):
+            after = step * dt
+            moved = after * (velocity[k] + 0.5 * after * acceleration[k])
+            off = data.qpos[drives] - aim[k] - moved
+            rate = data.qvel[drives] - velocity[k] - after * acceleration[k]
+            data.ctrl[:] = needed[k] - mass * _STIFF * (_STIFF * off + 2.0 * rate)
+            mujoco.mj_step(model, data)
+            if step == 0:
+                effort[k] = data.actuator_force
+    return q, effort
+
+
+PLANTS = {"simulate": _simulated, "mujoco": _by_mujoco}
+"""What makes the records: neither is what predicts them."""
 
 
 def coverage(cases: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Identify synthetic cranes; a study for `cranedyn.sweep`.
 
     Args:
-        cases: A column ``seed``.
+        cases: Columns ``seed`` and ``plant``.
 
     Returns:
-        For each parameter how far off it is [its unit], and half the width of its interval.
+        For each parameter how far off it is [its unit], and half the width of its interval; and
+        how many channels left a residual that is not white.
     """
     found: dict[str, list[Any]] = {}
-    for seed in cases["seed"].tolist():
-        model, truth = synthetic(int(seed))
+    for seed, plant in zip(cases["seed"].tolist(), cases["plant"].tolist(), strict=True):
+        model, truth = synthetic(int(seed), plant=plant)
         estimate = identify(model)
         for name, value in truth.items():
             found.setdefault(f"{name}_off", []).append(estimate.value(name) - value)
             found.setdefault(f"{name}_margin", []).append(estimate.margin(name))
+        found.setdefault("not_white", []).append(len(estimate.not_white))
     return {name: np.array(values) for name, values in found.items()}

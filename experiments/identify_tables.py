@@ -109,8 +109,8 @@ def _left(one: Found, of: str) -> harness.Table:
     ]
     note = (
         "White: no memory in what is left, by Ljung and Box at 0.1 %. Where there is, the model "
-        "lacks something, and intervals are those of errors with a memory; what the model gets "
-        "wrong always in the same way they do not know."
+        "lacks something, and intervals are widened to those of errors with a memory; what the "
+        "model gets wrong always in the same way they do not know."
     )
     return harness.Table(_titled("What the twin leaves", of), columns, rows, note)
 

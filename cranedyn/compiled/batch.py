@@ -50,8 +50,9 @@ class Batch:
             inf where it held throughout; shape (cranes,).
         t: Times of the recorded rows [s], shape (rows,).
         q, v: Coordinates and rates at these, shape (cranes, rows, n) each.
-        command, effort: What the controllers asked for and what acted, shape (cranes, rows, m)
-            each.
+        command, effort: What the controllers asked for and what acts from a row on, shape (cranes,
+            rows, m) each.
+        before: What acted up to a row, shape (cranes, rows, m).
         energy: Mechanical energy [J], shape (cranes, rows).
         failures: How many optimisations of a predictive controller failed, so that the plan before
             went on, shape (cranes,).
@@ -69,6 +70,7 @@ class Batch:
     v: np.ndarray
     command: np.ndarray
     effort: np.ndarray
+    before: np.ndarray
     energy: np.ndarray
     failures: np.ndarray
     refusals: np.ndarray
@@ -266,7 +268,7 @@ def simulate_batch(
         largest_effort=kept[:, kept_at["effort"]],
         valid_until=since + control_period * first_invalid,
         t=times[:: max(every, 1)][:rows],
-        **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort")},
+        **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort", "before")},
         energy=log[:, :, row_at["energy"]][:, :, 0],
         **_marks(control.planned, memory, cranes),
     )

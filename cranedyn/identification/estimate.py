@@ -31,7 +31,7 @@ class Estimate:
         noise: Standard deviation of what is left of each channel of each record.
         residuals: Recorded less predicted, of each record, shape (channels, rows looked at).
         white: Whether what is left is white noise, channel by channel. Where it is not the model
-            lacks something; intervals are then those of correlated errors.
+            lacks something; intervals are then no narrower than those of correlated errors.
         evaluations: How often the records were predicted.
     """
 
@@ -85,6 +85,19 @@ class Estimate:
             for one in self.model.parameters
             if one.kind == "argument"
         }
+
+    @cached_property
+    def not_white(self) -> tuple[str, ...]:
+        """Columns, each behind the name of its record, whose residual is not white noise."""
+        model = self.model
+        return tuple(
+            f"{record.name}: {channel.column}"
+            for record, channels, white in zip(
+                model.records, model.channels, self.white, strict=True
+            )
+            for channel, plain in zip(channels, white, strict=True)
+            if not plain
+        )
 
     @cached_property
     def at_bound(self) -> tuple[str, ...]:

@@ -8,7 +8,10 @@ from scipy.stats import chi2
 from cranedyn.errors import DataError
 from cranedyn.identification.model import Model
 
-_LAGS, _WHITE, _FLOOR = 20, 1e-3, 1e-13
+WHITE = 1e-3
+"""Share of white residuals that the test takes for others."""
+
+_LAGS, _FLOOR = 20, 1e-13
 
 
 def initial_noise(model: Model) -> list[np.ndarray]:
@@ -47,7 +50,7 @@ def is_white(residual: np.ndarray) -> bool:
         return True
     rho = np.array([off[k:] @ off[:-k] for k in range(1, _LAGS + 1)]) / power
     statistic = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, _LAGS + 1))))
-    return bool(chi2.sf(statistic, _LAGS) > _WHITE)
+    return bool(chi2.sf(statistic, _LAGS) > WHITE)
 
 
 def covariance_of(
@@ -57,9 +60,9 @@ def covariance_of(
     noise: list[np.ndarray],
     white: tuple[np.ndarray, ...],
 ) -> np.ndarray:
-    """Covariance of the parameters: that of least squares, or where a residual is not white that of
-    errors with a memory (Newey and West 1987, over a tenth of the record). Infinite for a parameter
-    of which the records say nothing.
+    """Return the covariance of the parameters: that of least squares, or where a residual is not
+    white and that is wider, that of errors with a memory (Newey and West 1987, over a tenth of the
+    record). Infinite for a parameter of which the records say nothing.
     """
     scale, count = model.scale, len(model.parameters)
     bread, meat = np.zeros((count, count)), np.zeros((count, count))
@@ -70,7 +73,10 @@ def covariance_of(
             bread += own
             meat += own if simple else _remembering(weighted * (off / sigma)[:, None])
     inverse, told = inverted(bread)
-    found = scale[:, None] * (inverse @ meat @ inverse) * scale
+    remembered = inverse @ meat @ inverse
+    plain, long = np.diag(inverse), np.diag(remembered)
+    wider = scale * np.sqrt(np.maximum(plain, long) / np.where(long > 0.0, long, 1.0))
+    found = wider[:, None] * remembered * wider
     found[~told, ~told] = np.inf
     return found
 

@@ -26,8 +26,9 @@ PERIODS = {"motion": 0.01, "effort": 5e-3, "hold": 5e-3}
 """Time between control instants, which is that between steps [s]: drives that are prescribed are
 smooth, a brake holds its command for one."""
 
-_SMOOTH = {"rad": 1e-3, "m": 1e-2}
-"""Rate at which dry friction is three quarters of itself [per second], which makes it smooth."""
+_STANDING = {"rad": 1e-4, "m": 1e-3}
+"""Rate below which a drive stands rather than moves [per second]: a hundredth of usual rates. No
+dry friction is predicted then, since it is anything up to that of a moving drive."""
 
 
 class Channel(NamedTuple):
@@ -250,12 +251,14 @@ class Variants:
         )
 
     def _effort(self, batch: Batch, channel: Channel, t: np.ndarray) -> np.ndarray:
-        """What the motion costs a drive, dry friction among it: the mean over each period, which
-        stands in its middle.
+        """Return what the motion costs a drive, dry friction among it, shape (variants, rows): at a
+        control instant the mean of what its acceleration before and after costs.
         """
         joint = self.layout.joints[channel.at]
         rate = batch.v[:, :, channel.at]
         friction = self.value(f"{joint.symbol}_friction")[:, None]
-        cost = batch.effort[:, :, channel.drive] + friction * np.tanh(rate / _SMOOTH[joint.unit])
-        middle = self.grid + self.period / 2.0
-        return np.array([np.interp(t, middle, lane) for lane in cost])
+        effort = batch.effort[:, :, channel.drive].copy()
+        effort[:, 1:] += batch.before[:, 1:, channel.drive]
+        effort[:, 1:] /= 2.0
+        moves = np.tanh((rate / _STANDING[joint.unit]) ** 3)
+        return np.array([np.interp(t, self.grid, lane) for lane in effort + friction * moves])

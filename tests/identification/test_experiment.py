@@ -24,7 +24,7 @@ def test_the_examples_hold_their_claims(tmp_path: Path, capsys: pytest.CaptureFi
     out = tmp_path / "out"
     assert identify.main(["--out", str(out)]) == 0, capsys.readouterr().out
     result = json.loads((out / "result.json").read_text())
-    assert len(result["claims"]) == 15
+    assert len(result["claims"]) == 17
     assert {"twin.json", "twin_1.parquet", "twin_1.png", "correlation.svg", "gazebo.png"} <= {
         *result["files"]
     }
@@ -35,14 +35,34 @@ def test_the_examples_hold_their_claims(tmp_path: Path, capsys: pytest.CaptureFi
     assert [sentence for sentence in stale if "Gazebo Classic" not in sentence] == []
 
 
-def test_a_file_of_a_stranger_in_degrees_gives_a_twin(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    data, file, out = recorded(), tmp_path / "site.csv", tmp_path / "out"
+def _write_site(file: Path, noise: dict[str, float]) -> None:
+    data, rng = dict(recorded()), np.random.default_rng(0)
+    for name, spread in noise.items():
+        data[name] = data[name] + spread * rng.standard_normal(len(data["t_s"]))
     names = ["t_s", "x_m", "gamma_rad", "l_m", "theta_rad", "F_l_N"]
     table = np.stack([data[name] for name in names] + [np.degrees(data["phi_rad"])], axis=1)
     header = ",".join([*names, "Angle"])
     np.savetxt(file, table, delimiter=",", header=header, comments="", fmt="%.17g")
+
+
+def test_a_record_that_the_model_does_not_explain_ends_in_a_sentence_and_exit_code_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without noise the straight lines between rows of the late sensor are what is left."""
+    file = tmp_path / "site.csv"
+    _write_site(file, {})
+    words = ["--columns", "phi_rad=Angle[deg]", "--estimate", "l_offset", "delay"]
+    assert identify.main([str(file), *words, "--out", str(tmp_path / "out")]) == 1
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "is white noise (not site.csv: phi_rad, site.csv: theta_rad" in shown
+    assert "intervals may not hold the truth" in shown
+
+
+def test_a_file_of_a_stranger_in_degrees_gives_a_twin(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = tmp_path / "site.csv", tmp_path / "out"
+    _write_site(file, {"phi_rad": 1e-5, "theta_rad": 1e-5, "F_l_N": 1.0})
     words = [str(file), "--columns", "phi_rad=Angle[deg]", "--out", str(out)]
     assert identify.main(words) == 0
     twin = read_twin(out / "twin.json")
@@ -69,6 +89,7 @@ def test_a_file_of_a_stranger_in_degrees_gives_a_twin(
         (["--estimate", "delay"], "--estimate has no effect without a FILE"),
         (["--set", "payload_mass:=900"], "--set has no effect without a FILE"),
         (["--workers", "2"], "--workers has no effect without --coverage"),
+        (["--plant", "mujoco"], "--plant has no effect without --coverage"),
         (["--coverage", "0"], "coverage is 0; allowed is a whole number >= 1"),
         (["{l5}", "--coverage", "3"], "A FILE has no effect beside --coverage"),
         (["--coverage", "3", "--set", "a:=1"], "--set has no effect without a FILE"),
