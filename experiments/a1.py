@@ -320,11 +320,14 @@ def _met(setup: harness.Setup, column: str, unit: str, misses: Sequence[float]) 
 
 
 def _within(misses: Sequence[float], allowed: Sequence[float]) -> tuple[bool, str]:
-    """Whether all are smaller than allowed, and the one that comes nearest to that [%]."""
-    miss, most = max(
-        zip(map(abs, misses), allowed, strict=True), key=lambda pair: pair[0] / pair[1]
-    )
-    return miss < most, f"{100 * miss:.4f} % where {100 * most:.4f} % are allowed"
+    """Return whether all are smaller than allowed, and the largest beside what is allowed there;
+    where another comes nearer to what is allowed, that one, too [%].
+    """
+    pairs = list(zip(map(abs, misses), allowed, strict=True))
+    largest, nearest = max(pairs), max(pairs, key=lambda pair: pair[0] / pair[1])
+    words = [f"{100 * miss:.2g} % where {100 * most:.2g} % are allowed"
+             for miss, most in dict.fromkeys([largest, nearest])]  # fmt: skip
+    return all(miss < most for miss, most in pairs), ", and nearest to it ".join(words)
 
 
 def _from_files(

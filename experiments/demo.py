@@ -116,9 +116,10 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
             runs["without control"] = other
         before = bare.dwells.rows
         tables.append(_table(before, "none"))
-        claims = [_better(rows, before, options.control)] if rows and before else []
-        if options.control == "flat" and rows:
-            claims.append(_nothing(setup, show.dwells))
+        if options.control == "flat":
+            claims = [_nothing(setup, show.dwells)] if rows else []
+        else:
+            claims = [_better(rows, before, options.control)] if rows and before else []
     return harness.Outcome(
         tables=tables,
         claims=claims,

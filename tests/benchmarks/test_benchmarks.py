@@ -22,6 +22,7 @@ from cranedyn.errors import CraneError, ModelError
 from cranedyn.model.load import load_crane
 from tests.helpers import crane, extrapolated
 from tests.lagrangian import Lagrangian
+from tests.told import missing
 
 CASE = Case()
 TRUTH = Truth(CASE)
@@ -344,3 +345,11 @@ def test_the_start_is_measured_of_those_that_run_and_is_longer_than_that_of_pyth
     ).rows
     assert (python, plain_loop) == ("Python, nothing else", "plain loop")
     assert whole > bare > 0.0
+
+
+def test_the_readme_says_how_many_times_faster_as_the_table_of_the_engines_does() -> None:
+    root = Path(__file__).parents[2]
+    table = (root / "docs" / "engine.md").read_text(encoding="utf-8")
+    row = next(line for line in table.splitlines() if line.startswith("| compiled closed loop |"))
+    ratio = float(row.split("|")[5])
+    assert missing([f"{ratio:.0f} times faster alone"], "README.md") == []

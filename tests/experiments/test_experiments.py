@@ -308,6 +308,14 @@ def test_a1_judges_what_its_budget_leaves_unexplained() -> None:
     assert [claim.holds for claim in judged] == [True, False]
 
 
+def test_a1_says_the_largest_miss_beside_what_is_allowed_there_and_the_nearest() -> None:
+    holds, words = a1._within([1e-4, -4e-5, 1e-6], [2e-4, 5e-5, 1e-3])
+    assert holds
+    assert words.startswith("0.01 % where 0.02 % are allowed, and nearest to it 0.004 %")
+    assert not a1._within([1e-4, 6e-5], [1e-2, 5e-5])[0]
+    assert a1._within([1e-4], [1e-3])[1] == "0.01 % where 0.1 % are allowed"
+
+
 def test_a1_accounts_for_the_error_by_its_causes(ran: Callable[[str], Ran]) -> None:
     rows = ran("a1").table("Error budget")
     # the article's own columns, two decimals: payload inertia and pivot spring
