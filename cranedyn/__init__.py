@@ -10,8 +10,6 @@ A name of the face is imported when it is first used, so that ``import cranedyn`
 from __future__ import annotations
 
 import importlib
-import signal
-import sys
 from typing import TYPE_CHECKING, Any
 
 from cranedyn.version import __version__
@@ -66,9 +64,3 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     """The face, before what else stands here."""
     return [*__all__, *(name for name in globals() if name not in __all__)]
-
-
-# As in the package of the experiments: Ctrl-C before a command of ours has begun ends it at once.
-if sys.argv[:1] == ["-m"] and any(word.partition(".")[0] == "cranedyn" for word in sys.orig_argv):
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -1,5 +1,5 @@
-"""Ctrl-C and SIGTERM at any instant, the very first milliseconds among them: 130 to a shell, no
-traceback, no half-written file.
+"""Ctrl-C and SIGTERM at any instant of a command: 130 to a shell, no traceback, no half-written
+file; the signals of other programs are left alone.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import subprocess
 import sys
 import time
 import tomllib
-import venv
 from collections.abc import Callable
 from pathlib import Path
 
@@ -25,77 +24,45 @@ from cranedyn.data.trajectory import read
 from cranedyn.model.description import describe
 from tests.helpers import ROOT, files
 
-QUIET = "cranedyn/ctrl_c.pth"
 
-
-def started(words: list[str], python: str = sys.executable) -> subprocess.Popen[str]:
+def started(words: list[str]) -> subprocess.Popen[str]:
     """A command as a shell would start it."""
     return subprocess.Popen(
-        [python, *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT
+        [sys.executable, *words],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
     )
 
 
-# --- before any module of ours is imported --------------------------------------------------------
+# --- what is not ours -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("module", ["cranedyn.model.description", "experiments.energy"])
-def test_ctrl_c_while_python_reads_its_environment_shows_no_traceback(
-    module: str, tmp_path: Path
-) -> None:
-    venv.create(tmp_path, symlinks=True)
-    packages = next(tmp_path.glob("lib/python*/site-packages"))
-    (packages / _installed()).write_text((ROOT / QUIET).read_text())
-    (packages / "cmeel.pth").write_text(
-        "import sys, time; sys.stderr.write('reading\\n'); sys.stderr.flush(); time.sleep(20)\n"
-    )
-    process = started(["-m", module], str(tmp_path / "bin" / "python"))
-    assert process.stderr is not None
-    assert process.stderr.readline() == "reading\n"
-    process.send_signal(signal.SIGINT)
-    assert process.communicate(timeout=10)[1] == ""
-    assert process.returncode == -signal.SIGINT  # 130 to a shell
-
-
-def _installed() -> str:
-    """The name under which the file is installed, read before those of the packages we stand on."""
+def test_the_wheel_writes_nothing_outside_of_its_own_package() -> None:
     wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"][
         "targets"
     ]["wheel"]
-    name: str = wheel["force-include"][QUIET]
-    assert sorted([name, "cmeel.pth", "distutils-precedence.pth"])[0] == name
-    return name
+    assert wheel["packages"] == ["cranedyn"]
+    assert all(name.startswith("cranedyn/") for name in wheel["force-include"].values())
 
 
-def test_other_programs_keep_their_ctrl_c(tmp_path: Path) -> None:
-    line = (ROOT / QUIET).read_text()
-    script = (
-        f"import signal\nexec({line!r})\nimport cranedyn\n"
-        "print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
+@pytest.mark.parametrize("package", ["cranedyn", "experiments"])
+def test_other_programs_keep_their_ctrl_c(package: str, tmp_path: Path) -> None:
+    (tmp_path / "lab").mkdir()
+    (tmp_path / "lab" / "__init__.py").write_text(f"import {package}\n")
+    (tmp_path / "lab" / "__main__.py").write_text(
+        "import signal\nprint(signal.getsignal(signal.SIGINT) is signal.default_int_handler)\n"
     )
-    (tmp_path / "other.py").write_text(script)
-    for words in (["-c", script], ["-m", "other"], ["-m", "other", "cranedyn.model.description"]):
-        run = subprocess.run(
-            [sys.executable, *words],
-            capture_output=True,
-            text=True,
-            cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": str(ROOT)},
-            check=False,
-        )
-        assert run.stdout == "True\n", run.stderr
-
-
-@pytest.mark.parametrize("seen", ["cranedyn.errors", "minidom", "xacro"])
-def test_ctrl_c_while_the_description_is_being_imported_shows_no_traceback(seen: str) -> None:
-    process = started(["-X", "importtime", "-m", "cranedyn.model.description"])
-    assert process.stderr is not None
-    for line in process.stderr:
-        if line.rstrip().endswith(seen):
-            break
-    process.send_signal(signal.SIGINT)
-    rest = process.stderr.read()
-    assert process.wait(10) in (-signal.SIGINT, INTERRUPTED)
-    assert "Traceback" not in rest and "KeyboardInterrupt" not in rest
+    run = subprocess.run(
+        [sys.executable, "-m", "lab", "-m", package],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+    assert run.stdout == "True\n", run.stderr
 
 
 # --- while a command runs -------------------------------------------------------------------------
@@ -189,7 +156,9 @@ def test_a_signal_at_a_random_instant_ends_a_command_quietly_and_leaves_whole_fi
             # Of the processor, which others use, too.
             assert usage.ru_utime + usage.ru_stime - used < 2.0
             assert process.returncode in (INTERRUPTED, -signal.SIGINT, -signal.SIGTERM, 0, 2)
-            assert "Traceback" not in error and "KeyboardInterrupt" not in error
+            # Before and after the command Python may say so in its own way.
+            assert ", in command\n" not in error
+            assert process.returncode != INTERRUPTED or "Traceback" not in error
         process.communicate()
     for name in files(tmp_path):
         path = tmp_path / name
