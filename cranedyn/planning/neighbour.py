@@ -7,12 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 import pinocchio as pin
-import trimesh
 
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.planning.bodies import bodies, solid_parts
-from cranedyn.planning.solids import Solid, turned
+from cranedyn.planning.solids import Solid, convex_hull, turned
 
 
 def neighbour(
@@ -42,11 +41,10 @@ def neighbour(
     parts = _parts(crane, q)
     rotation = turned(heading + math.pi / 2.0)
     placed = [part @ rotation.T + position for part in parts]
-    hulls = [trimesh.convex.convex_hull(part) for part in placed]
-    firsts = np.cumsum([0, *(len(one.vertices) for one in hulls[:-1])])
-    vertices = np.vstack([one.vertices for one in hulls])
-    triangles = np.vstack([one.faces + first for one, first in zip(hulls, firsts, strict=True)])
-    return [Solid(name, tuple(placed), vertices, triangles)]
+    corners, triangles = zip(*map(convex_hull, placed), strict=True)
+    firsts = np.cumsum([0, *map(len, corners[:-1])])
+    numbered = [one + first for one, first in zip(triangles, firsts, strict=True)]
+    return [Solid(name, tuple(placed), np.vstack(corners), np.vstack(numbered))]
 
 
 def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:

@@ -145,7 +145,7 @@ def read_site(path: str | Path) -> Site:
             entry = _Table(path, kind, one, lines.get((kind, i), {}), known)
             try:
                 solids += make(entry, ground)
-            except DataError as error:
+            except CraneError as error:
                 if str(error).startswith(str(path)):
                     raise
                 entry.fail("name" if "name" in one else "file", str(error))

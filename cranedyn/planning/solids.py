@@ -13,12 +13,16 @@ from pathlib import Path
 import coal
 import numpy as np
 import trimesh
+from scipy.spatial import ConvexHull
 
 from cranedyn.data.files import read_bytes
-from cranedyn.errors import DataError
+from cranedyn.errors import DataError, OutOfRange
 
 MESH_ENDINGS = (".stl", ".ply", ".off", ".obj")
 """Files of meshes that are read; none of them needs another file."""
+
+FARTHEST = 1e7
+"""Largest coordinate of a corner [m]: that of national grids, in which doubles are 2e-9 m apart."""
 
 _LARGEST_MESH = 50_000_000
 _THIN = 1e-6
@@ -42,6 +46,20 @@ class Solid:
     vertices: np.ndarray
     triangles: np.ndarray
     zone: bool = False
+
+    def __post_init__(self) -> None:
+        """Check what libraries for geometry take for granted.
+
+        Raises:
+            DataError: If a corner lies beyond `FARTHEST`, or a triangle has a corner that there is
+                not.
+        """
+        for points in (*self.parts, self.vertices):
+            check_corners(points)
+        if not ((self.triangles >= 0) & (self.triangles < len(self.vertices))).all():
+            raise DataError(
+                f"a triangle has a corner that there is not; there are {len(self.vertices)}"
+            )
 
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Solid:
         """The same body, turned and then moved [m]."""
@@ -70,12 +88,60 @@ class Solid:
         )
 
 
-def hull(points: np.ndarray) -> coal.ConvexBase:
-    """The convex hull of points [m], shape (n, 3)."""
-    listed = coal.StdVec_Vec3s()
-    for point in points:
-        listed.append(point)
-    return coal.Convex.convexHull(listed, True, "Qt")
+def check_corners(points: np.ndarray) -> None:
+    """Refuse corners [m] that are not finite or lie beyond `FARTHEST`.
+
+    Raises:
+        DataError: If one does.
+    """
+    if not (np.abs(points) <= FARTHEST).all():
+        raise DataError(
+            f"a corner lies at {points[~(np.abs(points) <= FARTHEST)][0]:g} m; allowed are "
+            f"{-FARTHEST:g} to {FARTHEST:g} m, in metres"
+        )
+
+
+def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the convex hull of one point or more.
+
+    Along a principal axis in which the points are thinner than a micrometre, they are made thicker
+    by one. Which of them are corners is found where their extents along all principal axes are
+    one, since an affine map changes nothing in it but how exact it is.
+
+    Args:
+        points: The points [m], shape (n, 3).
+
+    Returns:
+        Its corners, shape (m, 3), and its triangles, counter-clockwise from outside, shape (k, 3).
+
+    Raises:
+        DataError: If a point lies beyond `FARTHEST`.
+    """
+    check_corners(points)
+    offsets = points - points.mean(axis=0)
+    axes = np.linalg.svd(np.vstack([offsets, np.zeros((3, 3))]), full_matrices=False)[2]
+    axes[2] *= np.linalg.det(axes)
+    for axis in axes[np.ptp(offsets @ axes.T, axis=0) < _THIN]:
+        points = np.concatenate([points - axis * _THIN / 2.0, points + axis * _THIN / 2.0])
+    scaled = (points - points.mean(axis=0)) @ axes.T
+    scaled /= np.ptp(scaled, axis=0)
+    found = ConvexHull(scaled)
+    a, b, c = np.moveaxis(scaled[found.simplices], 1, 0)
+    inward = np.sum(np.cross(b - a, c - a) * found.equations[:, :3], axis=1) < 0.0
+    triangles = np.where(inward[:, None], found.simplices[:, ::-1], found.simplices)
+    corners, triangles = np.unique(triangles, return_inverse=True)
+    return points[corners], triangles.reshape(-1, 3)
+
+
+def hull(points: np.ndarray) -> coal.Convex:
+    """Compute the convex hull of one point [m] or more, shape (n, 3), as a shape for `coal`."""
+    corners, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    vertices, faces = convex_hull(points)
+    for vertex in vertices:
+        corners.append(vertex)
+    for face in faces:
+        triangles.append(coal.Triangle(*map(int, face)))
+    return coal.Convex(corners, triangles)
 
 
 def turned(yaw: float) -> np.ndarray:
@@ -109,10 +175,15 @@ def prism(
     """A body with an outline [m], shape (n, 2), from a base height up to a height above it [m].
 
     Raises:
-        DataError: If the outline crosses itself or encloses nothing.
+        DataError: If the outline crosses itself or encloses nothing, or a corner lies beyond
+            `FARTHEST`.
+        OutOfRange: If the height is less than a micrometre.
     """
     import shapely
 
+    check_corners(outline)
+    if not height >= _THIN:
+        raise OutOfRange("height", height, f">= {_THIN:g}", "m")
     polygon = shapely.Polygon(outline)
     if not polygon.is_valid or polygon.area < _THIN:
         raise DataError("an outline must enclose an area and not cross itself")
@@ -143,21 +214,23 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
         as_hull: Whether its convex hull stands for it, which is faster and never smaller.
 
     Raises:
-        DataError: If a number is not finite, or the surface is not closed.
+        DataError: If a corner lies beyond `FARTHEST`, a triangle has a corner that there is not,
+            or the surface is not closed.
     """
-    if not np.isfinite(vertices).all():
-        raise DataError("a corner of the mesh is not finite")
-    mesh = trimesh.Trimesh(vertices, triangles)
+    surface = Solid(name, (), vertices, triangles)
+    if as_hull:
+        corners, triangles = convex_hull(vertices)
+        return Solid(name, (corners,), corners, triangles)
+    mesh = trimesh.Trimesh(surface.vertices, surface.triangles)
     mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces())
-    if as_hull:
-        mesh = mesh.convex_hull
-    elif not mesh.is_watertight or mesh.volume == 0.0:
-        raise DataError("the mesh is not closed: some edge has not two triangles")
-    mesh.fix_normals()
+    with np.errstate(all="ignore"):  # trimesh divides by volumes that may be zero
+        if not mesh.is_watertight or mesh.volume == 0.0:
+            raise DataError("the mesh is not closed: some edge has not two triangles")
+        mesh.fix_normals()
+        convex = mesh.is_convex
     corners = np.array(mesh.vertices)
-    parts = (corners,) if as_hull or mesh.is_convex else ()
-    return Solid(name, parts, corners, np.array(mesh.faces))
+    return Solid(name, (corners,) if convex else (), corners, np.array(mesh.faces))
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
