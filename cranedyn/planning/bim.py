@@ -4,28 +4,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import importlib.util
+import io
+import signal
+import subprocess
+import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cranedyn.data.files import opened
-from cranedyn.errors import CraneError, DataError, printable
+from cranedyn.errors import CraneError, DataError, printable, quoted
 from cranedyn.planning.solids import Solid, body
 
 LARGEST_IFC = 200_000_000
 """Most bytes of an IFC file."""
 
-_AIR = ("IfcSpace", "IfcOpeningElement", "IfcAnnotation", "IfcGrid")
-_MOST_PRODUCTS = 5000
-
 
 def read_ifc(path: Path, *, as_hulls: bool = False) -> list[Solid]:
     """Every product in an IFC file that has a shape, but for rooms, openings and annotations.
 
-    Nothing in the file is run, and no other file is read. A product whose surface is not closed, as
-    one of thin sheets, stands with its convex hull.
+    Nothing in the file is run, and no other file is read. A process of its own reads it, so that a
+    file at which `ifcopenshell` crashes is refused like others. A product whose surface is not
+    closed, as one of thin sheets, stands with its convex hull.
 
     Args:
         path: The file, ending in ``.ifc``.
@@ -50,48 +51,49 @@ def read_ifc(path: Path, *, as_hulls: bool = False) -> list[Solid]:
         raise DataError(
             f"Cannot read {path}: it does not begin as an IFC file does, with ISO-10303-21."
         )
-    try:
-        import ifcopenshell
-        import ifcopenshell.geom
-    except ImportError as error:
-        raise CraneError(
-            "To read an IFC file install the extra bim: pip install 'cranedyn[bim]'."
-        ) from error
-    try:
-        solids = list(_solids(ifcopenshell, ifcopenshell.open(str(path)), as_hulls))
-    except (KeyboardInterrupt, CraneError):
-        raise
-    except Exception as error:  # whatever a parser of a stranger's bytes raises
-        raise DataError(
-            f"Cannot read {path}: it is no whole IFC file ({printable(error)})."
-        ) from error
-    if not solids:
+    if importlib.util.find_spec("ifcopenshell") is None:
+        raise CraneError("To read an IFC file install the extra bim: pip install 'cranedyn[bim]'.")
+    shapes = _shapes(path)
+    if not len(shapes["names"]):
         raise DataError(f"{path} has no product with a shape.")
-    return solids
-
-
-def _solids(ifcopenshell: Any, model: Any, as_hulls: bool) -> Iterator[Solid]:
-    settings = ifcopenshell.geom.settings()
-    settings.set("use-world-coords", True)
-    shown = [
-        product
-        for product in model.by_type("IfcProduct")
-        if product.Representation and not any(map(product.is_a, _AIR))
+    vertices, triangles = (
+        np.split(shapes[of], np.cumsum(shapes[counts])[:-1])
+        for of, counts in (("vertices", "corners"), ("triangles", "faces"))
+    )
+    return [
+        _solid(printable(name), corners, faces, as_hulls)
+        for name, corners, faces in zip(shapes["names"], vertices, triangles, strict=True)
     ]
-    if len(shown) > _MOST_PRODUCTS:
-        raise DataError(
-            f"An IFC file has {len(shown)} products with shapes; allowed are {_MOST_PRODUCTS}."
-        )
-    for product in shown:
-        shape = ifcopenshell.geom.create_shape(settings, product).geometry
-        vertices, triangles = (
-            np.array(shape.verts).reshape(-1, 3),
-            np.array(shape.faces, dtype=int).reshape(-1, 3),
-        )
-        if not len(triangles):
-            continue
-        name = f"{printable(product.Name or product.is_a())} #{product.id()}"
-        try:
-            yield body(name, vertices, triangles, as_hull=as_hulls)
-        except DataError:
-            yield body(name, vertices, triangles, as_hull=True)
+
+
+def _shapes(path: Path) -> dict[str, np.ndarray]:
+    """Read the shapes in a process of its own, which `ifcopenshell` may end."""
+    from cranedyn.recording.process import end, guard  # takes a second, for those who have models
+
+    program = Path(__file__).with_name("ifc_shapes.py")
+    process = subprocess.Popen(
+        [sys.executable, "-P", str(program), str(path.absolute())],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    try:
+        guard(process)
+        content, said = process.communicate()
+    finally:
+        end(process)
+    last = printable((said.decode(errors="replace").splitlines() or [""])[-1])
+    if process.returncode < 0:
+        name = signal.Signals(-process.returncode).name
+        raise DataError(f"Cannot read {path}: ifcopenshell was ended by {name} at {quoted(last)}.")
+    if process.returncode:
+        raise DataError(f"Cannot read {path}: {last}.")
+    with np.load(io.BytesIO(content), allow_pickle=False) as shapes:
+        return dict(shapes)
+
+
+def _solid(name: str, vertices: np.ndarray, triangles: np.ndarray, as_hull: bool) -> Solid:
+    try:
+        return body(name, vertices, triangles, as_hull=as_hull)
+    except DataError:
+        return body(name, vertices, triangles, as_hull=True)

@@ -229,6 +229,14 @@ def test_what_is_wrong_in_a_site_is_said_with_its_line_and_field(
             '[[prism]]\nname = "p"\noutline = [[0, 0], [2, 2]]\nheight = 1.0\n',
             "line 22, [prism] outline: outline is",
         ),
+        (
+            '[[prism]]\nname = "p"\noutline = [[0, 0], [2, 0], [2, 2]]\nheight = 1e-10\n',
+            "line 21, [prism] name: height is 1e-10 m; allowed is >= 1e-06",
+        ),
+        (
+            '[[box]]\nname = "c"\ncentre = [9.0, 6.0]\nsize = [1e9, 1.0, 1.0]\n',
+            "[box] name: a corner lies at -5e+08 m; allowed are -1e+07 to 1e+07 m",
+        ),
         ('[[ifc]]\nfile = "cube.stl"\n', "an IFC file ends in .ifc"),
         ('[[ifc]]\nfile = "not.ifc"\n', "it does not begin as an IFC file does"),
         pytest.param(
@@ -353,6 +361,24 @@ def test_products_of_an_ifc_model_stand_where_they_are_with_openings_cut_out(
     np.testing.assert_allclose(solids["deck"].vertices.max(axis=0), [15.0, 4.0, 3.3], atol=1e-6)
     assert solids["deck"].holds(np.array([6.0, 2.0, 3.1]))
     assert not solids["deck"].holds(np.array([10.0, 0.0, 3.1]))
+
+
+def test_a_model_without_shapes_is_refused(tmp_path: Path) -> None:
+    text = model(tmp_path / "model.ifc").read_text()
+    (tmp_path / "bare.ifc").write_text(re.sub(r"#\d+=IFC(SLAB|COLUMN)\(.*\n", "", text))
+    with pytest.raises(DataError, match=r"bare.ifc has no product with a shape"):
+        read_ifc(tmp_path / "bare.ifc")
+
+
+def test_a_model_at_which_ifcopenshell_crashes_is_refused_with_the_product(tmp_path: Path) -> None:
+    text = model(tmp_path / "model.ifc").read_text()
+    extrusion = re.search(r"#(\d+)=IFCEXTRUDEDAREASOLID\(#(\d+),#(\d+)", text)
+    assert extrusion is not None
+    voids = re.search(r"(IFCRELVOIDSELEMENT\(.*,)#\d+\);", text)
+    assert voids is not None  # what cuts the opening becomes an axis
+    (tmp_path / "wrong.ifc").write_text(text.replace(voids[0], f"{voids[1]}#{extrusion[3]});"))
+    with pytest.raises(DataError, match=r"wrong.ifc: ifcopenshell was ended by SIG\w+ at 'deck #"):
+        read_ifc(tmp_path / "wrong.ifc")
 
 
 def test_a_small_load_passes_through_the_opening_of_a_deck_but_not_of_its_hull(
