@@ -174,7 +174,9 @@ def _jacobians(
     pin.computeJointJacobians(model, data, q)
     found = []
     for _, body, lever in points:
+        # Pinocchio gives a matrix of one column without its second dimension.
         jacobian = pin.getJointJacobian(model, data, body + 1, pin.LOCAL_WORLD_ALIGNED)
+        jacobian = jacobian.reshape(6, model.nv)
         found.append(jacobian[:3] - pin.skew(data.oMi[body + 1].rotation @ lever) @ jacobian[3:])
     return found
 

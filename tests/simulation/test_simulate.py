@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,13 @@ from scipy.integrate import solve_ivp
 from cranedyn.analysis.swing import fit_swing
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
+from cranedyn.disturbances.wind import constant_force
 from cranedyn.dynamics import pinocchio as dynamics
-from cranedyn.dynamics.integrators import Acceleration, Add, Integrator
+from cranedyn.dynamics.integrators import Acceleration, Add, Integrator, rk4
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
 from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, big_crane, constant, crane, extrapolated, flow, locked, moved
@@ -34,6 +37,39 @@ def _held(c: Crane, **arguments: Any) -> Trajectory:
 
 
 # --- the loop -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_crane_of_one_joint_swings_or_slides_as_its_equation_says(
+    kind: str, engine: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "one.urdf").write_text(
+        '<robot name="one"><link name="w"/><link name="b"><inertial><origin xyz="0 0 -1"/>'
+        '<mass value="10"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+        f'</link><joint name="j" type="{kind}"><origin xyz="0 0 5"/><parent link="w"/>'
+        '<child link="b"/><axis xyz="0 1 0"/>'
+        '<limit lower="-9" upper="9" effort="1e4" velocity="10"/></joint></robot>'
+    )
+    c = load_crane(tmp_path / "one.urdf", driven=["j"])
+    run = simulate(
+        c,
+        constant(0.0),
+        start=c.state(j=0.1),
+        duration=1.0,
+        disturbance=constant_force(c, payload=(20.0, 30.0, 0.0)),
+        integrator=rk4,
+        engine=engine,
+    )
+    swings = kind == "revolute"
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        torque = -10.0 * c.gravity * np.sin(y[0]) - 20.0 * np.cos(y[0])
+        return [y[1], torque / 11.0 if swings else 3.0]
+
+    expected = solve_ivp(rate, (0.0, 1.0), [0.1, 0.0], rtol=1e-12, atol=1e-12).y[0, -1]
+    # O(dt⁴) of both, where dt is 0.5 ms, and the tolerance of solve_ivp.
+    assert run.q[-1, 0] == pytest.approx(expected, abs=1e-10)
 
 
 def _by_hand(
