@@ -8,9 +8,15 @@ from collections import Counter
 from collections.abc import Mapping
 from copy import deepcopy
 
-from cranedyn.errors import ModelError, OutOfRange, printable, quoted
+import numpy as np
+
+from cranedyn.errors import ModelError, OutOfRange, number, printable, quoted
 
 _DEEPEST, _MOST_PARTS, _LARGEST = 50, 2000, 1e30
+_ROUNDED, _FLAT = 1e-9, 0.99
+"""By which share of the largest principal moment the least may be below zero: round-off; and what
+share of it the others must have together: all of it in a plate, each rounded to three digits."""
+
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 _NUMBERS = {
@@ -97,8 +103,8 @@ def check(robot: ET.Element, source: object) -> None:
     Raises:
         ModelError: If something is left to expand, a name cannot be printed, an element is double
             or incomplete, a joint mimics another, or links and joints are no tree.
-        OutOfRange: If a number is not a decimal number, is beyond 1e30 whatever its unit, or a
-            friction is not zero.
+        OutOfRange: If a number is not a decimal number, is beyond 1e30 whatever its unit, a
+            friction is not zero, or no body has the mass and inertia of a link.
     """
     for part in robot.iter():
         if "xacro" in part.tag or any(
@@ -113,6 +119,27 @@ def check(robot: ET.Element, source: object) -> None:
             for element in part.iter():
                 _check_element(element, f"{part.tag} {quoted(part.get('name', ''))} in {source}")
     _check_tree(robot, source)
+    for link in robot.iterfind("link/inertial/.."):
+        _check_inertial(link, f"link {quoted(link.get('name', ''))} in {source}")
+
+
+def _check_inertial(link: ET.Element, where: str) -> None:
+    """Check that a body can have the mass and inertia of a link: by each principal moment it is an
+    integral of squares of two coordinates, so that none is more than the sum of the other two.
+    """
+    mass, tensor = link.find("inertial/mass"), link.find("inertial/inertia")
+    assert mass is not None and tensor is not None  # see _check_element
+    number(f"mass of {where}", mass.get("value"), "kg", ">= 0")
+    moments = np.linalg.eigvalsh(
+        [[float(tensor.get("i" + "".join(sorted(a + b)), 0)) for b in "xyz"] for a in "xyz"]
+    )
+    if not (moments[0] >= -_ROUNDED * moments[2] and moments[0] + moments[1] >= _FLAT * moments[2]):
+        raise OutOfRange(
+            f"principal moments of inertia of {where}",
+            ", ".join(f"{moment:.6g}" for moment in moments),
+            "positive semidefinite, the largest at most the sum of the others",
+            "kg m²",
+        )
 
 
 def _check_tree(robot: ET.Element, source: object) -> None:

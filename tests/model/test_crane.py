@@ -578,7 +578,18 @@ def test_parts_that_do_not_fit_the_joints_are_refused(
             r"ixx of inertia in link hook_link .* is '4OO'; allowed is a decimal number up to "
             r"1e\+30",
         ),
-        ('ixx="400.0"', 'ixx="-400.0"', "inertia moved by hoist_joint .* positive semidefinite"),
+        ('ixx="400.0"', 'ixx="-400.0"', "inertia of link hook_link in .* positive semidefinite"),
+        (
+            'ixx="400.0" ixy="0" ixz="0" iyy="400.0" iyz="0" izz="400.0"',
+            'ixx="20" ixy="0" ixz="0" iyy="20" iyz="0" izz="60"',
+            r"inertia of link hook_link in .* is 20, 20, 60 kg m²; allowed is .* the sum of the",
+        ),
+        (
+            'ixx="400.0" ixy="0" ixz="0" iyy="400.0" iyz="0" izz="400.0"',
+            'ixx="40" ixy="39" ixz="0" iyy="40" iyz="0" izz="40"',
+            r"inertia of link hook_link in .* is 1, 40, 79 kg m²; allowed is .* the sum of the",
+        ),
+        ('<mass value="500.0"/>', '<mass value="-1"/>', "mass of link trolley_link .* is -1 kg"),
         (
             '<mass value="1000.0"/>',
             '<mass value="0"/>',
@@ -603,6 +614,16 @@ def test_numbers_that_no_crane_has_are_refused_in_a_urdf_too(
 ) -> None:
     with pytest.raises(OutOfRange, match=sentence):
         load(turned(old, new, urdf))
+
+
+@pytest.mark.parametrize("moments", ["33.3 66.7 100", "0 400 400", "0 0 0", "1e-9 1e-9 2e-9"])
+def test_inertias_of_plates_rods_and_points_are_taken_as_rounded(
+    moments: str, urdf: str, load: Load
+) -> None:
+    ixx, iyy, izz = moments.split()
+    old = 'ixx="400.0" ixy="0" ixz="0" iyy="400.0" iyz="0" izz="400.0"'
+    new = f'ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"'
+    assert load(turned(old, new, urdf))
 
 
 def test_negative_damping_is_refused(urdf: str, load: Load) -> None:

@@ -41,7 +41,7 @@ CASES: dict[str, dict[str, Any]] = {
     "damping and limits": {
         "damp_swing": some(0.0, 100.0),
         "hoist_effort": some(5e4, 2e5),
-        "payload_izz": some(0.0, 900.0),
+        "payload_izz": some(0.0, 800.0),
     },
     "lighter gravity": {
         "gravity": 1.62,
