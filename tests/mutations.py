@@ -224,8 +224,8 @@ MUTATIONS = (
     Mutation(
         "what the drives did does not move the swing that is expected",
         "cranedyn/compiled/horizon/control.py",
-        'done = (rates - self._remembered("rates")) / period',
-        'done = 0.0 * (rates - self._remembered("rates"))',
+        "done = (v[drives] - rates_before) / period",
+        "done = 0.0 * (v[drives] - rates_before)",
         "horizon::what_it_believes_of_the_swing_is_what_swings_where_sensors_are_exact",
     ),
     Mutation(
