@@ -6,7 +6,7 @@ code, or one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Integral
 from pathlib import Path
 from typing import Any
@@ -125,7 +125,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
             OutOfRange: If the seed or an option is not what it should be.
         """
         super().reset(seed=_seed(seed))
-        given = dict(options or {})
+        given = _options(options)
         mask = np.asarray(given.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
         if mask.shape != (self.num_envs,) or mask.dtype != bool:
             raise OutOfRange("reset_mask", described(mask), f"{self.num_envs} of True or False")
@@ -238,7 +238,7 @@ class TowerCraneEnv(gym.Env):
             OutOfRange: If the seed or an option is not what it should be.
         """
         super().reset(seed=_seed(seed))
-        self.task.begin(self.np_random, np.zeros(1), **_beginning(dict(options or {})))
+        self.task.begin(self.np_random, np.zeros(1), **_beginning(_options(options)))
         z = self.task.fleet.z[:, 0].copy()
         self._episode, self._start, self._accelerations = (
             self._episode + 1,
@@ -342,6 +342,12 @@ def _seed(seed: object) -> int | None:
     if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
         raise OutOfRange("seed", described(seed), "None or one whole number >= 0 for all cranes")
     return int(seed)
+
+
+def _options(given: Any) -> dict[str, Any]:
+    if not isinstance(given, Mapping | None):
+        raise OutOfRange("options", described(given), "a dictionary or None")
+    return dict(given or {})
 
 
 def _beginning(given: dict[str, Any]) -> dict[str, Any]:

@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
 from cranedyn.compiled.call import SLOTS, TURNS, size
-from cranedyn.errors import Misshapen, OutOfRange, number, whole
+from cranedyn.errors import CraneError, Misshapen, OutOfRange, number, whole
 
 if TYPE_CHECKING:
     from cranedyn.clocks import Clocks
@@ -151,6 +151,10 @@ class Instant:
             self._given.ctypes.data,
             self._command.ctypes.data,
         )
+
+    def __reduce__(self) -> NoReturn:
+        """Refuse to be copied: addresses in a copy would be those of the memory of this one."""
+        raise CraneError("Code that is bound to memory cannot be copied.")
 
     def __call__(self, numbers: np.ndarray, row: int, due: bool) -> np.ndarray:
         """The command at coordinates, rates and a setpoint of the drives, all in a row; with the
@@ -295,6 +299,8 @@ class Loop:
         self._call[SLOTS[f"{name}_rows"]] = length
         # Limits of a law may be infinite.
         _known(f"table of {name}", table.rows, infinite=name == "law")
+
+    __reduce__ = Instant.__reduce__
 
     def __len__(self) -> int:
         """Number of groups."""

@@ -66,15 +66,35 @@ class CompiledEngine(Engine):
             np.zeros((1, size(sizes.force))),
             places(sizes.state),
         )
-        self._here = self._memory[: sizes.z]
         self._law, self._aim = one_command(sizes)
-        self._last_command = self._law[0, places(sizes.law)["feed_forward"]]
+        self._look()
         self._codes: dict[tuple[bool, bool, Programme | None], Kernel] = {}
         self._planned: Receding | None = None
         self._step: Callable[[], None] | None = None
         self._horizon: np.ndarray | None = None
         self._blocks: dict[tuple[bool, int, int, int], _Block] = {}
         self.begin(start)
+
+    def _look(self) -> None:
+        """Have views of the memory."""
+        self._here = self._memory[: self._sizes.z]
+        self._last_command = self._law[0, places(self._sizes.law)["feed_forward"]]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but what is bound to the memory, for a copy that has memory of its own."""
+        bound: dict[str, Any] = {
+            "_codes": {},
+            "_blocks": {},
+            "_step": None,
+            "_planned": None,
+            "_horizon": None,
+        }
+        return vars(self) | bound
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take what a copy has, and look at its memory."""
+        vars(self).update(state)
+        self._look()
 
     def begin(self, start: State) -> None:
         """As `Engine.begin`; code that was made stays."""

@@ -20,7 +20,7 @@ from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop
 from cranedyn.compiled.inputs import fit, one_layout, starts
-from cranedyn.compiled.kernel import Recipe
+from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.tables import Table, alone, one_command
 from cranedyn.dynamics.integrators import semi_implicit_euler
 from cranedyn.errors import OutOfRange, whole, within
@@ -47,6 +47,7 @@ class Fleet:
     """
 
     z: np.ndarray
+    _pool: ThreadPoolExecutor | None
 
     @checked
     def __init__(
@@ -92,8 +93,8 @@ class Fleet:
             if threads is None
             else int(within("threads", whole("threads", threads, 1), 1, _THREADS))
         )
-        clock, shared = clocks(control_period, dt, control_period), (True, True, not forces)
-        recipe = Recipe(
+        self._clock, shared = clocks(control_period, dt, control_period), (True, True, not forces)
+        self._recipe = Recipe(
             _LANES,
             drive,
             semi_implicit_euler,
@@ -105,7 +106,7 @@ class Fleet:
             log=False,
             summary=False,
         )
-        code, self._own = compiled(self.cranes, recipe)
+        code, self._own = compiled(self.cranes, self._recipe)
         groups = -(-self.count // _LANES)
         fit(
             "number of cranes",
@@ -116,32 +117,47 @@ class Fleet:
             np.zeros((groups, size(sizes.state), _LANES)),
             np.zeros((groups, code.varied, _LANES)),
         )
-        memory: dict[str, Any] = {"state": self._state, "numbers": self._numbers}
         self._force = np.zeros((groups * _LANES if forces else 1, size(sizes.force)))
         self._pushed, self._last_command = forces, places(sizes.state)["last_command"]
-        table = alone(self._force)
-        if forces:
-            table = Table(self._force, 1, np.arange(groups * _LANES))
-            memory["starts"] = np.zeros((groups, 3, _LANES), dtype=np.int64)
-            memory["starts"][:, 2] = table.starts.reshape(groups, _LANES)
-        law, aim = one_command(sizes)
-        self._steps = Loop(
-            code, clock, (alone(law), alone(aim), table), last=1, end=1, **memory
-        ).steps()
         count_of_parts = max(min(workers, groups // _SHARE), -(-groups // _MOST), 1)
         ends = np.minimum(
             _LANES * np.linspace(0, groups, count_of_parts + 1).astype(int), self.count
         ).tolist()
         self.parts = [slice(first, last) for first, last in pairwise(ends)]
         self._others = min(workers, count_of_parts) - 1
-        self._pool = ThreadPoolExecutor(self._others) if self._others else None
         self._z = np.empty((sizes.z, groups, _LANES))
-        self.z = fixed(self._z.reshape(len(self._z), -1)[:, : self.count])
+        self._bind(code)
         self._limit = np.full((sizes.m, self.count), np.inf)
         here = self.cranes[0].start
         self._put(
             np.arange(groups * _LANES), State(here.q[None], here.v[None]), np.zeros(1, dtype=int)
         )
+
+    def _bind(self, code: Kernel) -> None:
+        """Bind code to the memory, and have a view of it."""
+        groups = len(self._state)
+        memory: dict[str, Any] = {"state": self._state, "numbers": self._numbers}
+        table = alone(self._force)
+        if self._pushed:
+            table = Table(self._force, 1, np.arange(groups * _LANES))
+            memory["starts"] = np.zeros((groups, 3, _LANES), dtype=np.int64)
+            memory["starts"][:, 2] = table.starts.reshape(groups, _LANES)
+        law, aim = one_command(self._sizes)
+        self._steps = Loop(
+            code, self._clock, (alone(law), alone(aim), table), last=1, end=1, **memory
+        ).steps()
+        self.z = fixed(self._z.reshape(len(self._z), -1)[:, : self.count])
+        self._pool, self._process = None, 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but what is bound to the memory, for a copy that has memory of its own."""
+        bound = ("_steps", "z", "_pool")
+        return {name: value for name, value in vars(self).items() if name not in bound}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take what a copy has, and bind it."""
+        vars(self).update(state)
+        self._bind(compiled(self.cranes, self._recipe)[0])
 
     @checked
     def place(
@@ -212,10 +228,12 @@ class Fleet:
 
     def spread(self, work: Callable[[int], object]) -> None:
         """Have threads do a work for the number of each part of the cranes, see `parts`."""
-        if self._pool is None:
+        if not self._others:
             for part in range(len(self.parts)):
                 work(part)
             return
+        if self._pool is None or self._process != os.getpid():  # a fork leaves threads behind
+            self._pool, self._process = ThreadPoolExecutor(self._others), os.getpid()
         left = deque(range(len(self.parts)))
 
         def take() -> None:
@@ -226,7 +244,8 @@ class Fleet:
                     return
                 work(part)
 
-        others = [self._pool.submit(take) for _ in range(self._others)]
+        pool = self._pool
+        others = [pool.submit(take) for _ in range(self._others)]
         try:
             take()
         finally:

@@ -4,6 +4,8 @@ drives with frequency converters. Inside, time is counted in steps.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 
@@ -108,9 +110,20 @@ class EffortDrives:
         self._dt2, self._drives = dt * dt, crane.layout.drives.tolist()
         self._effort = np.zeros(crane.layout.m)
         self._driving, self._tau = [0.0] * crane.layout.n, np.zeros(crane.layout.n)
-        self.acceleration = self._with_joint_forces(JointForces.of(crane).in_steps(dt), outside)
+        self._joint, self._outside = JointForces.of(crane).in_steps(dt), outside
+        self.acceleration = self._with_joint_forces()
 
-    def _with_joint_forces(self, joint: JointForces, outside: Outside | None) -> Acceleration:
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the function of this memory, for a copy that has memory of its own."""
+        return {name: value for name, value in vars(self).items() if name != "acceleration"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take what a copy has, and make the function of its memory."""
+        vars(self).update(state)
+        self.acceleration = self._with_joint_forces()
+
+    def _with_joint_forces(self) -> Acceleration:
+        joint, outside = self._joint, self._outside
         aba, model, data, world = pin.aba, self.model, self.model.createData(), pin.Convention.WORLD
         driving, tau = self._driving, self._tau
         if outside is not None:

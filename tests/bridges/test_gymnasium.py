@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import warnings
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -324,6 +325,25 @@ def test_actions_and_options_that_are_none_are_refused_in_a_sentence() -> None:
         env.reset(options={"reset_mask": [1, 0]})
     with pytest.raises(OutOfRange, match="goal"):
         env.reset(options={"goal": (0.0, 500.0, 10.0)})
+    for one in (env, TowerCraneEnv(crane=crane())):
+        with pytest.raises(OutOfRange, match=r"options is \[1\]; allowed is a dictionary or None"):
+            one.reset(options=[1])
+
+
+def test_a_copy_of_an_environment_has_cranes_of_its_own() -> None:
+    env, alone = (many(5, wind=10.0) for _ in range(2))
+    for one in (env, alone):
+        one.reset(seed=3)
+        rollout(one, 4)
+    copied = deepcopy(env)
+    there, here, expected = (rollout(one, 4, seed=5)[0] for one in (copied, env, alone))
+    assert np.array_equal(there, expected) and np.array_equal(here, expected)
+    single = TowerCraneEnv(crane=crane())
+    single.reset(seed=0)
+    before, moved = single.task.fleet.z.copy(), deepcopy(single)
+    moved.step(np.array([0.0, 1.0, 0.0]))
+    assert np.array_equal(single.task.fleet.z, before)
+    assert not np.array_equal(moved.task.fleet.z, before)
 
 
 @pytest.mark.parametrize("seed", [[1, 2, 3], np.arange(3), -1, 1.5, "a", True])

@@ -4,8 +4,11 @@ harm.
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 import time
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -165,6 +168,42 @@ def test_how_many_there_are_and_on_how_many_threads_changes_no_bit(threads: int)
         for _ in range(3):
             alone = one.step(command[:, [i]])
         assert np.array_equal(alone[:, 0], z[:, i])
+
+
+def _steered(fleet: Fleet, seed: int, steps: int = 4) -> np.ndarray:
+    """States after steps of random commands."""
+    rng = np.random.default_rng(seed)
+    return np.array([fleet.step(rng.normal(size=(3, fleet.count))).copy() for _ in range(steps)])
+
+
+@pytest.mark.parametrize(("count", "threads"), [(COUNT, 1), (600, 2)])
+def test_a_copy_of_a_fleet_goes_on_by_itself_from_where_the_original_was(
+    count: int, threads: int
+) -> None:
+    fleet, alone, other = (
+        Fleet([crane(), crane(payload_mass=2500.0)], count, forces=True, threads=threads)
+        for _ in range(3)
+    )
+    for one in (fleet, alone, other):
+        one.place(np.arange(3), one.cranes[0].start, np.array([0, 1, 1]))
+        one.push(np.arange(2), np.full((2, 6), 30.0))
+        _steered(one, 0)
+    copied = deepcopy(fleet)
+    for seed in (1, 2):
+        assert np.array_equal(_steered(copied, 5 + seed), _steered(other, 5 + seed))
+        assert np.array_equal(_steered(fleet, seed), _steered(alone, seed))
+
+
+def test_a_fleet_on_threads_goes_on_in_a_forked_process() -> None:
+    fleet = Fleet(crane(), 600, threads=2)
+    _steered(fleet, 0)
+    expected = deepcopy(fleet)
+    child = os.fork()
+    if child == 0:
+        signal.alarm(20)  # instead of hanging for ever
+        os._exit(0 if np.array_equal(_steered(fleet, 1), _steered(expected, 1)) else 1)
+    assert os.waitpid(child, 0)[1] == 0
+    assert np.array_equal(_steered(fleet, 1), _steered(expected, 1))
 
 
 def test_one_that_diverges_or_is_placed_anew_is_felt_by_no_other() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 
@@ -190,6 +191,21 @@ def test_from_any_state_the_load_comes_to_rest_at_the_goal(which: str) -> None:
     assert settled(run, goal, crane()) < 24.0
     assert made.marks.failures == 0
     assert np.abs(run.q[-1, crane().swings]).max() < 1e-3
+
+
+def test_a_copy_of_the_controller_plans_in_memory_of_its_own() -> None:
+    goal = at((0.6, 20.0, 10.0))
+    setpoint, start = hold(crane(), goal)(0.0), at((0.0, 10.0, 15.0), phi=0.05)
+    elsewhere = at((0.3, 12.0, 12.0), x_dot=0.5)
+    made, alone = (receding(crane(), LIMITS) for _ in range(2))
+    made(0.0, start, setpoint), alone(0.0, start, setpoint)
+    copied = deepcopy(made)
+    copied(0.05, elsewhere, setpoint)
+    assert np.array_equal(made(0.05, start, setpoint), alone(0.05, start, setpoint))
+    assert np.array_equal(made.memory_of_optimisation(), alone.memory_of_optimisation())
+    assert not np.array_equal(copied.memory_of_optimisation(), alone.memory_of_optimisation())
+    with pytest.raises(CraneError, match="Code that is bound to memory cannot be copied"):
+        deepcopy(made._instant)
 
 
 def test_on_the_numbers_of_grampcs_tower_crane_it_settles_as_fast_as_that() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,31 @@ def test_a_force_acts_for_the_period_with_which_it_comes(engine: Any) -> None:
         engine=engine,
     )
     assert np.array_equal(run.q[1:], [pushed.q, left.q])
+
+
+@ENGINE
+@pytest.mark.parametrize("variant", [*VARIANTS, {"drive": "velocity"}])
+def test_a_copy_goes_on_by_itself_from_where_the_original_was(
+    engine: Any, variant: dict[str, Any]
+) -> None:
+    drive = variant.get("drive", "effort")
+    command = {"effort": [9e3, 500.0, -9e3], "motion": [0.01, 0.1, -0.05]}.get(drive, [0, 1, 0])
+    force = np.tile([100.0, 50.0, 0.0], (2, 1))
+
+    def moved(stepper: Stepper, steps: int, sign: float) -> list[np.ndarray]:
+        states = [stepper.step(sign * np.array(command), force=force) for _ in range(steps)]
+        return [np.concatenate(state) for state in states]
+
+    stepper, alone, other = (
+        Stepper(crane(), engine=engine, forces=True, **variant) for _ in range(3)
+    )
+    moved(stepper, 5, 1.0)
+    copied = deepcopy(stepper)
+    found = [part for _ in range(3) for part in (moved(copied, 2, -1.0), moved(stepper, 2, 1.0))]
+    moved(alone, 5, 1.0), moved(other, 5, 1.0)
+    expected = [part for _ in range(3) for part in (moved(other, 2, -1.0), moved(alone, 2, 1.0))]
+    assert np.array_equal(found, expected)
+    assert copied.t == stepper.t == alone.t
 
 
 def test_it_starts_where_the_urdf_says_and_its_states_cannot_be_written_to() -> None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
@@ -123,9 +123,20 @@ class Receding:
         shape = self.programme.shape
         finite("table", self.table, (shape.size,))
         finite("path", self.path, (self.programme.rows, shape.states))
-        made = _made(self.programme)
         self._memory = self.memory(1)
-        self._instant = Instant(made.machine, self._memory, self.programme)
+        self._bind()
+
+    def _bind(self) -> None:
+        self._instant = Instant(_made(self.programme).machine, self._memory, self.programme)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the code, for a copy that has memory of its own."""
+        return {name: value for name, value in vars(self).items() if name != "_instant"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take what a copy has, and bind the code to its memory."""
+        vars(self).update(state)
+        self._bind()
 
     def memory(self, lanes: int) -> np.ndarray:
         """Memory of a group of so many cranes before a run, shape (doubles,)."""
