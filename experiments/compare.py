@@ -308,7 +308,7 @@ def _perturbed(found: Results) -> Results:
 
 
 def _plain(strategy: str) -> str:
-    return strategy.replace("'s", "").replace(",", "").replace(" + ", "_").replace(" ", "_").lower()
+    return strategy.replace("'s", "").replace(" + ", "_").replace(" ", "_").lower()
 
 
 def _numbers_of_converters(setup: harness.Setup) -> dict[str, object]:

@@ -75,6 +75,11 @@ class Batch:
     failures: np.ndarray
     refusals: np.ndarray
 
+    def __repr__(self) -> str:
+        """Return how many cranes and rows there are, and where the model ceased to hold."""
+        left = int(np.isfinite(self.valid_until).sum())
+        return f"Batch of {len(self)} cranes, {len(self.t)} rows each, {left} not valid throughout"
+
     def __len__(self) -> int:
         """Number of cranes."""
         return len(self.peak_swing)

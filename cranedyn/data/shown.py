@@ -9,6 +9,7 @@ from collections import namedtuple
 from collections.abc import Iterator
 from html import escape
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -102,7 +103,9 @@ class Shown:
         return path
 
     def __repr__(self) -> str:
-        """A few lines: how long, and where the coordinates went."""
+        """Return a few lines: how long, which rows are not valid and why, and where the coordinates
+        went.
+        """
         if not len(self):
             return f"{type(self).__name__} without rows"
         lines = [
@@ -112,8 +115,24 @@ class Shown:
         ]
         head = f"{type(self).__name__} of {len(self)} rows, t = {self.t[0]:g} to {self.t[-1]:g} s"
         return "\n".join(
-            [head, f"{'':14} {'first':>12} {'last':>12} {'least':>12} {'most':>12}", *lines]
+            [
+                head,
+                *self._doubts(),
+                f"{'':14} {'first':>12} {'last':>12} {'least':>12} {'most':>12}",
+                *lines,
+            ]
         )
+
+    def _doubts(self) -> list[str]:
+        """Return how many rows are not valid, and why the first of the run is not."""
+        bad = np.flatnonzero(self["valid"] != 1.0) if "valid" in self else np.array([], dtype=int)
+        if not len(bad):
+            return []
+        reason = getattr(self, "record", {}).get("not_valid")
+        said = (
+            f"{len(bad)} of {len(self)} rows are not valid, the first at t = {self.t[bad[0]]:g} s"
+        )
+        return wrap(f"{said}: {reason}." if reason else f"{said}.", 80)
 
     def _repr_html_(self) -> str:
         """The same for a notebook, with all columns."""

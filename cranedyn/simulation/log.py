@@ -194,6 +194,9 @@ class Log:
             axis=0,
             out=work[1:],
         )
+        valid = self._judged(drive, buffers=buffers)
+        if (valid != 1.0).any():
+            record = {**record, "not_valid": self._reason(drive, buffers=buffers)}
         power = v**2 @ crane.damping
         dissipated = np.zeros(n)
         np.cumsum((power[:-1] + power[1:]) / 2 * period, out=dissipated[1:])
@@ -209,7 +212,7 @@ class Log:
             dissipated=dissipated,
             force=force,
             outside=np.stack([self._work_of_forces(middle, force), self._buffer_work[:n]], axis=1),
-            valid=self._judged(drive, buffers=buffers),
+            valid=valid,
             columns=crane.layout.columns(),
             parameters=parameters,
             record=record,
@@ -241,6 +244,23 @@ class Log:
             )
             known[missing] = holds & ~self._cut[missing]
         return known
+
+    def _reason(self, drive: str, *, buffers: bool) -> str:
+        """Return why the first row that is not valid is not."""
+        rows = slice(self._rows)
+        event = _first_event(
+            self._crane,
+            self._q[rows],
+            self._v[rows],
+            self._hoist(rows),
+            buffers=buffers,
+            needed=None if drive == "effort" else self._command[rows],
+            converters=drive == "velocity",
+        )
+        cut = np.flatnonzero(self._cut[rows])
+        if event is None or (len(cut) and cut[0] < event.row):
+            return "a drive is commanded beyond its largest rate"
+        return event.words
 
     def _work_of_forces(self, middle: np.ndarray, force: np.ndarray) -> np.ndarray:
         work = np.zeros(len(force))

@@ -351,7 +351,7 @@ def _whole_periods(setup: harness.Setup, time: float) -> float:
 
 
 COMPILED_MPC, TO_GOAL = "flat + compiled MPC", "MPC to the goal"
-YIELD = "operator, drives yield"
+YIELD = "operator + yielding drives"
 TIME, SWING, FASTEST = "least time + LQR", "least swing + LQR", "fastest flat + LQR"
 
 STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
@@ -367,10 +367,10 @@ STRATEGIES: dict[str, Callable[[harness.Setup, Move], Plan]] = {
     SWING: _least_swing,
     TIME: _least_time,
     "operator": _operator,
-    "operator, ZV": _shaped(zv()),
-    "operator, ZVD": _shaped(zvd()),
-    "operator, EI": _shaped(ei()),
-    "operator, ZV for a moving cable": _shaped_hoisting,
+    "operator + ZV": _shaped(zv()),
+    "operator + ZVD": _shaped(zvd()),
+    "operator + EI": _shaped(ei()),
+    "operator + ZV for a moving cable": _shaped_hoisting,
     YIELD: _damped,
 }
 """Plans by name. The spline alone and the operator have drives that follow exactly, as stiff

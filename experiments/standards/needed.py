@@ -24,7 +24,7 @@ from experiments.relatives.modes import crane_ea
 from experiments.scenarios.moves import LIMITS, MOVES, Move
 from experiments.scenarios.strategies import FASTEST, FLAT, STRATEGIES
 
-CONTROLLED = ("operator", "operator, ZV", FASTEST, FLAT)
+CONTROLLED = ("operator", "operator + ZV", FASTEST, FLAT)
 """Strategies that are compared: velocity drives that follow a joystick, the same shaped, and the
 load carried along its own path, as fast as the drives can and in the time of the move."""
 

@@ -45,6 +45,26 @@ def test_a_run_says_in_a_few_lines_how_long_it_is_and_where_the_coordinates_went
     assert repr(run.before(-1.0)) == "Trajectory without rows"
 
 
+def test_a_run_says_how_many_rows_are_not_valid_and_why() -> None:
+    start = crane().state(x=12.0, l=10.0, phi=0.6)
+    marked = quickly(
+        crane(),
+        lambda t, state, setpoint: np.array([0.0, 5.0, 0.0]),
+        start=start,
+        duration=4.0,
+        drive="velocity",
+        validity="mark",
+    )
+    bad = np.flatnonzero(marked.valid != 1.0)
+    assert len(bad) > 0
+    lines = repr(marked).splitlines()
+    count = f"{len(bad)} of {len(marked)} rows are not valid, the first at t = {marked.t[bad[0]]:g}"
+    assert lines[1].startswith(count)
+    assert "drive" in lines[1] + lines[2]
+    assert max(map(len, lines)) <= 80
+    assert "not valid" not in repr(marked.before(marked.t[bad[0]])) or bad[0] == 0
+
+
 def test_a_notebook_shows_every_column_of_a_run_and_every_joint_of_a_crane(run: Trajectory) -> None:
     page = run._repr_html_()
     assert all(f">{name}</td>" in page for name in run.keys())

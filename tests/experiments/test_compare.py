@@ -60,6 +60,10 @@ def quintic_residual(distance: float, duration: float, length: float, gravity: f
     )
 
 
+def test_no_name_of_a_strategy_holds_a_comma() -> None:
+    assert [name for name in STRATEGIES if "," in name] == []
+
+
 def test_the_spline_alone_leaves_what_the_closed_form_says() -> None:
     setup = harness.Setup()
     _, found = make(setup, TROLLEY, STRATEGIES["spline alone"](setup, TROLLEY))
@@ -75,7 +79,7 @@ def test_the_spline_alone_leaves_what_the_closed_form_says() -> None:
 def test_every_way_on_paper_keeps_the_limits_of_the_drives(
     setup: harness.Setup, move: Move
 ) -> None:
-    for strategy in ("spline alone", FLAT, "operator", "operator, ZVD"):
+    for strategy in ("spline alone", FLAT, "operator", "operator + ZVD"):
         plan = STRATEGIES[strategy](setup, move)
         motion = plan.motion or plumb(setup.crane, plan.reference, plan.arrives + 1.0)
         shares = use(setup.crane, motion, LIMITS)
@@ -101,7 +105,7 @@ def test_a_shaped_operator_leaves_what_the_shaper_leaves_of_the_bare_one(
 ) -> None:
     bare, shaped = (
         make(setup, TROLLEY, STRATEGIES[strategy](setup, TROLLEY))[1]
-        for strategy in ("operator", "operator, ZV")
+        for strategy in ("operator", "operator + ZV")
     )
     ratio = 1.0 / math.sqrt((15.0 + 500.0 / 15000.0) / 15.0) * (1.0 - bare.peak**2 / 16.0)
     # the shaper is made for a small swing of a point: what it leaves is its sensitivity at this
@@ -112,7 +116,7 @@ def test_a_shaped_operator_leaves_what_the_shaper_leaves_of_the_bare_one(
 def test_drives_that_yield_settle_what_the_operator_leaves(setup: harness.Setup) -> None:
     bare, yielding = (
         make(setup, COMBINED, STRATEGIES[strategy](setup, COMBINED))[1]
-        for strategy in ("operator", "operator, drives yield")
+        for strategy in ("operator", "operator + yielding drives")
     )
     assert yielding.later < 0.05 * bare.later
 

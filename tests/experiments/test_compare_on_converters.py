@@ -91,7 +91,7 @@ def test_what_is_affine_runs_on_converters_in_a_batch() -> None:
 
     setup = harness.Setup(engine=FAST)
     start = MOVES[0].ends(setup.crane)[0]
-    for strategy in (PD, PAPER, LQR, FLAT, FASTEST, "spline alone", "operator, ZV"):
+    for strategy in (PD, PAPER, LQR, FLAT, FASTEST, "spline alone", "operator + ZV"):
         plan = on_converters(setup, STRATEGIES[strategy](setup, MOVES[0]))
         batch = simulate_batch(
             setup.crane,

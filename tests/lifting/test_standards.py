@@ -44,7 +44,7 @@ def test_a_factor_that_is_not_mechanics_is_seen() -> None:
 def test_a_shaped_drive_needs_no_more_than_a_load_that_leans(result: dict) -> None:
     needed = {(row[0], row[1]): row[4] for row in result["tables"][2]["rows"]}
     # Two halves of a push, half a period apart, leave the load leaning by a/g while it lasts.
-    assert needed["trolley", "operator, ZV"] == pytest.approx(1.0, abs=0.01)
+    assert needed["trolley", "operator + ZV"] == pytest.approx(1.0, abs=0.01)
 
 
 def test_the_page_on_lifting_shows_what_the_experiment_prints(result: dict) -> None:
