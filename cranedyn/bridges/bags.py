@@ -5,9 +5,13 @@ and .bag files.
 from __future__ import annotations
 
 import bz2
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+import struct
+from array import array
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +46,15 @@ _KINDS = {
 
 _MOST = 100_000_000
 """Most bytes of one compressed piece of a file, unpacked."""
+
+_PART = 1_000_000
+"""Bytes of a piece that are unpacked at a time."""
+
+_MOST_STATES, _ALL_STATES, _LARGEST_STATE = 1_000_000, 300_000_000, 100_000
+"""Most joint states in a file, some 17 minutes at 1 kHz; most bytes of all and of one."""
+
+_RECORD, _CHANNEL = struct.Struct("<BQ"), struct.Struct("<H")
+"""What each record of MCAP begins with, its kind and length; and a message, its channel."""
 
 Raw = tuple[str, int, bytes]
 """Topic, time of logging [ns], message."""
@@ -88,8 +101,8 @@ def columns(path: str | Path, names: Mapping[str, str] | None = None) -> list[st
         UnknownName: If a name is given for no coordinate.
     """
     with _parsing(Path(path), names):
-        messages, _ = _messages(Path(path))
-    first, named = messages[0], {**NAMES, **(names or {})}
+        _, first = next(_states(Path(path)))
+    named = {**NAMES, **(names or {})}
     return [
         column
         for column, (kind, symbol) in _KINDS.items()
@@ -124,34 +137,15 @@ def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[None]:
 
 
 def _columns(path: Path, columns: Sequence[str], names: Mapping[str, str]) -> dict[str, np.ndarray]:
-    messages, times = _messages(path)
-    return {
-        name: times if name == "t_s" else _column(path, messages, name, names) for name in columns
-    }
-
-
-def _messages(path: Path) -> tuple[list[Any], np.ndarray]:
-    """Joint states in the order of their times, and these from the first on [s]."""
-    decode = _decoder(path)
-    found = [
-        (topic, time, decode(raw))
-        for topic, time, raw in (_of_mcap if path.suffix == ".mcap" else _of_bag)(path)
-    ]
-    topics = sorted({topic for topic, *_ in found})
-    if TOPIC not in topics and len(topics) != 1:
-        there = ", ".join(map(quoted, topics)) or "none"
-        raise DataError(
-            f"{path} has joint states on {there}; allowed are messages on {TOPIC}, or on one topic."
-        )
-    chosen = [
-        (time, message)
-        for topic, time, message in found
-        if topic == (TOPIC if TOPIC in topics else topics[0])
-    ]
-    stamps = [
-        message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for _, message in chosen
-    ]
-    times = np.array(stamps if any(stamps) else [time for time, _ in chosen])
+    """Columns in the order of their times, which count from the first [s]."""
+    wanted = [column for column in columns if column != "t_s"]
+    stamps, logged, values = array("q"), array("q"), array("d")
+    for time, message in _states(path):
+        logged.append(time)
+        stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+        for column in wanted:
+            values.append(_value(path, message, len(logged), column, names))
+    times = np.array(stamps if any(stamps) else logged)
     order = np.argsort(times, kind="stable")
     times = times[order]
     if len(times) < 2 or not (np.diff(times) > 0).all():
@@ -159,38 +153,52 @@ def _messages(path: Path) -> tuple[list[Any], np.ndarray]:
             f"{path} has joint states at {len(times)} times, some of them the same; allowed are "
             "two or more that increase."
         )
-    return [chosen[i][1] for i in order.tolist()], (times - times[0]) / 1e9
+    rows = np.array(values).reshape(len(times), -1)[order]
+    found = dict(zip(wanted, rows.T, strict=True)) | {"t_s": (times - times[0]) / 1e9}
+    return {column: found[column] for column in columns}
 
 
-def _column(
-    path: Path, messages: Sequence[Any], column: str, names: Mapping[str, str]
-) -> np.ndarray:
-    """One coordinate, rate or effort, shape (n,)."""
+def _states(path: Path) -> Iterator[tuple[int, Any]]:
+    """Joint states as they follow in the file, each with its time of logging [ns]."""
+    source = partial(_of_mcap if path.suffix == ".mcap" else _of_bag, path)
+    topics, decode = sorted({topic for topic, *_ in source()}), _decoder(path)
+    if TOPIC not in topics and len(topics) != 1:
+        there = ", ".join(map(quoted, topics)) or "none"
+        raise DataError(
+            f"{path} has joint states on {there}; allowed are messages on {TOPIC}, or on one topic."
+        )
+    count = size = 0
+    for topic, time, raw in source():
+        if topic == (TOPIC if TOPIC in topics else topics[0]):
+            count, size = count + 1, size + len(raw)
+            if count > _MOST_STATES or size > _ALL_STATES or len(raw) > _LARGEST_STATE:
+                raise DataError(
+                    f"{path} has too many or too large joint states; allowed are {_MOST_STATES} of "
+                    f"{_LARGEST_STATE / 1e3:g} kB, {_ALL_STATES / 1e6:g} MB in all."
+                )
+            yield time, decode(raw)
+
+
+def _value(path: Path, message: Any, k: int, column: str, names: Mapping[str, str]) -> float:
+    """One coordinate, rate or effort of the message number k."""
     if column not in _KINDS:
         raise DataError(
             f"{path} cannot have a column {column}: joint states have positions, velocities and "
             "efforts."
         )
     kind, symbol = _KINDS[column]
-    joint, values = names[symbol], np.empty(len(messages))
-    for k, message in enumerate(messages):
-        if joint not in message.name:
-            there = ", ".join(map(quoted, message.name[:20])) or "none"
-            raise DataError(
-                f"{path} has no joint {joint}, but {there}; say which is {symbol} by --joints "
-                f"{symbol}=NAME."
-            )
-        i, numbers = message.name.index(joint), getattr(message, kind)
-        if i >= len(numbers):
-            raise DataError(
-                f"{path} has no {kind} of {joint} in its message {k + 1}; {column} needs one."
-            )
-        values[k] = numbers[i]
-    if not (finite := np.isfinite(values)).all():
+    joint, numbers = names[symbol], getattr(message, kind)
+    if joint not in message.name:
+        there = ", ".join(map(quoted, message.name[:20])) or "none"
         raise DataError(
-            f"{path}: {kind} of {joint} is not finite in its message {int(np.argmin(finite)) + 1}."
+            f"{path} has no joint {joint}, but {there}; say which is {symbol} by --joints "
+            f"{symbol}=NAME."
         )
-    return values
+    if (i := message.name.index(joint)) >= len(numbers):
+        raise DataError(f"{path} has no {kind} of {joint} in its message {k}; {column} needs one.")
+    if not math.isfinite(value := float(numbers[i])):
+        raise DataError(f"{path}: {kind} of {joint} is not finite in its message {k}.")
+    return value
 
 
 def _decoder(path: Path) -> Callable[[bytes], Any]:
@@ -207,21 +215,17 @@ def _decoder(path: Path) -> Callable[[bytes], Any]:
 def _of_mcap(path: Path) -> Iterator[Raw]:
     """Messages of joint states in an MCAP file."""
     from mcap.records import Channel, Chunk, Message, Schema
-    from mcap.stream_reader import StreamReader, breakup_chunk
+    from mcap.stream_reader import StreamReader
 
     schemas: dict[int, str] = {}
     topics: dict[int, str] = {}
+    unpack = _Unpacker()
     with opened(path) as file:
         for record in StreamReader(file, emit_chunks=True, record_size_limit=_MOST).records:
             if isinstance(record, Chunk):
-                data = _unpacked(record.compression, record.data)
-                parts = breakup_chunk(
-                    Chunk(
-                        "", data, record.message_end_time, record.message_start_time, 0, len(data)
-                    )
-                )
+                parts = _parts(unpack(record.compression, record.data), topics)
             else:
-                parts = [record]
+                parts = iter([record])
             for part in parts:
                 if isinstance(part, Schema):
                     schemas[part.id] = part.name
@@ -235,21 +239,62 @@ def _of_mcap(path: Path) -> Iterator[Raw]:
                     yield topics[part.channel_id], part.log_time, part.data
 
 
+def _parts(data: bytes, channels: Container[int]) -> Iterator[Any]:
+    """Schemas and channels in a chunk, and its messages in some channels, one at a time."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.opcode import Opcode
+    from mcap.records import Channel, Message, Schema
+
+    first = 0
+    while first < len(data):
+        kind, length = _RECORD.unpack_from(data, first)
+        first += _RECORD.size
+        if kind == Opcode.MESSAGE:
+            (channel,) = _CHANNEL.unpack_from(data, first)
+            if channel in channels:
+                stream = ReadDataStream(BytesIO(data[first : first + length]))
+                yield Message.read(stream, length)
+        elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
+            stream = ReadDataStream(BytesIO(data[first : first + length]))
+            yield (Schema if kind == Opcode.SCHEMA else Channel).read(stream)
+        first += length
+
+
 def _of_bag(path: Path) -> Iterator[Raw]:
     """Messages of joint states in a ROS 1 bag."""
     from rosbags.rosbag1 import Reader
     from rosbags.rosbag1.reader import decompressors
 
+    unpack = _Unpacker()
     with Reader(path) as reader:
         for place, chunk in reader.chunks.items():
             name = next(
-                name for name, unpack in decompressors.items() if unpack is chunk.decompressor
+                name for name, known in decompressors.items() if known is chunk.decompressor
             )
-            reader.chunks[place] = chunk._replace(decompressor=partial(_unpacked, name))
+            reader.chunks[place] = chunk._replace(decompressor=partial(unpack, name))
         connections = [one for one in reader.connections if one.msgtype == TYPE]
         if connections:
             for connection, time, raw in reader.messages(connections=connections):
                 yield connection.topic, time, raw
+
+
+class _Unpacker:
+    """Unpacks the pieces of one recording, up to `LARGEST` bytes in all."""
+
+    def __init__(self) -> None:
+        self._done = 0
+
+    def __call__(self, compression: str, data: bytes) -> bytes:
+        """Unpack a piece.
+
+        Raises:
+            DataError: As `_unpacked`, or if all together are larger than `LARGEST`.
+        """
+        content = _unpacked(compression, data)
+        self._done += len(content)
+        if self._done > LARGEST:
+            raise DataError(f"The recording holds more than {LARGEST / 1e6:g} MB.")
+        return content
 
 
 def _unpacked(compression: str, data: bytes) -> bytes:
@@ -267,7 +312,11 @@ def _unpacked(compression: str, data: bytes) -> bytes:
     elif compression == "zstd":
         import zstandard
 
-        content = zstandard.ZstdDecompressor().stream_reader(data).read(_MOST + 1)
+        reader, unpacked = zstandard.ZstdDecompressor().stream_reader(data), bytearray()
+        # It makes a buffer of all that it is asked for.
+        while len(unpacked) <= _MOST and (part := reader.read(_PART)):
+            unpacked += part
+        content = bytes(unpacked)
     elif compression in ("", "none"):
         content = data
     else:

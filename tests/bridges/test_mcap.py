@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import io
 import json
+import tracemalloc
 import zlib
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -409,6 +410,69 @@ def test_a_small_piece_that_unpacks_without_end_is_refused(compression: str) -> 
         match="more than 100 MB" if compression != "rar" else "compressed by rar; allowed are zstd",
     ):
         bags._unpacked(compression, packed)
+
+
+def _recorded(path: Path, count: int, padding: int = 0) -> Path:
+    """An MCAP file of joint states, and as many messages of some bytes on another topic."""
+    from mcap.writer import CompressionType, Writer
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    state, header, stamp = (
+        store.types[name]
+        for name in (bags.TYPE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD)
+        writer.start("ros2")
+        schemas = [writer.register_schema(name, "ros2msg", b"") for name in (bags.TYPE, "image")]
+        states, others = (
+            writer.register_channel(topic, "cdr", schema)
+            for topic, schema in zip(("/joint_states", "/image"), schemas, strict=True)
+        )
+        for k in range(count):
+            at = header(stamp=stamp(sec=k, nanosec=0), frame_id="")
+            numbers = np.array([15.0 + k]), np.zeros(0), np.zeros(0)
+            one = bytes(store.serialize_cdr(state(at, ["hoist_joint"], *numbers), bags.TYPE))
+            writer.add_message(states, k, one, k)
+            if padding:
+                writer.add_message(others, k, bytes(padding), k)
+        writer.finish()
+    return path
+
+
+def test_pieces_that_unpack_to_more_than_a_file_may_hold_together_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = _recorded(tmp_path / "large.mcap", 6, padding=1_000_000)
+    assert path.stat().st_size < 100_000
+    assert bags.read_columns(path, ["l_m"])["l_m"].tolist() == [15.0 + k for k in range(6)]
+    monkeypatch.setattr(bags, "LARGEST", 5_000_000)
+    with pytest.raises(CraneError, match=r"The recording holds more than 5 MB\."):
+        bags.read_columns(path, ["l_m"])
+
+
+def test_a_recording_of_many_joint_states_takes_the_memory_of_its_columns(tmp_path: Path) -> None:
+    count = 5000
+    path = _recorded(tmp_path / "many.mcap", count)
+    bags.read_columns(path, ["l_m"])  # so that all is imported
+    tracemalloc.start()
+    found = bags.read_columns(path, ["t_s", "l_m"])
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found["l_m"].tolist() == [15.0 + k for k in range(count)]
+    # A chunk of 0.75 MB twice, a part of it, and five arrays of eight bytes a message.
+    assert peak < 2 * 0.75e6 + bags._PART + 40 * count
+
+
+@pytest.mark.parametrize(
+    ("limit", "most"), [("_MOST_STATES", 9), ("_ALL_STATES", 200), ("_LARGEST_STATE", 20)]
+)
+def test_more_or_larger_joint_states_than_a_run_has_are_refused(
+    limit: str, most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bags, limit, most)
+    with pytest.raises(CraneError, match="too many or too large joint states; allowed are"):
+        bags.read_columns(_recorded(tmp_path / "many.mcap", 10), ["l_m"])
 
 
 def test_what_cannot_be_written_is_a_sentence(
