@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from experiments.judgement.case import Case
 
 LIFTS, GUSTS = 10_000, 32
-"""How many lifts are made that are not quite as planned, and in each wind."""
+"""How many lifts are made that are not quite as planned, and how many gusts are drawn."""
 
 WIND, SWING, RISK = 8.0, 5.0, 1.0
 """Gust that a lift must bear [m/s], swing in wind [degrees] and risk [%] that are allowed if
@@ -164,7 +164,7 @@ def _parser() -> argparse.ArgumentParser:
         "--lifts", type=int, default=LIFTS, metavar="N", help="lifts not quite as planned; 0: none"
     )
     made.add_argument(
-        "--gusts", type=int, default=GUSTS, metavar="N", help="lifts in each wind; 0: none"
+        "--gusts", type=int, default=GUSTS, metavar="N", help="gusts drawn in each wind; 0: none"
     )
     return made
 

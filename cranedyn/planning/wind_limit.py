@@ -30,6 +30,10 @@ STRONGEST, STEP, FINER = 28.0, 4.0, 4
 """Strongest gust that is tried, the step from one to the next [m/s], and into how many parts the
 step at which a limit is met is divided."""
 
+WORST, SPREADS = 4, (0.2, 0.1, 0.05, 0.02)
+"""About how many of the worst gusts others are searched, one time after the other, and how far
+from them, as shares of what gusts are drawn from."""
+
 _NONE = 1e6
 """Stands for what is beyond all limits: a lift that failed."""
 
@@ -44,7 +48,7 @@ class WindLimit:
             each; a lift that failed, or left the radii of the chart, counts as a million, or as
             minus a million for clearance.
         allowed: Limit of each, by name.
-        lifts: How many were made in each.
+        lifts: How many were made in all.
     """
 
     speeds: np.ndarray
@@ -58,6 +62,14 @@ class WindLimit:
         """
         names = list(self.allowed) if name is None else [name]
         return min(self._limit(one) for one in names)
+
+    def interval(self) -> tuple[float, float]:
+        """Return the strongest gust up to which all limits are kept by all lifts, and the weakest
+        in which some lift does not [m/s], infinite if none was found.
+        """
+        kept = np.all([self.kept(name) for name in self.allowed], axis=0)
+        broken = self.speeds[~kept]
+        return self.limit(), float(broken[0]) if len(broken) else math.inf
 
     @property
     def binding(self) -> str:
@@ -93,7 +105,8 @@ def wind_limit(
 
     Each gust of shape (1 - cos)/2 rises from a mean wind of its speed over `GUST_FACTOR`, in which
     the load hangs at the start. Directions, times and lengths are drawn once and are the same at
-    every speed.
+    every speed; then worse ones are searched about the worst of them, for each limit about the
+    speed at which it is met.
 
     Args:
         certificate: The lift.
@@ -101,7 +114,7 @@ def wind_limit(
         falls: How many carry the hook; None for the fewest of the chart.
         swing: Largest angle of the rope from plumb that is allowed [rad].
         utilisation: Largest share of the rated load moment that is allowed.
-        count: How many lifts in each speed.
+        count: How many gusts are drawn, and searched about the worst each time.
         seed: Of what is drawn.
         dt: Physics step [s].
         threads: How many; by default one for each processor.
@@ -117,41 +130,66 @@ def wind_limit(
         "clearance": certificate.lift.clearance.site.distance,
     }
     rng, each = np.random.default_rng(seed), whole("number of lifts", count, 1)
-    same = {
-        "load": np.ones(each),
-        "cable_m": np.zeros(each),
-        "gust_at_s": rng.uniform(0.0, certificate.lift.timed.motion.arrival, each),
-        "gust_lasts_s": rng.uniform(*LASTS, each),
-        "direction_rad": rng.uniform(-math.pi, math.pi, each),
-        "late_s": np.zeros(each),
-    }
+    lowest = np.array([0.0, LASTS[0], -math.pi])
+    widths = np.array([certificate.lift.timed.motion.arrival, LASTS[1] - LASTS[0], 2.0 * math.pi])
 
-    def worst(speeds: np.ndarray) -> dict[str, np.ndarray]:
-        drawn = {name: np.tile(values, len(speeds)) for name, values in same.items()}
-        mean = np.repeat(speeds, each) / GUST_FACTOR
-        drawn |= {"wind_m_s": mean, "gust_m_s": np.repeat(speeds, each) - mean}
-        found = {name: np.full(len(speeds) * each, _NONE) for name in ("utilisation", "swing")}
-        found["clearance"] = np.full(len(speeds) * each, -_NONE)
-        for made in made_otherwise(certificate, drawn, dt=dt, threads=threads):
-            _note(found, made, chart, falls)
-        by_speed = {name: values.reshape(len(speeds), each) for name, values in found.items()}
-        return {
-            name: values.min(axis=1) if name == "clearance" else values.max(axis=1)
-            for name, values in by_speed.items()
+    def made(speeds: np.ndarray, gusts: np.ndarray) -> np.ndarray:
+        """Return rows of speed, gust and what each limit is measured by, for each gust at each
+        speed.
+        """
+        rows = np.column_stack([np.repeat(speeds, len(gusts)), np.tile(gusts, (len(speeds), 1))])
+        speed, at, lasts, direction = rows.T
+        drawn = {
+            "load": np.ones(len(rows)),
+            "cable_m": np.zeros(len(rows)),
+            "wind_m_s": speed / GUST_FACTOR,
+            "gust_m_s": speed - speed / GUST_FACTOR,
+            "gust_at_s": at,
+            "gust_lasts_s": lasts,
+            "direction_rad": direction,
+            "late_s": np.zeros(len(rows)),
         }
+        found = {
+            name: np.full(len(rows), -_NONE if name == "clearance" else _NONE) for name in allowed
+        }
+        for some in made_otherwise(certificate, drawn, dt=dt, threads=threads):
+            _note(found, some, chart, falls)
+        return np.column_stack([rows, *found.values()])
 
     speeds = np.arange(STEP, STRONGEST + STEP / 2.0, STEP)
-    coarse = WindLimit(speeds, worst(speeds), allowed, each)
-    met = {coarse.limit(name) for name in allowed} - {float(speeds[-1])}
-    between = [low + STEP * np.arange(1, FINER) / FINER for low in sorted(met)]
-    if not between:
-        return coarse
-    more = np.concatenate(between)
-    finer, order = worst(more), np.argsort(np.concatenate([speeds, more]))
-    joined = {
-        name: np.concatenate([coarse.worst[name], finer[name]])[order] for name in coarse.worst
+    tried = made(speeds, lowest + widths * rng.random((each, 3)))
+    for spread in SPREADS:
+        found = _limits(tried, allowed)
+        more = []
+        for column, name in enumerate(allowed, 4):
+            limit = found.limit(name)
+            broken = found.speeds[found.speeds > limit]
+            rows = tried[tried[:, 0] == (broken[0] if len(broken) else limit)]
+            sign = 1.0 if name == "clearance" else -1.0
+            worst = rows[np.argsort(sign * rows[:, column], kind="stable")][:WORST, 1:4]
+            about = worst[np.arange(each) % len(worst)] + spread * widths * rng.normal(
+                size=(each, 3)
+            )
+            about[:, :2] = np.clip(about[:, :2], lowest[:2], (lowest + widths)[:2])
+            near = limit + STEP / FINER * np.arange(-1, FINER)
+            more.append(made(near[(near > 0.0) & (near <= STRONGEST)], np.vstack([worst, about])))
+        tried = np.vstack([tried, *more])
+    return _limits(tried, allowed)
+
+
+def _limits(tried: np.ndarray, allowed: Mapping[str, float]) -> WindLimit:
+    """Return the worst at each speed of rows of `made`."""
+    speeds = np.unique(tried[:, 0])
+    worst = {
+        name: np.array(
+            [
+                (np.min if name == "clearance" else np.max)(tried[tried[:, 0] == speed, column])
+                for speed in speeds
+            ]
+        )
+        for column, name in enumerate(allowed, 4)
     }
-    return WindLimit(np.concatenate([speeds, more])[order], joined, allowed, each)
+    return WindLimit(speeds, worst, allowed, len(tried))
 
 
 def _note(found: dict[str, np.ndarray], made: Otherwise, chart: Chart, falls: int | None) -> None:

@@ -230,10 +230,11 @@ def _corners(made: Case) -> Check:
 def _wind(made: Case) -> Check:
     if made.wind is None:
         return Check("The wind limit was not looked for.", made.asked.gusts == 0)
-    limit = made.wind.limit()
+    limit, broken = made.wind.interval()
+    found = f"not in one of {broken:g} m/s" if broken < math.inf else "none stronger was tried"
     return Check(
-        f"Gusts up to {limit:g} m/s are borne, {made.asked.wind:g} asked for; {made.wind.binding} "
-        "is met first.",
+        f"Gusts up to {limit:g} m/s are borne, {found}; {made.asked.wind:g} asked for; "
+        f"{made.wind.binding} is met first.",
         limit >= made.asked.wind,
     )
 

@@ -190,9 +190,9 @@ def _wind(made: Case, again: str) -> Table:
         ("beyond its limit", ""),
     ]
     note = (
-        f"The worst of {made.wind.lifts} lifts in each, from all sides and at all times; wind on "
-        "the load alone. Clearance: at least. Pressure: 0.625 v², AS 5222:2021, "
-        f"{_SECOND}. Again: {again}."
+        f"The worst of {made.wind.lifts} lifts in all, from all sides and at all times, most of "
+        "them in gusts about the worst; wind on the load alone. Clearance: at least. Pressure: "
+        f"0.625 v², AS 5222:2021, {_SECOND}. Again: {again}."
     )
     return Table("Wind", columns, rows, note)
 
