@@ -257,8 +257,8 @@ class Variants:
         joint = self.layout.joints[channel.at]
         rate = batch.v[:, :, channel.at]
         friction = self.value(f"{joint.symbol}_friction")[:, None]
-        effort = batch.effort[:, :, channel.drive].copy()
-        effort[:, 1:] += batch.before[:, 1:, channel.drive]
-        effort[:, 1:] /= 2.0
+        cost = batch.effort[:, :, channel.drive].copy()
+        cost[:, 1:] += batch.before[:, 1:, channel.drive]
+        cost[:, 1:] /= 2.0
         moves = np.tanh((rate / _STANDING[joint.unit]) ** 3)
-        return np.array([np.interp(t, self.grid, lane) for lane in effort + friction * moves])
+        return np.array([np.interp(t, self.grid, lane) for lane in cost + friction * moves])

@@ -106,7 +106,8 @@ def unproven_row(
         swinging: Whether the envelope of swing has to be free about what hangs, too.
     """
     margin = clearance.envelope(q[:, clearance.joints.hoist]) * swinging
-    steps = clearance.moved(q[:-1], q[1:]) + np.abs(np.diff(margin))
+    before, after = (np.delete(q, end, axis=0) for end in (-1, 0))
+    steps = clearance.moved(before, after) + np.abs(np.diff(margin))
     gone = np.concatenate([[0.0], np.cumsum(steps)])
     bend, waiting = _FASTEST * period**2 / 8.0, [(0, len(q) - 1)]
     while waiting:

@@ -75,12 +75,12 @@ def test_an_outline_with_a_corner_a_hair_off_a_line_is_measured_as_without_it(
 ) -> None:
     outline = [[0.0, 0.0], [10.0, 0.0], [10.0, 5.0], [5.0, 5.0 + offset], [5.0, 10.0], [0.0, 10.0]]
     moving = Body((hull(corners(1.0, 1.0, 1.0)), *HERE), 0.5)
-    moving.put(coal.Transform3s(np.array([8.0, 8.0, 1.0])))
+    put = moving.put(coal.Transform3s(np.array([8.0, 8.0, 1.0])))
     found = [
         Field([("l", (one, *HERE)) for one in prism("l", np.array(shape), 0.0, 3.0).geometries()])
         for shape in (outline, [*outline[:3], [5.0, 5.0], *outline[4:]])
     ]
-    least, plain = (field.least(moving) for field in found)
+    least, plain = (field.least(put) for field in found)
     assert least == pytest.approx(plain, abs=2e-6)
 
 

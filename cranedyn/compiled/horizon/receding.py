@@ -423,7 +423,7 @@ def _possible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str
     short = start.copy()
     if (hoist := layout.drive_of("hoist")) is not None:
         short[drives[hoist]] = crane.lower[drives[hoist]]
-    swinging = 2.0 * math.sqrt(2.0) * frequencies(programme.plant, short).max(initial=0.0)
+    swinging = 2.0 * math.sqrt(2.0) * _frequencies(programme.plant, short).max(initial=0.0)
     most[swings], most[n + swings], most[n + drives] = math.pi / 2.0, swinging, _FASTEST * rates
     least[swings], least[n:] = -most[swings], -most[n:]
     return {
@@ -433,7 +433,7 @@ def _possible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str
     }
 
 
-def frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
+def _frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
     """Natural frequencies of what hangs free while the drives stand [rad/s], shape (n - m,)."""
     layout = plant.topology.layout
     still = np.zeros(layout.n)

@@ -90,8 +90,8 @@ INTERNAL = tuple(
         "data.tables dynamics errors interfaces lifting lifting.wrench"
         " model.layout model.shown model.springs model.urdf"
         " version planning.bim planning.bodies planning.clearance planning.curve planning.driven "
-        "planning.fields planning.grid planning.half_spaces planning.move planning.neighbour "
-        "planning.proof"
+        "planning.fields planning.grid planning.half_spaces planning.ifc_shapes planning.move "
+        "planning.neighbour planning.proof"
         " planning.search planning.site planning.solids planning.timing planning.transcription"
         " plotting processes simulation.engine simulation.log simulation.record bridges"
     ).split()
@@ -322,6 +322,7 @@ RIGHT: dict[str, str] = {
     "pick_up_speed.creep": "0.1",
     "buffer_stroke.deceleration": "2.5",
     "out_of_service_speed.years": "50",
+    "recurrence_factor.years": "20",
     "certify.clearance": "lift.clearance",
     "certify.controller": "controller_of(lift)",
     "perturb.spread": "Spread()",
