@@ -11,8 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cranedyn.planning.clearance import GROUND, ROUNDING, Clearance
+from cranedyn.planning.bodies import solid_parts
+from cranedyn.planning.clearance import GROUND, MAST, ROUNDING, Clearance
 from cranedyn.planning.fields import Body, Field
+from cranedyn.planning.neighbour import neighbour
 from cranedyn.planning.solids import body, box, hull, prism
 from tests.planning.sites import HEIGHT, WALL, clearance, corners, crane, site
 
@@ -124,6 +126,15 @@ def test_no_point_of_the_load_moves_farther_than_said(
     assert _farthest(asked, one, other) <= float(asked.moved(one, other)) + 1e-9
 
 
+@given(PLACES, SMALL)
+def test_no_point_of_a_plumb_load_travels_farther_than_said(
+    place: np.ndarray, step: np.ndarray
+) -> None:
+    asked = clearance(WALL)
+    farthest = _farthest(asked, asked.q(place), asked.q(place + step))
+    assert farthest <= asked.travel(place, np.abs(step)) + 1e-9
+
+
 @given(PLACES, SMALL, st.floats(0.0, 0.3), st.floats(-np.pi, np.pi))
 def test_hoisting_along_a_leaning_rope_moves_the_load_no_farther_than_said(
     place: np.ndarray, step: np.ndarray, lean: float, towards: float
@@ -133,6 +144,46 @@ def test_hoisting_along_a_leaning_rope_moves_the_load_no_farther_than_said(
     one, other = asked.q(place), asked.q(place + step)
     one[2:4] = other[2:4] = lean * np.array([np.cos(towards), np.sin(towards)])
     assert _farthest(asked, one, other) <= float(asked.moved(one, other)) + 1e-9
+
+
+def _drawn(joint: int) -> list[np.ndarray]:
+    """Return the corners of all that the crane's URDF draws at a joint, in its frame [m]."""
+    return [corners for where, corners in solid_parts(crane()) if where == joint]
+
+
+def test_the_hook_keeps_from_the_own_mast_by_the_way_between_them() -> None:
+    asked = clearance()
+    legs = max(part[:, 1].max() for part in _drawn(0) if part[:, 2].max() > 7.0)
+    for radius in (2.2, 4.0):
+        found = asked.nearest(asked.q(np.array([0.0, radius, 15.0])))
+        by_hand = radius - asked.bodies.hook[1][1] / 2.0 - legs
+        assert (found.body, found.obstacle) == ("hook", MAST)
+        assert found.distance == pytest.approx(by_hand, abs=1e-6)  # coal's tolerance
+
+
+def test_rope_and_trolley_keep_from_a_post_beside_them_by_what_the_urdf_draws() -> None:
+    """Two posts a metre beside the plumb line at 10 m, one at half of the rope, one at the jib."""
+    block = max(_drawn(5), key=lambda part: float(part[:, 2].max()))
+    half = {"rope": np.ptp(block[:, :2], axis=0).max() / 2.0}
+    half["trolley"] = np.vstack([*_drawn(2), *_drawn(3), *_drawn(4)])[:, 0].max()
+    for body_name, base, top in (("rope", 14.0, 18.0), ("trolley", 26.9, 28.6)):
+        post = box("post", (1.5, -10.0), (1.0, 1.0, top - base), base)
+        asked = clearance(post)
+        q = asked.q(np.array([0.0, 10.0, 20.0]))
+        found = asked.distances(q, jib=False)["post"]
+        assert found.body == body_name
+        assert found.distance == pytest.approx(1.0 - half[body_name], abs=1e-6)
+        assert asked.true_room(q) == pytest.approx(found.distance - 0.5, abs=2e-4)  # ROUNDING
+
+
+def test_the_rope_of_a_parked_neighbour_is_in_the_way() -> None:
+    """A ball beside it, ten metres above its load and as far below its trolley."""
+    place = {"slew": 0.0, "trolley": 15.0, "cable": 24.0}
+    (solid,) = neighbour("n", np.array([30.0, 0.0, 0.0]), np.pi, place, {})
+    field = Field([("n", (one, np.eye(3), np.zeros(3))) for one in solid.geometries()])
+    ball = Body((coal.Sphere(0.25), np.eye(3), np.zeros(3)), 0.0)
+    least = field.least(ball.put(coal.Transform3s(np.array([13.0, 0.0, 14.0]))))
+    assert least == pytest.approx(2.0 - 0.25 - clearance().bodies.falls, abs=1e-6)
 
 
 def test_a_concave_prism_is_hollow_where_its_outline_is() -> None:

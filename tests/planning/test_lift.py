@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -31,6 +32,9 @@ from cranedyn.planning.perturbed import (
     Spread,
     _batch,
     _crane,
+    _hang,
+    _least,
+    _silhouette,
     late,
     perturb,
 )
@@ -436,6 +440,33 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
     # half a kilogram force of still air's drag, and what the delay does to what was not planned
     assert off[0] < 0.08
     assert off[0] < 0.6 * off[1]
+
+
+def test_a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it() -> None:
+    plate = box("plate", (13.4, 0.0), (6.0, 0.02, 20.0), 0.0)
+    asked = Clearance(crane(), site(plate))
+    q = np.array([[asked.q(np.array([gamma, 13.4, 20.0])) for gamma in (1.3, 1.85)]])
+    rooms = np.array([asked.true_room(row) for row in q[0]])
+    assert rooms.min() > 0.5
+    batch = SimpleNamespace(q=q, valid_until=np.array([math.inf]))
+    (least,) = _least(asked, q[0], rooms, batch)  # type: ignore[arg-type]
+    assert least <= 0.0
+
+
+def test_the_wind_at_the_start_leans_the_load_to_its_lee_and_meets_its_broad_side() -> None:
+    start = np.tile(lift().states()[0].q, (2, 1))
+    start[1, 0] = -2.0
+    force = np.array([[300.0, 0.0, 0.0], [120.0, 500.0, 0.0]])
+    plumb = [payload_position(crane(), q) for q in start]
+    _hang(start, force, crane(), lift().clearance.joints)
+    off = np.array([payload_position(crane(), q) for q in start]) - plumb
+    lean = np.linalg.norm(force, axis=1) / (crane().payload_mass * crane().gravity)
+    length = float(start[0, 4])
+    for shift, push, angle in zip(off, force, np.arctan(lean), strict=True):
+        np.testing.assert_allclose(
+            shift[:2], length * math.sin(angle) * push[:2] / np.linalg.norm(push), rtol=1e-9
+        )
+    assert _silhouette(corners(2.0, 3.0, 4.0)) == pytest.approx(4.0 * math.sqrt(13.0))
 
 
 def test_late_sensors_see_what_was_planned_a_while_ago() -> None:

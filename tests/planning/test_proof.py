@@ -149,6 +149,16 @@ def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimu
     assert unproven_row(post, so_far, STEP, swinging=True) is not None
 
 
+def test_a_motion_that_rests_and_then_enters_a_wall_is_not_proven() -> None:
+    """Its middle row lies before the way, so that the longer half of it is behind."""
+    asked = clearance(WALL)
+    rest, within = (asked.q(np.array([gamma, 13.4, 24.0])) for gamma in (1.2, 1.5))
+    q = np.array([rest, rest, rest, rest, within])
+    assert asked.true_room(rest) > 0.0 > asked.true_room(within)
+    assert unproven_row(asked, q, 5e-3) == 3
+    assert unproven_row(asked, q[:4], 5e-3) is None
+
+
 def test_rounding_a_corner_over_a_wall_is_proven_and_sharper_where_there_is_less_room() -> None:
     asked = clearance(WALL)
     ends = [asked.place(np.array([10.0, y, 4.0])) for y in (-10.0, 10.0)]
