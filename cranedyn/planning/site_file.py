@@ -5,6 +5,7 @@ described in docs/lift.md.
 from __future__ import annotations
 
 import math
+import os
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -92,13 +93,15 @@ class _Table:
         )
 
     def file(self, key: str) -> Path:
-        name = self.text(key)
-        if Path(name).is_absolute() or ".." in Path(name).parts:
+        """Return the file of a name, which no link may lead out of the folder of the site."""
+        name, folder = self.text(key), Path(os.path.realpath(self.path.parent))
+        path = Path(os.path.realpath(folder / name))
+        if not path.is_relative_to(folder):
             self.fail(
                 key,
                 f"{quoted(name)} lies outside of the folder of the site; allowed are files in it.",
             )
-        return self.path.parent / name
+        return path
 
 
 @checked

@@ -267,6 +267,31 @@ def test_meshes_models_and_neighbours_that_are_none_are_refused(
     assert sentence in str(refusal.value)
 
 
+@pytest.mark.parametrize("name", ["link.stl", "folder/cube.stl", "circle.stl"])
+def test_a_mesh_behind_a_link_out_of_the_folder_of_the_site_is_refused(
+    tmp_path: Path, name: str
+) -> None:
+    outside, folder = tmp_path / "outside", tmp_path / "site"
+    outside.mkdir(), folder.mkdir()
+    content = trimesh.creation.box([1.0, 1.0, 1.0]).export(file_type="stl")
+    (outside / "cube.stl").write_bytes(content)
+    (folder / "within.stl").write_bytes(content)
+    for link, to in (
+        ("link.stl", outside / "cube.stl"),
+        ("folder", outside),
+        ("circle.stl", folder / "circle.stl"),
+        ("inner.stl", folder / "within.stl"),
+    ):
+        (folder / link).symlink_to(to)
+    (tmp_path / "there").symlink_to(folder)  # the folder itself may be reached by a link
+    entry = '[[mesh]]\nname = "m"\nfile = "{}"\n'
+    (folder / "yard.toml").write_text(WHOLE + entry.format("inner.stl"))
+    assert read_site(tmp_path / "there" / "yard.toml").solids[-1].name == "m"
+    (folder / "yard.toml").write_text(WHOLE + entry.format(name))
+    with pytest.raises(DataError, match=r"line 2\d, .*(outside of the folder|symbolic links)"):
+        read_site(folder / "yard.toml")
+
+
 def test_a_mesh_stands_where_it_is_put_and_its_hull_is_asked_for(tmp_path: Path) -> None:
     bracket = trimesh.creation.extrude_polygon(
         __import__("shapely").Polygon([(0, 0), (4, 0), (4, 1), (1, 1), (1, 4), (0, 4)]), 2.0
