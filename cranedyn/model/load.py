@@ -195,8 +195,12 @@ def _recorded(whole: Mapping[str, Any], path: Path) -> Crane:
         "payload": str,
         "check_axes": bool,
     }
-    if not isinstance(record, dict) or not all(
-        isinstance(record.get(name), kind) for name, kind in kinds.items()
+    values = record.get("arguments", {}) if isinstance(record, dict) else None
+    if (
+        not isinstance(record, dict)
+        or not all(isinstance(record.get(name), kind) for name, kind in kinds.items())
+        or not isinstance(values, dict)
+        or not all(isinstance(value, float | int) for value in values.values())
     ):
         raise DataError(
             f"{path} does not name its crane; a Parquet file that `Trajectory.write` wrote does."
@@ -217,9 +221,7 @@ def _dressed(record: Mapping[str, Any]) -> str:
     otherwise.
     """
     text, values = str(record["urdf"]), record.get("arguments")
-    if isinstance(values, dict) and all(
-        isinstance(value, float | int) for value in values.values()
-    ):
+    if values is not None:
         with contextlib.suppress(CraneError):  # arguments of another version, or of a stranger
             whole = _whole(XACRO, values)
             if bare(parse(whole, XACRO)) == text:

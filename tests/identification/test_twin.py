@@ -89,6 +89,15 @@ def test_a_file_that_is_no_twin_is_one_sentence(text: str, tmp_path: Path) -> No
         twin_of(found()).write(tmp_path / "twin.toml")
 
 
+def test_a_twin_whose_arguments_are_no_numbers_by_name_is_none(tmp_path: Path) -> None:
+    content = json.loads(twin_of(found()).text)
+    for arguments in (1, ["payload_mass"], {"payload_mass": "1e3"}, None):
+        content["crane"]["arguments"] = arguments
+        (tmp_path / "twin.json").write_text(json.dumps(content))
+        with pytest.raises(DataError, match="does not name its crane"):
+            read_twin(tmp_path / "twin.json")
+
+
 def test_another_cranes_twin_names_it_whole(tmp_path: Path) -> None:
     """The overhead crane: two drives along a runway and a bridge, no slew."""
     known = Known("urdf/overhead_crane.urdf.xacro", {"payload_mass": 3000.0})
