@@ -174,11 +174,9 @@ def first_event(
     *,
     buffers: bool = False,
     needed: np.ndarray | None = None,
+    rates: bool = False,
 ) -> Event | None:
-    """Return the first row at which a run must stop, None if there is none.
-
-    A run goes on where a drive that takes efforts is faster than its rate limit; such rows are not
-    `valid`.
+    """Return the first row at which the model does not hold, None if there is none.
 
     Args:
         crane: The crane.
@@ -188,15 +186,17 @@ def first_event(
             of no account without a hoist.
         buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little
             is no event.
-        needed: Efforts that drives need which follow a motion [N m or N], shape (rows, m); None for
-            other drives.
+        needed: Efforts that drives need which follow a motion or a rate [N m or N], shape (rows,
+            m); None for drives that take efforts.
+        rates: Whether the drives must keep their largest rates. Frequency converters keep them by
+            themselves.
 
     Raises:
         OutOfRange: If an array has another shape.
     """
     found = [
         event
-        for bound in _of_rows(crane, q, v, hoist, buffers, needed, rates=needed is not None)
+        for bound in _of_rows(crane, q, v, hoist, buffers, needed, rates=rates)
         for event in _beginnings(crane, bound, bound.holds)[:1]
     ]
     return min(found, key=lambda event: event.row, default=None)
@@ -227,17 +227,14 @@ def valid(
     *,
     buffers: bool = False,
     needed: np.ndarray | None = None,
-    converters: bool = False,
+    rates: bool = False,
 ) -> np.ndarray:
-    """Return whether the model holds at each row and the drives keep their limits, shape (rows,).
-
-    Arguments as of `first_event`, but that `needed` is given for drives that follow a rate as well;
-    `converters` says that they keep their rates by themselves.
+    """Return whether the model holds at each row, shape (rows,); arguments as of `first_event`.
 
     Raises:
         OutOfRange: If an array has another shape.
     """
-    found = _of_rows(crane, q, v, hoist, buffers, needed, rates=not converters)
+    found = _of_rows(crane, q, v, hoist, buffers, needed, rates=rates)
     return np.logical_and.reduce([bound.holds for bound in found])
 
 

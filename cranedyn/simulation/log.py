@@ -149,7 +149,9 @@ class Log:
         if not (self._valid[rows] == 1.0).all():
             q, v, hoist = self._q[rows], self._v[rows], self._hoist(rows)
             needed = self._command[rows] if drive == "motion" else None
-            if event := _first_event(self._crane, q, v, hoist, buffers=buffers, needed=needed):
+            if event := _first_event(
+                self._crane, q, v, hoist, buffers=buffers, needed=needed, rates=drive == "motion"
+            ):
                 return event
             if drive == "motion":
                 self._valid[rows] = 1.0
@@ -240,7 +242,7 @@ class Log:
                 self._hoist(missing),
                 buffers=buffers,
                 needed=None if drive == "effort" else self._command[missing],
-                converters=drive == "velocity",
+                rates=drive != "velocity",
             )
             known[missing] = holds & ~self._cut[missing]
         return known
@@ -255,7 +257,7 @@ class Log:
             self._hoist(rows),
             buffers=buffers,
             needed=None if drive == "effort" else self._command[rows],
-            converters=drive == "velocity",
+            rates=drive != "velocity",
         )
         cut = np.flatnonzero(self._cut[rows])
         if event is None or (len(cut) and cut[0] < event.row):
