@@ -11,8 +11,10 @@ import re
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from types import FrameType
 from typing import Any, NoReturn
 
 from cranedyn.errors import CraneError, printable
@@ -99,32 +101,44 @@ def held_back() -> Iterator[Callable[[], bool]]:
     """
     came: list[int] = []
     main = threading.current_thread() is threading.main_thread()
-    numbers = (signal.SIGINT, signal.SIGTERM) if main else ()
-    ours = [number for number in numbers if signal.getsignal(number) is signal.default_int_handler]
+    handlers = _handlers() if main else {}
+    ours = {
+        number: handler
+        for number, handler in handlers.items()
+        if handler is signal.default_int_handler or isinstance(handler, _Interrupt)
+    }
     for number in ours:
         signal.signal(number, lambda number, _: came.append(number))
     try:
         yield lambda: bool(came)
     finally:
-        for number in ours:
-            signal.signal(number, signal.default_int_handler)
+        for number, handler in ours.items():
+            signal.signal(number, handler)
     if came:
         raise KeyboardInterrupt
 
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    before = {}
-    if threading.current_thread() is threading.main_thread():
-        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    main = threading.current_thread() is threading.main_thread()
+    before = _handlers() if main else {}
     ours = [
         number
         for number, handler in before.items()
         if handler in (signal.SIG_DFL, signal.default_int_handler)
     ]
+    interrupt = _Interrupt()
     for number in ours:
-        signal.signal(number, signal.default_int_handler)
-    hook, sys.unraisablehook = sys.unraisablehook, _again
+        signal.signal(number, interrupt)
+
+    def again(lost: sys.UnraisableHookArgs) -> None:
+        # What interrupts code in which nothing can be raised would be lost.
+        if lost.exc_type is KeyboardInterrupt and ours:
+            _thread.start_new_thread(_interrupt_later, (ours[0],))
+        else:
+            sys.__unraisablehook__(lost)
+
+    hook, sys.unraisablehook = sys.unraisablehook, again
     try:
         yield
     finally:
@@ -133,14 +147,31 @@ def _interruptible() -> Iterator[None]:
             signal.signal(number, before[number])
 
 
-def _again(lost: sys.UnraisableHookArgs) -> None:
-    """An interruption that hits code in which nothing can be raised would be lost: it comes again a
-    moment later.
+def _handlers() -> dict[signal.Signals, Any]:
+    return {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+
+class _Interrupt:
+    """Raises KeyboardInterrupt, but not into an import, whose ``except`` may take it for a module
+    that is missing: there it waits, though not for ever.
     """
-    if lost.exc_type is KeyboardInterrupt:
-        threading.Timer(0.01, _thread.interrupt_main).start()
-    else:
-        sys.__unraisablehook__(lost)
+
+    def __init__(self) -> None:
+        self._tries = 1000
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """As a handler of signals is called."""
+        while frame and not frame.f_code.co_filename.startswith("<frozen importlib"):
+            frame = frame.f_back
+        self._tries -= 1
+        if not frame or self._tries < 0:
+            raise KeyboardInterrupt
+        _thread.start_new_thread(_interrupt_later, (signal.Signals(number),))
+
+
+def _interrupt_later(number: signal.Signals) -> None:
+    time.sleep(0.01)
+    _thread.interrupt_main(number)
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import converters
 from cranedyn.errors import CraneError, number
 from cranedyn.interfaces import Controller, Setpoint, State
-from cranedyn.sweep.processes import end_with_parent
+from cranedyn.sweep.processes import deaf, end_with_parent
 from experiments import harness
 from experiments.compare_figures import robustness_figure, swing_figure
 from experiments.compare_observers import observer_claims, observer_table
@@ -109,14 +109,16 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     alone = replace(setup, reporter=harness.ProgressReporter(None))
     moves = [*MOVES, SWINGING]
     with _workers(options.jobs) as workers:
-        tasks: dict[Future[dict[str, Result]], tuple[Move, str]] = {
-            workers.submit(_made, alone, move, strategy, move == COMBINED, drive): (move, strategy)
-            for move in moves
-            for strategy in strategies
-        }
-        tours: dict[Future[Toured | str], str] = {
-            workers.submit(_toured, alone, control): control for control in CONTROLS if ideal
-        }
+        tasks: dict[Future[dict[str, Result]], tuple[Move, str]] = {}
+        tours: dict[Future[Toured | str], str] = {}
+        with deaf():  # submitting starts processes
+            for move in moves:
+                for strategy in strategies:
+                    all_cases = move == COMBINED
+                    task = workers.submit(_made, alone, move, strategy, all_cases, drive)
+                    tasks[task] = move, strategy
+            for control in CONTROLS if ideal else ():
+                tours[workers.submit(_toured, alone, control)] = control
         update = setup.reporter.count("comparison", len(tasks) + len(tours))
         everything: list[Future[Any]] = [*tasks, *tours]
         for done, _ in enumerate(as_completed(everything), start=1):

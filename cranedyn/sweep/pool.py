@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 import multiprocessing
-import signal
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker
+from collections.abc import Mapping
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pyarrow as pa
 
-from cranedyn.command import held_back
 from cranedyn.errors import CraneError
 from cranedyn.sweep.chunk import DIED, LATE, evaluate, failed, load
-from cranedyn.sweep.processes import end_with_parent
+from cranedyn.sweep.processes import deaf, end_with_parent
 
 Rows = tuple[int, int]
 """The first case of a chunk, and that after its last."""
@@ -164,7 +161,7 @@ class _Lane:
                 self.process = _SPAWN.Process(
                     target=_serve, args=(theirs, study, code), daemon=True
                 )
-                with _deaf():
+                with deaf():
                     self.process.start()
         except OSError as error:
             raise CraneError(
@@ -203,20 +200,3 @@ def _serve(pipe: Connection, study: str, code: str) -> None:
                 pipe.send(evaluate(study, pipe.recv()))
         except CraneError as error:
             pipe.send(error)
-
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Processes started here never hear of Ctrl-C, which goes to all processes of a terminal: their
-    parent ends them.
-    """
-    # A process of multiprocessing's own, at whose start it would unblock the signal.
-    resource_tracker.ensure_running()
-    # The mask is for the process that starts, which inherits it; here another thread may be given
-    # the signal, and a process that is cut off before it has been told its task says so aloud.
-    with held_back():
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            yield
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,4 +1,4 @@
-"""Worker processes end with whoever started them, however that ended."""
+"""Worker processes end with whoever started them, however that ended, and hear no Ctrl-C."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ import os
 import signal
 import sys
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
+
+from cranedyn.command import held_back
 
 _PR_SET_PDEATHSIG = 1
 
@@ -34,3 +38,20 @@ def end_with_parent() -> None:
 def _end_after(parent: multiprocessing.process.BaseProcess) -> None:
     parent.join()
     os._exit(1)
+
+
+@contextmanager
+def deaf() -> Iterator[None]:
+    """Keep Ctrl-C, which goes to all processes of a terminal, from processes that are started in
+    this context: their parent ends them.
+    """
+    # A process of multiprocessing's own, at whose start it would unblock the signal.
+    resource_tracker.ensure_running()
+    # The mask is for the process that starts, which inherits it; here another thread may be given
+    # the signal, and a process that is cut off before it has been told its task says so aloud.
+    with held_back():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)

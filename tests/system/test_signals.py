@@ -68,6 +68,43 @@ def test_other_programs_keep_their_ctrl_c(package: str, tmp_path: Path) -> None:
 # --- while a command runs -------------------------------------------------------------------------
 
 
+_SWALLOWED = """
+import signal, sys, time
+from cranedyn.command import command
+
+signal.signal(signal.SIGINT, signal.SIG_IGN if {ignored} else signal.default_int_handler)
+
+def run():
+    import careless
+    time.sleep(1)
+    return 0
+
+assert command(run) == 130
+assert sys.modules["careless"].whole
+"""
+
+
+@pytest.mark.parametrize(("signal", "ignored"), [("SIGINT", False), ("SIGTERM", True)])
+def test_an_interruption_waits_for_an_import_that_would_swallow_it(
+    signal: str, ignored: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "careless.py").write_text(
+        "try:\n    import interrupted\n    whole = True\nexcept BaseException:\n    whole = False\n"
+    )
+    (tmp_path / "interrupted.py").write_text(
+        f"import signal\nsignal.raise_signal(signal.{signal})\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", _SWALLOWED.format(ignored=ignored)],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"},
+        check=False,
+    )
+    assert (run.returncode, run.stderr) == (0, "Interrupted.\n")
+
+
 def _taken_for_a_fault() -> None:
     """As where a library imports in a `try` and names in its `except` what was to be imported."""
     try:
