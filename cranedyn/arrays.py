@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+from reprlib import Repr
 from typing import Any
 
 import numpy as np
@@ -78,3 +80,28 @@ def _words(shapes: tuple[Shape, ...]) -> str:
     return "shape " + " or ".join(
         f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})" for shape in shapes
     )
+
+
+class OneLine:
+    """A dataclass whose ``repr`` is one line, with the shapes of long arrays."""
+
+    def __repr__(self) -> str:
+        """Return the name of the class and its public fields."""
+        shown = (
+            f"{one.name}={_SHORT.repr(getattr(self, one.name))}"
+            for one in fields(self)  # type: ignore[arg-type]
+            if one.repr and not one.name.startswith("_")
+        )
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+
+class _Short(Repr):
+    def repr_ndarray(self, array: np.ndarray, level: int) -> str:
+        return str(array.tolist()) if array.size <= 9 else f"array of shape {array.shape}"
+
+    def repr_instance(self, value: object, level: int) -> str:
+        line = repr(value).partition("\n")[0]
+        return line if len(line) <= 100 else f"{type(value).__name__}(...)"
+
+
+_SHORT = _Short()

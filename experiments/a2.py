@@ -326,7 +326,13 @@ def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Out
     missed, without = (
         abs(reading.section.exponent - PUBLISHED["hoisting"]) for reading in (ours, hard)
     )
+    worst = 100 * max(reading.worst for reading in (ours, *phases.values()))
     claims = [
+        harness.Claim(
+            f"Whenever the pulse comes, every half swing lasts what the cable's length there says, "
+            f"within the published largest error ({PUBLISHED['max']:g} %): {worst:.2f} % at most.",
+            setup.judged(worst <= PUBLISHED["max"]),
+        ),
         harness.Claim(
             f"The exponent over the hoisting section ({ours.section.exponent:.4f}) misses the "
             f"published by {missed:.4f}, less than the "

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.arguments import check_word, checked
+from cranedyn.arrays import OneLine
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.load_filter import GYROSCOPE, LoadFilter, Sensors
 from cranedyn.controllers.observer import initial_std_of
@@ -86,8 +87,8 @@ class Family:
         return self._table[min(k, len(self._table) - 1)]
 
 
-@dataclass(eq=False)
-class Adapted:
+@dataclass(eq=False, repr=False)
+class Adapted(OneLine):
     """A controller behind a filter that estimates state, load and cable. It remembers: make a new
     one for each run.
 

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.arrays import OneLine
 from cranedyn.clocks import soon_enough
 from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint, State
@@ -15,8 +16,8 @@ from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
 
 
-@dataclass(frozen=True, eq=False)
-class Damped:
+@dataclass(frozen=True, eq=False, repr=False)
+class Damped(OneLine):
     """Drives that yield to the swing, see `damped`.
 
     Attributes:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.arrays import OneLine
 from cranedyn.clocks import soon_enough
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.dynamics.linearisation import feedback_gain
@@ -17,8 +18,8 @@ from cranedyn.references.tabulated import tabulated
 
 
 @checked
-@dataclass(frozen=True, eq=False)
-class Follow:
+@dataclass(frozen=True, eq=False, repr=False)
+class Follow(OneLine):
     """Reach the reference's velocity at the next control instant; for `simulate(...,
     drive="motion")`.
 

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.arguments import checked
-from cranedyn.arrays import shaped
+from cranedyn.arrays import OneLine, shaped
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.errors import number
@@ -40,8 +40,8 @@ Gains = Sequence[float] | Mapping[str, float] | None
 
 
 @checked
-@dataclass(frozen=True, eq=False)
-class Hold:
+@dataclass(frozen=True, eq=False, repr=False)
+class Hold(OneLine):
     """Effort = feed-forward + k_p (setpoint - position) - k_d velocity, for each drive by itself.
 
     The velocity of the reference does not enter: on a ramp the drive lags by k_d / k_p times the

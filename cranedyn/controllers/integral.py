@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.arrays import OneLine
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.tracking import Tracking
@@ -19,8 +20,8 @@ from cranedyn.model.crane import Crane
 
 
 @checked
-@dataclass(eq=False)
-class HoistIntegral:
+@dataclass(eq=False, repr=False)
+class HoistIntegral(OneLine):
     """A tracking controller whose hoist has an integrator besides; at the limit of the drive it
     integrates back only (anti-windup).
 

@@ -18,6 +18,7 @@ import numpy as np
 import scipy
 
 from cranedyn.arguments import checked
+from cranedyn.arrays import OneLine
 from cranedyn.clocks import multiple
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
@@ -57,8 +58,8 @@ class Solution(NamedTuple):
     excess: np.ndarray
 
 
-@dataclass(eq=False)
-class Predictive:
+@dataclass(eq=False, repr=False)
+class Predictive(OneLine):
     """Model predictive control about a motion; between its instants the correction of the efforts
     is held, the feed-forward goes on.
 

@@ -14,6 +14,7 @@ from importlib import import_module
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.arrays import OneLine
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.sensed import noise_of
@@ -93,8 +94,8 @@ def load_lapack() -> None:
     import_module("scipy.linalg.lapack")
 
 
-@dataclass(eq=False)
-class Observed:
+@dataclass(eq=False, repr=False)
+class Observed(OneLine):
     """A controller that is told an estimate of the state. It remembers: make a new one for each
     run.
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from cranedyn.arguments import check_word, checked
+from cranedyn.arrays import OneLine
 from cranedyn.clocks import Timed, soon_enough
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.damped import Damped
@@ -70,8 +71,8 @@ class _Lead:
         return now + gaining * np.abs(gaining) / (2.0 * jerk)
 
 
-@dataclass(frozen=True, eq=False)
-class FollowRates:
+@dataclass(frozen=True, eq=False, repr=False)
+class FollowRates(OneLine):
     """The rates of a reference, made up for what converters lag, and a share of the distance from
     it.
 
@@ -119,7 +120,7 @@ class FollowRates:
         return self.lead.undone(now, later)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DampedRates(Damped):
     """Drives that yield to the swing, told by rates."""
 
@@ -128,8 +129,8 @@ class DampedRates(Damped):
         return self.velocity(t, state, setpoint)
 
 
-@dataclass(eq=False)
-class GivenRates:
+@dataclass(eq=False, repr=False)
+class GivenRates(OneLine):
     """The rates v + τ a that efforts, or accelerations, of another controller would give.
 
     Attributes:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cranedyn.arguments import checked
+from cranedyn.arrays import OneLine
 from cranedyn.errors import CraneError, OutOfRange, number, whole
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
@@ -36,8 +37,8 @@ def noise_of(crane: Crane) -> np.ndarray:
     )
 
 
-@dataclass(eq=False)
-class Sensed:
+@dataclass(eq=False, repr=False)
+class Sensed(OneLine):
     """A controller behind sensors. It remembers readings: make a new one for each run.
 
     Attributes:

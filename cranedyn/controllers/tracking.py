@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.arguments import checked
-from cranedyn.arrays import shaped
+from cranedyn.arrays import OneLine, shaped
 from cranedyn.controllers.affine import Affine, without_integral
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Setpoint, State
@@ -18,8 +18,8 @@ from cranedyn.references.rows import at_place, at_places, place, places
 
 
 @checked
-@dataclass(frozen=True, eq=False)
-class Tracking:
+@dataclass(frozen=True, eq=False, repr=False)
+class Tracking(OneLine):
     """effort = feed_forward[k] - gain[k] (z - setpoint[k]) with z = (coordinates, rates); before
     time 0 k is 0, beyond the end the last.
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.arguments import checked, described
-from cranedyn.arrays import finite
+from cranedyn.arrays import OneLine, finite
 from cranedyn.clocks import intervals
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import inverse_dynamics
@@ -22,8 +22,8 @@ from cranedyn.references.tabulated import tabulated
 
 
 @checked
-@dataclass(frozen=True, eq=False)
-class Motion:
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion(OneLine):
     """A motion in rows, with straight lines between them; before and after it stands still. Itself
     a reference for the drives.
 

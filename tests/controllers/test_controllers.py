@@ -7,12 +7,25 @@ import pytest
 from hypothesis import given
 from numpy.testing import assert_allclose
 
-from cranedyn.controllers import Hold, follow, hold_controller
+from cranedyn.compiled.horizon.receding import receding
+from cranedyn.controllers import (
+    Hold,
+    adapted,
+    follow,
+    hold_controller,
+    lqr,
+    mpc,
+    observed,
+    paper_controller,
+    sensed,
+)
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.controllers.rated import rated
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.interfaces import Controller, EngineName, Setpoint, State
-from cranedyn.references import hold, ramp
+from cranedyn.references import hold, plumb, ramp, spline
+from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, crane, states
 
@@ -162,3 +175,23 @@ def test_where_time_begins_anew_an_integrator_goes_on_as_before() -> None:
     for t in (0.0, 0.02, 0.04, 0.0, 0.02):
         integral(t, away, reference)
     assert integral.integral == pytest.approx(0.5 * (5e-3 + 4 * 0.02), rel=1e-9)
+
+
+def test_a_controller_shows_itself_in_a_line() -> None:
+    way = plumb(crane(), spline(crane(), crane().state(l=20), [(0.1, 11, 20)], [5.0]), 5.0)
+    tracking = lqr(crane(), way)
+    for controller in (
+        hold_controller(crane()),
+        follow(crane(), hold(crane(), crane().start)),
+        paper_controller(crane(), way),
+        tracking,
+        mpc(crane(), way),
+        observed(tracking, crane(), way),
+        sensed(crane(), tracking, rng=np.random.default_rng(0)),
+        adapted(tracking, crane(), way),
+        rated(crane(), tracking, drive="motion"),
+        receding(crane(), Limits([0.1, 0.5, 0.5], [0.05, 0.3, 0.3])),
+    ):
+        shown = repr(controller)
+        assert "\n" not in shown
+        assert len(shown) < 1200, shown

@@ -12,7 +12,7 @@ import numpy as np
 from llvmlite import ir
 
 from cranedyn.arguments import check_word, checked
-from cranedyn.arrays import finite
+from cranedyn.arrays import OneLine, finite
 from cranedyn.clocks import SAME_PERIOD, multiple
 from cranedyn.compiled.door import Instant
 from cranedyn.compiled.horizon import model
@@ -95,8 +95,8 @@ class Marks(NamedTuple):
 
 
 @checked
-@dataclass(eq=False)
-class Receding:
+@dataclass(eq=False, repr=False)
+class Receding(OneLine):
     """A predictive controller; it remembers: make a new one for each run.
 
     Attributes:
