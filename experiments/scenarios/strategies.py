@@ -254,7 +254,7 @@ def _mpc(setup: harness.Setup, move: Move) -> Plan:
 def _receding(
     setup: harness.Setup, motion: Motion | None, swing: float, drive: Drive = "effort"
 ) -> Controller:
-    from cranedyn.compiled.horizon.receding import STAGE, receding, usual_input_weight
+    from cranedyn.compiled.horizon.receding import receding, usual_input_weight
 
     usual = usual_input_weight(np.array(LIMITS.accelerations))
     return receding(
@@ -265,8 +265,6 @@ def _receding(
         swing_limit=swing,
         input_weight=SOFTER_PLAN * usual if drive == "velocity" else None,
         control_period=setup.control_period,
-        period=mpc_period(setup),
-        stage=_whole_periods(setup, STAGE["a goal" if motion is None else "a motion"]),
     )
 
 
@@ -342,12 +340,7 @@ def mpc_period(setup: harness.Setup) -> float:
     """Time between optimisations of the MPC [s], 50 ms or the multiple of the control period that
     is nearest.
     """
-    return _whole_periods(setup, 0.05)
-
-
-def _whole_periods(setup: harness.Setup, time: float) -> float:
-    """The multiple of the control period that is nearest to a time, one at least [s]."""
-    return setup.control_period * max(1, round(time / setup.control_period))
+    return setup.control_period * max(1, round(0.05 / setup.control_period))
 
 
 COMPILED_MPC, TO_GOAL = "flat + compiled MPC", "MPC to the goal"

@@ -210,7 +210,8 @@ def test_a_copy_of_the_controller_plans_in_memory_of_its_own() -> None:
 
 def test_on_the_numbers_of_grampcs_tower_crane_it_settles_as_fast_as_that() -> None:
     # GRAMPC's example Crane_3D, run to its end, keeps trolley, cable, slew and swing together
-    # within 10 mm of where they shall be from 2.99 s on, within 5 mm from 3.73 s on.
+    # within 10 mm of where they shall be from 2.99 s on, within 5 mm from 3.73 s on. No number of
+    # the controller is set: its times and errors follow from the crane.
     lab = load_crane(
         trolley_min=0.1,
         trolley_max=1.0,
@@ -233,10 +234,6 @@ def test_on_the_numbers_of_grampcs_tower_crane_it_settles_as_fast_as_that() -> N
         lab,
         Limits(rates=(3.0, 3.0, 3.0), accelerations=(2.0, 2.0, 2.0)),
         drive="motion",
-        swing_limit=0.3,
-        period=0.01,
-        stage=0.05,
-        payload_errors=(0.01, 0.1),
     )
     run = quickly(
         lab,

@@ -48,6 +48,7 @@ class Programme:
         share: Of what an estimate of disturbances is wrong by that is corrected at each instant.
         swing_share: The same of the swing.
         rate_share: The same of the rates of drives to which rates are commanded.
+        swing: Largest angle of each swing joint from where it hangs [rad].
         taut: Least tension of the rope [N].
         errors: Of coordinates and rates of each joint that weigh alike, in a row; none if weights
             are given.
@@ -66,6 +67,7 @@ class Programme:
     share: float
     swing_share: float
     rate_share: float
+    swing: float
     taut: float
     errors: tuple[float, ...]
     payload_errors: tuple[float, ...]
@@ -173,7 +175,7 @@ def emit_plan(module: ir.Module, programme: Programme) -> list[tuple[str, int, i
         errors = np.reshape(programme.errors, (2, layout.n))
         model.emit_weights(module, shape, crane, errors, np.array(programme.payload_errors))
     period = programme.ratio * programme.period
-    planning.emit(module, shape, layout, programme.length, period)
+    planning.emit(module, shape, crane, programme.length, period, programme.swing)
     return known
 
 
@@ -240,8 +242,10 @@ class Control:
         q, v, possible = self._possible(q, v)
         believed = self._believed(q, v, before)
         with code.when(due):
+            plant, tracked = self.programme.plant, self.programme.rows > 0
+            goal = array([]) if tracked else model.hanging(plant, position)
             for lane in range(code.lanes):
-                self._plan(lane, *believed, position, row, possible)
+                self._plan(lane, *believed, goal, row, possible)
         told = self._remembered("held")
         if self.programme.drive == "effort":
             return self._efforts(q, v, told, begun * possible)
@@ -279,7 +283,7 @@ class Control:
         lane: int,
         q: np.ndarray,
         v: np.ndarray,
-        position: np.ndarray,
+        goal: np.ndarray,
         row: ir.Value,
         possible: Value,
     ) -> None:
@@ -292,8 +296,9 @@ class Control:
             numbers = row, code.integer(rows - 1), code.integer(self.programme.hop)
         else:
             numbers = code.integer(0), code.integer(0), code.integer(0)
-            for drive, value in zip(self.layout.drives.tolist(), position, strict=True):
-                self._store_one(element(code, value, lane), path, drive)
+            for i, value in enumerate(goal):
+                if isinstance(value, Value):  # of other kinds are the zeros that stand there
+                    self._store_one(element(code, value, lane), path, i)
         for i, number in enumerate(numbers):
             code.builder.store(number, pointer(code, query, shape.lanes + i), align=8)
         assert len(numbers) == len(QUERY)

@@ -75,6 +75,28 @@ def _zero(part: Any) -> bool:
     return isinstance(part, float) and part == 0.0
 
 
+def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:
+    """Coordinates at rest for places of the drives, shape (n,), in any kind of number: of the swing
+    joints by a step of Newton's method from where they hang to first order.
+    """
+    layout, swings = plant.topology.layout, [i for i, _ in plant.topology.swings]
+    angle, slope = plant.rest
+    still = array([0.0] * layout.n)
+    q = still.copy()
+    q[layout.drives] = drives
+    if not (np.any(angle) or np.any(slope)):
+        return q
+    q[swings] = angle + slope @ drives
+    (at,) = variables(q)
+    forces = rigid_body.inverse_dynamics(
+        plant.tree, rigid_body.frames(plant.tree, at), still, constants(still, layout.n)
+    )
+    stiffness = slopes(forces[swings], layout.n)[:, swings]
+    pull = array([force.value for force in forces[swings]])
+    q[swings] = q[swings] - rigid_body.solve(stiffness, pull)
+    return q
+
+
 def stage(plant: Plant, length: float, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Entries:
     """The model of a stage of a length [s] about a node, by place in its memory."""
     layout = plant.topology.layout

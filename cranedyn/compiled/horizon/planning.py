@@ -6,12 +6,14 @@ nonlinear optimization in optimal feedback control").
 
 from __future__ import annotations
 
+import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.horizon.memory import REPORT, Other, Shape, Work, everywhere
 from cranedyn.compiled.horizon.riccati import call, mask, total
-from cranedyn.model.layout import Layout
+from cranedyn.dynamics.plant import Plant
+from cranedyn.dynamics.rigid_body import array
 
 _HUGE = 1e300
 """What no number of a plan exceeds."""
@@ -31,7 +33,9 @@ exceeded if there were none; the barrier with which the next begins. A plan is a
 one optimisation to the next: cranes in lanes share the memory of the optimisation."""
 
 
-def emit(module: ir.Module, shape: Shape, layout: Layout, length: float, period: float) -> None:
+def emit(
+    module: ir.Module, shape: Shape, plant: Plant, length: float, period: float, swing: float
+) -> None:
     """Add the function `plan`.
 
     Its arguments: memory of an optimisation; a plan, rows of states and inputs by stage and a row
@@ -41,20 +45,24 @@ def emit(module: ir.Module, shape: Shape, layout: Layout, length: float, period:
     Args:
         module: Where to add it.
         shape: Of the problem.
-        layout: Of the crane.
+        plant: The crane.
         length: Of a stage [s].
         period: From one optimisation to the next [s].
+        swing: Largest angle of each swing joint from where it hangs [rad].
     """
     code = Code(module, "plan", ["work", "plan", "query", "path"], shape.lanes)
-    _Plan(Work(code, shape), layout, length, period).emit()
+    _Plan(Work(code, shape), plant, length, period, swing).emit()
 
 
 class _Plan:
     """The function under construction."""
 
-    def __init__(self, work: Work, layout: Layout, length: float, period: float) -> None:
+    def __init__(
+        self, work: Work, plant: Plant, length: float, period: float, swing: float
+    ) -> None:
         self.work, self.code, self.shape, self.common = work, work.code, work.shape, work.common
-        self.layout, self.length, self.period = layout, length, period
+        self.plant, self.layout, self.swing = plant, plant.topology.layout, swing
+        self.length, self.period = length, period
         self.one, self.marks = Other(self.code, 1), self.shape.stages * self.shape.lanes
 
     def emit(self) -> None:
@@ -80,6 +88,7 @@ class _Plan:
         code, shape = self.code, self.shape
         self._begin_at_state()
         self._aim()
+        self._bound()
         call(code, "linearise")
         call(code, "end")
         aim = [
@@ -138,6 +147,22 @@ class _Plan:
                 pull = (number(coming, drive) - number(k, drive)) * (1.0 / self.length)
                 parts.append(self.common.get("weight", shape.states + c) * everywhere(code, pull))
             self.work.stage(k).put("gradient", -total(parts))
+
+    def _bound(self) -> None:
+        """Bounds of swing joints whose rest depends on the drives: about where they hang now, about
+        where they hang at the goal, and between.
+        """
+        angle, slope = self.plant.rest
+        if not (np.any(angle) or np.any(slope)):
+            return
+        drives = self.layout.drives.tolist()
+        ends = [
+            angle + slope @ array([self.common.one(name, 0, i) for i in drives])
+            for name in ("start", "goal")
+        ]
+        for (i, _), a, b in zip(self.plant.topology.swings, *ends, strict=True):
+            self.common.put_one("low", 0, i, self.one.call("llvm.minnum", a, b) - self.swing)
+            self.common.put_one("high", 0, i, self.one.call("llvm.maxnum", a, b) + self.swing)
 
     def _keep(self, possible: ir.Value) -> None:
         """What was found becomes the plan; if nothing was, the last plan goes on."""

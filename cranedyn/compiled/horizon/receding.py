@@ -30,10 +30,11 @@ from cranedyn.compiled.machine import Machine, translated
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.dynamics.plant import Plant, Topology, numbers
+from cranedyn.dynamics.plant import Plant, Topology, numbers, plant
 from cranedyn.errors import CraneError, OutOfRange, number, whole, within
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
+from cranedyn.model.layout import Layout
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 from cranedyn.references.rows import SAME
@@ -49,6 +50,9 @@ _NONE = 1e9
 
 _STAGES = 200
 
+_RIGHT = math.pi / 2.0
+"""Angle from where it hangs that no swing exceeds [rad]."""
+
 _FASTEST = 10.0
 """Multiple of its limit that no rate of a drive can be, ours; and twice what a load that falls from
 the height of its pivot reaches, no rate of a swing."""
@@ -56,22 +60,78 @@ the height of its pivot reaches, no rate of a swing."""
 TAUT = 0.1
 """Least tension of the rope, as a share of the payload's weight."""
 
-PAYLOAD_ERRORS = (0.22, 0.16)
-"""Errors of the payload's place [m] and rate [m/s] that weigh alike, ours."""
-
-ERROR = {"revolute": 0.1, "prismatic": 1.0}
-"""The same of each joint by itself, by its kind: of its coordinate and of its rate, ours."""
-
 INPUT = 10.0
-"""Accelerations of the drives that weigh as much, as a multiple of their limits."""
+"""Accelerations of the drives that weigh as much as the errors of `Tuning`, as a multiple of their
+limits."""
+
+PENDULUM = 7.75356
+"""Period of the pendulum [s] for which the numbers of `Tuning` were chosen: of the default crane
+with 14.9 m of cable, the middle of its range."""
 
 
-RECALLED = 3.0
-"""Time in which a plan believes the rates that it commanded more than those measured [s], ours."""
+_TIMES = ("period", "to_goal", "on_path", "settling", "smoothing", "recalled")
 
-STAGE = {"a goal": 0.4, "a motion": 0.2}
-"""Length of a stage [s], ours: to a goal the horizon should hold the whole of a swing and of the
-way that a drive needs to stop; what a motion says is followed more closely by shorter ones."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Times and errors with which a predictive controller is made, ours.
+
+    The defaults are for a load that swings with a period of `PENDULUM`. Motions of another crane
+    are alike where all times go with its period and all lengths with the square of that.
+
+    Attributes:
+        period: Time between optimisations [s].
+        to_goal: Length of a stage [s] on the way to a goal: the horizon should hold the whole of a
+            swing and of the way that a drive needs to stop.
+        on_path: The same along a motion, which is followed more closely by shorter ones.
+        settling: Time in which it learns what disturbs the drives [s].
+        smoothing: Time over which it averages what is measured of the swing [s].
+        recalled: Time in which a plan believes the rates that it commanded more than those measured
+            [s].
+        payload: Errors of the payload's place [m] and rate [m/s] that weigh alike.
+        revolute: The same of each revolute joint by itself [rad, rad/s].
+        prismatic: The same of each prismatic joint [m, m/s].
+    """
+
+    period: float = 0.05
+    to_goal: float = 0.4
+    on_path: float = 0.2
+    settling: float = 0.1
+    smoothing: float = 0.2
+    recalled: float = 3.0
+    payload: tuple[float, float] = (0.22, 0.16)
+    revolute: tuple[float, float] = (0.1, 0.1)
+    prismatic: tuple[float, float] = (1.0, 1.0)
+
+    def errors(self, layout: Layout) -> tuple[float, ...]:
+        """Return errors of coordinates, then of rates of each joint that weigh alike."""
+        each = [
+            self.revolute if joint.kind == "revolute" else self.prismatic for joint in layout.joints
+        ]
+        return tuple(error[part] for part in (0, 1) for error in each)
+
+    @classmethod
+    def of(cls, crane: Crane) -> Tuning:
+        """Return that of a crane, by the slowest swing with its drives in the middle of their
+        ranges.
+        """
+        usual, layout = cls(), crane.layout
+        believed = plant(Topology.of(crane), numbers(crane).tolist(), "motion", False)
+        q, middle = crane.start.q.copy(), (crane.lower + crane.upper) / 2.0
+        drives = layout.drives[np.isfinite(middle[layout.drives])]
+        q[drives] = middle[drives]
+        frequencies = _frequencies(believed, crane.resting(q))
+        swinging = frequencies[frequencies > 1e-6 * frequencies.max(initial=0.0)]
+        if not len(swinging):
+            return usual
+        time = 2.0 * math.pi / float(swinging.min()) / PENDULUM
+        length = time**2
+        return cls(
+            **{name: getattr(usual, name) * time for name in _TIMES},
+            payload=(usual.payload[0] * length, usual.payload[1] * length / time),
+            revolute=(usual.revolute[0], usual.revolute[1] / time),
+            prismatic=(usual.prismatic[0] * length, usual.prismatic[1] * length / time),
+        )
 
 
 class Marks(NamedTuple):
@@ -268,14 +328,14 @@ def receding(
     converters: Converters | None = None,
     swing_limit: float = 0.1,
     control_period: float = 5e-3,
-    period: float = 0.05,
+    period: float | None = None,
     stages: int = 40,
     stage: float | None = None,
     state_weight: np.ndarray | None = None,
     input_weight: np.ndarray | None = None,
-    payload_errors: Sequence[float] = PAYLOAD_ERRORS,
-    settling: float = 0.1,
-    smoothing: float = 0.2,
+    payload_errors: Sequence[float] | None = None,
+    settling: float | None = None,
+    smoothing: float | None = None,
 ) -> Receding:
     """Model predictive control on the nonlinear crane, from any state.
 
@@ -284,18 +344,20 @@ def receding(
     is exceeded as little as possible. Whatever is found, efforts are cut to their limits and the
     hoist never slackens the rope.
 
+    Times and errors that are not given follow from the pendulum of the crane, see `Tuning`.
+
     Args:
         crane: The crane, rigid.
-        limits: Of the rates and accelerations of the drives.
+        limits: Of the rates and accelerations of the drives, beside the crane's own rate limits.
         motion: What to track; None to go to the setpoint of the reference.
         drive: What it commands: "effort", "motion", or "velocity", the rates at which frequency
             converters accelerate the drives as planned, see `cranedyn.controllers.rated`.
         converters: Of drives that take velocities; None for typical ones.
-        swing_limit: Largest size of each swing [rad], below π/2.
+        swing_limit: Largest size of each swing from where the load hangs [rad], below π/2.
         control_period: Of the run [s].
         period: Time between optimisations [s], a multiple of the control period.
         stages: How many the horizon has.
-        stage: Length of each [s], a multiple of the control period; None for `STAGE`.
+        stage: Length of each [s], a multiple of the control period.
         state_weight: Q for coordinates and rates, shape (2 n, 2 n); None for errors that weigh
             alike.
         input_weight: R for the accelerations of the drives, shape (m, m); None for the same.
@@ -311,15 +373,23 @@ def receding(
         CraneError: If the crane is elastic.
     """
     check_word("drive", drive, Drive)
-    finite("payload errors", np.asarray(payload_errors), (2,))
     layout = crane.layout
     if crane.springs.any:
         raise CraneError(
             "This predictive controller is made for a rigid crane; this one has springs."
         )
-    ratio = multiple("period", period, "control_period", control_period)
+    number("control_period", control_period, "s", "> 0")
+    tuning = Tuning.of(crane)
+    if period is None:
+        period = _whole_periods(tuning.period, control_period)
     if stage is None:
-        stage = STAGE["a goal" if motion is None else "a motion"]
+        length = tuning.to_goal if motion is None else tuning.on_path
+        stage = _whole_periods(length, control_period)
+    settling = max(tuning.settling, control_period) if settling is None else settling
+    smoothing = tuning.smoothing if smoothing is None else smoothing
+    payload_errors = tuning.payload if payload_errors is None else payload_errors
+    finite("payload errors", np.asarray(payload_errors), (2,))
+    ratio = multiple("period", period, "control_period", control_period)
     multiple("stage", stage, "control_period", control_period)
     within("stages", whole("stages", stages, 2, "stages"), 2, _STAGES)
     within("settling", number("settling", settling, "s", "> 0"), control_period, 1e3, "s")
@@ -331,8 +401,8 @@ def receding(
         raise OutOfRange(
             "period of the motion", motion.period, f"the control period, {control_period:g}", "s"
         )
-    rates = layout.for_drives("rate limit", limits.rates, "/s", "> 0")
-    accelerations = layout.for_drives("acceleration limit", limits.accelerations, "/s²", "> 0")
+    kept = limits.for_crane(crane)
+    rates, accelerations = np.array(kept.rates), np.array(kept.accelerations)
     lags = fitting(crane, drive, converters)
     hoist = layout.drive_of("hoist")
     weight = 0.0 if hoist is None else float(abs(holding_effort(crane, crane.start.q)[hoist]))
@@ -348,11 +418,10 @@ def receding(
         len(path),
         min(1.0, control_period / settling),
         min(1.0, control_period / smoothing),
-        min(1.0, control_period / RECALLED),
+        min(1.0, control_period / tuning.recalled),
+        swing,
         TAUT * weight,
-        ()
-        if state_weight is not None
-        else tuple(2 * [ERROR[joint.kind] for joint in layout.joints]),
+        () if state_weight is not None else tuning.errors(layout),
         tuple(number("payload error", error, "", "> 0") for error in payload_errors),
         () if lags is None else tuple((lags.lags + lags.ahead(control_period)).tolist()),
     )
@@ -420,12 +489,16 @@ def _possible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str
     least, most = np.full(2 * n, -_NONE), np.full(2 * n, _NONE)
     span = crane.upper - crane.lower
     least[drives], most[drives] = (crane.lower - span)[drives], (crane.upper + span)[drives]
+    ends = np.clip([crane.lower[drives], crane.upper[drives]], -_NONE, _NONE)[:, None]
+    shares = crane.rest.slope * ends
+    hangs = crane.rest.angle + np.array([part.sum(-1) for part in (shares.min(0), shares.max(0))])
     short = start.copy()
     if (hoist := layout.drive_of("hoist")) is not None:
         short[drives[hoist]] = crane.lower[drives[hoist]]
     swinging = 2.0 * math.sqrt(2.0) * _frequencies(programme.plant, short).max(initial=0.0)
-    most[swings], most[n + swings], most[n + drives] = math.pi / 2.0, swinging, _FASTEST * rates
-    least[swings], least[n:] = -most[swings], -most[n:]
+    least[swings], most[swings] = hangs.min(axis=0) - _RIGHT, hangs.max(axis=0) + _RIGHT
+    most[n + swings], most[n + drives] = swinging, _FASTEST * rates
+    least[n:] = -most[n:]
     return {
         "least": np.clip(least, -_NONE, _NONE),
         "most": np.clip(most, -_NONE, _NONE),
@@ -440,6 +513,11 @@ def _frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
     slopes = model.linear(plant, q, still, np.zeros(layout.m)).rates[layout.passive]
     stiffness = -slopes[:, layout.passive].astype(float)
     return np.sqrt(np.clip(np.linalg.eigvals(stiffness).real, 0.0, None))
+
+
+def _whole_periods(time: float, control_period: float) -> float:
+    """Round a time to whole control periods, one at least [s]."""
+    return control_period * max(1, round(time / control_period))
 
 
 def _table(programme: Programme, cost: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
