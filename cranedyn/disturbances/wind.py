@@ -21,8 +21,9 @@ from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.rows import at_place, place
 
-AIR_DENSITY = 1.225
-"""Of the standard atmosphere at sea level [kg/m³] (ISO 2533)."""
+AIR_DENSITY = 1.25
+"""With which standards make pressures of wind speeds [kg/m³]: q = 0.625 v². AS 5222:2021, a
+modified ISO 4302 (second hand); the standard atmosphere at sea level has 1.225 (ISO 2533)."""
 
 Speed = Callable[[float], float]
 """From time [s] to wind speed [m/s]."""

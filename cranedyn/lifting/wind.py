@@ -10,11 +10,11 @@ import math
 from types import MappingProxyType
 
 from cranedyn.arguments import checked
+from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.errors import number, within
 
-PRESSURE = 0.625
-"""q/v² [kg/m³]: half of an air density of 1.25 kg/m³. AS 5222:2021, a modified ISO 4302 (second
-hand)."""
+PRESSURE = AIR_DENSITY / 2.0
+"""q/v² [kg/m³]."""
 
 IN_SERVICE = MappingProxyType({"light": 14.0, "normal": 20.0, "heavy": 28.5})
 """Wind speeds in service [m/s]: of cranes easily protected and used in light winds only, of all

@@ -228,6 +228,7 @@ def test_on_the_numbers_of_grampcs_tower_crane_it_settles_as_fast_as_that() -> N
         dummy_mass=1e-3,
         dummy_inertia=1e-6,
         damp_swing=0.0,
+        slew_velocity=3.0,
     )
     start, goal = lab.state(gamma=-1.0472), lab.state(gamma=1.0472, x=0.2, l=0.25)
     made = receding(
