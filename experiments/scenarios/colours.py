@@ -8,7 +8,7 @@ from experiments.scenarios.strategies import FLAT, LQR, MPC, PAPER, PD, STRATEGI
 _FIRST = (FLAT, PAPER, LQR, PD, "spline alone", TIME, MPC, "operator")
 """Those that are shown together most often have colours that nobody else of these has."""
 
-_SHAPED = {"spline, ZV": TIME, "spline, ZVD": MPC, "spline, ZV for a moving cable": "operator"}
+_SHAPED = {"spline + ZV": TIME, "spline + ZVD": MPC, "spline + ZV for a moving cable": "operator"}
 """Strategies of the sweep, each with the colour of one that is not shown beside it."""
 
 _ORDER = (*_FIRST, *(strategy for strategy in STRATEGIES if strategy not in _FIRST))

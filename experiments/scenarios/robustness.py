@@ -67,9 +67,9 @@ def _shaped_for_moving_cable(setup: Setup, move: Move) -> strategies.Plan:
 SWEPT: dict[str, Callable[[Setup, Move], strategies.Plan]] = {
     strategies.PD: strategies.STRATEGIES[strategies.PD],
     "spline alone": strategies.STRATEGIES["spline alone"],
-    "spline, ZV": _shaped_spline(zv()),
-    "spline, ZVD": _shaped_spline(zvd()),
-    "spline, ZV for a moving cable": _shaped_for_moving_cable,
+    "spline + ZV": _shaped_spline(zv()),
+    "spline + ZVD": _shaped_spline(zvd()),
+    "spline + ZV for a moving cable": _shaped_for_moving_cable,
     strategies.PAPER: strategies.STRATEGIES[strategies.PAPER],
     strategies.LQR: strategies.STRATEGIES[strategies.LQR],
     strategies.FLAT: strategies.STRATEGIES[strategies.FLAT],

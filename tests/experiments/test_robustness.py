@@ -80,7 +80,7 @@ def test_a_case_is_the_move_of_that_crane_alone_with_a_cable_misread(strategy: s
 
 def test_rows_come_back_in_the_order_of_the_cases_whatever_their_plans() -> None:
     mixed = cases(
-        strategy=["spline, ZV", "spline alone", "spline, ZV"],
+        strategy=["spline + ZV", "spline alone", "spline + ZV"],
         duration_s=[20.0, 20.0, 30.0],
         load=1.0,
         cable_error_m=[0.0, 0.5, 0.5],
