@@ -174,6 +174,19 @@ def test_the_covariance_goes_on_by_the_derivatives_that_differences_give() -> No
     np.testing.assert_allclose(found.covariance - found._added, over @ over.T, atol=3e-4, rtol=3e-3)
 
 
+@pytest.mark.parametrize("sensors", ["drives", "swing", "imu"])
+def test_a_correction_adds_what_the_sensors_tell_to_what_is_known(sensors: Sensors) -> None:
+    """Of information, the inverse of covariance, it is a sum: P⁻¹ + Hᵀ R⁻¹ H."""
+    found, rng = filter_of(sensors), np.random.default_rng(3)
+    spread = 0.1 * rng.normal(size=(13, 13))
+    found.covariance = spread @ spread.T + 1e-3 * np.eye(13)
+    _, by = found._expected(found.mean)
+    told = np.linalg.inv(found.covariance) + by.T @ np.linalg.inv(found._noise) @ by
+    found.correct(found.state)
+    # the condition of both inverses times rounding
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(told), atol=1e-9)
+
+
 def test_the_covariance_of_a_load_at_rest_goes_on_to_second_order_in_the_period() -> None:
     """Half the period leaves an eighth of the error; a quarter if it were the first order."""
 
@@ -352,8 +365,8 @@ def test_a_family_of_motions_goes_through_those_it_was_made_of(offset: float) ->
         np.testing.assert_allclose(family().row(k, offset, 0.0), expected, atol=1e-12)
 
 
-def test_rates_and_accelerations_of_a_cable_a_tenth_off_are_how_its_motion_changes() -> None:
-    rows = np.array([family().row(k, 0.2, 0.1) for k in range(500, 1500)])
+def test_rates_and_accelerations_of_a_cable_twice_as_long_are_how_its_motion_changes() -> None:
+    rows = np.array([family().row(k, 0.5, 1.0) for k in range(500, 1500)])
     q, v, a = np.moveaxis(rows, 1, 0)
     # central differences, within the square of 5 ms by fourth derivatives of a move of 20 s
     np.testing.assert_allclose(np.gradient(q, PERIOD, axis=0)[1:-1], v[1:-1], atol=1e-6)

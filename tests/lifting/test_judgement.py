@@ -217,6 +217,19 @@ def test_too_few_lifts_prove_no_risk_though_none_came_too_near(
     assert len(found) == (not goes)
 
 
+def test_a_wind_is_borne_and_a_ground_bears_up_to_what_was_found_and_no_further() -> None:
+    speeds, swing = np.array([4.0, 8.0, 9.0]), np.array([0.01, 0.05, 0.2])
+    blown = WindLimit(speeds, {"swing": swing}, {"swing": 0.1}, 3)
+    case = small(wind=blown)
+    assert case.asked.wind == 8.0 and red(case) == []
+    (wind_,) = red(small(wind=blown, asked=replace(case.asked, wind=8.5)))
+    assert "Gusts up to 8 m/s are borne, not in one of 9 m/s" in wind_
+    most = max(float(case.carried[f"corner_{i}_N"].max()) for i in range(1, 5))
+    for share, stops in ((1.001, 0), (0.999, 1)):
+        site = replace(case.site, base=replace(case.site.base, permitted=share * most))
+        assert len(red(small(site=site))) == stops
+
+
 @pytest.mark.parametrize(
     ("missing", "words"),
     [
