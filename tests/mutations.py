@@ -1,25 +1,45 @@
 """Break the physics, one thing at a time, and see that the tests notice: ``python -m
 tests.mutations``.
 
-Each mutation is made in a copy of the project; the test that stands beside it runs there and must
-fail. Exit code 1 if one survives.
+Each mutation is made in a copy of the project; the test that stands beside it runs there, in a
+process forked from this one, and must fail. Exit code 1 if one survives.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import os
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
+import hypothesis
+import pytest
+from hypothesis import Phase
+
 ROOT = Path(__file__).parent.parent
+
+# As in the tests, before anything imports NumPy.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+SHARED = (
+    "llvmlite.binding",
+    "matplotlib.figure",
+    "pinocchio",
+    "scipy.integrate",
+    "scipy.signal",
+    "trimesh",
+)
+"""What is imported once for all tests: slow, never broken here, and without threads of its own,
+which a forked process would miss.
+"""
+
+NOT_COPIED = (".git", ".venv", "out", "docs", ".*cache", "*.egg-info")
 
 
 class Mutation(NamedTuple):
@@ -622,42 +642,36 @@ def mutated(text: str, mutation: Mutation) -> str:
     return text.replace(found[0], mutation.new.removeprefix(before).removesuffix(after))
 
 
-def caught(mutation: Mutation, parent: Path) -> tuple[bool, str]:
-    """Whether the tests fail in a copy with the mutation, and the first that does."""
-    copy = parent / mutation.what.replace(" ", "_").replace("'", "")
-    shutil.copytree(
-        ROOT,
-        copy,
-        ignore=shutil.ignore_patterns(".git", ".venv", "out", "docs", ".*cache", "*.egg-info"),
-    )
-    path = copy / mutation.file
-    path.write_text(mutated(path.read_text(encoding="utf-8"), mutation), encoding="utf-8")
+def put(path: Path, text: str) -> None:
+    """Write a source file, and have no bytecode of what stood there before."""
+    path.write_text(text, encoding="utf-8")
+    Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
+
+
+def started(mutation: Mutation, copy: Path) -> int:
+    """Make a mutation in a copy and have a forked process run its test there, which says in a file
+    "said" what came of it; returns the number of the process.
+    """
+    put(copy / mutation.file, mutated((ROOT / mutation.file).read_text("utf-8"), mutation))
     file, name = mutation.test.split("::")
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-x",
-        "-p",
-        "no:cacheprovider",
-        "-o",
-        "addopts=",
-        f"{next((copy / 'tests').rglob(f'test_{file}.py'))}::test_{name}",
-    ]
-    run = subprocess.run(
-        command,
-        cwd=copy,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": str(copy), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
-    )
-    shutil.rmtree(copy)
-    words = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    return run.returncode == 1, words[0].split(" - ")[0] if words else run.stdout[
-        -300:
-    ] + run.stderr[-300:]
+    test = f"{next((copy / 'tests').rglob(f'test_{file}.py'))}::test_{name}"
+    if process := os.fork():
+        return process
+    status = -1
+    try:
+        said = os.open(copy / "said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        for stream in (1, 2):
+            os.dup2(said, stream)
+        os.chdir(copy)
+        os.environ |= {"PYTHONPATH": str(copy), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+        sys.path[0] = str(copy)
+        del sys.modules["tests"]
+        there = ["-p", "no:cacheprovider", f"--basetemp={copy / 'temporary'}", "-o", "addopts="]
+        status = pytest.main(["-q", "-x", *there, test])
+        sys.stdout.flush()
+    finally:
+        # Whatever happens: what else there is to end belongs to the process it was forked from.
+        os._exit(status)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -674,11 +688,28 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     options = made.parse_args(argv)
     chosen = [mutation for mutation in MUTATIONS if options.only in mutation.what]
-    survived = 0
-    with tempfile.TemporaryDirectory() as parent, ThreadPoolExecutor(options.jobs) as pool:
-        for mutation, (found, by) in zip(
-            chosen, pool.map(lambda m: caught(m, Path(parent)), chosen), strict=True
-        ):
+    for module in SHARED:
+        importlib.import_module(module)
+    # What fails need not be made small; other settings of the tests are added to this one.
+    hypothesis.settings.register_profile("first", phases=[Phase.explicit, Phase.generate])
+    hypothesis.settings.load_profile("first")
+    waiting, running, survived = chosen[::-1], dict[int, tuple[Mutation, Path]](), 0
+    with tempfile.TemporaryDirectory() as parent:
+        free = [Path(parent, str(i)) for i in range(options.jobs)]
+        for copy in free:
+            shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*NOT_COPIED))
+        while waiting or running:
+            if waiting and free:
+                mutation, copy = waiting.pop(), free.pop()
+                running[started(mutation, copy)] = mutation, copy
+                continue
+            process, status = os.wait()
+            mutation, copy = running.pop(process)
+            put(copy / mutation.file, (ROOT / mutation.file).read_text("utf-8"))
+            free.append(copy)
+            found, said = os.waitstatus_to_exitcode(status) == 1, (copy / "said").read_text("utf-8")
+            words = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
+            by = words[0].split(" - ")[0] if words else said[-600:]
             survived += not found
             print(f"{'caught' if found else 'SURVIVES':9} {mutation.what}: {by}", flush=True)
     print(f"{len(chosen) - survived} of {len(chosen)} mutations caught.")
