@@ -907,13 +907,12 @@ def put(path: Path, text: str) -> None:
     Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
 
 
-def started(mutation: Mutation, copy: Path) -> int:
-    """Make a mutation in a copy and have a forked process run its test there, which says in a file
-    "said" what came of it; returns the number of the process.
+def started(test: str, copy: Path) -> int:
+    """Have a forked process run a test in a copy, which says in a file "said" what came of it;
+    returns the number of the process.
     """
-    put(copy / mutation.file, mutated((ROOT / mutation.file).read_text("utf-8"), mutation))
-    file, name = mutation.test.split("::")
-    test = f"{next((copy / 'tests').rglob(f'test_{file}.py'))}::test_{name}"
+    file, name = test.split("::")
+    path = next((copy / "tests").rglob(f"test_{file}.py"))
     if process := os.fork():
         return process
     status = -1
@@ -923,10 +922,10 @@ def started(mutation: Mutation, copy: Path) -> int:
             os.dup2(said, stream)
         os.chdir(copy)
         os.environ |= {"PYTHONPATH": str(copy), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-        sys.path[0] = str(copy)
+        sys.path.insert(0, str(copy))
         del sys.modules["tests"]
         there = ["-p", "no:cacheprovider", f"--basetemp={copy / 'temporary'}", "-o", "addopts="]
-        status = pytest.main(["-q", "-x", *there, test])
+        status = pytest.main(["-q", "-x", *there, f"{path}::test_{name}"])
         sys.stdout.flush()
     finally:
         # Whatever happens: what else there is to end belongs to the process it was forked from.
@@ -952,21 +951,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     # What fails need not be made small; other settings of the tests are added to this one.
     hypothesis.settings.register_profile("first", phases=[Phase.explicit, Phase.generate])
     hypothesis.settings.load_profile("first")
-    waiting, running, survived = chosen[::-1], dict[int, tuple[Mutation, Path]](), 0
+    waiting, running, survived = chosen[::-1], dict[int, tuple[Mutation, Path, str]](), 0
     with tempfile.TemporaryDirectory() as parent:
         free = [Path(parent, str(i)) for i in range(options.jobs)]
-        for copy in free:
-            shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*NOT_COPIED))
         while waiting or running:
             if waiting and free:
                 mutation, copy = waiting.pop(), free.pop()
-                running[started(mutation, copy)] = mutation, copy
+                if not copy.exists():
+                    shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*NOT_COPIED))
+                before = (copy / mutation.file).read_text("utf-8")
+                put(copy / mutation.file, mutated(before, mutation))
+                running[started(mutation.test, copy)] = mutation, copy, before
                 continue
             process, status = os.wait()
-            mutation, copy = running.pop(process)
-            put(copy / mutation.file, (ROOT / mutation.file).read_text("utf-8"))
+            mutation, copy, before = running.pop(process)
+            put(copy / mutation.file, before)
             free.append(copy)
-            found, said = os.waitstatus_to_exitcode(status) == 1, (copy / "said").read_text("utf-8")
+            found = os.waitstatus_to_exitcode(status) == 1
+            said = (copy / "said").read_text("utf-8", "replace")
             words = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
             by = words[0].split(" - ")[0] if words else said[-600:]
             survived += not found
