@@ -1,25 +1,45 @@
 """Break the physics, one thing at a time, and see that the tests notice: ``python -m
 tests.mutations``.
 
-Each mutation is made in a copy of the project; the test that stands beside it runs there and must
-fail. Exit code 1 if one survives.
+Each mutation is made in a copy of the project; the test that stands beside it runs there, in a
+process forked from this one, and must fail. Exit code 1 if one survives.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import os
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
+import hypothesis
+import pytest
+from hypothesis import Phase
+
 ROOT = Path(__file__).parent.parent
+
+# As in the tests, before anything imports NumPy.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+SHARED = (
+    "llvmlite.binding",
+    "matplotlib.figure",
+    "pinocchio",
+    "scipy.integrate",
+    "scipy.signal",
+    "trimesh",
+)
+"""What is imported once for all tests: slow, never broken here, and without threads of its own,
+which a forked process would miss.
+"""
+
+NOT_COPIED = (".git", ".venv", "out", "docs", ".*cache", "*.egg-info")
 
 
 class Mutation(NamedTuple):
@@ -200,6 +220,90 @@ MUTATIONS = (
         "wind::turbulence_has_its_intensity_at_every_time_however_long_the_step",
     ),
     Mutation(
+        "a reference waits twice as far ahead of a drive that stalls",
+        "cranedyn/dynamics/converters.py",
+        "room = self.accelerations[i] * self.lags[i]",
+        "room = 2.0 * self.accelerations[i] * self.lags[i]",
+        "converters::a_reference_waits_for_a_drive_that_stalls",
+    ),
+    Mutation(
+        "commands of rates look ahead to the beginning of what they hold for",
+        "cranedyn/dynamics/converters.py",
+        "self.late(0.0, control_period) + 0.5",
+        "self.late(0.0, control_period) + 0.0",
+        "rated::an_effort_becomes_the_rate_that_its_acceleration_leads_to",
+    ),
+    Mutation(
+        "a ramp gives its acceleration up as if steps had no length",
+        "cranedyn/dynamics/converters.py",
+        "0.5 * (root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)",
+        "0.5 * root(8.0 * self.jerks[i] * distance)",
+        "converters::no_ramp_overshoots_or_exceeds_its_limits",
+    ),
+    Mutation(
+        "converters hear commands a control period early",
+        "cranedyn/dynamics/converters.py",
+        "math.ceil(self.delay / control_period - 1e-9)",
+        "math.floor(self.delay / control_period - 1e-9)",
+        "converters::commands_are_late_by_the_delay_and_drives_go_on_until_they_are_heard",
+    ),
+    Mutation(
+        "a drive that stalls is not felt by the others",
+        "cranedyn/dynamics/converters.py",
+        "matrix = np.array([[held[i] * inertia[i, j] * held[j]",
+        "matrix = np.array([[held[i] * inertia[i, j] * held[j] * (i == j)",
+        "converters::no_drive_exerts_more_than_it_can_and_the_others_do_as_they_want",
+    ),
+    Mutation(
+        "a late measurement counts as one of now",
+        "cranedyn/controllers/observer.py",
+        "self._correct(self._since[0][0] if self._since else row, state)",
+        "self._correct(row, state)",
+        "sensing::a_delay_known_to_the_observer_is_predicted_away",
+    ),
+    Mutation(
+        "an observer believes what a drive cannot give",
+        "cranedyn/controllers/observer.py",
+        "command.clip(-self.effort_limit, self.effort_limit)",
+        "command.clip(-np.inf, np.inf)",
+        "sensing::the_observer_knows_what_the_drives_cannot_give",
+    ),
+    Mutation(
+        "noise of the sensors does not make an observer less sure",
+        "cranedyn/controllers/observer.py",
+        "left @ self.covariance @ left.T + self.gain @ self.noise @ self.gain.T",
+        "left @ self.covariance @ left.T",
+        "sensing::the_filters_gain_tends_to_that_of_the_dual_riccati_equation",
+    ),
+    Mutation(
+        "how sure an observer of the load is moves on to first order",
+        "cranedyn/controllers/load_filter.py",
+        "self._identity + step + step @ step / 2.0",
+        "self._identity + step",
+        "adapted::the_covariance_of_a_load_at_rest_goes_on_to_second_order_in_the_period",
+    ),
+    Mutation(
+        "noise of the sensors does not make an observer of the load less sure",
+        "cranedyn/controllers/load_filter.py",
+        "left @ self.covariance @ left.T + gain @ self._noise @ gain.T",
+        "left @ self.covariance @ left.T",
+        "adapted::a_correction_adds_what_the_sensors_tell_to_what_is_known",
+    ),
+    Mutation(
+        "a reading of the cable says nothing of its share",
+        "cranedyn/controllers/load_filter.py",
+        "by[read, -1] = -values[read] / scale",
+        "by[read, -1] = 0.0",
+        "adapted::what_the_sensors_should_say_has_the_derivatives_that_differences_give",
+    ),
+    Mutation(
+        "the rate of a longer cable does not move its motion",
+        "cranedyn/controllers/adapted.py",
+        "half, turned = beyond**2 / 2.0, acceleration * beyond + rate**2",
+        "half, turned = beyond**2 / 2.0, acceleration * beyond",
+        "adapted::rates_and_accelerations_of_a_cable_twice_as_long_are_how_its_motion_changes",
+    ),
+    Mutation(
         "the Riccati sweep forgets the cost of effort on the way",
         "cranedyn/controllers/riccati.py",
         "effort_weight + input_cost @ b[k]",
@@ -234,6 +338,27 @@ MUTATIONS = (
         "v[drives], self.programme.rate_share",
         "v[drives], 1.0",
         "horizon::drives_twice_as_late_as_believed_leave_no_swing",
+    ),
+    Mutation(
+        "a predictive controller learns from what it did not read",
+        "cranedyn/compiled/horizon/control.py",
+        "gain = learns * (programme.share / programme.period)",
+        "gain = programme.share / programme.period",
+        "horizon::what_was_not_read_teaches_nothing_of_what_disturbs",
+    ),
+    Mutation(
+        "a planned hoist may let go of the load",
+        "cranedyn/compiled/horizon/control.py",
+        "told[hoist] = code.chosen(over > 0.0, less, told[hoist])",
+        "told[hoist] = told[hoist]",
+        "horizon::it_never_commands_a_slack_rope_however_fast_the_hoist_may_be[motion]",
+    ),
+    Mutation(
+        "what disturbs a drive is not taken off",
+        "cranedyn/compiled/horizon/control.py",
+        "crane.answer(q, v, told - estimate, None)",
+        "crane.answer(q, v, told, None)",
+        "horizon::a_load_of_another_mass_ends_where_it_shall_since_what_disturbs_is_estimated",
     ),
     Mutation(
         "the Coriolis term of the recursions has the wrong sign",
@@ -360,6 +485,13 @@ MUTATIONS = (
         "final + length > total",
         "final > total",
         "compiled_door::the_door_opens_for_counts_that_stay_within_the_arrays_only",
+    ),
+    Mutation(
+        "cranes of a fleet have the effort limits of the first",
+        "cranedyn/compiled/fleet.py",
+        "for crane in self.cranes])[kinds]",
+        "for crane in self.cranes])[0 * kinds]",
+        "compiled_fleet::efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate",
     ),
     Mutation(
         "a swing of a batch counts as residual a row late",
@@ -517,6 +649,153 @@ MUTATIONS = (
         "judgement::the_wind_limit_is_that_of_the_worst_gust_whatever_is_drawn",
     ),
     Mutation(
+        "drives of a plan reach no farther than at their rates at both ends",
+        "cranedyn/planning/driven.py",
+        "self._rate(np.concatenate([[first, last], between]))",
+        "self._rate(np.array([first, last]))",
+        "least_time::drives_reach_no_farther_between_two_times_than_is_said",
+    ),
+    Mutation(
+        "a rope may lean as it will between the points of a plan",
+        "cranedyn/planning/optimal.py",
+        "if tilt.max() > clearance.site.swing:",
+        "if False:",
+        "least_time::a_motion_whose_rope_leans_more_than_the_site_allows_is_not_returned",
+    ),
+    Mutation(
+        "a load that hangs in the wind leans against it",
+        "cranedyn/planning/perturbed.py",
+        "start[:, joints.tangential_swing] = -np.arctan2(",
+        "start[:, joints.tangential_swing] = np.arctan2(",
+        "lift::the_wind_at_the_start_leans_the_load_to_its_lee_and_meets_its_broad_side",
+    ),
+    Mutation(
+        "a path takes its corners at the rates of its legs",
+        "cranedyn/planning/curve.py",
+        "begins = self.knots[:-1] - np.append(0.0, self.widths)",
+        "begins = self.knots[:-1]",
+        "proof::before_a_corner_a_path_already_reaches_the_next_way_and_after_it_still_the_last",
+    ),
+    Mutation(
+        "a load goes on a straight line from row to row",
+        "cranedyn/planning/proof.py",
+        "bend, waiting = _FASTEST * period**2 / 8.0,",
+        "bend, waiting = 0.0 * period,",
+        "proof::between_two_rows_alike_a_load_may_have_been_thrown_as_far_as_it_can",
+    ),
+    Mutation(
+        "a chart is a straight line of loads",
+        "cranedyn/lifting/chart.py",
+        "np.interp(radius, self.radii, self.radii * self.rated)",
+        "radius * np.interp(radius, self.radii, self.rated)",
+        "chart::between_its_points_the_moment_is_a_straight_line",
+    ),
+    Mutation(
+        "a buffer takes none of the tension of the rope",
+        "cranedyn/lifting/loads.py",
+        "hoist + (cable_buffers(crane, moving.q, moving.v) if buffers else 0.0)",
+        "hoist + 0.0",
+        "loads::a_rope_pulls_what_hangs_on_it_where_a_buffer_takes_of_it_or_adds_to_it",
+    ),
+    Mutation(
+        "a rope leads to the other side",
+        "cranedyn/lifting/loads.py",
+        "np.arctan2(_along(rope, aside), -rope[:, 2])",
+        "-np.arctan2(_along(rope, aside), -rope[:, 2])",
+        "loads::a_rope_that_leads_aside_pulls_by_its_tangent_and_twists_the_tower",
+    ),
+    Mutation(
+        "the tower stands on its corners mirrored",
+        "cranedyn/lifting/loads.py",
+        "(m_y * x - m_x * y)",
+        "(m_y * x + m_x * y)",
+        "loads::corners_carry_the_whole_and_turn_with_the_jib",
+    ),
+    Mutation(
+        "a cut of the crane forgets that what hangs beyond it is accelerated",
+        "cranedyn/lifting/wrench.py",
+        "held = rigid_body.inverse_dynamics(tree, where, rows(v), rows(a), beyond)",
+        "held = rigid_body.inverse_dynamics(tree, where, rows(v), rows(0.0 * a), beyond)",
+        "chart::a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more",
+    ),
+    Mutation(
+        "a rope may be slack where the hoist is strong",
+        "experiments/judgement/case.py",
+        "slack > 0.0 and snag > 0.0",
+        "slack > 0.0 or snag > 0.0",
+        "judgement::a_lift_that_holds_goes_and_each_thing_that_does_not_stops_it",
+    ),
+    Mutation(
+        "few lifts prove a risk as well as many",
+        "experiments/judgement/case.py",
+        "high <= made.asked.risk",
+        "_ <= made.asked.risk",
+        "judgement::too_few_lifts_prove_no_risk_though_none_came_too_near",
+    ),
+    Mutation(
+        "a load is as heavy as entered",
+        "experiments/judgement/case.py",
+        "most = (1.0 + more) * float(made.used.max())",
+        "most = float(made.used.max())",
+        "judgement::a_lift_that_holds_goes_and_each_thing_that_does_not_stops_it",
+    ),
+    Mutation(
+        "a wind is borne up to the weakest gust that is not",
+        "experiments/judgement/case.py",
+        "limit >= made.asked.wind",
+        "broken >= made.asked.wind",
+        "judgement::a_wind_is_borne_and_a_ground_bears_up_to_what_was_found_and_no_further",
+    ),
+    Mutation(
+        "errors with a memory count as if they had none",
+        "cranedyn/identification/noise.py",
+        "found += (1.0 - lag / (reach + 1.0)) * (cross + cross.T)",
+        "found += 0.0 * (cross + cross.T)",
+        "estimate::errors_with_a_memory_are_no_white_noise_and_widen_the_intervals",
+    ),
+    Mutation(
+        "how a record begins counts as known before it is made",
+        "cranedyn/identification/preflight.py",
+        "found += whole[:count, :count] - whole[:count, count:] @ beside @ whole[count:, :count]",
+        "found += whole[:count, :count]",
+        "preflight::margins_foretold_are_those_that_come_out",
+    ),
+    Mutation(
+        "intervals are left open on one side",
+        "cranedyn/identification/estimate.py",
+        "student.ppf(0.5 + CONFIDENCE / 2.0",
+        "student.ppf(CONFIDENCE",
+        "preflight::margins_foretold_are_those_that_come_out",
+    ),
+    Mutation(
+        "noise of a record is taken for its second differences",
+        "cranedyn/identification/noise.py",
+        "np.mean(bent**2, axis=1) / 6.0",
+        "np.mean(bent**2, axis=1) / 1.0",
+        "preflight::margins_foretold_are_those_that_come_out",
+    ),
+    Mutation(
+        "a part of a sweep may stand for another",
+        "cranedyn/sweep/part.py",
+        "if label != _label(manifest, part):",
+        "if False:",
+        "sweep_integrity::a_part_that_stands_for_another_counts_as_not_done",
+    ),
+    Mutation(
+        "a sweep goes on with other code",
+        "cranedyn/sweep/manifest.py",
+        "elif names := changed(found.sources, asked.sources):",
+        "elif names := []:",
+        "sweep_integrity::a_study_edited_between_two_runs_is_not_mixed_in",
+    ),
+    Mutation(
+        "a damaged part of a sweep counts as done",
+        "cranedyn/sweep/part.py",
+        "if not is_whole(file):",
+        "if False:",
+        "sweep_integrity::a_damaged_part_is_named_and_computed_again",
+    ),
+    Mutation(
         "a mesh may lie anywhere",
         "cranedyn/recording/meshes.py",
         "if not path.is_relative_to(folder.resolve()):",
@@ -622,42 +901,35 @@ def mutated(text: str, mutation: Mutation) -> str:
     return text.replace(found[0], mutation.new.removeprefix(before).removesuffix(after))
 
 
-def caught(mutation: Mutation, parent: Path) -> tuple[bool, str]:
-    """Whether the tests fail in a copy with the mutation, and the first that does."""
-    copy = parent / mutation.what.replace(" ", "_").replace("'", "")
-    shutil.copytree(
-        ROOT,
-        copy,
-        ignore=shutil.ignore_patterns(".git", ".venv", "out", "docs", ".*cache", "*.egg-info"),
-    )
-    path = copy / mutation.file
-    path.write_text(mutated(path.read_text(encoding="utf-8"), mutation), encoding="utf-8")
-    file, name = mutation.test.split("::")
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-x",
-        "-p",
-        "no:cacheprovider",
-        "-o",
-        "addopts=",
-        f"{next((copy / 'tests').rglob(f'test_{file}.py'))}::test_{name}",
-    ]
-    run = subprocess.run(
-        command,
-        cwd=copy,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": str(copy), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
-    )
-    shutil.rmtree(copy)
-    words = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    return run.returncode == 1, words[0].split(" - ")[0] if words else run.stdout[
-        -300:
-    ] + run.stderr[-300:]
+def put(path: Path, text: str) -> None:
+    """Write a source file, and have no bytecode of what stood there before."""
+    path.write_text(text, encoding="utf-8")
+    Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
+
+
+def started(test: str, copy: Path) -> int:
+    """Have a forked process run a test in a copy, which says in a file "said" what came of it;
+    returns the number of the process.
+    """
+    file, name = test.split("::")
+    path = next((copy / "tests").rglob(f"test_{file}.py"))
+    if process := os.fork():
+        return process
+    status = -1
+    try:
+        said = os.open(copy / "said", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        for stream in (1, 2):
+            os.dup2(said, stream)
+        os.chdir(copy)
+        os.environ |= {"PYTHONPATH": str(copy), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+        sys.path.insert(0, str(copy))
+        del sys.modules["tests"]
+        there = ["-p", "no:cacheprovider", f"--basetemp={copy / 'temporary'}", "-o", "addopts="]
+        status = pytest.main(["-q", "-x", *there, f"{path}::test_{name}"])
+        sys.stdout.flush()
+    finally:
+        # Whatever happens: what else there is to end belongs to the process it was forked from.
+        os._exit(status)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -674,11 +946,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     options = made.parse_args(argv)
     chosen = [mutation for mutation in MUTATIONS if options.only in mutation.what]
-    survived = 0
-    with tempfile.TemporaryDirectory() as parent, ThreadPoolExecutor(options.jobs) as pool:
-        for mutation, (found, by) in zip(
-            chosen, pool.map(lambda m: caught(m, Path(parent)), chosen), strict=True
-        ):
+    for module in SHARED:
+        importlib.import_module(module)
+    # What fails need not be made small; other settings of the tests are added to this one.
+    hypothesis.settings.register_profile("first", phases=[Phase.explicit, Phase.generate])
+    hypothesis.settings.load_profile("first")
+    waiting, running, survived = chosen[::-1], dict[int, tuple[Mutation, Path, str]](), 0
+    with tempfile.TemporaryDirectory() as parent:
+        free = [Path(parent, str(i)) for i in range(options.jobs)]
+        while waiting or running:
+            if waiting and free:
+                mutation, copy = waiting.pop(), free.pop()
+                if not copy.exists():
+                    shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*NOT_COPIED))
+                before = (copy / mutation.file).read_text("utf-8")
+                put(copy / mutation.file, mutated(before, mutation))
+                running[started(mutation.test, copy)] = mutation, copy, before
+                continue
+            process, status = os.wait()
+            mutation, copy, before = running.pop(process)
+            put(copy / mutation.file, before)
+            free.append(copy)
+            found = os.waitstatus_to_exitcode(status) == 1
+            said = (copy / "said").read_text("utf-8", "replace")
+            words = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
+            by = words[0].split(" - ")[0] if words else said[-600:]
             survived += not found
             print(f"{'caught' if found else 'SURVIVES':9} {mutation.what}: {by}", flush=True)
     print(f"{len(chosen) - survived} of {len(chosen)} mutations caught.")

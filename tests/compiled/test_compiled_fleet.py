@@ -66,7 +66,8 @@ def test_efforts_are_cut_to_the_limits_of_each_crane_as_in_simulate() -> None:
         - np.array([0.0, 0.0, 1e4])[:, None]
     )
     found = np.array([fleet.step(command).copy() for command in commands])
-    for i in (0, COUNT - 1):
+    assert kinds[:2].tolist() == [0, 1]
+    for i in (0, 1, COUNT - 1):
         run = simulate(
             cranes[kinds[i]],
             lambda t, state, setpoint, own=commands[:, :, i]: own[min(round(t / 2e-2), steps - 1)],

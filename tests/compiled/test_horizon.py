@@ -576,6 +576,19 @@ def test_sensors_that_fail_at_the_first_instant_or_for_a_second_are_outlived() -
     assert np.abs(batch.end.q - batch.end.q[0]).max() < 1e-4
 
 
+def test_what_was_not_read_teaches_nothing_of_what_disturbs() -> None:
+    """Neither the first instant, before which nothing was expected, nor an impossible reading."""
+    start = at((0.0, 10.0, 15.0), x_dot=0.5, l_dot=0.2)
+    impossible = State(start.q, start.v + 1257.0)
+    aim = hold(crane(), at((0.3, 15.0, 12.0)))(0.0)
+    commands = [
+        [made(5e-3 * k, state, aim).tolist() for k, state in enumerate((start, impossible, start))]
+        for made in (receding(crane(), LIMITS, settling=settling) for settling in (0.02, 2.0))
+    ]
+    assert commands[0][:2] == commands[1][:2]
+    assert commands[0][2] != commands[1][2]  # as quickly as it is told to learn
+
+
 def test_a_note_is_found_in_a_controller_behind_sensors() -> None:
     goal = at((0.3, 15.0, 12.0))
     behind = sensed(crane(), receding(crane(), LIMITS), delay=1, rng=np.random.default_rng(1))

@@ -14,11 +14,11 @@ import pytest
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import adapted, hold_controller, lqr, observed, sensed
-from cranedyn.controllers.adapted import Adapted
+from cranedyn.controllers.adapted import Adapted, Family
 from cranedyn.controllers.load_filter import LIGHTEST, LoadFilter, Sensors
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.pinocchio import prescribed_acceleration
+from cranedyn.dynamics.pinocchio import holding_effort, prescribed_acceleration
 from cranedyn.errors import CraneError, MissingRole
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
@@ -174,6 +174,43 @@ def test_the_covariance_goes_on_by_the_derivatives_that_differences_give() -> No
     np.testing.assert_allclose(found.covariance - found._added, over @ over.T, atol=3e-4, rtol=3e-3)
 
 
+@pytest.mark.parametrize("sensors", ["drives", "swing", "imu"])
+def test_a_correction_adds_what_the_sensors_tell_to_what_is_known(sensors: Sensors) -> None:
+    """Of information, the inverse of covariance, it is a sum: P⁻¹ + Hᵀ R⁻¹ H."""
+    found, rng = filter_of(sensors), np.random.default_rng(3)
+    spread = 0.1 * rng.normal(size=(13, 13))
+    found.covariance = spread @ spread.T + 1e-3 * np.eye(13)
+    _, by = found._expected(found.mean)
+    told = np.linalg.inv(found.covariance) + by.T @ np.linalg.inv(found._noise) @ by
+    found.correct(found.state)
+    # the condition of both inverses times rounding
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(told), atol=1e-9)
+
+
+def test_the_covariance_of_a_load_at_rest_goes_on_to_second_order_in_the_period() -> None:
+    """Half the period leaves an eighth of the error; a quarter if it were the first order."""
+
+    def wrong(period: float) -> float:
+        q, still = crane().state(x=10.0, l=15.0).q, np.zeros((1, 5))
+        motion = Motion(period, q[None], still, still, crane().layout.drives)
+        effort = holding_effort(crane(), q)
+
+        def after(shift: np.ndarray) -> LoadFilter:
+            found = adapted(hold_controller(crane()), crane(), motion).filter
+            found.mean = found.mean + shift
+            found.covariance = np.eye(13)
+            found._believe()
+            found.predict(effort)
+            return found
+
+        step = 1e-4 * np.eye(13)
+        over = np.array([after(one).mean - after(-one).mean for one in step]).T / 2e-4
+        found = after(np.zeros(13))
+        return float(np.abs(found.covariance - found._added - over @ over.T).max())
+
+    assert wrong(0.025) > 6.0 * wrong(0.0125)
+
+
 # --- what is left of the swing --------------------------------------------------------------------
 
 WORST = 0.5e-3
@@ -308,6 +345,32 @@ def test_a_longer_motion_is_one_that_the_crane_can_make(by: float) -> None:
         state = State(motion.q[row], motion.v[row])
         a, _ = prescribed_acceleration(point, state, motion.a[row, motion.drives])
         np.testing.assert_allclose(motion.a[row, 2:4], a[2:4], atol=1e-7)
+
+
+SPREAD = 1.5
+
+
+@cache
+def family() -> Family:
+    """The combined move on cables a tenth shorter and longer."""
+    motions = [longer(crane(), combined(crane()), by) for by in (-SPREAD, 0.0, SPREAD)]
+    return Family(motions, SPREAD, HOIST)
+
+
+@pytest.mark.parametrize("offset", [-SPREAD, 0.0, SPREAD])
+def test_a_family_of_motions_goes_through_those_it_was_made_of(offset: float) -> None:
+    motion = longer(crane(), combined(crane()), offset)
+    for k in range(0, len(motion.q), 100):
+        expected = np.array([motion.q[k], motion.v[k], motion.a[k]])
+        np.testing.assert_allclose(family().row(k, offset, 0.0), expected, atol=1e-12)
+
+
+def test_rates_and_accelerations_of_a_cable_twice_as_long_are_how_its_motion_changes() -> None:
+    rows = np.array([family().row(k, 0.5, 1.0) for k in range(500, 1500)])
+    q, v, a = np.moveaxis(rows, 1, 0)
+    # central differences, within the square of 5 ms by fourth derivatives of a move of 20 s
+    np.testing.assert_allclose(np.gradient(q, PERIOD, axis=0)[1:-1], v[1:-1], atol=1e-6)
+    np.testing.assert_allclose(np.gradient(v, PERIOD, axis=0)[1:-1], a[1:-1], atol=1e-6)
 
 
 # --- what is refused ------------------------------------------------------------------------------

@@ -50,6 +50,13 @@ def test_it_is_never_above_the_chart(made: Falls, share: float) -> None:
     assert rated >= made.rated[-1] * (1.0 - 1e-12)
 
 
+def test_between_two_points_of_one_load_a_chart_says_that_load_and_never_a_bit_more() -> None:
+    flat = Falls(2, np.array([10.0, 20.0, 30.0]), np.array([3900.0, 3900.0, 2500.0]))
+    rated = flat.at(np.linspace(0.0, 20.0, 2001))
+    assert rated.max() == 3900.0
+    np.testing.assert_allclose(rated, 3900.0, rtol=1e-15)
+
+
 def test_a_load_at_rest_takes_its_share_and_one_that_is_lifted_faster_more() -> None:
     of = crane(payload_mass=2000.0)
     start = of.state(x=20.0)

@@ -22,7 +22,7 @@ from cranedyn.lifting.chart import CHARTS, judged, read_chart
 from cranedyn.lifting.loads import Arm, Base, loads
 from cranedyn.model.load import load_crane
 from cranedyn.planning import wind_limit as wind_limit_module
-from cranedyn.planning.perturbed import _DRAG, _silhouette
+from cranedyn.planning.perturbed import _DRAG, Perturbed, _silhouette
 from cranedyn.planning.site_file import SITES
 from cranedyn.planning.wind_limit import GUST_FACTOR, WindLimit, wind_limit
 from experiments import lift_report
@@ -196,6 +196,38 @@ def test_a_lift_that_holds_goes_and_each_thing_that_does_not_stops_it() -> None:
     slack = replace(case.carried, values={**case.carried.values, "slack_margin": -case.carried.t})
     (rope,) = red(small(carried=slack))
     assert "taut" in rope
+
+
+@pytest.mark.parametrize(
+    ("lifts", "nearer", "goes"), [(100, 0, False), (400, 0, True), (400, 1, False)]
+)
+def test_too_few_lifts_prove_no_risk_though_none_came_too_near(
+    lifts: int, nearer: int, goes: bool
+) -> None:
+    """None of n in which nothing happens leave a probability of 1 - 0.025^(1/n), so that 1 % needs
+    368 of them.
+    """
+    least = np.where(np.arange(lifts) < nearer, 0.4, 1.0)
+    made = Perturbed(least, 0.5, {}, np.zeros(lifts))
+    if not nearer:
+        assert made.interval()[1] == pytest.approx(1.0 - 0.025 ** (1.0 / lifts), rel=1e-9)
+    found = [
+        sentence for sentence in red(small(perturbed=made)) if "not quite as planned" in sentence
+    ]
+    assert len(found) == (not goes)
+
+
+def test_a_wind_is_borne_and_a_ground_bears_up_to_what_was_found_and_no_further() -> None:
+    speeds, swing = np.array([4.0, 8.0, 9.0]), np.array([0.01, 0.05, 0.2])
+    blown = WindLimit(speeds, {"swing": swing}, {"swing": 0.1}, 3)
+    case = small(wind=blown)
+    assert case.asked.wind == 8.0 and red(case) == []
+    (wind_,) = red(small(wind=blown, asked=replace(case.asked, wind=8.5)))
+    assert "Gusts up to 8 m/s are borne, not in one of 9 m/s" in wind_
+    most = max(float(case.carried[f"corner_{i}_N"].max()) for i in range(1, 5))
+    for share, stops in ((1.001, 0), (0.999, 1)):
+        site = replace(case.site, base=replace(case.site.base, permitted=share * most))
+        assert len(red(small(site=site))) == stops
 
 
 @pytest.mark.parametrize(

@@ -217,6 +217,24 @@ def test_slack_is_at_zero_tension_and_snag_at_the_hoists_strength() -> None:
     np.testing.assert_allclose(loads(of, snag)["snag_margin"], 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize(("end", "effort"), [("longest", 0.0), ("shortest", -2e4)])
+def test_a_rope_pulls_what_hangs_on_it_where_a_buffer_takes_of_it_or_adds_to_it(
+    end: str, effort: float
+) -> None:
+    """Of a plumb load at rest the rope is what moves it, whatever the drive does besides."""
+    of = crane()
+    hoist, (q, v) = of.layout.index("l"), of.state(x=12.0)
+    q[hoist] = of.upper[hoist] + 0.02 if end == "longest" else of.lower[hoist] - 0.02
+    efforts = np.array([[0.0, 0.0, effort]])
+    met, free = (
+        loads_of_rows(of, q[None], v[None], efforts, buffers=buffers) for buffers in (True, False)
+    )
+    np.testing.assert_allclose(met["rope_N"], met["pull_N"], rtol=ROUND_OFF)
+    np.testing.assert_allclose(free["rope_N"], -effort, rtol=ROUND_OFF)
+    pushed = met["rope_N"] - free["rope_N"]
+    assert (pushed > 1e3).all() if end == "longest" else (pushed < -1e3).all()
+
+
 def test_the_jib_bends_by_the_load_ahead_of_each_place_and_not_behind_the_trolley() -> None:
     of = crane()
     run, _ = still(of, x=12.0)

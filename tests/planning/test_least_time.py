@@ -17,7 +17,7 @@ from cranedyn.interfaces import State
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
 from tests.helpers import big_crane, crane
-from tests.planning.sites import LIMITS, certificate, lift
+from tests.planning.sites import LIMITS, certificate, clearance, lift
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
@@ -221,6 +221,19 @@ def test_a_motion_that_is_not_proven_is_not_returned(monkeypatch: pytest.MonkeyP
     with pytest.raises(Unproven, match=r"not proven to keep the distance .* at t = ") as why:
         optimal(crane(), start, goal, LIMITS, clearance=asked)  # straight through the wall
     assert 0.0 < why.value.t < 40.0
+
+
+def test_a_motion_whose_rope_leans_more_than_the_site_allows_is_not_returned(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Nothing stands in the way of a quick move, and the rope of a guess leans as it will."""
+    monkeypatch.setattr(transcription, "solve", lambda problem, guess, **_: guess)
+    start, goal = crane().state(x=12.0, l=15.0), crane().state(x=18.0, l=15.0)
+    made = optimal(crane(), start, goal, LIMITS, clearance=clearance(swing=0.2))
+    leans = float(clearance().tilt(made.q).max())
+    assert 0.01 < leans < 0.2
+    with pytest.raises(Unproven, match=rf"the rope leans by {leans:.4f} rad"):
+        optimal(crane(), start, goal, LIMITS, clearance=clearance(swing=0.9 * leans))
 
 
 def test_a_search_begins_with_a_motion_between_the_same_places_only() -> None:

@@ -99,6 +99,15 @@ def test_a_rounded_path_stays_within_the_reach_that_proofs_count_on(
     assert (off <= path.reach(low, high) + 1e-9).all()
 
 
+def test_before_a_corner_a_path_already_reaches_the_next_way_and_after_it_still_the_last() -> None:
+    points = np.array([[0.0, 10.0, 15.0], [1.0, 10.0, 15.0], [1.0, 20.0, 15.0]])
+    path = Path(points, RATES, np.array([2.0]))
+    for begins, drive in ((-1.9, 1), (0.1, 0)):  # the trolley does not move yet, the slew no more
+        low = path.knots[1] + begins
+        off = np.abs(path.at(low + 1.8) - path.at(low + 0.9))
+        assert 0.0 < off[drive] <= path.reach(low, low + 1.8)[drive]
+
+
 def test_derivatives_of_a_path_are_those_of_its_places() -> None:
     points = np.array([[0.0, 10.0, 20.0], [0.5, 15.0, 12.0], [1.0, 8.0, 14.0]])
     path = Path(points, RATES, np.array([2.0]))
@@ -157,6 +166,18 @@ def test_a_motion_that_rests_and_then_enters_a_wall_is_not_proven() -> None:
     assert asked.true_room(rest) > 0.0 > asked.true_room(within)
     assert unproven_row(asked, q, 5e-3) == 3
     assert unproven_row(asked, q[:4], 5e-3) is None
+
+
+@pytest.mark.parametrize(("room", "row"), [(0.039, 0), (0.041, None)])
+def test_between_two_rows_alike_a_load_may_have_been_thrown_as_far_as_it_can(
+    room: float, row: int | None
+) -> None:
+    """By 32 m/s² in a tenth of a second, there and back: 4 cm."""
+    asked = clearance()
+    high = asked.q(np.array([0.0, 12.0, 20.0]))
+    q = asked.q(np.array([0.0, 12.0, 20.0 + asked.true_room(high) - room]))
+    assert asked.true_room(q) == pytest.approx(room, abs=1e-9)  # above the ground
+    assert unproven_row(asked, np.array([q, q]), 0.1) == row
 
 
 def test_rounding_a_corner_over_a_wall_is_proven_and_sharper_where_there_is_less_room() -> None:
