@@ -5,6 +5,7 @@ distances from.
 from __future__ import annotations
 
 import io
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,6 +24,9 @@ MESH_ENDINGS = (".stl", ".ply", ".off", ".obj")
 
 FARTHEST = 1e7
 """Largest coordinate of a corner [m]: that of national grids, in which doubles are 2e-9 m apart."""
+
+# Else what trimesh logs of a bad file, tracebacks among it, goes to standard error.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 _LARGEST_MESH = 50_000_000
 _THIN = 1e-6
@@ -58,7 +62,7 @@ class Solid:
             check_corners(points)
         if not ((self.triangles >= 0) & (self.triangles < len(self.vertices))).all():
             raise DataError(
-                f"a triangle has a corner that there is not; there are {len(self.vertices)}"
+                f"a triangle has a corner that there is not; there are {len(self.vertices)}."
             )
 
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Solid:
@@ -97,7 +101,7 @@ def check_corners(points: np.ndarray) -> None:
     if not (np.abs(points) <= FARTHEST).all():
         raise DataError(
             f"a corner lies at {points[~(np.abs(points) <= FARTHEST)][0]:g} m; allowed are "
-            f"{-FARTHEST:g} to {FARTHEST:g} m, in metres"
+            f"{-FARTHEST:g} to {FARTHEST:g} m, in metres."
         )
 
 
@@ -186,7 +190,7 @@ def prism(
         raise OutOfRange("height", height, f">= {_THIN:g}", "m")
     polygon = shapely.Polygon(outline)
     if not polygon.is_valid or polygon.area < _THIN:
-        raise DataError("an outline must enclose an area and not cross itself")
+        raise DataError("an outline must enclose an area and not cross itself.")
     polygon = shapely.geometry.polygon.orient(polygon)
     mesh = trimesh.creation.extrude_polygon(polygon, height)
     mesh.apply_translation([0.0, 0.0, base])
@@ -226,7 +230,7 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
     mesh.update_faces(mesh.nondegenerate_faces())
     with np.errstate(all="ignore"):  # trimesh divides by volumes that may be zero
         if not mesh.is_watertight or mesh.volume == 0.0:
-            raise DataError("the mesh is not closed: some edge has not two triangles")
+            raise DataError("the mesh is not closed: some edge has not two triangles.")
         mesh.fix_normals()
         convex = mesh.is_convex
     corners = np.array(mesh.vertices)
@@ -244,19 +248,20 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise DataError(f"Cannot read {path}: a mesh ends in {', '.join(MESH_ENDINGS)}.")
     content = read_bytes(path, _LARGEST_MESH)
     try:
-        found = trimesh.load_mesh(
-            io.BytesIO(content), file_type=path.suffix[1:].lower(), resolver=None
-        )
-        vertices, triangles = (
-            np.asarray(found.vertices, dtype=float),
-            np.asarray(found.faces, dtype=int),
-        )
+        with np.errstate(all="ignore"):  # numbers that are none are refused with their corner
+            found = trimesh.load_mesh(
+                io.BytesIO(content), file_type=path.suffix[1:].lower(), resolver=None
+            )
+            vertices, triangles = (
+                np.asarray(found.vertices, dtype=float),
+                np.asarray(found.faces, dtype=int),
+            )
     except KeyboardInterrupt:
         raise
     except Exception as error:  # whatever a parser of a stranger's bytes raises
         raise DataError(
             f"Cannot read {path}: it holds no mesh ({type(error).__name__})."
         ) from error
-    if not len(triangles):
-        raise DataError(f"Cannot read {path}: it holds no mesh.")
+    if not len(triangles) or not vertices.shape[1:] == triangles.shape[1:] == (3,):
+        raise DataError(f"Cannot read {path}: it holds no mesh of triangles in space.")
     return vertices, triangles
