@@ -28,6 +28,9 @@ FARTHEST = 1e7
 # Else what trimesh logs of a bad file, tracebacks among it, goes to standard error.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
+_MOST_NEIGHBOURS = 255
+"""Of a corner of a convex body, each along an edge, in `coal`."""
+
 _LARGEST_MESH = 50_000_000
 _THIN = 1e-6
 
@@ -130,17 +133,53 @@ def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     scaled = (points - points.mean(axis=0)) @ axes.T
     scaled /= np.ptp(scaled, axis=0)
     found = ConvexHull(scaled)
-    a, b, c = np.moveaxis(scaled[found.simplices], 1, 0)
-    inward = np.sum(np.cross(b - a, c - a) * found.equations[:, :3], axis=1) < 0.0
-    triangles = np.where(inward[:, None], found.simplices[:, ::-1], found.simplices)
+    triangles, normals = found.simplices, found.equations[:, :3]
+    if _most_neighbours(triangles) > _MOST_NEIGHBOURS:
+        triangles, normals = _in_strips(scaled, found)
+    a, b, c = np.moveaxis(scaled[triangles], 1, 0)
+    inward = np.sum(np.cross(b - a, c - a) * normals, axis=1) < 0.0
+    triangles = np.where(inward[:, None], triangles[:, ::-1], triangles)
     corners, triangles = np.unique(triangles, return_inverse=True)
     return points[corners], triangles.reshape(-1, 3)
 
 
+def _in_strips(points: np.ndarray, found: ConvexHull) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles of a hull and their normals, those of each flat facet in a strip; Qhull has them
+    around one corner, which then has all others of the facet for neighbours.
+    """
+    planes, facet = np.unique(found.equations, axis=0, return_inverse=True)
+    strips = []
+    for i, plane in enumerate(planes):
+        corners = np.unique(found.simplices[facet.ravel() == i])
+        along = points[corners[1]] - points[corners[0]]
+        offsets = points[corners] - points[corners].mean(axis=0)
+        ring = corners[
+            np.argsort(np.arctan2(offsets @ np.cross(plane[:3], along), offsets @ along))
+        ]
+        k = np.arange(len(ring))
+        strip = ring[np.where(k % 2, (k + 1) // 2, len(ring) - k // 2) % len(ring)]
+        strips.append(np.column_stack([strip[:-2], strip[1:-1], strip[2:]]))
+    return np.concatenate(strips), np.repeat(planes[:, :3], [*map(len, strips)], axis=0)
+
+
+def _most_neighbours(triangles: np.ndarray) -> int:
+    """Of one corner of a closed surface."""
+    return int(np.bincount(triangles.ravel()).max())
+
+
 def hull(points: np.ndarray) -> coal.Convex:
-    """Compute the convex hull of one point [m] or more, shape (n, 3), as a shape for `coal`."""
+    """Compute the convex hull of one point [m] or more, shape (n, 3), as a shape for `coal`.
+
+    Raises:
+        DataError: If a point lies beyond `FARTHEST`, or a corner has more neighbours than `coal`
+            takes.
+    """
     corners, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     vertices, faces = convex_hull(points)
+    if (most := _most_neighbours(faces)) > _MOST_NEIGHBOURS:
+        raise DataError(
+            f"a corner of a convex body has {most} edges; allowed are {_MOST_NEIGHBOURS}."
+        )
     for vertex in vertices:
         corners.append(vertex)
     for face in faces:
@@ -188,6 +227,7 @@ def prism(
     check_corners(outline)
     if not height >= _THIN:
         raise OutOfRange("height", height, f">= {_THIN:g}", "m")
+    check_corners(np.array([base, base + height]))
     polygon = shapely.Polygon(outline)
     if not polygon.is_valid or polygon.area < _THIN:
         raise DataError("an outline must enclose an area and not cross itself.")
@@ -224,7 +264,7 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
     surface = Solid(name, (), vertices, triangles)
     if as_hull:
         corners, triangles = convex_hull(vertices)
-        return Solid(name, (corners,), corners, triangles)
+        return Solid(name, _as_parts(corners), corners, triangles)
     mesh = trimesh.Trimesh(surface.vertices, surface.triangles)
     mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces())
@@ -234,7 +274,15 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
         mesh.fix_normals()
         convex = mesh.is_convex
     corners = np.array(mesh.vertices)
-    return Solid(name, (corners,) if convex else (), corners, np.array(mesh.faces))
+    return Solid(name, _as_parts(corners) if convex else (), corners, np.array(mesh.faces))
+
+
+def _as_parts(corners: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Parts of a convex body; none, so that its surface stands for it, if a corner has more
+    neighbours than `coal` takes, as the top of a cone may have.
+    """
+    few = _most_neighbours(convex_hull(corners)[1]) <= _MOST_NEIGHBOURS
+    return (corners,) if few else ()
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
