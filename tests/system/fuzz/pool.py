@@ -42,7 +42,7 @@ GRACE, BLOCKED = 3.0, 8.0
 """When a process is ended: processor time beyond that of an interruption [s], and time of sleep
 with next to no processor time [s]."""
 
-NATIVE = ("api simulate", "api batch")
+NATIVE = ("api simulate", "api batch", "loop Fleet", "loop TowerCraneVectorEnv", "loop receding")
 """Kinds that go deep into native code of ours."""
 
 _FAST = "/dev/shm"
