@@ -123,7 +123,7 @@ def test_commands_go_to_the_drives_only_and_states_come_from_all(robot: ET.Eleme
 
 
 @pytest.mark.parametrize(
-    "name", ["yaw_joint ", "1", "yes", "- a", "a: b", "#", "*a", "ä", "a\\b", "🏗", "\u2028"]
+    "name", ["yaw_joint ", "1", "yes", "- a", "a: b", "#", "*a", "ä", "a\\b", "🏗"]
 )
 def test_controllers_are_told_the_drives_whatever_these_are_called(
     name: str, tmp_path: Path
