@@ -128,8 +128,9 @@ class Stepper:
                 force_of(np.zeros(shape) if force is None else force, self.crane.layout)
             )
         self.engine.take(command_of(command, self.t, self.crane.layout))
+        state = self.engine.advance()
         self._steps += 1
-        return self.engine.advance()
+        return state
 
 
 def started(crane: Crane, start: State | None) -> State:
