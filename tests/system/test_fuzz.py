@@ -22,6 +22,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cranedyn.bridges.command import DOORS
 from tests.system.fuzz import api, files, lines
 from tests.system.fuzz.__main__ import main
 from tests.system.fuzz.core import Broken, Case, drawn, judged, listed, smallest
@@ -57,7 +58,7 @@ COUNTS = {
     "export ros2": 5,
     "export gazebo": 5,
     "export mcap": 5,
-    "export fmu": 2,
+    "export fmu": 4,
     "signals": 6,
     "line world": 40,
     "line sweep": 12,
@@ -114,11 +115,22 @@ def test_enough_was_tried_of_each_and_both_ends_were_met() -> None:
         "xacro, bytes",
         "CSV, bytes",
         "Parquet, bytes",
+        "chart, bytes",
+        "chart, values",
+        "twin, values",
+        "mesh, bytes",
+        "mesh, shapes",
+        "MCAP, messages",
+        "bag, bytes",
     ):
         assert TRIED[f"file {what}, good"] > 0 and TRIED[f"file {what}, refused"] > 0, what
     assert TRIED["line world, code 0"] > 0 and TRIED["line world, code 2"] > 0
     for group in api.PUBLIC:
         assert TRIED[f"api {group}, good"] > 0, group
+    for what in ("Fleet", "Stepper", "TowerCraneEnv", "TowerCraneVectorEnv"):
+        assert TRIED[f"loop {what}, good"] > 0 and TRIED[f"loop {what}, some refused"] > 0, what
+    for door in DOORS:
+        assert TRIED[f"export {door}, good"] > 0, door
 
 
 # --- the generators cover what there is -----------------------------------------------------------

@@ -21,10 +21,10 @@ from xml.sax.saxutils import quoteattr
 import fmpy
 import mujoco
 import numpy as np
-import yaml
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
+from ruamel.yaml import YAML
 
 from cranedyn.bridges import bags, fmi, gazebo, mcap, mjcf, ros2
 from cranedyn.bridges.programs import Program
@@ -305,7 +305,7 @@ def _read_ros2(path: Path, crane: Crane) -> None:
     for file in path.rglob("*"):
         if file.suffix in (".xml", ".sdf", ".urdf"):
             ET.parse(file)
-    told = yaml.safe_load((path / "config" / "controllers.yaml").read_text())
+    told = YAML(typ="safe").load((path / "config" / "controllers.yaml").read_text())
     drives = [joint.name for joint in crane.layout.driven]
     if told["drives"]["ros__parameters"]["joints"] != drives:
         raise Broken("controllers of ROS are told of other drives", told)
