@@ -11,6 +11,7 @@ import re
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -31,6 +32,7 @@ from cranedyn.bridges.programs import Program
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
+from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from tests.system.fuzz.core import Broken, Case, Generator
@@ -246,19 +248,16 @@ class Exports:
         return f"{self.name}: {case}"
 
     def _crane(self, case: Case, gravity: float) -> Crane:
-        texts = [part for part in case.parts if part[0] != "value"]
-        if not texts:
-            values = {}
-            for _, name, new in case.parts:
-                try:
-                    values[name] = float(settings()[name].default) * new
-                except ValueError:
-                    values[name] = new
-            return load_crane(gravity=gravity, **values)
-        text = slim()
-        for kind, first, *rest in texts:
+        values = {}
+        for kind, name, *new in case.parts:
+            if kind == "value":
+                with suppress(ValueError):  # the default is another number's
+                    values[name] = float(settings()[name].default) * new[0]
+        text = describe(values=values, visuals=False) if values else slim()
+        for kind, first, *rest in case.parts:
             if kind == "element":
                 text = Rewritten("", 0.0, whole=False).text(Case(None, first))
+            if kind != "name":
                 continue
             names = sorted(set(re.findall(r'name="([^"]*)"', text)))
             old = names[int(first * len(names))]
