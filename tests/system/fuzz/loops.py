@@ -197,6 +197,9 @@ _ASKED: dict[str, dict[str, tuple[Words, ...]]] = {
         "close": (),
     },
 }
+_SHAPES = {"Fleet": "m, n", "Stepper": "m", "TowerCraneEnv": "m", "TowerCraneVectorEnv": "n, m"}
+"""Of a command."""
+
 _BY_NAME = {"reset": ("seed", "options")}
 _COPIES: dict[str, Callable[[Any], Any]] = {
     "deepcopy": copy.deepcopy,
@@ -238,11 +241,10 @@ class Sequences:
             for name, words in _MADE[self.made].items()
             if name in ("cranes", "count", "crane") or rng.random() < 0.4
         ]
-        count = rng.choice(["n"] if share == 0.0 else ["n", "n", "1", "600"])
-        if share == 0.0:
-            arguments = [a for a in arguments if a.partition("=")[0] not in ("count", "num_envs")]
-            of = {"Fleet": "count", "TowerCraneVectorEnv": "num_envs"}.get(self.made)
-            arguments += [f"{of}={count}"] if of else []
+        if many := {"Fleet": "count", "TowerCraneVectorEnv": "num_envs"}.get(self.made):
+            if share == 0.0:  # as many as commands are given
+                arguments = [one for one in arguments if one.partition("=")[0] != many]
+                arguments.append(f"{many}=n")
         asked = _ASKED[self.made]
         odd = rng.choice([0.05, 0.3])
         parts = [f"reset(seed={rng.randrange(9)})"] * (self.made.startswith("T"))
@@ -271,8 +273,8 @@ class Sequences:
         for text in case.parts:
             if text in _COPIES:
                 one, before = _COPIES[text](one), one
-                with suppress(CraneError):
-                    _ask(before, "step(some(8, m, n))")
+                with suppress(CraneError):  # what the original does is nothing to the copy
+                    _ask(before, f"step(some(8, {_SHAPES[self.made]}))")
                 continue
             seen = _seen(one)
             try:
