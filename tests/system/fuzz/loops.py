@@ -292,13 +292,15 @@ class Sequences:
             if not _finite(given):
                 raise Broken(f"a {self.made} took what is not finite", text)
             _ask(two, text)
-        for that in (one, two) if self.made.startswith("T") else ():
-            that.reset()  # draws what follows from the same numbers
-        if not _same(_seen(one), _seen(two)):
+        ends = [(_seen(one), _seen(two))]
+        if self.made.startswith("T"):  # draws what follows from the same numbers
+            one.reset(), two.reset()
+            ends.append((_seen(one), _seen(two)))
+        if not all(_same(*pair) for pair in ends):
             raise Broken(
                 f"a {self.made} that refused calls or was copied goes elsewhere than one that did "
                 "not",
-                (_seen(one), _seen(two)),
+                ends,
             )
         return "some refused" if refused else "good"
 
