@@ -192,3 +192,15 @@ def test_a_shape_without_size_with_which_mujoco_takes_no_file_is_refused(
     flat = load_crane(tmp_path / "flat.urdf")
     with pytest.raises(ModelError, match=r"A box of the link \w+ has no size, with which MuJoCo"):
         mjcf.export(tmp_path / "flat.xml", flat)
+
+
+@pytest.mark.parametrize("length", ["1e-20", "7"])
+def test_an_axis_of_any_length_is_the_same_axis(length: str, tmp_path: Path) -> None:
+    text = load_crane().urdf
+    short = text.replace('<axis xyz="0 1 0"/>', f'<axis xyz="0 {length} 0"/>')
+    assert short != text
+    (tmp_path / "short.urdf").write_text(short)
+    _, model, _ = opened(tmp_path, load_crane(tmp_path / "short.urdf"))
+    (tmp_path / "usual").mkdir()
+    _, usual, _ = opened(tmp_path / "usual", load_crane())
+    assert np.array_equal(model.jnt_axis, usual.jnt_axis)
