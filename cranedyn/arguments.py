@@ -30,7 +30,7 @@ from typing import (
 
 import numpy as np
 
-from cranedyn.arrays import DOUBLE
+from cranedyn.arrays import DOUBLE, masked
 from cranedyn.errors import CraneError, OutOfRange, written_out
 
 _Any = TypeVar("_Any", bound=Callable[..., Any])
@@ -153,6 +153,8 @@ def taken(name: str, value: Any, kind: Any) -> Any:
 
 def described(value: Any) -> str:
     """A value in a few words: itself if it is plain and short, else what it is."""
+    if masked(value):
+        return f"an array of shape {value.shape} with masked numbers"
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
     if isinstance(value, _PLAIN) and type(value).__repr__ is not object.__repr__:
@@ -225,14 +227,14 @@ def _is(value: Any, kind: Any) -> bool:
 
 
 def _float(value: Any) -> float:
-    if isinstance(value, str | bytes | bytearray | bool) or np.ndim(value):
+    if isinstance(value, str | bytes | bytearray | bool) or np.ndim(value) or masked(value):
         raise TypeError
     return float(value)
 
 
 def _array(value: Any) -> np.ndarray:
     array = np.asarray(value)
-    if value is None or array.dtype.kind not in "fiuO":
+    if value is None or masked(value) or array.dtype.kind not in "fiuO":
         raise TypeError
     return array.astype(float, copy=False)
 

@@ -30,6 +30,8 @@ def shaped(name: str, value: Any, *shapes: Shape) -> np.ndarray:
     if type(value) is np.ndarray and value.dtype is DOUBLE:
         if value.shape in shapes:
             return value
+    elif masked(value):
+        value = "one with masked numbers"
     else:
         try:
             found = np.asarray(value)
@@ -61,6 +63,13 @@ def finite(name: str, value: Any, *shapes: Shape, unit: str = "") -> np.ndarray:
     if wrong.any():
         raise OutOfRange(name, float(array[wrong][0]), "finite", unit)
     return array
+
+
+def masked(value: Any) -> bool:
+    """Whether a value is a masked array of NumPy with numbers that are not to be looked at, which
+    as a plain array would be whatever stands there.
+    """
+    return isinstance(value, np.ndarray) and bool(np.any(getattr(value, "mask", False)))
 
 
 def fixed(array: np.ndarray) -> np.ndarray:

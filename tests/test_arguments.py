@@ -9,7 +9,7 @@ import inspect
 import math
 import pkgutil
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields
 from decimal import Decimal
 from fractions import Fraction
@@ -65,6 +65,7 @@ from cranedyn.references.shaped import Shaper, shaped_hoisting
 from cranedyn.references.spline import Spline
 from cranedyn.references.tour import tour
 from cranedyn.simulation.simulate import simulate
+from cranedyn.simulation.stepper import Stepper
 from cranedyn.sweep import cross, grid
 from tests.helpers import crane
 
@@ -746,6 +747,27 @@ def test_a_command_of_complex_numbers_is_refused() -> None:
         match=r"command of the controller is an array of shape \(3,\); allowed is three numbers",
     ):
         simulate(C, lambda t, state, setpoint: np.array([1j, 0, 0]), duration=0.1)
+
+
+def test_masked_numbers_are_no_numbers(recwarn: pytest.WarningsRecorder) -> None:
+    """NumPy makes plain arrays of masked ones by forgetting the mask."""
+    hidden = np.ma.masked_array([0.0, 1.0, 2.0], mask=[False, True, False])
+    for take in (
+        lambda: finite("command", hidden, (3,)),
+        lambda: taken("command", hidden, np.ndarray),
+        lambda: taken("rates", hidden, Sequence[float]),
+        lambda: taken("rate", np.ma.masked, float),
+        lambda: Limits(hidden, (1.0, 1.0, 1.0)),
+        lambda: Stepper(crane()).step(hidden),
+        lambda: simulate(crane(), lambda *_: hidden, duration=0.01),
+    ):
+        with pytest.raises(OutOfRange):
+            take()
+    assert not recwarn.list
+    bare = np.ma.masked_array([0.0, 1.0, 2.0], mask=False)
+    assert finite("command", bare, (3,)).tolist() == [0.0, 1.0, 2.0]
+    with pytest.raises(OutOfRange, match=r"^a is an array of shape \(3,\) with masked numbers;"):
+        taken("a", hidden, np.ndarray)
 
 
 def test_every_row_of_a_table_of_setpoints_must_be_there_and_finite() -> None:

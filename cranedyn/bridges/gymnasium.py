@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import described
+from cranedyn.arguments import described, taken
 from cranedyn.arrays import shaped
 from cranedyn.bridges.task import Rules, Task
 from cranedyn.disturbances.wind import constant_force
@@ -124,12 +124,13 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
             UnknownName: If there is no such option.
             OutOfRange: If the seed or an option is not what it should be.
         """
-        super().reset(seed=_seed(seed))
-        given = _options(options)
+        whole_seed, given = _seed(seed), _options(options)
         mask = np.asarray(given.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
         if mask.shape != (self.num_envs,) or mask.dtype != bool:
             raise OutOfRange("reset_mask", described(mask), f"{self.num_envs} of True or False")
-        self._begin(mask, **_beginning(given))
+        beginning = self.task.possible(**_beginning(given))
+        super().reset(seed=whole_seed)
+        self._begin(mask, **beginning)
         self._begun = True
         return self.task.observe(), {}
 
@@ -211,7 +212,8 @@ class TowerCraneEnv(gym.Env):
         """
         if render_mode not in (None, "rrd"):
             raise OutOfRange("render_mode", described(render_mode), "None or rrd")
-        self.render_mode, self._folder, self._dt = render_mode, Path(folder), dt
+        self._folder = Path(taken("folder", folder, str | Path))
+        self.render_mode, self._dt = render_mode, dt
         self.task = Task(
             load_crane() if crane is None else crane,
             1,
@@ -237,8 +239,10 @@ class TowerCraneEnv(gym.Env):
             UnknownName: If there is no such option.
             OutOfRange: If the seed or an option is not what it should be.
         """
-        super().reset(seed=_seed(seed))
-        self.task.begin(self.np_random, np.zeros(1), **_beginning(_options(options)))
+        whole_seed = _seed(seed)
+        beginning = self.task.possible(**_beginning(_options(options)))
+        super().reset(seed=whole_seed)
+        self.task.begin(self.np_random, np.zeros(1), **beginning)
         z = self.task.fleet.z[:, 0].copy()
         self._episode, self._start, self._accelerations = (
             self._episode + 1,

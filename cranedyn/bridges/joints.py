@@ -4,6 +4,7 @@ and its text as XML.
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from argparse import Namespace
 from dataclasses import dataclass, field
@@ -56,7 +57,8 @@ class ExportedJoint(Joint):
 
 
 def described(crane: Crane) -> ET.Element:
-    """The crane's plain URDF as XML, without comments.
+    """The crane's plain URDF as XML, without comments, its axes of length one: other programs take
+    a very short one for none.
 
     Raises:
         ModelError: If it has meshes, which are files of their own, or a rope whose stiffness
@@ -73,6 +75,11 @@ def described(crane: Crane) -> ET.Element:
             "The crane has a rope that stretches; no format that is exported knows a stiffness "
             "that changes with the length."
         )
+    for axis in robot.iter("axis"):
+        if xyz := axis.get("xyz"):
+            numbers = [float(word) for word in xyz.split()]
+            if not math.isclose(length := math.hypot(*numbers), 1.0):
+                axis.set("xyz", " ".join(repr(number / length) for number in numbers))
     return robot
 
 

@@ -15,7 +15,7 @@ import pinocchio as pin
 from cranedyn.arguments import checked
 from cranedyn.bridges.joints import ExportedJoint, check_heavy, described, joints, loaded
 from cranedyn.bridges.target import new_file
-from cranedyn.errors import DataError, number
+from cranedyn.errors import DataError, ModelError, number, quoted
 from cranedyn.model.crane import Crane
 
 TARGET = "FILE"
@@ -40,8 +40,8 @@ def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
 
     Raises:
         DataError: If the ending is another, something stands there, or it cannot be written.
-        ModelError: If the crane has a moving link without mass or inertia, a mesh, or a rope that
-            stretches.
+        ModelError: If the crane has a moving link without mass or inertia, a shape without size, a
+            mesh, or a rope that stretches.
         OutOfRange: If the step is not positive.
     """
     file = Path(file)
@@ -123,7 +123,7 @@ class _Tree:
 
     def _fill(self, body: ET.Element, link: str) -> None:
         for visual in self.links[link].iterfind("visual"):
-            self._geom(body, visual)
+            self._geom(body, visual, link)
         for child, joint in self.children.get(link, []):
             inner = ET.SubElement(body, "body", {"name": child, **_place(joint)})
             name = joint.get("name", "")
@@ -134,7 +134,7 @@ class _Tree:
                 inner.append(_inertial(inertial))
             self._fill(inner, child)
 
-    def _geom(self, body: ET.Element, visual: ET.Element) -> None:
+    def _geom(self, body: ET.Element, visual: ET.Element, link: str) -> None:
         for shape in visual.iterfind("geometry/*"):
             if shape.tag == "box":
                 size = [float(word) / 2.0 for word in shape.get("size", "").split()]
@@ -143,6 +143,11 @@ class _Tree:
                     float(shape.get("radius", "0")),
                     *([float(shape.get("length", "0")) / 2.0] if shape.tag == "cylinder" else []),
                 ]
+            if not min(size) > 0.0:
+                raise ModelError(
+                    f"A {shape.tag} of the link {quoted(link)} has no size, with which MuJoCo "
+                    "takes no file; allowed are numbers > 0."
+                )
             looks = {
                 "type": _SHAPES[shape.tag],
                 "size": " ".join(map(repr, size)),

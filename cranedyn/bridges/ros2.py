@@ -138,7 +138,7 @@ def _plugin() -> ET.Element:
 
 
 def _controllers(drives: Sequence[str]) -> str:
-    listed = "".join(f"      - {name}\n" for name in drives)
+    listed = "".join(f"      - {_yaml(name)}\n" for name in drives)
     return f"""controller_manager:
   ros__parameters:
     update_rate: {RATE}
@@ -152,6 +152,12 @@ drives:
     interface_name: effort
     joints:
 {listed}"""
+
+
+def _yaml(name: str) -> str:
+    """A name as a text of YAML, whatever characters a stranger's URDF has in it."""
+    plain = (c if " " <= c <= "~" and c not in '"\\' else f"\\U{ord(c):08x}" for c in name)
+    return f'"{"".join(plain)}"'
 
 
 def _package(name: str) -> ET.Element:

@@ -44,6 +44,9 @@ PENALTY = -50.0
 """Reward for a swing beyond the limit, with which an episode ends; no more can be lost by going on,
 at a discount of 0.99."""
 
+_STRONGEST, _LARGEST = 1e3, 1e6
+"""Wind [m/s] and drag area [m²] up to which a force is one."""
+
 _CLOSE = 0.01
 """Distance at which a reward is that of one decade [m]."""
 
@@ -87,8 +90,8 @@ class Rules:
             raise OutOfRange("action", self.action, " or ".join(ACTIONS))
         within("swing_limit", self.swing_limit, 1e-3, np.pi / 4, "rad")
         within("swing at the start", self.swing, 0.0, self.swing_limit, "rad")
-        number("wind", self.wind, "m/s", ">= 0")
-        number("drag area of the payload", self.payload_area, "m²", ">= 0")
+        within("wind", self.wind, 0.0, _STRONGEST, "m/s")
+        within("drag area of the payload", self.payload_area, 0.0, _LARGEST, "m²")
 
 
 def cranes_between(count: int, seed: int = 0, **ranges: tuple[float, float]) -> list[Crane]:
@@ -176,6 +179,22 @@ class Task:
         self.far = self.distance(self.fleet.z, self.goal)
 
     @checked
+    def possible(
+        self, start: State | None = None, goal: Sequence[float] | None = None
+    ) -> dict[str, Any]:
+        """Return where an episode is to begin and lead, if it can, as `begin` takes it.
+
+        Raises:
+            OutOfRange: If a goal is not in the ranges of the drives, or a start none of the crane.
+        """
+        if start is not None:
+            start.check_fits("start", self.layout)
+        if goal is not None:
+            ends = zip(self.layout.for_drives("goal", goal), *self._range, strict=True)
+            goal = [within("goal", value, low, high) for value, low, high in ends]
+        return {"start": start, "goal": goal}
+
+    @checked
     def begin(
         self,
         rng: np.random.Generator,
@@ -184,13 +203,8 @@ class Task:
         goal: Sequence[float] | None = None,
     ) -> None:
         """Begin an episode of some cranes, given by their numbers, shape (k,): random, where
-        nothing is said.
-
-        Raises:
-            OutOfRange: If a goal is not in the ranges of the drives.
+        nothing is said, and else as `possible` answers.
         """
-        if start is not None:
-            start.check_fits("start", self.layout)
         rows, n, passive = which.astype(int), len(which), self.layout.passive
         low, high = self._lower, self._upper
         drives = rng.uniform(low, high, (self.layout.m, n))
@@ -200,7 +214,7 @@ class Task:
         q, v = np.zeros((2, self.layout.n, n))
         q[self.layout.drives] = drives
         swing, angle, phase = (
-            rng.uniform(0.0, self.rules.swing, n),
+            rng.uniform(0.0, self.rules.swing + 0.0, n),  # -0.0 would be less than 0.0
             *rng.uniform(0.0, 2.0 * np.pi, (2, n)),
         )
         across = np.stack([np.cos(angle), np.sin(angle)]) * swing
@@ -211,10 +225,7 @@ class Task:
         if start is not None:
             q, v = (np.repeat(part[:, None], n, axis=1) for part in start)
         if goal is not None:
-            ends = zip(self.layout.for_drives("goal", goal), *self._range, strict=True)
-            self.goal[:, rows] = np.array(
-                [within("goal", value, low, high) for value, low, high in ends]
-            )[:, None]
+            self.goal[:, rows] = np.array(goal)[:, None]
         self._kind[rows] = rng.integers(len(self.fleet.cranes), size=n)
         self.fleet.place(rows, State(q.T, v.T), self._kind[rows])
         if self.rules.wind:

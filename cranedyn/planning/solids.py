@@ -5,6 +5,7 @@ distances from.
 from __future__ import annotations
 
 import io
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,6 +24,12 @@ MESH_ENDINGS = (".stl", ".ply", ".off", ".obj")
 
 FARTHEST = 1e7
 """Largest coordinate of a corner [m]: that of national grids, in which doubles are 2e-9 m apart."""
+
+# Else what trimesh logs of a bad file, tracebacks among it, goes to standard error.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
+_MOST_NEIGHBOURS = 255
+"""Of a corner of a convex body, each along an edge, in `coal`."""
 
 _LARGEST_MESH = 50_000_000
 _THIN = 1e-6
@@ -58,7 +65,7 @@ class Solid:
             check_corners(points)
         if not ((self.triangles >= 0) & (self.triangles < len(self.vertices))).all():
             raise DataError(
-                f"a triangle has a corner that there is not; there are {len(self.vertices)}"
+                f"a triangle has a corner that there is not; there are {len(self.vertices)}."
             )
 
     def moved(self, rotation: np.ndarray, translation: np.ndarray) -> Solid:
@@ -97,7 +104,7 @@ def check_corners(points: np.ndarray) -> None:
     if not (np.abs(points) <= FARTHEST).all():
         raise DataError(
             f"a corner lies at {points[~(np.abs(points) <= FARTHEST)][0]:g} m; allowed are "
-            f"{-FARTHEST:g} to {FARTHEST:g} m, in metres"
+            f"{-FARTHEST:g} to {FARTHEST:g} m, in metres."
         )
 
 
@@ -126,17 +133,53 @@ def convex_hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     scaled = (points - points.mean(axis=0)) @ axes.T
     scaled /= np.ptp(scaled, axis=0)
     found = ConvexHull(scaled)
-    a, b, c = np.moveaxis(scaled[found.simplices], 1, 0)
-    inward = np.sum(np.cross(b - a, c - a) * found.equations[:, :3], axis=1) < 0.0
-    triangles = np.where(inward[:, None], found.simplices[:, ::-1], found.simplices)
+    triangles, normals = found.simplices, found.equations[:, :3]
+    if _most_neighbours(triangles) > _MOST_NEIGHBOURS:
+        triangles, normals = _in_strips(scaled, found)
+    a, b, c = np.moveaxis(scaled[triangles], 1, 0)
+    inward = np.sum(np.cross(b - a, c - a) * normals, axis=1) < 0.0
+    triangles = np.where(inward[:, None], triangles[:, ::-1], triangles)
     corners, triangles = np.unique(triangles, return_inverse=True)
     return points[corners], triangles.reshape(-1, 3)
 
 
+def _in_strips(points: np.ndarray, found: ConvexHull) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles of a hull and their normals, those of each flat facet in a strip; Qhull has them
+    around one corner, which then has all others of the facet for neighbours.
+    """
+    planes, facet = np.unique(found.equations, axis=0, return_inverse=True)
+    strips = []
+    for i, plane in enumerate(planes):
+        corners = np.unique(found.simplices[facet.ravel() == i])
+        along = points[corners[1]] - points[corners[0]]
+        offsets = points[corners] - points[corners].mean(axis=0)
+        ring = corners[
+            np.argsort(np.arctan2(offsets @ np.cross(plane[:3], along), offsets @ along))
+        ]
+        k = np.arange(len(ring))
+        strip = ring[np.where(k % 2, (k + 1) // 2, len(ring) - k // 2) % len(ring)]
+        strips.append(np.column_stack([strip[:-2], strip[1:-1], strip[2:]]))
+    return np.concatenate(strips), np.repeat(planes[:, :3], [*map(len, strips)], axis=0)
+
+
+def _most_neighbours(triangles: np.ndarray) -> int:
+    """Of one corner of a closed surface."""
+    return int(np.bincount(triangles.ravel()).max())
+
+
 def hull(points: np.ndarray) -> coal.Convex:
-    """Compute the convex hull of one point [m] or more, shape (n, 3), as a shape for `coal`."""
+    """Compute the convex hull of one point [m] or more, shape (n, 3), as a shape for `coal`.
+
+    Raises:
+        DataError: If a point lies beyond `FARTHEST`, or a corner has more neighbours than `coal`
+            takes.
+    """
     corners, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     vertices, faces = convex_hull(points)
+    if (most := _most_neighbours(faces)) > _MOST_NEIGHBOURS:
+        raise DataError(
+            f"a corner of a convex body has {most} edges; allowed are {_MOST_NEIGHBOURS}."
+        )
     for vertex in vertices:
         corners.append(vertex)
     for face in faces:
@@ -184,9 +227,10 @@ def prism(
     check_corners(outline)
     if not height >= _THIN:
         raise OutOfRange("height", height, f">= {_THIN:g}", "m")
+    check_corners(np.array([base, base + height]))
     polygon = shapely.Polygon(outline)
     if not polygon.is_valid or polygon.area < _THIN:
-        raise DataError("an outline must enclose an area and not cross itself")
+        raise DataError("an outline must enclose an area and not cross itself.")
     polygon = shapely.geometry.polygon.orient(polygon)
     mesh = trimesh.creation.extrude_polygon(polygon, height)
     mesh.apply_translation([0.0, 0.0, base])
@@ -220,17 +264,25 @@ def body(name: str, vertices: np.ndarray, triangles: np.ndarray, *, as_hull: boo
     surface = Solid(name, (), vertices, triangles)
     if as_hull:
         corners, triangles = convex_hull(vertices)
-        return Solid(name, (corners,), corners, triangles)
+        return Solid(name, _as_parts(corners), corners, triangles)
     mesh = trimesh.Trimesh(surface.vertices, surface.triangles)
     mesh.merge_vertices()
     mesh.update_faces(mesh.nondegenerate_faces())
     with np.errstate(all="ignore"):  # trimesh divides by volumes that may be zero
         if not mesh.is_watertight or mesh.volume == 0.0:
-            raise DataError("the mesh is not closed: some edge has not two triangles")
+            raise DataError("the mesh is not closed: some edge has not two triangles.")
         mesh.fix_normals()
         convex = mesh.is_convex
     corners = np.array(mesh.vertices)
-    return Solid(name, (corners,) if convex else (), corners, np.array(mesh.faces))
+    return Solid(name, _as_parts(corners) if convex else (), corners, np.array(mesh.faces))
+
+
+def _as_parts(corners: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Parts of a convex body; none, so that its surface stands for it, if a corner has more
+    neighbours than `coal` takes, as the top of a cone may have.
+    """
+    few = _most_neighbours(convex_hull(corners)[1]) <= _MOST_NEIGHBOURS
+    return (corners,) if few else ()
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -244,19 +296,20 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise DataError(f"Cannot read {path}: a mesh ends in {', '.join(MESH_ENDINGS)}.")
     content = read_bytes(path, _LARGEST_MESH)
     try:
-        found = trimesh.load_mesh(
-            io.BytesIO(content), file_type=path.suffix[1:].lower(), resolver=None
-        )
-        vertices, triangles = (
-            np.asarray(found.vertices, dtype=float),
-            np.asarray(found.faces, dtype=int),
-        )
+        with np.errstate(all="ignore"):  # numbers that are none are refused with their corner
+            found = trimesh.load_mesh(
+                io.BytesIO(content), file_type=path.suffix[1:].lower(), resolver=None
+            )
+            vertices, triangles = (
+                np.asarray(found.vertices, dtype=float),
+                np.asarray(found.faces, dtype=int),
+            )
     except KeyboardInterrupt:
         raise
     except Exception as error:  # whatever a parser of a stranger's bytes raises
         raise DataError(
             f"Cannot read {path}: it holds no mesh ({type(error).__name__})."
         ) from error
-    if not len(triangles):
-        raise DataError(f"Cannot read {path}: it holds no mesh.")
+    if not len(triangles) or not vertices.shape[1:] == triangles.shape[1:] == (3,):
+        raise DataError(f"Cannot read {path}: it holds no mesh of triangles in space.")
     return vertices, triangles

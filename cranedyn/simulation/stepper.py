@@ -9,7 +9,7 @@ from pkgutil import resolve_name
 import numpy as np
 
 from cranedyn.arguments import check_word, checked, described
-from cranedyn.arrays import DOUBLE
+from cranedyn.arrays import DOUBLE, masked
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
@@ -128,8 +128,9 @@ class Stepper:
                 force_of(np.zeros(shape) if force is None else force, self.crane.layout)
             )
         self.engine.take(command_of(command, self.t, self.crane.layout))
+        state = self.engine.advance()
         self._steps += 1
-        return self.engine.advance()
+        return state
 
 
 def started(crane: Crane, start: State | None) -> State:
@@ -204,7 +205,7 @@ def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> n
     try:
         array = (
             None
-            if isinstance(answer, np.ndarray) and np.iscomplexobj(answer)
+            if isinstance(answer, np.ndarray) and (np.iscomplexobj(answer) or masked(answer))
             else np.array(answer, dtype=float)
         )
     except (TypeError, ValueError, OverflowError):

@@ -267,7 +267,7 @@ def test_an_episode_is_drawn_by_rerun_and_is_the_one_that_was_seen(tmp_path: Pat
         ({"action": "torque"}, "action is torque; allowed is velocity or acceleration"),
         ({"reach": (1.0, 2.0)}, "reach is .*; allowed is three numbers"),
         ({"swing_limit": 2.0}, "swing_limit is 2.0 rad"),
-        ({"wind": -1.0}, "wind is -1.0 m/s; allowed is >= 0"),
+        ({"wind": -1.0}, "wind is -1.0 m/s; allowed is 0 to 1000"),
         ({"winds": 1.0}, "There is no rule of the task 'winds'; there are action"),
         (
             {"autoreset_mode": "Never"},
@@ -282,6 +282,11 @@ def test_an_episode_is_drawn_by_rerun_and_is_the_one_that_was_seen(tmp_path: Pat
             "steps in a control period is 200000; allowed is 100000 or less",
         ),
         ({"crane": []}, "number of cranes to choose from is 0"),
+        ({"wind": 1e300}, r"wind is 1e\+300 m/s; allowed is 0 to 1000"),
+        (
+            {"payload_area": 1e300},
+            r"drag area of the payload is 1e\+300 m²; allowed is 0 to 1e\+06",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(how: dict[str, Any], sentence: str) -> None:
@@ -328,6 +333,38 @@ def test_actions_and_options_that_are_none_are_refused_in_a_sentence() -> None:
     for one in (env, TowerCraneEnv(crane=crane())):
         with pytest.raises(OutOfRange, match=r"options is \[1\]; allowed is a dictionary or None"):
             one.reset(options=[1])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"goal": (0.3, np.nan, 10.0)},
+        {"goal": (0.0, 500.0, 10.0)},
+        {"start": State(np.zeros(4), np.zeros(4))},
+        {"begin": 0},
+        [1],
+    ],
+)
+def test_a_reset_that_is_refused_changes_nothing(wrong: Any) -> None:
+    for asked, alone in ((many(2), many(2)), [TowerCraneEnv(crane=crane()) for _ in "ab"]):
+        asked.reset(seed=3), alone.reset(seed=3)
+        with pytest.raises(CraneError):
+            asked.reset(seed=5, options=wrong)
+        assert np.array_equal(asked.task.fleet.z, alone.task.fleet.z)
+        assert np.array_equal(asked.task.goal, alone.task.goal)
+        np.testing.assert_array_equal(asked.reset()[0], alone.reset()[0])
+
+
+@pytest.mark.parametrize("folder", [None, 3, [], b"out"])
+def test_a_folder_for_recordings_is_a_path(folder: Any) -> None:
+    with pytest.raises(OutOfRange, match=r"folder is .*; allowed is a text or a pathlib.Path"):
+        TowerCraneEnv(crane=crane(), render_mode="rrd", folder=folder)
+
+
+def test_no_swing_at_the_start_may_be_minus_zero() -> None:
+    env = many(2, swing=-0.0)
+    env.reset(seed=0)
+    assert not env.task.fleet.z[env.task.layout.passive].any()
 
 
 def test_a_copy_of_an_environment_has_cranes_of_its_own() -> None:

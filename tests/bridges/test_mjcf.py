@@ -17,7 +17,7 @@ from numpy.testing import assert_allclose
 from cranedyn.bridges import mjcf
 from cranedyn.bridges.command import main
 from cranedyn.controllers import hold_controller
-from cranedyn.errors import CraneError
+from cranedyn.errors import CraneError, ModelError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -180,3 +180,27 @@ def test_a_file_that_exists_stays(tmp_path: Path) -> None:
         rope = '<gazebo reference="hoist_joint"><ropeStiffness>1e6</ropeStiffness></gazebo></robot>'
         text = load_crane().urdf.replace("</robot>", rope)
         mjcf.export(tmp_path / "d.xml", replace(load_crane(), written=lambda: text))
+
+
+@pytest.mark.parametrize("size", ["0 1 1", "1 -1 1"])
+def test_a_shape_without_size_with_which_mujoco_takes_no_file_is_refused(
+    size: str, tmp_path: Path
+) -> None:
+    robot = ET.fromstring(load_crane().urdf.encode())
+    next(robot.iter("box")).set("size", size)
+    ET.ElementTree(robot).write(tmp_path / "flat.urdf")
+    flat = load_crane(tmp_path / "flat.urdf")
+    with pytest.raises(ModelError, match=r"A box of the link \w+ has no size, with which MuJoCo"):
+        mjcf.export(tmp_path / "flat.xml", flat)
+
+
+@pytest.mark.parametrize("length", ["1e-20", "7"])
+def test_an_axis_of_any_length_is_the_same_axis(length: str, tmp_path: Path) -> None:
+    text = load_crane().urdf
+    short = text.replace('<axis xyz="0 1 0"/>', f'<axis xyz="0 {length} 0"/>')
+    assert short != text
+    (tmp_path / "short.urdf").write_text(short)
+    _, model, _ = opened(tmp_path, load_crane(tmp_path / "short.urdf"))
+    (tmp_path / "usual").mkdir()
+    _, usual, _ = opened(tmp_path / "usual", load_crane())
+    assert np.array_equal(model.jnt_axis, usual.jnt_axis)

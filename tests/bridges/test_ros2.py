@@ -21,6 +21,7 @@ from cranedyn.bridges.command import main
 from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.pinocchio import full
 from cranedyn.model.crane import Crane
+from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from tests.helpers import ROOT, files, quickly
 from tests.system.test_cross_engines import DT, PERIOD
@@ -119,6 +120,21 @@ def test_commands_go_to_the_drives_only_and_states_come_from_all(robot: ET.Eleme
         **{key: ["position", "velocity", "effort"] for key in DRIVES},
         **{key: ["position", "velocity"] for key in PASSIVE},
     }
+
+
+@pytest.mark.parametrize(
+    "name", ["yaw_joint ", "1", "yes", "- a", "a: b", "#", "*a", "ä", "a\\b", "🏗"]
+)
+def test_controllers_are_told_the_drives_whatever_these_are_called(
+    name: str, tmp_path: Path
+) -> None:
+    yaml = pytest.importorskip(
+        "ruamel.yaml", reason="ruamel.yaml is not installed: pip install 'cranedyn[mcap]'"
+    )
+    (tmp_path / "crane.urdf").write_text(describe().replace('"yaw_joint"', f'"{name}"'))
+    package = ros2.export(tmp_path / "package", load_crane(tmp_path / "crane.urdf"))
+    made = yaml.YAML(typ="safe").load((package / "config" / "controllers.yaml").read_text())
+    assert made["drives"]["ros__parameters"]["joints"] == [name, *DRIVES[1:]]
 
 
 @pytest.mark.parametrize("xacro", ["tower_crane", "overhead_crane"])

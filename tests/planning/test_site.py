@@ -208,22 +208,48 @@ def test_what_is_wrong_in_a_site_is_said_with_its_line_and_field(
     assert sentence in str(refusal.value)
 
 
+FAR = """ply
+format ascii 1.0
+element vertex 3
+property double x
+property double y
+property double z
+element face 2
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 2147483648
+3 0 2 1
+"""
+"""A triangle of which a corner has a number too large for its type."""
+
+
 @pytest.mark.parametrize(
     ("entry", "sentence"),
     [
         (
             '[[mesh]]\nname = "m"\nfile = "open.stl"\n',
-            "line 21, [mesh] name: the mesh is not closed",
+            "line 21, [mesh] name: the mesh is not closed: some edge has not two triangles.",
         ),
         (
             '[[mesh]]\nname = "m"\nfile = "../cube.stl"\n',
             "line 22, [mesh] file: ../cube.stl lies outside of the folder",
         ),
         ('[[mesh]]\nname = "m"\nfile = "broken.stl"\n', "broken.stl: it holds no mesh"),
+        (
+            '[[mesh]]\nname = "m"\nfile = "plane.obj"\nhull = true\n',
+            "plane.obj: it holds no mesh of triangles in space.",
+        ),
+        (
+            '[[mesh]]\nname = "m"\nfile = "far.ply"\n',
+            "far.ply: it holds no mesh",
+        ),
         ('[[mesh]]\nname = "m"\nfile = "cube.exe"\n', "a mesh ends in .stl, .ply, .off, .obj"),
         (
             '[[prism]]\nname = "p"\noutline = [[0, 0], [2, 2], [2, 0], [0, 2]]\nheight = 1.0\n',
-            "line 21, [prism] name: an outline must enclose an area",
+            "line 21, [prism] name: an outline must enclose an area and not cross itself.",
         ),
         (
             '[[prism]]\nname = "p"\noutline = [[0, 0], [2, 2]]\nheight = 1.0\n',
@@ -235,7 +261,7 @@ def test_what_is_wrong_in_a_site_is_said_with_its_line_and_field(
         ),
         (
             '[[box]]\nname = "c"\ncentre = [9.0, 6.0]\nsize = [1e9, 1.0, 1.0]\n',
-            "[box] name: a corner lies at -5e+08 m; allowed are -1e+07 to 1e+07 m",
+            "[box] name: a corner lies at -5e+08 m; allowed are -1e+07 to 1e+07 m, in metres.",
         ),
         ('[[ifc]]\nfile = "cube.stl"\n', "an IFC file ends in .ifc"),
         ('[[ifc]]\nfile = "not.ifc"\n', "it does not begin as an IFC file does"),
@@ -247,7 +273,7 @@ def test_what_is_wrong_in_a_site_is_said_with_its_line_and_field(
     ],
 )
 def test_meshes_models_and_neighbours_that_are_none_are_refused(
-    tmp_path: Path, entry: str, sentence: str
+    tmp_path: Path, entry: str, sentence: str, recwarn: pytest.WarningsRecorder
 ) -> None:
     cube = trimesh.creation.box([1.0, 1.0, 1.0])
     (tmp_path / "cube.stl").write_bytes(cube.export(file_type="stl"))
@@ -255,6 +281,8 @@ def test_meshes_models_and_neighbours_that_are_none_are_refused(
         trimesh.Trimesh(cube.vertices, cube.faces[:-1]).export(file_type="stl")
     )
     (tmp_path / "broken.stl").write_bytes(b"solid of nothing")
+    (tmp_path / "plane.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\nf 1 3 2\n")
+    (tmp_path / "far.ply").write_text(FAR)
     (tmp_path / "not.ifc").write_text("hello")
     (tmp_path / "cut.ifc").write_text("ISO-10303-21;\nHEADER;\nFILE_DESC")
     with open(tmp_path / "huge.ifc", "wb") as file:
@@ -265,6 +293,7 @@ def test_meshes_models_and_neighbours_that_are_none_are_refused(
     with pytest.raises(CraneError) as refusal:
         read_site(path)
     assert sentence in str(refusal.value)
+    assert not recwarn.list
 
 
 @pytest.mark.parametrize("name", ["link.stl", "folder/cube.stl", "circle.stl"])

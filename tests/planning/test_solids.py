@@ -118,3 +118,51 @@ def test_a_prism_without_height_is_refused(height: float) -> None:
     square = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 3.0], [0.0, 3.0]])
     with pytest.raises(CraneError, match=r"height is .* m; allowed is >= 1e-06"):
         prism("p", square, 0.0, height)
+
+
+def round_outline(count: int) -> np.ndarray:
+    """An outline of so many corners on a circle of 5 m."""
+    angles = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    return 5.0 * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def from_above(shape: coal.CollisionGeometry) -> float:
+    """How far a small ball 10 m above the origin is from a shape."""
+    above = coal.Transform3s(np.eye(3), np.array([0.0, 0.0, 10.0]))
+    return coal.distance(
+        shape,
+        coal.Transform3s(),
+        coal.Sphere(1e-3),
+        above,
+        coal.DistanceRequest(),
+        coal.DistanceResult(),
+    )
+
+
+@pytest.mark.parametrize("count", [200, 300, 2000])
+def test_a_round_prism_of_many_corners_stands(count: int) -> None:
+    """Qhull makes triangles of its cap around one corner, which `coal` does not take."""
+    (shape,) = prism("tank", round_outline(count), 0.0, 3.0).geometries()
+    assert from_above(shape) == pytest.approx(7.0 - 1e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("as_hull", [True, False])
+def test_a_cone_of_many_sides_stands_by_its_surface(as_hull: bool) -> None:
+    count = 300
+    foot = np.column_stack([round_outline(count), np.zeros(count)])
+    i = np.arange(count)
+    sides = np.column_stack([i, np.roll(i, -1), np.full(count, count)])
+    faces = np.vstack([sides, np.column_stack([sides[:, 1], i, np.full(count, count + 1)])])
+    cone = body("tip", np.vstack([foot, [0, 0, 3], [0, 0, 0]]), faces, as_hull=as_hull)
+    (shape,) = cone.geometries()
+    assert from_above(shape) == pytest.approx(7.0 - 1e-3, abs=1e-6)
+    assert cone.holds(np.array([0.0, 0.0, 1.0]))
+    with pytest.raises(
+        DataError, match=r"a corner of a convex body has 300 edges; allowed are 255"
+    ):
+        hull(cone.vertices)
+
+
+def test_a_prism_that_is_too_high_is_refused_without_a_warning() -> None:
+    with pytest.raises(DataError, match="a corner lies at 1e\\+30 m"):
+        prism("p", round_outline(4), 0.0, 1e30)

@@ -10,7 +10,8 @@ import pytest
 
 from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.integrators import rk4
-from cranedyn.errors import OutOfRange, RunError
+from cranedyn.errors import CraneError, OutOfRange, RunError
+from cranedyn.interfaces import State
 from cranedyn.references import hold
 from cranedyn.simulation.simulate import simulate
 from cranedyn.simulation.stepper import ENGINES, Stepper
@@ -135,3 +136,12 @@ def test_a_command_that_is_not_finite_names_the_joint_and_the_time() -> None:
     stepper.step([0.0, 0.0, -9806.65])
     with pytest.raises(RunError, match=r"at t = 0.0050 s; trolley_joint needs a finite number"):
         stepper.step([0.0, np.nan, 0.0])
+
+
+def test_a_step_that_cannot_be_made_leaves_state_and_time() -> None:
+    stepper = Stepper(crane(), control_period=0.1, drive="motion")
+    stepper.reset(State(crane().start.q, np.full(5, 0.2)))
+    before = stepper.state
+    with pytest.raises(CraneError):
+        stepper.step([-5e3, -4e3, 6e3])  # moves beyond all bounds within the period
+    assert stepper.state is before and stepper.t == 0.0

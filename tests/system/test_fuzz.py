@@ -22,6 +22,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cranedyn.bridges.command import DOORS
 from tests.system.fuzz import api, files, lines
 from tests.system.fuzz.__main__ import main
 from tests.system.fuzz.core import Broken, Case, drawn, judged, listed, smallest
@@ -48,6 +49,16 @@ COUNTS = {
     "file result.json": 60,
     "file recording": 100,
     "file document": 100,
+    "file IFC, bytes": 10,
+    "file IFC, entities": 15,
+    "file site, bytes": 15,
+    "file site, values": 15,
+    "loop receding": 2,
+    "export mjcf": 5,
+    "export ros2": 5,
+    "export gazebo": 5,
+    "export mcap": 5,
+    "export fmu": 4,
     "signals": 6,
     "line world": 40,
     "line sweep": 12,
@@ -65,7 +76,7 @@ COUNTS = {
 }
 """How many cases of each kind are tried here; of calls and lines `_OTHERS`."""
 
-_OTHERS = {"line": 20, "api": 100}
+_OTHERS = {"line": 20, "api": 100, "loop": 30}
 
 
 @pytest.fixture(scope="module")
@@ -104,11 +115,22 @@ def test_enough_was_tried_of_each_and_both_ends_were_met() -> None:
         "xacro, bytes",
         "CSV, bytes",
         "Parquet, bytes",
+        "chart, bytes",
+        "chart, values",
+        "twin, values",
+        "mesh, bytes",
+        "mesh, shapes",
+        "MCAP, messages",
+        "bag, bytes",
     ):
         assert TRIED[f"file {what}, good"] > 0 and TRIED[f"file {what}, refused"] > 0, what
     assert TRIED["line world, code 0"] > 0 and TRIED["line world, code 2"] > 0
     for group in api.PUBLIC:
         assert TRIED[f"api {group}, good"] > 0, group
+    for what in ("Fleet", "Stepper", "TowerCraneEnv", "TowerCraneVectorEnv"):
+        assert TRIED[f"loop {what}, good"] > 0 and TRIED[f"loop {what}, some refused"] > 0, what
+    for door in DOORS:
+        assert TRIED[f"export {door}, good"] > 0, door
 
 
 # --- the generators cover what there is -----------------------------------------------------------

@@ -253,13 +253,14 @@ class Rewritten:
 
     def attempt(self, case: Case, folder: Path) -> str:
         """Load it; simulate and record it, too, if that is asked for."""
-        return ended(lambda: load(self._text(case).encode(), folder, whole=self.whole))
+        return ended(lambda: load(self.text(case).encode(), folder, whole=self.whole))
 
     def shown(self, case: Case) -> str:
         """What is done."""
         return f"{self.name}: {case.parts}"
 
-    def _text(self, case: Case) -> str:
+    def text(self, case: Case) -> str:
+        """The description."""
         robot = ET.fromstring(slim())
         elements = list(robot.iter())
         for kind, first, second, third, word in case.parts:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from tests.system.fuzz import api, files, lines, signals
+from tests.system.fuzz import api, doors, files, lines, loops, signals, sites, trees
 from tests.system.fuzz.core import Generator
 
-_ALL: list[Generator] = [*lines.GENERATORS, *files.GENERATORS, *api.GENERATORS, *signals.GENERATORS]
+_ALL: list[Generator] = [
+    generator
+    for module in (lines, files, trees, sites, doors, loops, api, signals)
+    for generator in module.GENERATORS
+]
 GENERATORS = {generator.name: generator for generator in _ALL}
 """By name."""
