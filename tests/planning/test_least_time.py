@@ -27,7 +27,7 @@ from cranedyn.planning.clearance import Clearance  # noqa: E402
 from cranedyn.planning.half_spaces import half_spaces  # noqa: E402
 from cranedyn.planning.least_time import in_least_time  # noqa: E402
 from cranedyn.planning.lift import Lift  # noqa: E402
-from cranedyn.planning.move import Preference  # noqa: E402
+from cranedyn.planning.move import Move, Preference  # noqa: E402
 from cranedyn.planning.optimal import optimal  # noqa: E402
 from cranedyn.planning.proof import Unproven, unproven_row  # noqa: E402
 
@@ -221,6 +221,23 @@ def test_a_motion_that_is_not_proven_is_not_returned(monkeypatch: pytest.MonkeyP
     with pytest.raises(Unproven, match=r"not proven to keep the distance .* at t = ") as why:
         optimal(crane(), start, goal, LIMITS, clearance=asked)  # straight through the wall
     assert 0.0 < why.value.t < 40.0
+
+
+def test_among_obstacles_drives_stay_inside_their_ranges_as_far_as_start_and_goal_do(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Between the points of a plan a motion left the range of the trolley by 3e-5 m."""
+    from cranedyn.planning import optimal as module
+
+    moves: list[Move] = []
+    monkeypatch.setattr(module, "problem", lambda move, _: moves.append(move))
+    monkeypatch.setattr(transcription, "solve", lambda problem, guess, **_: guess)
+    start, goal = crane().state(x=12.0, l=15.0), crane().state(x=21.9998, l=15.0)
+    optimal(crane(), start, goal, LIMITS, clearance=clearance(swing=0.2))
+    (low, high), own = moves[0].ranges, np.array([crane().lower, crane().upper])
+    assert low[1] == own[0, 1] + 1e-3
+    assert high[1] == 21.9998
+    assert high[4] == own[1, 4] - 1e-3
 
 
 def test_a_motion_whose_rope_leans_more_than_the_site_allows_is_not_returned(
