@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
 
 from cranedyn.compiled.horizon.memory import Shape
@@ -45,7 +46,7 @@ class Problem(NamedTuple):
     @property
     def weight(self) -> np.ndarray:
         """Of states and inputs together."""
-        return sp.block_diag([self.q, self.r]).toarray()
+        return scipy.linalg.block_diag(self.q, self.r)
 
     def value(self, found: np.ndarray) -> float:
         """Cost of what is found, what exceeding bounds costs among it."""

@@ -120,7 +120,7 @@ def test_a_steady_wind_pushes_with_the_square_of_its_speed() -> None:
     )
     rest = disturbance(0.0, c.start)
     assert_allclose(
-        rest, [[0.0, 0.5 * 1.225 * 5.0 * 400.0, 0.0], [0.0, 0.5 * 1.225 * 400.0, 0.0]], atol=1e-12
+        rest, [[0.0, 0.5 * 1.25 * 5.0 * 400.0, 0.0], [0.0, 0.5 * 1.25 * 400.0, 0.0]], atol=1e-12
     )
 
 
