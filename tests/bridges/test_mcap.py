@@ -194,8 +194,8 @@ def test_a_recording_is_analysed_as_the_run_itself(
             == 0
         )
     ours, same, _ = json.loads((tmp_path / "out" / "result.json").read_text())["tables"][0]["rows"]
-    # A time that rounds to 4 s or just below is a row more or less.
-    assert_allclose(ours[2:], same[2:], rtol=2e-5)
+    # A time that rounds to 4 s or just below is a row more or less of all.
+    assert_allclose(ours[2:], same[2:], rtol=1.0 / len(run))
 
 
 def bag(

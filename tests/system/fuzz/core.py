@@ -11,6 +11,7 @@ import signal
 import sys
 import tempfile
 import traceback
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -144,7 +145,10 @@ def judged(generator: Generator, case: Case, base: Path | None = None) -> Verdic
     folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir=base))
     home = os.getcwd()
     try:
-        with _raw_words(folder) as raw, _limited(BUDGET):
+        with _raw_words(folder) as raw, _limited(BUDGET), warnings.catch_warnings():
+            # As Python does by default: an interruption between the opening of a file and its
+            # `with` leaves it to be collected.
+            warnings.simplefilter("ignore", ResourceWarning)
             verdict = _attempted(generator, case, folder)
         said = raw()
     finally:
