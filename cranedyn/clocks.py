@@ -126,6 +126,11 @@ def intervals(name: str, duration: float, step: float) -> int:
     return math.ceil(duration / step - 1e-9)
 
 
+def whole_periods(time: float, control_period: float) -> float:
+    """Round a time to whole control periods, one at least [s]."""
+    return control_period * max(1, round(time / control_period))
+
+
 def multiple(name: str, value: float, of_name: str, of: float) -> int:
     """How many times one time [s] goes into another.
 

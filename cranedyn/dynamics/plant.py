@@ -260,12 +260,23 @@ class Plant:
         ) + rigid_body.potential_energy(self.tree, where)
         return rigid if self.joint.springs is None else rigid + self.joint.springs.energy(q)
 
+    @property
+    def plumb_at_zero(self) -> bool:
+        """Whether the load hangs plumb where the swing joints are at zero."""
+        return not any(np.any(part) for part in self.rest)
+
+    def hanging_angles(self, drives: np.ndarray) -> np.ndarray:
+        """Return where the swing joints hang for coordinates of the drives, to first order about
+        the start [rad], shape (swings,).
+        """
+        angle, slope = self.rest
+        return angle + slope @ drives
+
     def swing_angles(self, q: np.ndarray) -> dict[int, Any]:
         """Angles of the swing joints from where they hang [rad], by their place among the
         coordinates.
         """
-        angle, slope = self.rest
-        hanging = angle + slope @ q[self.topology.layout.drives]
+        hanging = self.hanging_angles(q[self.topology.layout.drives])
         return {i: q[i] - at for (i, _), at in zip(self.topology.swings, hanging, strict=True)}
 
     def swing(self, q: np.ndarray, v: np.ndarray) -> tuple[Any, Any]:

@@ -31,6 +31,10 @@ _SIZE = {"revolute": 1.0, "prismatic": 10.0}
 PLUMB = 1e-9
 """How far from its balance an elastic crane may be at rest [rad or m]."""
 
+_INSIDE = 1e-3
+"""How far drives stay from the ends of their ranges [rad or m] where start and goal do: ranges are
+kept at points of a plan, and between these motions curve by 3e-5 m; a controller adds as much."""
+
 _WITHIN = 0.02
 """By which share less the rope leans than the site allows, for what it does between points."""
 
@@ -107,8 +111,12 @@ class Move:
     @property
     def ranges(self) -> np.ndarray:
         """Least and largest coordinates, shape (2, n)."""
-        own = np.array([self.crane.lower, self.crane.upper])
-        return own if self.given is None else self.given
+        if self.given is not None:
+            return self.given
+        ends = np.array([self.start.q, self.goal.q])
+        lower = np.minimum(self.crane.lower + _INSIDE, ends.min(axis=0))
+        upper = np.maximum(self.crane.upper - _INSIDE, ends.max(axis=0))
+        return np.array([lower, upper])
 
     @property
     def joints(self) -> list[int]:

@@ -65,10 +65,6 @@ tried where a plan is not proven."""
 _NEAR = 1e-6
 """How far a motion may begin and end from where it should [rad or m]."""
 
-_INSIDE = 1e-3
-"""How far drives stay from the ends of their ranges [rad or m] where start and goal do: ranges are
-kept at points of the plan, and between these motions curve by 3e-5 m; a controller adds as much."""
-
 _TURNED = 1e-3
 """How far the jib stays from the end of the free slew angles [rad]: more than it turns between rows
 of a motion."""
@@ -344,9 +340,7 @@ def _among(move: Move, clearance: Clearance) -> Move:
     slews = slew_range(
         clearance, float(move.start.q[slew]), float(crane.lower[slew]), float(crane.upper[slew])
     )
-    ends = np.array([move.start.q, move.goal.q])
-    lower = np.minimum(crane.lower + _INSIDE, ends.min(axis=0))
-    upper = np.maximum(crane.upper - _INSIDE, ends.max(axis=0))
+    lower, upper = move.ranges
     lower[hoist] = max(lower[hoist], clearance.shortest)
     lower[slew], upper[slew] = slews.low + _TURNED * bool(slews.below), slews.high
     upper[slew] -= _TURNED * bool(slews.above)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cranedyn.clocks import whole_periods
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.controllers.damped import damped
 from cranedyn.controllers.integral import HoistIntegral
@@ -265,6 +266,7 @@ def _receding(
         swing_limit=swing,
         input_weight=SOFTER_PLAN * usual if drive == "velocity" else None,
         control_period=setup.control_period,
+        period=mpc_period(setup),
     )
 
 
@@ -340,7 +342,7 @@ def mpc_period(setup: harness.Setup) -> float:
     """Time between optimisations of the MPC [s], 50 ms or the multiple of the control period that
     is nearest.
     """
-    return setup.control_period * max(1, round(0.05 / setup.control_period))
+    return whole_periods(0.05, setup.control_period)
 
 
 COMPILED_MPC, TO_GOAL = "flat + compiled MPC", "MPC to the goal"

@@ -80,13 +80,12 @@ def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:
     joints by a step of Newton's method from where they hang to first order.
     """
     layout, swings = plant.topology.layout, [i for i, _ in plant.topology.swings]
-    angle, slope = plant.rest
     still = array([0.0] * layout.n)
     q = still.copy()
     q[layout.drives] = drives
-    if not (np.any(angle) or np.any(slope)):
+    if plant.plumb_at_zero:
         return q
-    q[swings] = angle + slope @ drives
+    q[swings] = plant.hanging_angles(drives)
     (at,) = variables(q)
     forces = rigid_body.inverse_dynamics(
         plant.tree, rigid_body.frames(plant.tree, at), still, constants(still, layout.n)

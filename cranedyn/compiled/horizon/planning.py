@@ -6,7 +6,6 @@ nonlinear optimization in optimal feedback control").
 
 from __future__ import annotations
 
-import numpy as np
 from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, Code, Value
@@ -152,12 +151,11 @@ class _Plan:
         """Bounds of swing joints whose rest depends on the drives: about where they hang now, about
         where they hang at the goal, and between.
         """
-        angle, slope = self.plant.rest
-        if not (np.any(angle) or np.any(slope)):
+        if self.plant.plumb_at_zero:
             return
         drives = self.layout.drives.tolist()
         ends = [
-            angle + slope @ array([self.common.one(name, 0, i) for i in drives])
+            self.plant.hanging_angles(array([self.common.one(name, 0, i) for i in drives]))
             for name in ("start", "goal")
         ]
         for (i, _), a, b in zip(self.plant.topology.swings, *ends, strict=True):

@@ -13,7 +13,7 @@ from llvmlite import ir
 
 from cranedyn.arguments import check_word, checked
 from cranedyn.arrays import OneLine, finite
-from cranedyn.clocks import SAME_PERIOD, multiple
+from cranedyn.clocks import SAME_PERIOD, multiple, whole_periods
 from cranedyn.compiled.door import Instant
 from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.control import (
@@ -69,9 +69,6 @@ PENDULUM = 7.75356
 with 14.9 m of cable, the middle of its range."""
 
 
-_TIMES = ("period", "to_goal", "on_path", "settling", "smoothing", "recalled")
-
-
 @dataclass(frozen=True)
 class Tuning:
     """Times and errors with which a predictive controller is made, ours.
@@ -110,27 +107,19 @@ class Tuning:
         ]
         return tuple(error[part] for part in (0, 1) for error in each)
 
-    @classmethod
-    def of(cls, crane: Crane) -> Tuning:
-        """Return that of a crane, by the slowest swing with its drives in the middle of their
-        ranges.
-        """
-        usual, layout = cls(), crane.layout
-        believed = plant(Topology.of(crane), numbers(crane).tolist(), "motion", False)
-        q, middle = crane.start.q.copy(), (crane.lower + crane.upper) / 2.0
-        drives = layout.drives[np.isfinite(middle[layout.drives])]
-        q[drives] = middle[drives]
-        frequencies = _frequencies(believed, crane.resting(q))
-        swinging = frequencies[frequencies > 1e-6 * frequencies.max(initial=0.0)]
-        if not len(swinging):
-            return usual
-        time = 2.0 * math.pi / float(swinging.min()) / PENDULUM
-        length = time**2
-        return cls(
-            **{name: getattr(usual, name) * time for name in _TIMES},
-            payload=(usual.payload[0] * length, usual.payload[1] * length / time),
-            revolute=(usual.revolute[0], usual.revolute[1] / time),
-            prismatic=(usual.prismatic[0] * length, usual.prismatic[1] * length / time),
+    def slower(self, time: float) -> Tuning:
+        """Return that of a crane all of whose motions take so many times as long."""
+        length = time**2  # so that rates go with the time
+        return Tuning(
+            period=self.period * time,
+            to_goal=self.to_goal * time,
+            on_path=self.on_path * time,
+            settling=self.settling * time,
+            smoothing=self.smoothing * time,
+            recalled=self.recalled * time,
+            payload=(self.payload[0] * length, self.payload[1] * time),
+            revolute=(self.revolute[0], self.revolute[1] / time),
+            prismatic=(self.prismatic[0] * length, self.prismatic[1] * time),
         )
 
 
@@ -379,12 +368,14 @@ def receding(
             "This predictive controller is made for a rigid crane; this one has springs."
         )
     number("control_period", control_period, "s", "> 0")
-    tuning = Tuning.of(crane)
+    topology, values = Topology.of(crane), tuple(numbers(crane).tolist())
+    swing_period = _swing_period(crane, plant(topology, list(values), "motion", False))
+    tuning = Tuning().slower(swing_period / PENDULUM)
     if period is None:
-        period = _whole_periods(tuning.period, control_period)
+        period = whole_periods(tuning.period, control_period)
     if stage is None:
         length = tuning.to_goal if motion is None else tuning.on_path
-        stage = _whole_periods(length, control_period)
+        stage = whole_periods(length, control_period)
     settling = max(tuning.settling, control_period) if settling is None else settling
     smoothing = tuning.smoothing if smoothing is None else smoothing
     payload_errors = tuning.payload if payload_errors is None else payload_errors
@@ -408,8 +399,8 @@ def receding(
     weight = 0.0 if hoist is None else float(abs(holding_effort(crane, crane.start.q)[hoist]))
     path = np.zeros((0, 2 * layout.n)) if motion is None else np.hstack([motion.q, motion.v])
     programme = Programme(
-        Topology.of(crane),
-        tuple(numbers(crane).tolist()),
+        topology,
+        values,
         drive,
         stages,
         stage,
@@ -490,13 +481,13 @@ def _possible(crane: Crane, rates: np.ndarray, programme: Programme) -> dict[str
     span = crane.upper - crane.lower
     least[drives], most[drives] = (crane.lower - span)[drives], (crane.upper + span)[drives]
     ends = np.clip([crane.lower[drives], crane.upper[drives]], -_NONE, _NONE)[:, None]
-    shares = crane.rest.slope * ends
-    hangs = crane.rest.angle + np.array([part.sum(-1) for part in (shares.min(0), shares.max(0))])
+    turned = crane.rest.slope * ends
     short = start.copy()
     if (hoist := layout.drive_of("hoist")) is not None:
         short[drives[hoist]] = crane.lower[drives[hoist]]
     swinging = 2.0 * math.sqrt(2.0) * _frequencies(programme.plant, short).max(initial=0.0)
-    least[swings], most[swings] = hangs.min(axis=0) - _RIGHT, hangs.max(axis=0) + _RIGHT
+    least[swings] = crane.rest.angle + turned.min(axis=0).sum(axis=-1) - _RIGHT
+    most[swings] = crane.rest.angle + turned.max(axis=0).sum(axis=-1) + _RIGHT
     most[n + swings], most[n + drives] = swinging, _FASTEST * rates
     least[n:] = -most[n:]
     return {
@@ -515,9 +506,16 @@ def _frequencies(plant: Plant, q: np.ndarray) -> np.ndarray:
     return np.sqrt(np.clip(np.linalg.eigvals(stiffness).real, 0.0, None))
 
 
-def _whole_periods(time: float, control_period: float) -> float:
-    """Round a time to whole control periods, one at least [s]."""
-    return control_period * max(1, round(time / control_period))
+def _swing_period(crane: Crane, plant: Plant) -> float:
+    """Return the period of the slowest swing with the drives in the middle of their ranges [s], or
+    `PENDULUM` if nothing swings.
+    """
+    q, middle = crane.start.q.copy(), (crane.lower + crane.upper) / 2.0
+    drives = crane.layout.drives[np.isfinite(middle[crane.layout.drives])]
+    q[drives] = middle[drives]
+    frequencies = _frequencies(plant, crane.resting(q))
+    swinging = frequencies[frequencies > 1e-6 * frequencies.max(initial=0.0)]
+    return 2.0 * math.pi / float(swinging.min()) if len(swinging) else PENDULUM
 
 
 def _table(programme: Programme, cost: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:

@@ -36,7 +36,7 @@ from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from tests.system.fuzz.core import Broken, Case, Generator
-from tests.system.fuzz.files import Edited, Rewritten, ended, slim
+from tests.system.fuzz.files import Edited, Rewritten, check_read, ended, slim
 from tests.system.fuzz.lines import FILES, settings
 from tests.system.fuzz.odd import NUMBERS
 
@@ -121,10 +121,7 @@ def _read(ending: str) -> Callable[[bytes, int, Path], str]:
 
         def all_of_it() -> None:
             found = bags.read_columns(path, _COLUMNS)
-            if not all(np.isfinite(values).all() for values in found.values()):
-                raise Broken("a recording was read with a number that is not finite", found)
-            if not (np.diff(found["t_s"]) > 0.0).all():
-                raise Broken("a recording was read whose time does not increase", found["t_s"])
+            check_read("a recording", found["t_s"], *found.values())
 
         ended(lambda: bags.columns(path))
         return ended(all_of_it)

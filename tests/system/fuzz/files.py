@@ -47,6 +47,18 @@ WORDS = (
 ).split()
 
 
+def check_read(what: str, t: np.ndarray, *columns: np.ndarray) -> None:
+    """Return if what was read has finite numbers and a time that increases.
+
+    Raises:
+        Broken: If it has not.
+    """
+    if not all(np.isfinite(values).all() for values in columns):
+        raise Broken(f"{what} was read with a number that is not finite", columns)
+    if not (np.diff(t) > 0.0).all():
+        raise Broken(f"{what} was read whose time does not increase", t)
+
+
 def ended(what: Callable[[], object]) -> str:
     """How it ends, good or refused; whatever is refused is so in one printable sentence."""
     try:
@@ -324,13 +336,7 @@ def _table(ending: str) -> Callable[[bytes, int, Path], str]:
         def both() -> None:
             found = read_columns(path, ("t_s", "phi_rad", "l_m"))
             whole = read(path)
-            if not (
-                all(np.isfinite(values).all() for values in found.values())
-                and np.isfinite(whole.q).all()
-            ):
-                raise Broken("a table was read with a number that is not finite")
-            if not (np.diff(whole.t) > 0).all():
-                raise Broken("a table was read whose time does not increase")
+            check_read("a table", whole.t, whole.q, *found.values())
 
         return ended(both)
 
