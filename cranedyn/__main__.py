@@ -129,7 +129,7 @@ def _view(argv: Sequence[str]) -> int:
             ) as served,
             contextlib.suppress(KeyboardInterrupt),
         ):
-            print(served.words, flush=True)
+            print(served.message, flush=True)
             served.wait()
         return 0
 

@@ -408,7 +408,7 @@ class _Sinks:
         elif options.serve:
             server = stack.enter_context(recording.serve(port=options.port))
             viewer = server.data
-            print(server.words)
+            print(server.message)
         self._live = partial(recording.Live, setup.crane, "demo", title="The demo under way")
         self._path, self._begin = options.recording, 0.0
         self._shown = [stack.enter_context(self._live(viewer=viewer))] if viewer else []

@@ -11,6 +11,7 @@ import argparse
 import sys
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress
@@ -18,7 +19,7 @@ from rich.progress import Progress
 from cranedyn.command import Parser, command
 from cranedyn.data.files import reserved, together
 from cranedyn.errors import number
-from cranedyn.recording.snapshot import animate, film, snapshot
+from cranedyn.recording.snapshot import animate, frame_times, snapshot
 from experiments.harness.arguments import called
 
 
@@ -75,47 +76,42 @@ def main(arguments: list[str] | None = None) -> int:
     )
 
     def run() -> int:
-        given = parser.parse_args(arguments)
-        if not given.times and not given.gif:
+        options = parser.parse_args(arguments)
+        if not options.times and not options.gif:
             parser.error("nothing to do: give times with -t or a span with --gif")
-        # All of them, or none.
-        with reserved(given.out) if given.times else nullcontext(), together():
-            paths = _pictures(given)
+        # All pictures are written, or none.
+        with reserved(options.out) if options.times else nullcontext(), together():
+            paths = _write(options)
         print(*paths, sep="\n")
         return 0
 
     return command(run)
 
 
-def _pictures(given: argparse.Namespace) -> list[Path]:
-    size, whole, paths = tuple(given.size), given.view == "dashboard", []
-    if given.gif:
-        span = number("START", given.gif[0], "s"), number("END", given.gif[1], "s")
-        film(span, given.gif[2], fps=given.fps, size=size)  # judged before a picture is taken
+def _write(options: argparse.Namespace) -> list[Path]:
+    """Write the pictures and return their paths."""
+    size, paths = tuple(options.size), []
+    if options.gif:
+        start, end, file = options.gif
+        span = number("START", start, "s"), number("END", end, "s")
+        frame_times(span, file, fps=options.fps, size=size)  # checked before a picture is taken
     with Progress(
         console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()
     ) as bar:
         task = bar.add_task("pictures", total=None)
 
-        def progress(done: int) -> None:
-            bar.update(task, completed=done, description=f"{done} pictures")
+        def progress(count: int) -> None:
+            bar.update(task, completed=count, description=f"{count} pictures")
 
-        if given.times:
-            paths += snapshot(
-                given.recording, given.times, given.out, size=size, whole=whole, progress=progress
-            )
-        if given.gif:
-            paths.append(
-                animate(
-                    given.recording,
-                    span,
-                    given.gif[2],
-                    fps=given.fps,
-                    size=size,
-                    whole=whole,
-                    progress=progress,
-                )
-            )
+        more: Any = {
+            "size": size,
+            "dashboard": options.view == "dashboard",
+            "progress": progress,
+        }
+        if options.times:
+            paths += snapshot(options.recording, options.times, options.out, **more)
+        if options.gif:
+            paths.append(animate(options.recording, span, file, fps=options.fps, **more))
     return paths
 
 

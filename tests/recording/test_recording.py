@@ -192,11 +192,7 @@ def test_the_outline_hangs_at_rest_where_the_drives_are_wanted(file: Path, movin
 def test_a_crane_without_visuals_still_shows_a_payload(
     crane: Crane, moving: Trajectory, tmp_path: Path
 ):
-    import re
-
-    text = re.sub(r"<visual>.*?</visual>", "", crane.urdf, flags=re.DOTALL).replace(
-        "hook_link", "ball"
-    )
+    text = re.sub(r"<visual>.*?</visual>", "", crane.urdf, flags=re.DOTALL)
     bare = replace(crane, written=lambda: text)
     path = record(tmp_path / "bare.rrd", [Run("bare", bare, moving)], title="Bare")
     boxes = {
@@ -204,7 +200,7 @@ def test_a_crane_without_visuals_still_shows_a_payload(
         for entity, batch in chunks(path)
         if "Boxes3D:half_sizes" in batch.schema.names
     }
-    assert boxes.keys() == {"/bare/scene/ball/box", "/bare/scene/setpoint/box"}
+    assert boxes.keys() == {"/bare/scene/hook_link/box", "/bare/scene/setpoint/box"}
 
 
 def test_what_is_setpoint_takes_no_rows_while_it_does_not_change(crane: Crane, tmp_path: Path):
@@ -451,15 +447,15 @@ def test_a_viewer_that_we_start_sends_nothing_and_leaves_the_users_own_setting_a
     allowed = server.data.removeprefix("rerun+").removesuffix("/proxy")
     assert re.findall(r"\w+://[^ ;]*", policy) == [allowed] and "default-src 'self'" in policy
     assert list(tmp_path.iterdir()) == []
-    assert "Every program on this machine can read what is served, and add to it." in server.words
-    assert server.address in server.words
+    assert "Every program on this machine can read what is served, and add to it." in server.message
+    assert server.address in server.message
 
 
 def _pair() -> int:
     """A port that is free, as is the next."""
-    from cranedyn.recording.process import free, free_port
+    from cranedyn.recording.process import free_port, is_free
 
-    return next(port for port in iter(free_port, None) if free(port + 1) and port < 65534)
+    return next(port for port in iter(free_port, None) if is_free(port + 1) and port < 65534)
 
 
 def test_what_is_no_recording_is_neither_served_nor_opened(file: Path, tmp_path: Path):

@@ -99,7 +99,7 @@ INTERNAL = tuple(
 """What only our own code calls, in inner loops or with what was checked before; of the packages
 above, what they do not name as theirs."""
 
-NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
+NOT_CALLED = ("main", "open_viewer", "serve", "view", "check_display")
 """What would open a window or a port; their arguments are tried on the command line."""
 
 WITHIN = (
@@ -253,8 +253,8 @@ RIGHT: dict[str, str] = {
     "animate.path": "'new.gif'",
     "snapshot.times": "[0.01]",
     "animate.span": "(0.0, 0.1)",
-    "film.span": "(0.0, 0.1)",
-    "film.path": "'new.gif'",
+    "frame_times.span": "(0.0, 0.1)",
+    "frame_times.path": "'new.gif'",
     "check_port.port": "28431",
     "__getitem__.column": "'t_s'",
     "step_gust.base": "steady(8.0)",

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-from cranedyn.recording.process import free, free_port
+from cranedyn.recording.process import free_port, is_free
 from tests.system.fuzz.core import PATIENCE, ROOT, Broken, Case, Generator
 from tests.system.fuzz.lines import check_whole, commands
 
@@ -58,7 +58,7 @@ class Signals:
         """
         command, name, after, serves = case.head
         port = (
-            next((port for port in iter(free_port, 0) if port < 65535 and free(port + 1)), 0)
+            next((port for port in iter(free_port, 0) if port < 65535 and is_free(port + 1)), 0)
             if serves
             else 0
         )
