@@ -19,7 +19,7 @@ from rich.progress import Progress
 from cranedyn.command import Parser, command
 from cranedyn.data.files import reserved, together
 from cranedyn.errors import number
-from cranedyn.recording.snapshot import animate, frame_times, snapshot
+from cranedyn.recording.snapshot import animate, snapshot
 from experiments.harness.arguments import called
 
 
@@ -89,12 +89,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _write(options: argparse.Namespace) -> list[Path]:
-    """Write the pictures and return their paths."""
-    size, paths = tuple(options.size), []
-    if options.gif:
-        start, end, file = options.gif
-        span = number("START", start, "s"), number("END", end, "s")
-        frame_times(span, file, fps=options.fps, size=size)  # checked before a picture is taken
+    """Write the pictures, the moving one first, and return their paths."""
+    paths: list[Path] = []
+    more: Any = {"size": tuple(options.size), "dashboard": options.view == "dashboard"}
     with Progress(
         console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()
     ) as bar:
@@ -103,15 +100,15 @@ def _write(options: argparse.Namespace) -> list[Path]:
         def progress(count: int) -> None:
             bar.update(task, completed=count, description=f"{count} pictures")
 
-        more: Any = {
-            "size": size,
-            "dashboard": options.view == "dashboard",
-            "progress": progress,
-        }
-        if options.times:
-            paths += snapshot(options.recording, options.times, options.out, **more)
         if options.gif:
-            paths.append(animate(options.recording, span, file, fps=options.fps, **more))
+            start, end, file = options.gif
+            span = number("START", start, "s"), number("END", end, "s")
+            gif = animate(options.recording, span, file, fps=options.fps, progress=progress, **more)
+            paths.append(gif)
+        if options.times:
+            paths[:0] = snapshot(
+                options.recording, options.times, options.out, progress=progress, **more
+            )
     return paths
 
 

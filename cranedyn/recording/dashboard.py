@@ -22,17 +22,17 @@ _PAYLOAD_DISTANCE = 14.0
 def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
     """Return the layout for runs and their tables; without tables, for runs that are beginning."""
     names = {name for run in runs for name in plots(run.crane.layout)}
-    joints = {joint.symbol: joint for run in runs for joint in run.crane.layout.driven}
-    efforts = list(
-        dict.fromkeys(joint.effort_name for run in runs for joint in run.crane.layout.driven)
-    )
-    busiest = _busiest_drive(runs, list(joints))
+    driven = [joint for run in runs for joint in run.crane.layout.driven]
+    symbols = list(dict.fromkeys(joint.symbol for joint in driven))
+    efforts = list(dict.fromkeys(joint.effort_name for joint in driven))
+    busiest = _busiest_drive(runs, symbols)
     efforts.insert(0, efforts.pop(busiest))
     efforts += [name for name in ("speeds", "angular speeds") if name in names]
     energies = [
         plot("energy", [run], tables[i : i + 1], f"Energy [J] · {run.name}" * (len(runs) > 1))
         for i, run in enumerate(runs)
     ]
+    drives_and_speeds = [plot(name, runs, tables) for name in efforts]
     passive = [plot(name, runs, tables) for name in ("swing", "stretch") if name in names]
     return rrb.Blueprint(
         rrb.Horizontal(
@@ -42,14 +42,9 @@ def dashboard(runs: Sequence[Run], tables: Sequence[Table]) -> rrb.Blueprint:
                 row_shares=[7, 2],
             ),
             rrb.Vertical(
-                rrb.Tabs(*(plot(name, runs, tables) for name in joints), active_tab=busiest),
+                rrb.Tabs(*(plot(name, runs, tables) for name in symbols), active_tab=busiest),
                 rrb.Tabs(*passive) if len(passive) > 1 else (passive or energies)[0],
-                rrb.Tabs(
-                    energies[0],
-                    *(plot(name, runs, tables) for name in efforts),
-                    *energies[1:],
-                    active_tab=0,
-                ),
+                rrb.Tabs(energies[0], *drives_and_speeds, *energies[1:], active_tab=0),
                 row_shares=[3, 4, 4],
             ),
             column_shares=[11, 9],

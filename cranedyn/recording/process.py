@@ -21,22 +21,8 @@ HOST = "127.0.0.1"
 """The only interface that viewers listen on."""
 
 _START_SECONDS = 30.0
-_QUIET: dict[str, Any] = {
-    "stdin": subprocess.DEVNULL,
-    "stdout": subprocess.DEVNULL,
-    "stderr": subprocess.DEVNULL,
-}
-_GUARD = """
-import os, signal, sys, time
-parent, child = map(int, sys.argv[1:])
-try:
-    while os.getppid() == parent:
-        os.kill(child, 0)
-        time.sleep(0.5)
-    os.kill(child, signal.SIGKILL)
-except ProcessLookupError:
-    pass
-"""
+_QUIET: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+_GUARD = "import os, sys; sys.stdin.read(); os.kill(int(sys.argv[1]), 9)"
 _GUARDS: dict[int, subprocess.Popen[bytes]] = {}
 """The guard of each guarded process, by process id."""
 
@@ -63,8 +49,11 @@ def start(
     if "--headless" in arguments and drivers and not chosen:
         environment["VK_ICD_FILENAMES"] = str(drivers[0])
     command = [str(_program()), "--bind", HOST, *arguments]
+    null = subprocess.DEVNULL
     try:
-        process = subprocess.Popen(command, env=environment, start_new_session=detached, **_QUIET)
+        process = subprocess.Popen(
+            command, env=environment, start_new_session=detached, stdin=null, **_QUIET
+        )
     except OSError as error:
         raise CraneError(f"Rerun's viewer cannot be started: {error.strerror}.") from error
     try:
@@ -85,12 +74,14 @@ def start(
 
 
 def guard(process: subprocess.Popen[bytes]) -> None:
-    """Have a process killed within a second after this program has ended, even by a kill.
+    """Have a process killed when this program ends, even by a kill.
 
-    A small process checks both twice a second; it ends with either of them, or by `end`.
+    A small process waits for the end of a pipe that this program holds open; `end` ends it, too.
     """
-    command = [sys.executable, "-I", "-S", "-c", _GUARD, str(os.getpid()), str(process.pid)]
-    _GUARDS[process.pid] = subprocess.Popen(command, start_new_session=True, **_QUIET)
+    command = [sys.executable, "-I", "-S", "-c", _GUARD, str(process.pid)]
+    _GUARDS[process.pid] = subprocess.Popen(
+        command, stdin=subprocess.PIPE, start_new_session=True, **_QUIET
+    )
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
@@ -102,8 +93,8 @@ def end(process: subprocess.Popen[bytes]) -> None:
         process.kill()
         process.wait()
     if watcher := _GUARDS.pop(process.pid, None):
-        watcher.kill()
-        watcher.wait()
+        with watcher:
+            watcher.kill()
 
 
 def is_free(port: int) -> bool:

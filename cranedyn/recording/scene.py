@@ -50,31 +50,27 @@ class Look(NamedTuple):
 
     Attributes:
         colour: Hex colour of payload and path.
-        alpha: Opacity of the structure; a crane at the offset of an earlier one is transparent.
+        overlaps: Number of earlier cranes at the same offset; after the first the structure is
+            transparent, and labels stand below each other.
         label: Text below the payload, empty for none.
-        label_depth: Distance of the label below the payload [m].
         arrow: Length of the swing arrows [m/°], the same for all runs.
     """
 
     colour: str
-    alpha: float
+    overlaps: int
     label: str
-    label_depth: float
     arrow: float
 
 
 def looks(runs: Sequence[Run]) -> list[Look]:
     """Return the appearance of each run."""
-    swing = max(
-        np.degrees(np.abs(run.trajectory.q[:, run.crane.swings])).max(initial=0.0) for run in runs
-    )
+    swings = [np.degrees(run.trajectory.q[:, run.crane.swings]) for run in runs]
+    swing = max(np.abs(angles).max(initial=0.0) for angles in swings)
     arrow = next((scale for scale in (0.5, 0.2, 0.1) if scale * swing <= _MAX_ARROW), 0.05)
-    styles = []
-    for i, (run, colour) in enumerate(zip(runs, colours(runs), strict=True)):
-        overlaps = sum(tuple(earlier.offset) == tuple(run.offset) for earlier in runs[:i])
-        label = printable(run.name) if len(runs) > 1 else ""
-        styles.append(Look(colour, 0.25 if overlaps else 1.0, label, 1.5 + 2.6 * overlaps, arrow))
-    return styles
+    offsets = [tuple(run.offset) for run in runs]
+    labels = [printable(run.name) if len(runs) > 1 else "" for run in runs]
+    overlaps = [offsets[:i].count(offset) for i, offset in enumerate(offsets)]
+    return [Look(*look, arrow) for look in zip(colours(runs), overlaps, labels, strict=True)]
 
 
 def payload_entity(run: Run) -> str:
@@ -138,26 +134,23 @@ class Scene:
         payload = _payload_link(self._crane)
         by_link = shapes(self._crane.urdf, run.meshes)
         body = _largest(by_link[payload])
+        by_link[payload] = by_link[payload] or [body]
         colour = (*np.divide(rgb(look.colour), 255), 1.0)
+        alpha = 0.25 if look.overlaps else 1.0
         for link, link_shapes in by_link.items():
-            if link == payload:
-                painted = [
-                    replace(shape, colour=colour) if shape.colour == body.colour else shape
-                    for shape in link_shapes or [body]
-                ]
-            else:
-                painted = [
-                    replace(shape, colour=(*shape.colour[:3], look.alpha * shape.colour[3]))
-                    for shape in link_shapes
-                ]
+            painted = []
+            for shape in link_shapes:
+                paint = (*shape.colour[:3], alpha * shape.colour[3])
+                if link == payload:
+                    paint = colour if shape.colour == body.colour else shape.colour
+                painted.append(replace(shape, colour=paint))
             self._log_shapes(painted, run.frame(link), link)
-        outline = replace(
-            body, kind="box" if body.mesh else body.kind, mesh=None, colour=(0.3, 0.3, 0.3, 0.5)
-        )
+        kind = "box" if body.mesh else body.kind
+        outline = replace(body, kind=kind, mesh=None, colour=(0.3, 0.3, 0.3, 0.5))
         self._log_shapes([outline], run.frame("setpoint"), "setpoint", fill_mode=_WIREFRAME)
         if look.label:
             label = rr.Points3D(
-                [[0.0, 0.0, -look.label_depth]],
+                [[0.0, 0.0, -1.5 - 2.6 * look.overlaps]],
                 radii=0.0,
                 labels=[look.label],
                 colors=rgb(mixed(look.colour, "#FFFFFF", 0.5)),
@@ -171,11 +164,11 @@ class Scene:
         """Log shapes in a frame, those of one kind as one entity, but each mesh as its own."""
         meshes = [shape for shape in link_shapes if shape.mesh is not None]
         for i, shape in enumerate(meshes):
-            vertices, triangles, normals = shape.mesh  # type: ignore[misc]
+            assert shape.mesh is not None
             mesh = rr.Mesh3D(
-                vertex_positions=vertices,
-                triangle_indices=triangles,
-                vertex_normals=normals,
+                vertex_positions=shape.mesh.vertices,
+                triangle_indices=shape.mesh.faces,
+                vertex_normals=shape.mesh.vertex_normals,
                 albedo_factor=[round(255 * c) for c in shape.colour],
             )
             self._log(frame, mesh, *parts, "mesh", str(i))
@@ -279,7 +272,7 @@ class Scene:
                 sizes=scenery.swept["sizes"],
                 quaternions=Rotation.from_euler("z", scenery.swept["yaw"]).as_quat(),
                 colors=[*rgb(_SWEPT), 25],
-                fill_mode="transparentfillmajorwireframe",
+                fill_mode=_WIREFRAME,
             )
             self._log(self._ground, boxes, "swept")
 

@@ -12,7 +12,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -28,20 +28,6 @@ _MAX_MESH_BYTES = 20_000_000
 _CIRCLE_POINTS = 12
 
 
-class Mesh(NamedTuple):
-    """Triangles in the frame of a link.
-
-    Attributes:
-        vertices: [m], shape (n, 3).
-        triangles: Indices of three vertices each, shape (m, 3).
-        normals: At the vertices, shape (n, 3).
-    """
-
-    vertices: np.ndarray
-    triangles: np.ndarray
-    normals: np.ndarray
-
-
 @dataclass(frozen=True, eq=False)
 class Shape:
     """One visual of a link.
@@ -53,7 +39,7 @@ class Shape:
         centre: In the frame of the link [m].
         rpy: Roll, pitch and yaw in that frame [rad].
         colour: Red, green, blue and alpha, 0 to 1.
-        mesh: The triangles of a mesh.
+        mesh: The `trimesh.Trimesh` of a mesh, in the frame of the link.
     """
 
     kind: str
@@ -61,7 +47,7 @@ class Shape:
     centre: tuple[float, ...] = (0.0, 0.0, 0.0)
     rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
     colour: tuple[float, ...] = (0.5, 0.5, 0.5, 1.0)
-    mesh: Mesh | None = None
+    mesh: Any = None
 
     def hull_points(self) -> np.ndarray:
         """Return points in the frame of the link [m] with the shape as convex hull, shape (n, 3).
@@ -69,7 +55,7 @@ class Shape:
         Circles have 12 corners.
         """
         if self.mesh is not None:
-            return self.mesh.vertices
+            return np.asarray(self.mesh.vertices)
         if self.kind == "box":
             points = np.array(np.meshgrid(*([-0.5, 0.5],) * 3)).reshape(3, -1).T * self.size
         else:
@@ -151,11 +137,11 @@ def _shape(
     )
     transform[:3, 3] = centre
     mesh = _load_mesh(geometry.get("filename", ""), Path(folder), transform)
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    low, high = mesh.bounds
     return Shape("mesh", (*(high - low),), (*((low + high) / 2.0),), colour=colour, mesh=mesh)
 
 
-def _load_mesh(name: str, folder: Path, transform: np.ndarray) -> Mesh:
+def _load_mesh(name: str, folder: Path, transform: np.ndarray) -> Any:
     import trimesh  # slow, and needed for meshes only
 
     path = _mesh_path(name, folder)
@@ -167,14 +153,14 @@ def _load_mesh(name: str, folder: Path, transform: np.ndarray) -> Mesh:
         )
     content = io.BytesIO(read_bytes(path, _MAX_MESH_BYTES))
     try:
-        body: Any = trimesh.load(content, file_type=kind, force="mesh", skip_materials=True)
-        body.apply_transform(transform)
-        mesh = Mesh(np.array(body.vertices), np.array(body.faces), np.array(body.vertex_normals))
+        mesh: Any = trimesh.load(content, file_type=kind, force="mesh", skip_materials=True)
+        mesh.apply_transform(transform)
+        arrays = np.asarray(mesh.vertices), np.asarray(mesh.vertex_normals)
     except Exception as error:  # parsers of mesh files raise anything
         raise DataError(
             f"The mesh {quoted(name)} cannot be read: {type(error).__name__}."
         ) from error
-    if not (len(mesh.triangles) and all(np.isfinite(array).all() for array in mesh)):
+    if not (len(mesh.faces) and all(np.isfinite(array).all() for array in arrays)):
         raise DataError(f"The mesh {quoted(name)} has no triangles, or values that are not finite.")
     return mesh
 

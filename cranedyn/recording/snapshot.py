@@ -65,7 +65,7 @@ def snapshot(
     names = [f"{Path(recording).stem}-{t:g}s.png" for t in times]
     if len(set(names)) < len(names):
         raise OutOfRange("times", list(times), "each time once, as far as six digits tell", "s")
-    paths = [Path(folder) / name for name in names]
+    paths, size = [Path(folder) / name for name in names], _check_size(size)
     with _pictures(Path(recording), times, size, dashboard) as pictures:
         for i, (path, picture) in enumerate(zip(paths, pictures, strict=True)):
             make_folder(path.parent)
@@ -103,9 +103,11 @@ def animate(
         DataError: If the recording cannot be read or the GIF cannot be written.
         CraneError: If there is no viewer, or no driver for it.
     """
-    path, times = Path(path), frame_times(span, path, fps=fps, size=size)
-    ends = np.append(times - times[0], span[1] - span[0] + 1.0 / fps)
-    durations = 10 * np.diff(np.round(100 * ends)).astype(int)  # [ms]
+    path, size = Path(path), _check_size(size)
+    if path.suffix != ".gif":
+        raise DataError(f"Cannot write {path}: the ending must be .gif.")
+    times, durations = _frame_times(span, fps, size)
+    check_writable(path)
     frames: list[Image.Image] = []
     with _pictures(Path(recording), times.tolist(), size, dashboard) as pictures:
         for picture in pictures:
@@ -113,71 +115,46 @@ def animate(
             frames.append(picture.quantize(128, **palette))
             if progress is not None:
                 progress(len(frames))
-    more = frames[1:]
-    _write(
-        path,
-        frames[0],
-        "GIF",
-        save_all=True,
-        append_images=more,
-        duration=durations.tolist(),
-        loop=0,
-    )
+    options = {"save_all": True, "append_images": frames[1:], "loop": 0}
+    _write(path, frames[0], "GIF", duration=durations, **options)
     return path
 
 
-def frame_times(
-    span: tuple[float, float],
-    path: str | Path,
-    *,
-    fps: float = 10.0,
-    size: tuple[int, int] = (640, 480),
-) -> np.ndarray:
-    """Return the times of the pictures of a GIF [s], shape (n,), and check arguments of `animate`.
-
-    Raises:
-        OutOfRange: For a span that is empty, a rate or a size that is not allowed, or too many
-            pictures.
-        DataError: If the GIF cannot be written there.
-    """
-    if Path(path).suffix != ".gif":
-        raise DataError(f"Cannot write {path}: the ending must be .gif.")
+def _frame_times(
+    span: tuple[float, float], fps: float, size: tuple[int, int]
+) -> tuple[np.ndarray, list[int]]:
+    """Return the times [s] of the pictures of a GIF and how long each is shown [ms]."""
     rate = number("pictures per second", fps, "1/s", "1 to 50")
     start, end = number("start of the span", span[0], "s"), number("end of the span", span[1], "s")
     if not end - start >= (1.0 - 1e-9) / rate:
         allowed = f"{1 / rate:g} s or more from start to end, the time of one picture"
         raise OutOfRange("span", f"{start:g} to {end:g}", allowed, "s")
-    count, (width, height) = np.floor((end - start) * rate + 1e-9) + 1.0, _check_size(size)
+    count, (width, height) = np.floor((end - start) * rate + 1e-9) + 1.0, size
     if count * width * height > _MAX_PIXELS:
         allowed = f"{_MAX_PIXELS // (width * height):.0f} or fewer of {width} x {height} pixels"
         raise OutOfRange("number of pictures", f"{count:.0f}", allowed)
-    check_writable(path)
-    return np.linspace(start, end, int(count))
+    times = np.linspace(start, end, int(count))
+    ends = np.append(times - start, end - start + 1.0 / rate)
+    return times, (10 * np.diff(np.round(100 * ends)).astype(int)).tolist()
 
 
 @contextmanager
-def headless(
-    path: str | Path, size: tuple[int, int], dashboard: bool
-) -> Iterator[tuple[Callable[[float], bytes], float, float]]:
-    """Open a recording in a viewer without a window, for as long as the context lasts.
-
-    Yields:
-        A function from time [s] to a picture as PNG, and the first and the last time of the
-        recording [s].
-
-    Raises:
-        DataError: If the path is no recording, or one without simulated time.
-        CraneError: If the viewer cannot be started, or fails.
-    """
-    path, port = check(path), free_port()
+def _pictures(
+    recording: Path, times: Sequence[float], size: tuple[int, int], dashboard: bool
+) -> Iterator[Iterator[Image.Image]]:
+    """Open a recording in a viewer without a window and yield its pictures, one by one."""
+    for t in times:
+        number("time of a picture", t, "s")
+    path, port = check(recording), free_port()
     width, height = (pixels + bar for pixels, bar in zip(size, _BARS[dashboard], strict=True))
-    options = ["--headless", "--port", str(port), "--window-size", f"{width}x{height}"]
-    options += ["--hide-welcome-screen"]
-    options += ["--renderer", "vulkan"] if sys.platform == "linux" else []
-    process = start(*options, ports=[port], hint=_DRIVER)
+    window = ["--headless", "--hide-welcome-screen", "--window-size", f"{width}x{height}"]
+    renderer = ["--renderer", "vulkan"] if sys.platform == "linux" else []
+    process = start(*window, *renderer, "--port", str(port), ports=[port], hint=_DRIVER)
     try:
         client = ViewerClient.connect(data_address(port))
         first, last = _open(client, path)
+        for t in times:
+            number("time of a picture", t, "s", f"{first:g} to {last:g}")
         view = None if dashboard else _maximise_scene(client)
 
         def picture(t: float) -> bytes:
@@ -185,7 +162,7 @@ def headless(
             return client.take_screenshot(view)
 
         _await_steady(lambda: picture(first))
-        yield picture, first, last
+        yield (_crop(picture(t), size, dashboard) for t in times)
     except (RuntimeError, ConnectionError) as error:
         raise CraneError(f"Rerun's viewer failed: {error}. {_DRIVER}") from error
     finally:
@@ -228,26 +205,11 @@ def _await_steady(picture: Callable[[], bytes]) -> None:
         before, now = now, picture()
 
 
-@contextmanager
-def _pictures(
-    recording: Path, times: Sequence[float], size: tuple[int, int], dashboard: bool
-) -> Iterator[Iterator[Image.Image]]:
-    """Check times and size, open the recording and yield its pictures."""
-    size = _check_size(size)
-    for t in times:
-        number("time of a picture", t, "s")
-    with headless(recording, size, dashboard) as (picture, first, last):
-        for t in times:
-            number("time of a picture", t, "s", f"{first:g} to {last:g}")
-        yield (_crop(picture(t), size, dashboard) for t in times)
-
-
 def _check_size(size: tuple[int, int]) -> tuple[int, int]:
-    width, height = (
-        int(number(f"{name} of the picture", value, "pixels", "200 to 4000"))
-        for name, value in zip(("width", "height"), size, strict=True)
-    )
-    return width, height
+    width, height = size
+    for name, pixels in (("width", width), ("height", height)):
+        number(f"{name} of the picture", pixels, "pixels", "200 to 4000")
+    return int(width), int(height)
 
 
 def _crop(png: bytes, size: tuple[int, int], dashboard: bool) -> Image.Image:

@@ -134,14 +134,8 @@ def open_viewer(path: str | Path | None = None) -> str:
     files = [] if path is None else [str(check(path).resolve())]
     check_display()
     port = free_port()
-    start(
-        *files,
-        "--port",
-        str(port),
-        ports=[port],
-        hint=f"Instead, {_INSTEAD}.",
-        detached=True,
-    )
+    hint = f"Instead, {_INSTEAD}."
+    start(*files, "--port", str(port), ports=[port], hint=hint, detached=True)
     return data_address(port)
 
 
@@ -164,7 +158,7 @@ def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
     hint = "It could not serve the recording."
     process = start(*options, *files, ports=[web_port, data_port], hint=hint)
     try:
-        page = Page(port, web_port, data_port)
+        page = _serve_page(port, web_port, data_port)
     except OSError as error:
         end(process)
         raise CraneError(
@@ -179,53 +173,33 @@ def data_address(port: int) -> str:
     return f"rerun+http://{HOST}:{port}/proxy"
 
 
-class Page(ThreadingHTTPServer):
-    """Rerun's web viewer, served again with a policy that keeps browsers on this machine."""
+def _serve_page(port: int, web_port: int, data_port: int) -> ThreadingHTTPServer:
+    """Serve the page of the viewer's own web server at another port, with `_POLICY`."""
+    policy = _POLICY.format(host=HOST, data=data_port)
 
-    daemon_threads = True
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            with (
+                suppress(OSError, HTTPException, ValueError),
+                closing(HTTPConnection(HOST, web_port, timeout=30.0)) as source,
+            ):
+                encoding = self.headers.get("Accept-Encoding", "identity")
+                source.request("GET", self.path, headers={"Accept-Encoding": encoding})
+                response = source.getresponse()
+                self.send_response(response.status)
+                for name, value in response.getheaders():
+                    if name.lower() not in ("server", "date", "connection", "transfer-encoding"):
+                        self.send_header(name, value)
+                self.send_header("Content-Security-Policy", policy)
+                self.end_headers()
+                shutil.copyfileobj(response, self.wfile)
 
-    def __init__(self, port: int, web_port: int, data_port: int) -> None:
-        """Serve in a thread.
+        def log_message(self, *arguments: object) -> None:
+            pass
 
-        Args:
-            port: Port of the page.
-            web_port: Port of the viewer's own web server.
-            data_port: Port of the data.
-
-        Raises:
-            OSError: If the port is in use.
-        """
-        self.web_port, self.policy = web_port, _POLICY.format(host=HOST, data=data_port)
-        super().__init__((HOST, port), _PageHandler)
-        threading.Thread(target=self.serve_forever, daemon=True).start()
-
-    def stop(self) -> None:
-        """Stop to serve."""
-        self.shutdown()
-        self.server_close()
-
-
-class _PageHandler(BaseHTTPRequestHandler):
-    server: Page
-
-    def do_GET(self) -> None:
-        with (
-            suppress(OSError, HTTPException, ValueError),
-            closing(HTTPConnection(HOST, self.server.web_port, timeout=30.0)) as source,
-        ):
-            encoding = self.headers.get("Accept-Encoding", "identity")
-            source.request("GET", self.path, headers={"Accept-Encoding": encoding})
-            response = source.getresponse()
-            self.send_response(response.status)
-            for name, value in response.getheaders():
-                if name.lower() not in ("server", "date", "connection", "transfer-encoding"):
-                    self.send_header(name, value)
-            self.send_header("Content-Security-Policy", self.server.policy)
-            self.end_headers()
-            shutil.copyfileobj(response, self.wfile)
-
-    def log_message(self, *arguments: object) -> None:
-        """Print nothing."""
+    page = ThreadingHTTPServer((HOST, port), Handler)
+    threading.Thread(target=page.serve_forever, daemon=True).start()
+    return page
 
 
 @dataclass(frozen=True)
@@ -236,13 +210,13 @@ class Server:
         address: Address for a browser on this machine.
         data: Address at which it takes live data.
         process: The viewer's process.
-        page: The page.
+        page: The server of the page.
     """
 
     address: str
     data: str
     process: subprocess.Popen[bytes]
-    page: Page
+    page: ThreadingHTTPServer
 
     @property
     def message(self) -> str:
@@ -259,7 +233,8 @@ class Server:
 
     def stop(self) -> None:
         """End the server."""
-        self.page.stop()
+        self.page.shutdown()
+        self.page.server_close()
         end(self.process)
 
     def __enter__(self) -> Server:

@@ -64,7 +64,7 @@ def test_a_mesh_has_the_place_size_and_colour_of_its_visual(folder: Path, name: 
     assert_allclose(shape.size, [2 * EDGES[2], 2 * EDGES[1], 2 * EDGES[0]], atol=1e-6)
     assert_allclose(shape.centre, [0.0, 0.0, -3.0], atol=1e-6)
     assert_allclose(shape.mesh.vertices.max(axis=0), [4.0, 2.0, -2.0], atol=1e-6)
-    lengths = (shape.mesh.normals**2).sum(axis=1)
+    lengths = (shape.mesh.vertex_normals**2).sum(axis=1)
     assert_allclose(lengths, 1.0, atol=1e-6)
 
 

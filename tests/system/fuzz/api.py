@@ -253,8 +253,6 @@ RIGHT: dict[str, str] = {
     "animate.path": "'new.gif'",
     "snapshot.times": "[0.01]",
     "animate.span": "(0.0, 0.1)",
-    "frame_times.span": "(0.0, 0.1)",
-    "frame_times.path": "'new.gif'",
     "check_port.port": "28431",
     "__getitem__.column": "'t_s'",
     "step_gust.base": "steady(8.0)",
