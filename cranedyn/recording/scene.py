@@ -43,6 +43,11 @@ _ARROWS_BELOW_TROLLEY = 1.5
 _MAX_ARROW = 5.0
 _SOLID, _ZONE, _NEAR, _SWEPT = "#B9AE9B", "#CC3311", "#F22B05", "#0072B2"
 _WIREFRAME = "transparentfillmajorwireframe"
+_ARCHETYPES: dict[str, Any] = {
+    "box": rr.Boxes3D,
+    "cylinder": rr.Cylinders3D,
+    "sphere": rr.Ellipsoids3D,
+}
 
 
 class Look(NamedTuple):
@@ -162,9 +167,7 @@ class Scene:
         self, link_shapes: Sequence[Shape], frame: str, *parts: str, fill_mode: Any = "solid"
     ) -> None:
         """Log shapes in a frame, those of one kind as one entity, but each mesh as its own."""
-        meshes = [shape for shape in link_shapes if shape.mesh is not None]
-        for i, shape in enumerate(meshes):
-            assert shape.mesh is not None
+        for i, shape in enumerate(shape for shape in link_shapes if shape.mesh is not None):
             mesh = rr.Mesh3D(
                 vertex_positions=shape.mesh.vertices,
                 triangle_indices=shape.mesh.faces,
@@ -175,19 +178,18 @@ class Scene:
         for kind in dict.fromkeys(shape.kind for shape in link_shapes if shape.mesh is None):
             group = [shape for shape in link_shapes if shape.kind == kind]
             size = np.array([shape.size for shape in group])
-            common: dict[str, Any] = {
-                "centers": np.array([shape.centre for shape in group]),
-                "quaternions": Rotation.from_euler("xyz", [s.rpy for s in group]).as_quat(),
-                "colors": np.array([shape.colour for shape in group]),
-                "fill_mode": fill_mode,
+            edges = {
+                "box": {"sizes": size},
+                "cylinder": {"radii": size[:, 0], "lengths": size[:, -1]},
+                "sphere": {"radii": size[:, 0]},
             }
-            body: rr.AsComponents
-            if kind == "box":
-                body = rr.Boxes3D(sizes=size, **common)
-            elif kind == "cylinder":
-                body = rr.Cylinders3D(radii=size[:, 0], lengths=size[:, 1], **common)
-            else:
-                body = rr.Ellipsoids3D(radii=size[:, 0], **common)
+            body = _ARCHETYPES[kind](
+                **edges[kind],
+                centers=np.array([shape.centre for shape in group]),
+                quaternions=Rotation.from_euler("xyz", [shape.rpy for shape in group]).as_quat(),
+                colors=np.array([shape.colour for shape in group]),
+                fill_mode=fill_mode,
+            )
             self._log(frame, body, *parts, kind)
 
     def _log_styles(self) -> None:

@@ -70,18 +70,18 @@ def plots(layout: Layout) -> dict[str, Plot]:
     ):
         if same_unit := [joint for joint in joints if joint.kind == kind]:
             by_name[name] = _joint_plot(name, same_unit)
+    work = []
     for joint in layout.driven:
-        by_name[joint.effort_name] = _effort_plot(joint)
-    work = [
-        Curve(f"work of {_drive(joint)}", joint.symbol, f"W_{joint.symbol}_J")
-        for joint in layout.driven
-    ]
-    energy = (
-        Curve("dissipated", "dissipated", "dissipated_J"),
-        Curve("unexplained", "unexplained", "unexplained_J"),
-        Curve("gained", "energy", "energy_J"),
-    )
-    by_name["energy"] = Plot("Energy [J]", 20.0, (*work, *energy))
+        column, drive = joint.effort_column, _DRIVES.get(joint.symbol, joint.symbol)
+        kind = "torque" if joint.kind == "revolute" else "force"
+        limits = [Curve("limit", "limit", f"{column}_{end}") for end in ("lower", "upper")]
+        effort = Curve(f"{column[0]}_{_label(joint)}", joint.symbol, column)
+        title = f"{drive[:1].upper()}{drive[1:]} {kind} [{joint.effort_unit}]"
+        by_name[joint.effort_name] = Plot(title, 20.0, (*limits, effort))
+        work.append(Curve(f"work of {drive}", joint.symbol, f"W_{joint.symbol}_J"))
+    energy = [("dissipated",) * 2, ("unexplained",) * 2, ("gained", "energy")]
+    curves = [Curve(label, quantity, f"{quantity}_J") for label, quantity in energy]
+    by_name["energy"] = Plot("Energy [J]", 20.0, (*work, *curves))
     return by_name
 
 
@@ -94,10 +94,6 @@ def _label(joint: Joint) -> str:
     return _LABELS.get(joint.symbol, joint.symbol)
 
 
-def _drive(joint: Joint) -> str:
-    return _DRIVES.get(joint.symbol, joint.symbol)
-
-
 def _joint_plot(name: str, joints: Sequence[Joint]) -> Plot:
     """Return a plot of the coordinates of joints with one unit, or of their rates."""
     unit, suffix, least_span = _unit(joints[0])
@@ -108,16 +104,6 @@ def _joint_plot(name: str, joints: Sequence[Joint]) -> Plot:
         return Plot(f"{name.capitalize()} [{unit}]", least_span, tuple(curves))
     curves = [Curve(f"d{_label(j)}/dt", j.symbol, f"{j.symbol}_dot_{suffix}_s") for j in joints]
     return Plot(f"Speed [{unit}/s]", least_span, tuple(curves))
-
-
-def _effort_plot(joint: Joint) -> Plot:
-    column = joint.effort_column
-    kind = "torque" if joint.kind == "revolute" else "force"
-    limits = [Curve("limit", "limit", f"{column}_{end}") for end in ("lower", "upper")]
-    effort = Curve(f"{column[0]}_{_label(joint)}", joint.symbol, column)
-    drive = _drive(joint)
-    title = f"{drive[:1].upper()}{drive[1:]} {kind} [{joint.effort_unit}]"
-    return Plot(title, 20.0, (*limits, effort))
 
 
 def table(run: Run, start_energy: float | None = None) -> Table:

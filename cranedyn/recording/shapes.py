@@ -118,8 +118,8 @@ def _shape(
     geometry, origin = visual.find("geometry/*"), visual.find("origin")
     if geometry is None or geometry.tag not in (*_SIZES, "mesh"):
         return None
-    pose: dict[str, Any] = {} if origin is None else dict(origin.attrib)
-    centre, rpy = _floats(pose.get("xyz", "0 0 0")), _floats(pose.get("rpy", "0 0 0"))
+    pose = ET.Element("origin") if origin is None else origin
+    centre, rpy = (_floats(pose.get(name, "0 0 0")) for name in ("xyz", "rpy"))
     material, color = visual.find("material"), visual.find("material/color")
     if color is not None:
         rgba = color.get("rgba", "")
@@ -132,9 +132,8 @@ def _shape(
     if folder is None:
         return None
     transform = np.eye(4)
-    transform[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix() * _floats(
-        geometry.get("scale", "1 1 1")
-    )
+    scale = _floats(geometry.get("scale", "1 1 1"))
+    transform[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix() * scale
     transform[:3, 3] = centre
     mesh = _load_mesh(geometry.get("filename", ""), Path(folder), transform)
     low, high = mesh.bounds
