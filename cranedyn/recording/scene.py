@@ -42,7 +42,7 @@ _CABLE_RADIUS, _PATH_RADIUS, _ARROW_RADIUS = 0.05, 0.16, 0.12
 _ARROWS_BELOW_TROLLEY = 1.5
 _MAX_ARROW = 5.0
 _SOLID, _ZONE, _NEAR, _SWEPT = "#B9AE9B", "#CC3311", "#F22B05", "#0072B2"
-_WIREFRAME = "transparentfillmajorwireframe"
+_WIREFRAME: Any = "transparentfillmajorwireframe"
 _ARCHETYPES: dict[str, Any] = {
     "box": rr.Boxes3D,
     "cylinder": rr.Cylinders3D,
