@@ -42,8 +42,6 @@ from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.planning.optimal import optimal
-from cranedyn.recording import record
-from cranedyn.recording.snapshot import snapshot
 from cranedyn.references import (
     JoystickPulse,
     Leg,
@@ -231,15 +229,6 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (
         lambda: cross(grid(x=[1.0]), {"y": [1.0]}),
         "b is {'y': [1.0]}; allowed is a cranedyn.sweep.design.Design.",
-    ),
-    (lambda: snapshot("a.rrd", "0.05", "a"), "times is '0.05'; allowed is a sequence of numbers."),
-    (
-        lambda: snapshot("a.rrd", [0.0], "a", size=(200, 200, 200)),
-        "size is (200, 200, 200); allowed is 2 of a whole number.",
-    ),
-    (
-        lambda: record("a.rrd", [RUN], title="t"),
-        "runs is a list; allowed is a sequence, each a cranedyn.recording.run.Run.",
     ),
     (
         lambda: theory.point_period("a", 9.81),
