@@ -17,7 +17,7 @@ _MOST_ROWS = 4_000_000
 """A planned motion of more rows than this would take gigabytes; so many are five hours at 200
 Hz."""
 
-_SMALL = 5e-4
+_BUFFER_STEP = 5e-4
 """Longest step in which buffers act, where the stepping rule asks for a smooth motion [s]."""
 
 
@@ -42,9 +42,9 @@ class Clocks(NamedTuple):
     periods: int
 
     @property
-    def small(self) -> int:
-        """How many small steps make a physics step where buffers act."""
-        return math.ceil(self.dt / _SMALL - 1e-9)
+    def substeps(self) -> int:
+        """Small steps that replace a physics step where buffers act."""
+        return math.ceil(self.dt / _BUFFER_STEP - 1e-9)
 
 
 @runtime_checkable

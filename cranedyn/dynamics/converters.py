@@ -173,7 +173,7 @@ def _like(other: np.ndarray, values: list[Any]) -> np.ndarray:
     return array(values) if other.dtype == object else np.array(values)
 
 
-def held_back(
+def saturate_acceleration(
     mass: np.ndarray, resisting: np.ndarray, wanted: np.ndarray, limits: np.ndarray, layout: Layout
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What drives do that want to accelerate but exert no more than they can, in any kind of

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.arguments import described, told
-from cranedyn.arrays import DOUBLE, finite
+from cranedyn.arrays import finite
 from cranedyn.errors import CraneError, Misshapen
 from cranedyn.interfaces import Reference, Setpoint
 
@@ -63,37 +63,6 @@ def _sound(answer: Any, drives: int | str) -> bool:
         )
     except (AttributeError, TypeError, ValueError):
         return False
-
-
-class Setpoints:
-    """What a reference answers at one time after another, looked at.
-
-    Attributes:
-        steady: What it answered twice and nobody can change, which is not looked at again.
-    """
-
-    def __init__(self, reference: Reference, drives: int) -> None:
-        self._reference, self._shape = reference, (drives,)
-        self._last: Setpoint | None = None
-        self.steady: Setpoint | None = None
-
-    def __call__(self, t: float) -> Setpoint:
-        """The setpoint at a time [s].
-
-        Raises:
-            OutOfRange: If it is none, see `checked_setpoint`.
-        """
-        answer = self._reference(t)
-        if self.steady is not None and answer is self.steady:
-            return self.steady
-        setpoint = checked_setpoint(answer, self._shape)
-        if answer is self._last and all(
-            part.dtype is DOUBLE and part.flags.owndata and not part.flags.writeable
-            for part in setpoint
-        ):
-            self.steady = answer
-        self._last = answer
-        return setpoint
 
 
 def tabulated(reference: Reference, times: np.ndarray, drives: int | None = None) -> Setpoint:

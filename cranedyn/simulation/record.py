@@ -1,5 +1,5 @@
-"""What moved and what moved it, in words and numbers that JSON holds, so that whoever has the file
-of a run can make it again.
+"""Record of a run: the crane and what moved it, as JSON, so that the run can be made again from its
+file.
 """
 
 from __future__ import annotations
@@ -16,7 +16,11 @@ import numpy as np
 import pinocchio as pin
 import scipy
 
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
+from cranedyn.simulation.engine import Engine
+from cranedyn.simulation.log import Log
+from cranedyn.simulation.setting import Setting
 from cranedyn.version import __version__
 
 _WHOLE = 64
@@ -40,6 +44,43 @@ def notes_of(controller: object, depth: int = 0) -> dict[str, Any]:
         return {}
     within = (getattr(controller, part.name, None) for part in fields(controller))
     return {name: note for part in within for name, note in notes_of(part, depth + 1).items()}
+
+
+class RunRecord:
+    """Record of a run, taken before it begins."""
+
+    def __init__(
+        self,
+        setting: Setting,
+        engine: str,
+        validity: str,
+        controller: object,
+        reference: object,
+        disturbance: object,
+    ) -> None:
+        self._controller = controller
+        self._parameters: dict[str, float | str] = {
+            "dt_s": setting.clocks.dt,
+            "control_period_s": setting.clocks.period,
+            "gravity_m_s2": setting.crane.gravity,
+            "drive": setting.drive,
+            "engine": engine,
+            "integrator": setting.integrator.name,
+            "validity": validity,
+        }
+        self._record = record_of(
+            setting.crane,
+            controller=controller,
+            reference=reference,
+            disturbance=disturbance,
+            converters=setting.converters,
+        )
+
+    def trajectory(self, log: Log, engine: Engine) -> Trajectory:
+        """Return a log as a trajectory that carries this record, with the controller's notes."""
+        notes = notes_of(self._controller)
+        record = self._record | ({"notes": notes} if notes else {})
+        return log.trajectory(engine.energies, self._parameters, record)
 
 
 def record_of(crane: Crane, **actors: object) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from pkgutil import resolve_name
 
 import numpy as np
 
-from cranedyn.arguments import check_word, checked, described
+from cranedyn.arguments import check_word, described
 from cranedyn.arrays import DOUBLE, masked
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.converters import Converters, fitting
@@ -17,7 +17,8 @@ from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import Drive, EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
-from cranedyn.simulation.engine import DIVERGED, Engine, Setting
+from cranedyn.simulation.engine import Engine
+from cranedyn.simulation.setting import Setting
 
 ENGINES = {
     "pinocchio": "cranedyn.simulation.engine:Engine",
@@ -26,18 +27,20 @@ ENGINES = {
 """Where each engine is; looked up when it is asked for, since the compiled one needs an extra."""
 
 
+DIVERGED = 1e6
+"""No joint of a crane moves this fast [rad/s or m/s]."""
+
+
 class Stepper:
     """A crane that goes on by one control period at each command.
 
     Attributes:
         crane: The crane.
-        clocks: Physics steps in a control period.
-        converters: Frequency converters of drives that take velocities; None for others.
-        engine: What computes the steps.
+        setting: Settings of the run, one control period long.
+        engine: The engine that computes the steps.
         t: Time since the start [s].
     """
 
-    @checked
     def __init__(
         self,
         crane: Crane,
@@ -45,48 +48,46 @@ class Stepper:
         start: State | None = None,
         dt: float = 5e-4,
         control_period: float = 5e-3,
-        drive: Drive = "effort",
+        drive: Drive | Converters = "effort",
         forces: bool = False,
         buffers: bool = False,
         integrator: Integrator = semi_implicit_euler,
         engine: EngineName = "pinocchio",
-        converters: Converters | None = None,
     ) -> None:
-        """Stand at a state.
+        """Start at a state.
 
         Args:
             crane: The crane.
-            start: Where it starts; None for hanging at rest where its URDF says.
+            start: The state at the start; None hangs at rest where the URDF says.
             dt: Physics step [s].
-            control_period: Time that each command lasts [s], a multiple of `dt`.
+            control_period: Time for which each command is held [s], a multiple of `dt`.
             drive: "effort": commands are efforts, cut to the limits of the drives. "motion": they
-                are accelerations, followed exactly. "velocity": they are rates, followed as
-                frequency converters do.
-            forces: Whether forces from outside will come with the commands.
+                are accelerations, followed exactly. "velocity", or `Converters`: they are rates,
+                followed as typical frequency converters, or these, do.
+            forces: Whether external forces come with the commands.
             buffers: Whether buffers end the ranges of the drives; for drives that take efforts.
-            integrator: The stepping rule.
-            engine: "pinocchio", or "compiled" for code made for this crane.
-            converters: Frequency converters of drives that take velocities; None for typical ones.
+            integrator: The integrator.
+            engine: "pinocchio", or "compiled" for code compiled for this crane.
 
         Raises:
-            OutOfRange: If an argument is of another kind, or has no effect, or the state is not one
+            OutOfRange: If an argument is out of its range or has no effect, or the state is not one
                 of this crane.
         """
-        check_word("drive", drive, Drive)
+        kind: Drive = "velocity" if isinstance(drive, Converters) else drive
+        check_word("drive", kind, Drive)
         check_word("engine", engine, EngineName)
-        if buffers and drive != "effort":
-            allowed = "False where the drives take no efforts"
-            raise OutOfRange("buffers", "True", allowed)
-        self.crane, self._forces, self._steps = crane, forces, 0
-        self.clocks = clocks(control_period, dt, control_period)
-        self.converters = fitting(crane, drive, converters)
-        setting = Setting(crane, self.clocks, drive, forces, buffers, integrator, self.converters)
-        self.engine: Engine = resolve_name(ENGINES[engine])(setting, started(crane, start))
+        if buffers and kind != "effort":
+            raise OutOfRange("buffers", "True", "False where the drives take no efforts")
+        converters = fitting(crane, kind, drive if isinstance(drive, Converters) else None)
+        clock = clocks(control_period, dt, control_period)
+        self.crane, self._periods = crane, 0
+        self.setting = Setting(crane, clock, kind, forces, buffers, integrator, converters)
+        self.engine: Engine = resolve_name(ENGINES[engine])(self.setting, started(crane, start))
 
     @property
     def t(self) -> float:
         """Time since the start [s]."""
-        return self._steps * self.clocks.period
+        return self._periods * self.setting.clocks.period
 
     @property
     def state(self) -> State:
@@ -99,8 +100,8 @@ class Stepper:
         Raises:
             OutOfRange: If it is not one of this crane.
         """
-        self.engine.begin(started(self.crane, state))
-        self._steps = 0
+        self.engine.reset(started(self.crane, state))
+        self._periods = 0
         return self.engine.state
 
     def step(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> State:
@@ -118,18 +119,18 @@ class Stepper:
             OutOfRange: If a shape is another, or there is a force though none was announced.
             RunError: If a command is not finite, or the crane moves beyond all bounds.
         """
-        if not math.hypot(*self.engine.state.v.tolist()) < DIVERGED:
-            raise diverged(self.crane.layout, self.t, self.engine.state)
-        if force is not None and not self._forces:
+        check_bounded(self.crane.layout, self.t, self.engine.state)
+        if force is not None and not self.setting.forces:
             raise OutOfRange("force", "given", "none, unless the stepper is made with forces=True")
-        if self._forces:
-            shape = len(self.crane.points), 3
-            self.engine.take_force(
-                force_of(np.zeros(shape) if force is None else force, self.crane.layout)
-            )
-        self.engine.take(command_of(command, self.t, self.crane.layout))
+        layout = self.crane.layout
+        self.engine.apply_command(
+            command_of(command, self.t, layout),
+            force_of(np.zeros((len(layout.points), 3)) if force is None else force, layout)
+            if self.setting.forces
+            else None,
+        )
         state = self.engine.advance()
-        self._steps += 1
+        self._periods += 1
         return state
 
 
@@ -188,11 +189,17 @@ def force_of(answer: object, layout: Layout) -> np.ndarray:
     return force
 
 
-def diverged(layout: Layout, t: float, state: State) -> RunError:
-    """The error that a state at a time [s] is, in which a joint moves too fast."""
+def check_bounded(layout: Layout, t: float, state: State) -> None:
+    """Return if no joint moves too fast.
+
+    Raises:
+        RunError: If a joint moves at 1e6 rad/s or m/s or more at a time [s].
+    """
+    if math.hypot(*state.v.tolist()) < DIVERGED:
+        return
     i = int(np.argmax(np.nan_to_num(np.abs(state.v), nan=np.inf)))
     name, value = layout.joints[i].name, float(state.v[i])
-    return RunError(
+    raise RunError(
         f"The run diverged at t = {t:.4f} s: {name} moves at {value:g} per second; a smaller dt or "
         "softer gains may help.",
         t=t,

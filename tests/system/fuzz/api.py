@@ -110,7 +110,7 @@ WITHIN = (
     "bounds",
     "drive_bounds",
     "within_efforts",
-    "held_back",
+    "saturate_acceleration",
     "fitting",
     "hoisting",
     "columns_of",
