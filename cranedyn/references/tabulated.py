@@ -18,16 +18,15 @@ from cranedyn.interfaces import Reference, Setpoint
 _PARTS = ("position", "velocity", "acceleration")
 
 
-def checked_setpoint(answer: Any, shape: tuple[int | str, ...] = ("m",)) -> Setpoint:
-    """What a reference answered: positions, rates and accelerations as arrays of finite numbers, of
-    one shape.
+def as_setpoint(answer: Any, shape: tuple[int | str, ...] = ("m",)) -> Setpoint:
+    """Return the answer of a reference as positions, rates and accelerations of one shape.
 
     Args:
         answer: The answer.
-        shape: What shape they must have.
+        shape: The shape that they must have; a letter stands for any length.
 
     Raises:
-        Misshapen: If it is anything else.
+        Misshapen: If it is not a setpoint of arrays of this shape.
         OutOfRange: If a number is not finite.
     """
     if len(shape) == 1 and _sound(answer, shape[0]):
@@ -83,8 +82,8 @@ def tabulated(reference: Reference, times: np.ndarray, drives: int | None = None
     at_once = getattr(reference, "at", None)
     with owned("reference"):
         if at_once is not None:
-            return checked_setpoint(at_once(times), (len(times), columns))
-        rows = [checked_setpoint(reference(t), (columns,)) for t in times.tolist()]
+            return as_setpoint(at_once(times), (len(times), columns))
+        rows = [as_setpoint(reference(t), (columns,)) for t in times.tolist()]
     if not rows:
         return Setpoint(*np.empty((3, 0, drives or 0)))
     return Setpoint(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))

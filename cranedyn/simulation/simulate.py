@@ -24,11 +24,11 @@ from cranedyn.interfaces import (
 )
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold
-from cranedyn.references.tabulated import checked_setpoint
+from cranedyn.references.tabulated import as_setpoint
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.monitors import Monitor, ValidityMonitor
 from cranedyn.simulation.record import RunRecord
-from cranedyn.simulation.stepper import Stepper, check_bounded, command_of, force_of
+from cranedyn.simulation.stepper import Stepper, as_command, as_force, check_bounded
 
 
 class Options(TypedDict, total=False):
@@ -148,9 +148,9 @@ def simulate(
             for k in range(rows, clock.periods + 1):
                 t = t_start + k * control_period
                 check_bounded(crane.layout, t, state)
-                setpoint = checked_setpoint(reference(t), (crane.layout.m,))
-                force = disturbance and force_of(disturbance(t, state), crane.layout)
-                command = command_of(controller(t, state, setpoint), t, crane.layout)
+                setpoint = as_setpoint(reference(t), (crane.layout.m,))
+                force = disturbance and as_force(disturbance(t, state), crane.layout)
+                command = as_command(controller(t, state, setpoint), t, crane.layout)
                 log.append(state, setpoint, moving.apply_command(command, force))
                 for monitor in monitors:
                     monitor(k, t, state)

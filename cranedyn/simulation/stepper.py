@@ -1,4 +1,4 @@
-"""One control period at a time: what `simulate` is a loop around, for loops of one's own."""
+"""Step a crane by one control period at a time, in a loop of your own."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ DIVERGED = 1e6
 
 
 class Stepper:
-    """A crane that goes on by one control period at each command.
+    """A crane that advances by one control period at each command.
 
     Attributes:
         crane: The crane.
@@ -82,7 +82,9 @@ class Stepper:
         clock = clocks(control_period, dt, control_period)
         self.crane, self._periods = crane, 0
         self.setting = Setting(crane, clock, kind, forces, buffers, integrator, converters)
-        self.engine: Engine = resolve_name(ENGINES[engine])(self.setting, started(crane, start))
+        self.engine: Engine = resolve_name(ENGINES[engine])(
+            self.setting, initial_state(crane, start)
+        )
 
     @property
     def t(self) -> float:
@@ -91,32 +93,32 @@ class Stepper:
 
     @property
     def state(self) -> State:
-        """Where the crane is."""
+        """State of the crane."""
         return self.engine.state
 
     def reset(self, state: State | None = None) -> State:
-        """Stand at a state again, None for where the URDF says, at time 0; returns it.
+        """Return to a state at time 0; None hangs at rest where the URDF says.
 
         Raises:
-            OutOfRange: If it is not one of this crane.
+            OutOfRange: If the state is not one of this crane.
         """
-        self.engine.reset(started(self.crane, state))
+        self.engine.reset(initial_state(self.crane, state))
         self._periods = 0
         return self.engine.state
 
     def step(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> State:
-        """Go on for one control period under a command.
+        """Advance by one control period under a command.
 
         Args:
-            command: Of the drives [N m or N; or rad/s² or m/s²; or rad/s or m/s], shape (m,).
-            force: From outside on the points of the crane, in the world [N], shape (points, 3);
+            command: Commands of the drives [N m or N; rad/s² or m/s²; rad/s or m/s], shape (m,).
+            force: External forces on the points of the crane in the world [N], shape (points, 3);
                 None for none.
 
         Returns:
-            Where the crane is then.
+            The state at the end of the period.
 
         Raises:
-            OutOfRange: If a shape is another, or there is a force though none was announced.
+            OutOfRange: If a shape is wrong, or a force is given to a stepper without forces.
             RunError: If a command is not finite, or the crane moves beyond all bounds.
         """
         check_bounded(self.crane.layout, self.t, self.engine.state)
@@ -124,8 +126,8 @@ class Stepper:
             raise OutOfRange("force", "given", "none, unless the stepper is made with forces=True")
         layout = self.crane.layout
         self.engine.apply_command(
-            command_of(command, self.t, layout),
-            force_of(np.zeros((len(layout.points), 3)) if force is None else force, layout)
+            as_command(command, self.t, layout),
+            as_force(np.zeros((len(layout.points), 3)) if force is None else force, layout)
             if self.setting.forces
             else None,
         )
@@ -134,8 +136,8 @@ class Stepper:
         return state
 
 
-def started(crane: Crane, start: State | None) -> State:
-    """A state of a crane that nobody else can change; None for where it starts.
+def initial_state(crane: Crane, start: State | None) -> State:
+    """Return a state of a crane as a read-only copy; None hangs at rest where the URDF says.
 
     Raises:
         OutOfRange: If it is not as many finite coordinates and rates as the crane has joints.
@@ -150,12 +152,12 @@ def started(crane: Crane, start: State | None) -> State:
     return state
 
 
-def command_of(answer: object, t: float, layout: Layout) -> np.ndarray:
-    """What a controller answered at a time [s], if it is one finite number for each drive.
+def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
+    """Return the answer of a controller at a time [s] as an array of its own, shape (m,).
 
     Raises:
-        OutOfRange: If there are more or fewer.
-        RunError: If one is not finite.
+        OutOfRange: If it is not one number for each drive.
+        RunError: If a number is not finite.
     """
     if type(answer) is np.ndarray and answer.dtype is DOUBLE and answer.shape == (layout.m,):
         command = answer.copy()
@@ -172,11 +174,11 @@ def command_of(answer: object, t: float, layout: Layout) -> np.ndarray:
     return command
 
 
-def force_of(answer: object, layout: Layout) -> np.ndarray:
-    """What a disturbance answered, if it is a finite vector for each point of the crane.
+def as_force(answer: object, layout: Layout) -> np.ndarray:
+    """Return the answer of a disturbance as an array of its own [N], shape (points, 3).
 
     Raises:
-        OutOfRange: If it is not.
+        OutOfRange: If it is not a finite vector for each point of the crane.
     """
     force = _array(
         answer,

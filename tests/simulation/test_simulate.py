@@ -28,7 +28,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate
-from tests.helpers import G, ROOT, big_crane, constant, crane, extrapolated, flow, locked, moved
+from tests.helpers import ROOT, G, big_crane, constant, crane, extrapolated, flow, locked, moved
 
 DAMPED = {"damp_slew": 3e4, "damp_trolley": 200.0, "damp_swing": 5e3, "damp_hoist": 700.0}
 
