@@ -229,8 +229,8 @@ MUTATIONS = (
     Mutation(
         "commands of rates look ahead to the beginning of what they hold for",
         "cranedyn/dynamics/converters.py",
-        "self.late(0.0, control_period) + 0.5",
-        "self.late(0.0, control_period) + 0.0",
+        "self.delay_steps(0.0, control_period) + 0.5",
+        "self.delay_steps(0.0, control_period) + 0.0",
         "rated::an_effort_becomes_the_rate_that_its_acceleration_leads_to",
     ),
     Mutation(

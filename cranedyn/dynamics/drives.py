@@ -36,7 +36,7 @@ def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     if hoist is None:
         return np.zeros(len(q))
     stops = Stops.of(crane)
-    return stops.one(hoist, q[:, stops.drives[hoist]], v[:, stops.drives[hoist]])
+    return stops.effort_of(hoist, q[:, stops.drives[hoist]], v[:, stops.drives[hoist]])
 
 
 class ExternalForces:

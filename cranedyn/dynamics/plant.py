@@ -213,7 +213,7 @@ class Plant:
         if hoist is None or not self.buffers:
             return 0.0
         joint = self.stops.drives[hoist]
-        return self.stops.one(hoist, q[joint], v[joint])
+        return self.stops.effort_of(hoist, q[joint], v[joint])
 
     def conditions(
         self, q: np.ndarray, v: np.ndarray, hoist_force: Any, needed: np.ndarray

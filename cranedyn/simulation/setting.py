@@ -48,7 +48,7 @@ class Setting:
     def delay_steps(self) -> int | None:
         """Control periods by which commands are delayed; None without converters."""
         converters, clocks = self.converters, self.clocks
-        return None if converters is None else converters.late(clocks.dt, clocks.period)
+        return None if converters is None else converters.delay_steps(clocks.dt, clocks.period)
 
     def external(self) -> ExternalForces | None:
         """Return the external forces; None if there can be none."""
