@@ -321,7 +321,8 @@ def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, flo
             raise UnknownName("number of converters", name, [*columns, "delay"])
         for symbol, value in of_drives.items():
             columns[name][layout.drive(symbol)] = number(f"{name} of {symbol}", value)
-    return Converters(*map(np.array, columns.values()), delay)
+    numbers = {name: np.array(column) for name, column in columns.items()}
+    return Converters(**numbers, delay=delay)
 
 
 def fitting(crane: Crane, drive: str, given: Converters | None) -> Converters | None:
