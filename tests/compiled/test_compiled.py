@@ -705,7 +705,7 @@ def test_a_loop_of_very_small_steps_is_looked_at_before_long() -> None:
         "duration": 0.3,
         "dt": 1e-7,
         "control_period": 1e-2,
-        "progress": told.append,
+        "monitors": [lambda row, t, state: told.append(t)],
     }
     found = simulate(
         crane(), hold_controller(crane(), gravity=G), start=_start(), **how, engine="compiled"
