@@ -59,7 +59,7 @@ def pieces(
             ),
         )
         piece = setup.simulate(
-            crane, controller, tour, start=state, since=now, duration=length, label=""
+            crane, controller, tour, start=state, t_start=now, duration=length, label=""
         )
         state, now = piece.state(-1), float(piece.t[-1])
         yield piece

@@ -81,15 +81,15 @@ MUTATIONS = (
     Mutation(
         "Coriolis and centrifugal forces are missing",
         "cranedyn/dynamics/drives.py",
-        "return aba(model, data, q, u, tau, world)",
-        "return aba(model, data, q, 0.0 * u, tau, world)",
+        "pin.aba(self.model, self._data, q, v, tau",
+        "pin.aba(self.model, self._data, q, 0.0 * v, tau",
         "simulate::the_loop_is_sample_hold_velocities_positions",
     ),
     Mutation(
         "joint damping is ignored",
         "cranedyn/dynamics/drives.py",
-        "tau[i] = driving[i] - damping * u.item(i)",
-        "tau[i] = driving[i]",
+        "tau = self._tau - self._joint.damping * v",
+        "tau = 1.0 * self._tau",
         "simulate::the_loop_is_sample_hold_velocities_positions",
     ),
     Mutation(
@@ -107,39 +107,39 @@ MUTATIONS = (
         "dynamics::damping_is_a_force_against_the_own_velocity_of_each_joint",
     ),
     Mutation(
-        "gravity is a thousandth too strong",
-        "cranedyn/dynamics/integrators.py",
-        "dt * dt * model.gravity.linear",
-        "1.001 * dt * dt * model.gravity.linear",
+        "a step is a thousandth too long",
+        "cranedyn/simulation/engine.py",
+        "np.full(setting.crane.layout.n, setting.clocks.dt)",
+        "np.full(setting.crane.layout.n, 1.001 * setting.clocks.dt)",
         "simulate::the_loop_is_sample_hold_velocities_positions",
     ),
     Mutation(
         "explicit Euler takes the place of semi-implicit",
         "cranedyn/dynamics/integrators.py",
-        "        v = speed_up(v, acceleration(q, v))\n        q = move(q, v)",
-        "        q, v = move(q, v), speed_up(v, acceleration(q, v))",
+        "        v = step_rates(v, acceleration(q, v))\n        q = step_coordinates(q, v)",
+        "        q, v = step_coordinates(q, v), step_rates(v, acceleration(q, v))",
         "integrator::the_energy_of_a_large_swing_ripples_but_does_not_drift",
     ),
     Mutation(
         "a command is held one step too long",
         "cranedyn/simulation/engine.py",
-        "self._drives.model, self.state.q, self._u, self._steps)",
-        "self._drives.model, self.state.q, self._u, self._steps + 1)",
+        "q, v = self._steps(q, v, self._setting.clocks.steps)",
+        "q, v = self._steps(q, v, self._setting.clocks.steps + 1)",
         "simulate::the_loop_is_sample_hold_velocities_positions",
     ),
     Mutation(
         "a command acts one control period late",
         "cranedyn/dynamics/drives.py",
-        "for drive, effort in enumerate(self._effort.tolist()):",
-        "late = getattr(self, '_before', self._effort)\n        self._before = self._effort\n"
-        "        for drive, effort in enumerate(late.tolist()):",
+        "self._tau[self._layout.drives] = self._effort",
+        "self._tau[self._layout.drives] = getattr(self, '_before', self._effort)\n"
+        "        self._before = self._effort",
         "simulate::the_loop_is_sample_hold_velocities_positions",
     ),
     Mutation(
         "the limits of the drives are not kept",
         "cranedyn/dynamics/drives.py",
-        "return command.clip(-self._most, self._most)",
-        "return command",
+        "np.minimum(np.maximum(command, self._least), self._largest)",
+        "1.0 * command",
         "simulate::the_loop_is_sample_hold_velocities_positions",
     ),
     Mutation(
@@ -152,7 +152,7 @@ MUTATIONS = (
     Mutation(
         "work is counted with the positions that run ahead of the velocities",
         "cranedyn/simulation/log.py",
-        "middle = q - self._lead * v",
+        "middle = q - self._setting.lead * v",
         "middle = q",
         "simulate::under_a_constant_force_the_ledger_closes_to_rounding",
     ),
@@ -179,9 +179,9 @@ MUTATIONS = (
     ),
     Mutation(
         "the load feels nothing of the buffer at the shortest cable",
-        "cranedyn/dynamics/drives.py",
-        "return float(self._stops.effort(*state)[self._hoist])",
-        "return min(float(self._stops.effort(*state)[self._hoist]), 0.0)",
+        "cranedyn/simulation/engine.py",
+        "float(self._external.stops.effort(*self.state)[hoist])",
+        "min(float(self._external.stops.effort(*self.state)[hoist]), 0.0)",
         "validity::a_buffer_at_the_shortest_cable_stops_the_hook_block_but_cannot_push_the_load",
     ),
     Mutation(
@@ -229,8 +229,8 @@ MUTATIONS = (
     Mutation(
         "commands of rates look ahead to the beginning of what they hold for",
         "cranedyn/dynamics/converters.py",
-        "self.late(0.0, control_period) + 0.5",
-        "self.late(0.0, control_period) + 0.0",
+        "self.delay_steps(0.0, control_period) + 0.5",
+        "self.delay_steps(0.0, control_period) + 0.0",
         "rated::an_effort_becomes_the_rate_that_its_acceleration_leads_to",
     ),
     Mutation(
@@ -461,8 +461,8 @@ MUTATIONS = (
     Mutation(
         "RK4 weighs its accelerations wrongly",
         "cranedyn/dynamics/integrators.py",
-        "v = speed_up(v, (a1 + 2.0 * (a2 + a3) + a4) / 6.0)",
-        "v = speed_up(v, (a1 + a2 + a3 + 3.0 * a4) / 6.0)",
+        "v = step_rates(v, (a1 + 2.0 * (a2 + a3) + a4) / 6.0)",
+        "v = step_rates(v, (a1 + a2 + a3 + 3.0 * a4) / 6.0)",
         "compiled::a_stepping_rule_of_ones_own_runs_in_both_engines",
     ),
     Mutation(

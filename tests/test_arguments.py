@@ -538,7 +538,7 @@ FACES = [cranedyn.controllers, cranedyn.references, wind, linear, prediction, an
 PLAIN = {
     *(
         "tabulated",
-        "checked_setpoint",
+        "as_setpoint",
         "smoothstep",
         "cruise",
         "recover",

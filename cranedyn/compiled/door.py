@@ -212,7 +212,7 @@ class Loop:
         if (programme := recipe.programme) is not None:
             self._instant += -(-_STAGE * programme.stages * lanes // programme.ratio)
         self._last, self._end = whole("control instants", last, 1), whole("end", end, 0)
-        self._steps, small = whole("steps", clock.steps, 1), whole("small steps", clock.small, 1)
+        self._steps, small = whole("steps", clock.steps, 1), whole("small steps", clock.substeps, 1)
         self._weight = small if recipe.buffers and recipe.integrator.smooth else 1
         self._run, self._groups = code.machine.function("run", 1), len(memory["state"])
         self._call, self._moving = (

@@ -19,12 +19,13 @@ from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.tables import Table, aim, alone, law, no_law, one_command
 from cranedyn.controllers.affine import Affine, Remembering, form
-from cranedyn.dynamics.drives import Limits, VelocityDrives
+from cranedyn.dynamics.drives import VelocityDrives
 from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, State
 from cranedyn.references.tabulated import tabulated
-from cranedyn.simulation.engine import DIVERGED, Engine, Setting
+from cranedyn.simulation.engine import Engine, Setting
 from cranedyn.simulation.log import Log
+from cranedyn.simulation.stepper import DIVERGED
 
 _BLOCK, _STEPS = 2000, 1_000_000
 """Control instants, and physics steps, that a closed loop runs ahead at most before it is looked
@@ -59,8 +60,7 @@ class CompiledEngine(Engine):
         """
         check_rule(setting.integrator)
         self._setting = setting
-        self._limits = Limits(setting.crane) if setting.drive == "effort" else None
-        self._sizes = sizes = Sizes.of(setting.crane.layout, setting.late)
+        self._sizes = sizes = Sizes.of(setting.crane.layout, setting.delay_steps)
         self._memory, self._force, self._at = (
             np.zeros(size(sizes.state)),
             np.zeros((1, size(sizes.force))),
@@ -73,7 +73,7 @@ class CompiledEngine(Engine):
         self._step: Callable[[], None] | None = None
         self._horizon: np.ndarray | None = None
         self._blocks: dict[tuple[bool, int, int, int], _Block] = {}
-        self.begin(start)
+        self.reset(start)
 
     def _look(self) -> None:
         """Have views of the memory."""
@@ -96,20 +96,15 @@ class CompiledEngine(Engine):
         vars(self).update(state)
         self._look()
 
-    def begin(self, start: State) -> None:
-        """As `Engine.begin`; code that was made stays."""
-        self.state = start
-        self._outside = self._setting.outside(
-            self._setting.clocks.dt, buffers=self._setting.buffers
-        )
-        self._drives = self._setting.drives(self._setting.clocks.dt, self._outside)
+    def reset(self, start: State) -> None:
+        """As `Engine.reset`; code that was compiled stays."""
+        super().reset(start)
         self._memory[:] = self._force[:] = self._last_command[:] = 0.0
         self._here[:] = np.concatenate(start)
-        if self._setting.late is not None:
+        if self._setting.converters is not None:
             self._memory[self._at["reference"]] = start.v[self._setting.crane.layout.drives]
             unheard = self._memory[self._at["unheard"]].reshape(-1, self._sizes.m)
             unheard[:] = self._memory[self._at["reference"]]
-        self._effort = np.zeros(self._sizes.m)
 
     def _code(self, *, integral: bool, log: bool) -> Kernel:
         """Code, made and checked at the first need."""
@@ -131,7 +126,7 @@ class CompiledEngine(Engine):
             shared=(True, True, True),
             log=log,
             summary=log,
-            late=self._setting.late,
+            late=self._setting.delay_steps,
             programme=programme,
         )
         made = self._setting.converters
@@ -155,15 +150,6 @@ class CompiledEngine(Engine):
             **memory,
         )
 
-    def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As `Engine.take`."""
-        if self._limits is None:
-            self._last_command[:] = command
-            self._recall()
-            return self._drives.take(command, self.state)
-        self._effort = self._last_command[:] = self._limits.cut(command)
-        return command, self._effort
-
     def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """As `Engine.energies`; by code if it was made for stepping."""
         if self._step is None:
@@ -172,31 +158,30 @@ class CompiledEngine(Engine):
             np.hstack([q, v])
         )[:, 0]
 
-    def effort(self) -> np.ndarray:
-        """As `Engine.effort`."""
-        if self._limits is not None:
-            return self._effort
+    def _take_command(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         self._recall()
-        return self._drives.effort(self.state)
+        needed, effort = super()._take_command(command)
+        self._last_command[:] = effort if self._setting.drive == "effort" else command
+        return needed, effort
+
+    def _effort(self) -> np.ndarray:
+        self._recall()
+        return super()._effort()
 
     def _recall(self) -> None:
-        """Have Pinocchio's drives remember what those of the code do."""
+        """Copy the memory of the converters from compiled code to Pinocchio's drives."""
         if isinstance(self._drives, VelocityDrives):
             names = "reference", "rising", "unheard"
             reference, rising, unheard = (self._memory[self._at[name]] for name in names)
-            self._drives.remember(reference, rising, unheard.reshape(-1, self._sizes.m).copy())
+            self._drives.recall(reference, rising, unheard.reshape(-1, self._sizes.m).copy())
 
-    def take_force(self, force: np.ndarray) -> np.ndarray:
-        """As `Engine.take_force`."""
-        assert self._outside is not None
-        self._outside.force = force
+    def _take_force(self, force: np.ndarray) -> None:
+        super()._take_force(force)
         self._force[0] = force.ravel()
-        return force
 
-    def buffers(self) -> tuple[float, float]:
-        """As `Engine.buffers`."""
-        assert self._outside is not None
-        return float(self._memory[self._at["buffers"]][0]), self._outside.stop_force(self.state)
+    def _buffers(self) -> np.ndarray:
+        self._buffer_work = float(self._memory[self._at["buffers"]][0])
+        return super()._buffers()
 
     def advance(self) -> State:
         """As `Engine.advance`."""
@@ -214,7 +199,7 @@ class CompiledEngine(Engine):
         return self.state
 
     def run_ahead(
-        self, controller: object, reference: Reference, since: float, periods: int, log: Log
+        self, controller: object, reference: Reference, t_start: float, periods: int, log: Log
     ) -> Iterator[int]:
         """Log rows under a controller that is affine in the state, block by block, and say how many
         there are.
@@ -234,7 +219,9 @@ class CompiledEngine(Engine):
             return
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
         while first <= periods:
-            times = fixed(since + clocks.period * np.arange(first, min(first + ahead, periods + 1)))
+            times = fixed(
+                t_start + clocks.period * np.arange(first, min(first + ahead, periods + 1))
+            )
             try:
                 setpoint = tabulated(reference, times, self._sizes.m).position
                 common = (
@@ -254,12 +241,21 @@ class CompiledEngine(Engine):
                 planned.went_on(float(times[-1]))
             if isinstance(controller, Remembering):
                 controller.resume(float(times[-1]), self._memory[self._at["integral"]].copy())
-            log.block(setpoint, *ran)
+            rows, valid = ran
+            columns = {
+                "setpoint": setpoint,
+                **{name: rows[name] for name in ("q", "v", "effort")},
+                "needed": rows["command"],
+                "effort_before": rows["before"],
+                "buffers": np.hstack([rows["buffers"], rows["stop_force"]]),
+                "saturated": rows.get("cut", np.zeros((len(times), 1))),
+            }
+            log.extend(columns, rows["energy"][:, 0], valid=valid)
             first += len(times)
             self._arrived()
             yield first
-        if self._setting.late is None:
-            self.take(self._memory[self._at["last_command"]].copy())
+        if self._setting.converters is None:
+            self._take_command(self._memory[self._at["last_command"]].copy())
 
     def _run(
         self, common: Affine, setpoint: np.ndarray, end: int

@@ -241,7 +241,7 @@ def response(
     made = [one for one in given if one is not None]
     if not made:
         return None, None
-    lates = [one.late(clock.dt, clock.period) for one in made]
+    lates = [one.delay_steps(clock.dt, clock.period) for one in made]
     if len({*lates}) > 1:
         raise OutOfRange(
             "delays of converters", f"{min(lates)} to {max(lates)} control periods", "all the same"

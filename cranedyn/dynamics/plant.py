@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.dynamics import rigid_body
-from cranedyn.dynamics.converters import Response, held_back
+from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops, rope_tension
 from cranedyn.dynamics.rigid_body import Bodies, ExternalForce, array
 from cranedyn.dynamics.scalars import clipped
@@ -194,7 +194,9 @@ class Plant:
         resisting, mass = resisting - effort, rigid_body.mass_matrix(self.tree, where)
         if self.response is not None:
             wanted = array(self.response.accelerations_at(command, v[drives]))
-            return held_back(mass, resisting, wanted, self.effort_limit, self.topology.layout)
+            return saturate_acceleration(
+                mass, resisting, wanted, self.effort_limit, self.topology.layout
+            )
         a = array([0.0] * len(q))
         a[drives] = command
         a[passive] = rigid_body.solve(
@@ -211,7 +213,7 @@ class Plant:
         if hoist is None or not self.buffers:
             return 0.0
         joint = self.stops.drives[hoist]
-        return self.stops.one(hoist, q[joint], v[joint])
+        return self.stops.effort_of(hoist, q[joint], v[joint])
 
     def conditions(
         self, q: np.ndarray, v: np.ndarray, hoist_force: Any, needed: np.ndarray

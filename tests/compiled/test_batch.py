@@ -166,14 +166,16 @@ def test_drives_and_stepping_rules_are_those_of_a_run_alone(
         else hold_controller(crane())
     )
     batch = simulate_batch(
-        cranes, controllers, references, start=starts, record=1, since=1.0, **how
+        cranes, controllers, references, start=starts, record=1, t_start=1.0, **how
     )
     for i in range(count):
         one = controllers if isinstance(controllers, Hold) else controllers[i]
         start = State(starts.q[i], starts.v[i])
         _same(
             cranes[i],
-            simulate(cranes[i], one, references[i], start=start, since=1.0, validity="mark", **how),
+            simulate(
+                cranes[i], one, references[i], start=start, t_start=1.0, validity="mark", **how
+            ),
             batch,
             i,
         )
@@ -406,7 +408,7 @@ def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
         controllers,
         references,
         start=starts,
-        since=since,
+        t_start=since,
         record=1,
         residual_from=late,
         drive=drive,
@@ -438,7 +440,7 @@ def test_by_default_the_swing_left_at_the_end_is_residual() -> None:
             crane(),
             hold_controller(crane(), gravity=G),
             start=_starts(3),
-            since=since,
+            t_start=since,
             record=1,
             **CLOCK,
         )
@@ -580,7 +582,7 @@ NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
         ),
         ({"residual_from": 0.6}, "residual_from is 0.6 s; allowed is 0 to 0.5"),
         ({"residual_from": math.nan}, "residual_from is nan s"),
-        ({"since": math.inf}, "time at the start is inf s"),
+        ({"t_start": math.inf}, "time at the start is inf s"),
         ({"dt": 3e-3}, "control_period is 0.01 s; allowed is a multiple of dt"),
         (
             {"integrator": Integrator("mine", lambda *given: given, 0.0)},

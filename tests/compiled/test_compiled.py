@@ -188,7 +188,9 @@ def test_a_run_of_many_blocks_is_the_same(controller: str) -> None:
         "drive": drive,
         "validity": "mark",
     }
-    plain, compiled = both(c, made, _reference(), **how, progress=told.append)
+    plain, compiled = both(
+        c, made, _reference(), **how, monitors=[lambda row, t, state: told.append(t)]
+    )
     assert len(plain) == 4201
     agree(c, plain, compiled)
     assert told[:4201] == plain.t.tolist()
@@ -237,7 +239,7 @@ def test_a_run_that_begins_at_another_time_is_the_same(since: float) -> None:
                 made,
                 reference,
                 start=_start(),
-                since=since,
+                t_start=since,
                 duration=0.5,
                 dt=1e-3,
                 control_period=PERIOD,
@@ -479,7 +481,7 @@ def test_pieces_of_a_run_joined_are_the_whole(name: str) -> None:
                 controller,
                 _reference(),
                 start=pieces[-1].state(-1),
-                since=since,
+                t_start=since,
                 duration=0.2,
                 **how,
             )
@@ -687,7 +689,7 @@ def test_ctrl_c_in_a_loop_that_runs_ahead_keeps_the_blocks_that_are_done() -> No
             _reference(),
             **how,
             engine="compiled",
-            progress=lambda t: _raise(KeyboardInterrupt()),
+            monitors=[lambda row, t, state: _raise(KeyboardInterrupt())],
         )
     assert caught.value.trajectory is not None
     agree(
@@ -703,7 +705,7 @@ def test_a_loop_of_very_small_steps_is_looked_at_before_long() -> None:
         "duration": 0.3,
         "dt": 1e-7,
         "control_period": 1e-2,
-        "progress": told.append,
+        "monitors": [lambda row, t, state: told.append(t)],
     }
     found = simulate(
         crane(), hold_controller(crane(), gravity=G), start=_start(), **how, engine="compiled"

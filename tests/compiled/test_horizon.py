@@ -414,8 +414,7 @@ def test_drives_twice_as_late_as_believed_leave_no_swing() -> None:
         hold(crane(), goal),
         start=at((0.0, 10.0, 15.0)),
         duration=40.0,
-        drive="velocity",
-        converters=replace(typical, lags=2.0 * typical.lags),
+        drive=replace(typical, lags=2.0 * typical.lags),
         engine="compiled",
         validity="mark",
     )

@@ -163,7 +163,7 @@ def test_an_integrator_goes_by_the_period_of_its_loop(period: float, engine: Eng
     told, asked = _integral(), _integral()
     for controller in (told, _asked(asked)):
         how = {"control_period": period, "engine": engine, "drive": "motion"}
-        simulate(c, controller, hold(c, c.start), start=away, since=3.0, duration=1.0, **how)
+        simulate(c, controller, hold(c, c.start), start=away, t_start=3.0, duration=1.0, **how)
     assert told.integral == pytest.approx(0.5 * (1.0 + period), rel=1e-8)  # both ends count
     # The first instant as a row of its table.
     assert asked.integral == pytest.approx(0.5 * (1.0 + 5e-3), rel=1e-8)

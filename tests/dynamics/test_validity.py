@@ -255,11 +255,11 @@ def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> Non
             "start is a state of 4 coordinates; allowed is one of 5: gamma, x, phi, theta, l",
         ),
         ({"start": "rest"}, "start is 'rest'"),
-        ({"since": math.nan}, "time at the start is nan"),
+        ({"t_start": math.nan}, "time at the start is nan"),
         ({"duration": 1e5}, r"s at most: its \d+ rows would take"),
         ({"dt": 1e-14}, "dt is 1e-14 s; allowed is 1e-09 to 1000"),
         ({"dt": 1e-9, "control_period": 1e-9, "duration": 100.0}, "that is 1e[+]10 steps"),
-        ({"since": 1e17}, "time at the start is 1e[+]17 s; allowed is -1e9 to 1e9"),
+        ({"t_start": 1e17}, "time at the start is 1e[+]17 s; allowed is -1e9 to 1e9"),
         (
             {"disturbance": lambda t, state: np.zeros(3)},
             r"force of the disturbance is an array of shape \(3,\)",

@@ -23,7 +23,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.references import hold, plumb, pulse
 from cranedyn.references.hold import Still
 from cranedyn.references.pulse import Pulse
-from cranedyn.simulation.record import record_of, written_down
+from cranedyn.simulation.record import json_value, run_record
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane
 
@@ -124,18 +124,18 @@ def test_the_record_says_what_there_is_in_numbers_or_by_a_checksum() -> None:
 
 
 def test_the_versions_of_a_record_are_those_that_are_installed() -> None:
-    found = record_of(crane())["versions"]
+    found = run_record(crane())["versions"]
     assert found.pop("python") == platform.python_version()
     assert found == {name: version(name) for name in found}
 
 
 def test_what_json_does_not_hold_is_written_by_its_name() -> None:
-    assert written_down(np.array([1.0, np.inf])) == [1.0, "inf"]
+    assert json_value(np.array([1.0, np.inf])) == [1.0, "inf"]
     assert (
-        written_down(lambda t: None)
+        json_value(lambda t: None)
         == f"{__name__}.test_what_json_does_not_hold_is_written_by_its_name.<locals>.<lambda>"
     )
-    assert written_down({"a": (1, 2.5)}) == {"a": [1, 2.5]}
+    assert json_value({"a": (1, 2.5)}) == {"a": [1, 2.5]}
 
 
 @pytest.mark.parametrize(

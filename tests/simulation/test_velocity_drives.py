@@ -97,10 +97,12 @@ def test_cranes_of_a_batch_may_have_converters_of_their_own() -> None:
     c = crane()
     made = [converters(c, lags={"x": lag, "gamma": lag}) for lag in (0.05, 0.1, 0.3)]
     law = rated(c, hold_controller(c), drive="effort")
-    how: dict[str, Any] = {"duration": 1.0, "dt": 1e-3, "drive": "velocity"}
-    batch = simulate_batch(c, law, moved(c), start=[start()] * 3, converters=made, **how)
+    how: dict[str, Any] = {"duration": 1.0, "dt": 1e-3}
+    batch = simulate_batch(
+        c, law, moved(c), start=[start()] * 3, drive="velocity", converters=made, **how
+    )
     alone = [
-        simulate(c, law, moved(c), start=start(), converters=one, engine="compiled", **how).q[-1]
+        simulate(c, law, moved(c), start=start(), drive=one, engine="compiled", **how).q[-1]
         for one in made
     ]
     assert_allclose(batch.end.q, alone, rtol=0.0, atol=1e-12)

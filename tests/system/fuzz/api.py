@@ -110,13 +110,13 @@ WITHIN = (
     "bounds",
     "drive_bounds",
     "within_efforts",
-    "held_back",
+    "saturate_acceleration",
     "fitting",
     "hoisting",
     "columns_of",
     "started",
-    "command_of",
-    "force_of",
+    "as_command",
+    "as_force",
     "diverged",
     "late",
     "made_otherwise",
@@ -388,7 +388,7 @@ def raises(
 def writes(part: str) -> Callable[..., Any]:
     """A controller that writes into the state that it is shown."""
 
-    def controller(t: float, state: Any, checked_setpoint: object) -> np.ndarray:
+    def controller(t: float, state: Any, as_setpoint: object) -> np.ndarray:
         getattr(state, part)[...] = 1.0
         return np.zeros(3)
 
@@ -403,9 +403,9 @@ class Malformed:
     def __init__(self, **replaced: Any) -> None:
         self._replaced = replaced
 
-    def __call__(self, t: float, state: Any, checked_setpoint: Any) -> np.ndarray:
+    def __call__(self, t: float, state: Any, as_setpoint: Any) -> np.ndarray:
         """As a hold."""
-        return namespace()["law"](t, state, checked_setpoint)
+        return namespace()["law"](t, state, as_setpoint)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """The form of a hold, less what is replaced."""
@@ -1151,16 +1151,14 @@ def _check(answer: Any, annotation: str) -> None:
     if annotation in ("Reference", "Motion") and callable(answer):
         for t in (0.0, 0.7, 3.0, 1e4):
             try:
-                checked_setpoint = answer(t)
+                as_setpoint = answer(t)
             except CraneError:  # of the reference beneath, which is refused when it is asked
                 return
-            if not all(
-                np.isfinite(part).all() and np.shape(part) == (3,) for part in checked_setpoint
-            ):
+            if not all(np.isfinite(part).all() and np.shape(part) == (3,) for part in as_setpoint):
                 raise Broken(
                     "a reference was accepted that says what is not finite, or not three numbers "
                     f"({type(answer).__name__})",
-                    f"t = {t}: {checked_setpoint}",
+                    f"t = {t}: {as_setpoint}",
                 )
     if (
         annotation == "Trajectory"
