@@ -18,7 +18,7 @@ from cranedyn.identification import Estimate, Known, Record
 from cranedyn.identification.motion import Rows, lagged
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.references import JoystickPulse, operator
+from cranedyn.planning.joystick import JoystickPulse, operator
 from cranedyn.simulation.simulate import simulate
 from experiments import harness
 from experiments.scenarios import strategies

@@ -22,10 +22,10 @@ from cranedyn.interfaces import Reference
 from cranedyn.model.crane import Crane
 from cranedyn.planning.certificate import AFTER, certify
 from cranedyn.planning.clearance import Clearance
+from cranedyn.planning.joystick import JoystickPulse, operator
 from cranedyn.planning.lift import Lift, NoWay, plan_lift
 from cranedyn.planning.site import Site
 from cranedyn.planning.solids import Solid, box
-from cranedyn.references.operator import JoystickPulse, operator
 from cranedyn.references.spline import shortest, spline
 from experiments import harness
 from experiments.lift import IN_LEAST_TIME, OF_BOUND, OF_LEAST

@@ -27,8 +27,8 @@ from cranedyn.arguments import checked, described, taken
 from cranedyn.arrays import finite
 from cranedyn.clocks import clocks, intervals
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.controllers import follow, hold_controller, lqr, observed, paper_controller, sensed
-from cranedyn.controllers.damped import damped
+from cranedyn.controllers import follow, hold_controller, lqr, paper_controller
+from cranedyn.controllers.damping import damped
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.riccati import riccati
 from cranedyn.controllers.tracking import Tracking
@@ -38,32 +38,20 @@ from cranedyn.dynamics import linearisation as linear
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.validity import events, valid
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole
+from cranedyn.estimation import observed, sensed
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
+from cranedyn.planning.itinerary import Leg, itinerary
+from cranedyn.planning.joystick import JoystickPulse, operator
 from cranedyn.planning.optimal import optimal
+from cranedyn.planning.tour import tour
 from cranedyn.recording import record
 from cranedyn.recording.snapshot import snapshot
-from cranedyn.references import (
-    JoystickPulse,
-    Leg,
-    Motion,
-    flat,
-    hold,
-    itinerary,
-    operator,
-    plumb,
-    pulse,
-    ramp,
-    shaped,
-    shortest,
-    spline,
-    zv,
-)
+from cranedyn.references import Motion, flat, hold, plumb, pulse, ramp, shaped, shortest, spline, zv
 from cranedyn.references.limits import Limits, fastest, use
 from cranedyn.references.shaped import Shaper, shaped_hoisting
 from cranedyn.references.spline import Spline
-from cranedyn.references.tour import tour
 from cranedyn.simulation.simulate import simulate
 from cranedyn.simulation.stepper import Stepper
 from cranedyn.sweep import cross, grid

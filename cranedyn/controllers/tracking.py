@@ -14,7 +14,7 @@ from cranedyn.arrays import OneLine, shaped
 from cranedyn.controllers.affine import Affine, without_integral
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.references.rows import at_place, at_places, place, places
+from cranedyn.references.interpolation import at_place, at_places, place, places
 
 
 @checked

@@ -19,7 +19,7 @@ from cranedyn.dynamics.pinocchio import point_velocities
 from cranedyn.errors import UnknownName, number
 from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.rows import at_place, place
+from cranedyn.references.interpolation import at_place, place
 
 AIR_DENSITY = 1.25
 """With which standards make pressures of wind speeds [kg/m³]: q = 0.625 v². AS 5222:2021, a

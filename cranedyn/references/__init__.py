@@ -5,29 +5,19 @@
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.references.flat import flat
 from cranedyn.references.hold import hold
-from cranedyn.references.itinerary import ARTICLE_TOUR, Itinerary, Leg, itinerary
-from cranedyn.references.longer import longer
 from cranedyn.references.motion import Motion, plumb
-from cranedyn.references.operator import JoystickPulse, operator
 from cranedyn.references.pulse import pulse
 from cranedyn.references.ramp import ramp
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import shortest, spline
 
 __all__ = [
-    "ARTICLE_TOUR",
-    "Itinerary",
-    "JoystickPulse",
-    "Leg",
     "Motion",
     "Reference",
     "Setpoint",
     "ei",
     "flat",
     "hold",
-    "itinerary",
-    "longer",
-    "operator",
     "plumb",
     "pulse",
     "ramp",

@@ -17,7 +17,7 @@ from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
-from cranedyn.references.rows import SAME, at_place, at_places, place, places
+from cranedyn.references.interpolation import SAME, at_place, at_places, place, places
 from cranedyn.references.tabulated import tabulated
 
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
-from cranedyn.references import JoystickPulse, operator, shortest, spline
+from cranedyn.planning.joystick import JoystickPulse, operator
+from cranedyn.references import shortest, spline
 from experiments import harness
 
 POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}

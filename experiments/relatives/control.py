@@ -11,14 +11,14 @@ import numpy as np
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.lqr import lqr
-from cranedyn.controllers.mpc import mpc
-from cranedyn.controllers.observer import observed
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import steady, wind
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.linearisation import free_modes, sampled
 from cranedyn.dynamics.pinocchio import point_positions
+from cranedyn.estimation.mpc import mpc
+from cranedyn.estimation.observer import observed
 from cranedyn.interfaces import Controller, EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.planning.optimal import optimal

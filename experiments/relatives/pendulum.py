@@ -19,10 +19,10 @@ from cranedyn.dynamics.linearisation import free_modes, sampled
 from cranedyn.interfaces import Controller, EngineName, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.planning.joystick import JoystickPulse, operator
 from cranedyn.planning.optimal import optimal
 from cranedyn.references import hold
 from cranedyn.references.motion import Motion, plumb
-from cranedyn.references.operator import JoystickPulse, operator
 from cranedyn.references.shaped import shaped, zv
 from cranedyn.references.spline import spline
 from cranedyn.simulation.simulate import simulate

@@ -12,19 +12,19 @@ import numpy as np
 
 from cranedyn.clocks import whole_periods
 from cranedyn.controllers import follow, hold_controller
-from cranedyn.controllers.damped import damped
+from cranedyn.controllers.damping import damped
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import effort_weight_of, lqr
-from cranedyn.controllers.mpc import Predictive, mpc
 from cranedyn.controllers.paper import paper_controller
-from cranedyn.controllers.rated import GivenRates, rated
+from cranedyn.controllers.velocity_command import GivenRates, rated
+from cranedyn.estimation.mpc import Predictive, mpc
 from cranedyn.interfaces import Controller, Drive, Reference
 from cranedyn.model.crane import Crane
+from cranedyn.planning.joystick import JoystickPulse, operator
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import fastest
 from cranedyn.references.motion import Motion, plumb
-from cranedyn.references.operator import JoystickPulse, operator
 from cranedyn.references.shaped import Shaper, ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import Spline, spline
 from cranedyn.theory import point_period
@@ -59,7 +59,7 @@ class Plan(NamedTuple):
 
 def on_converters(setup: harness.Setup, plan: Plan) -> Plan:
     """A plan for drives with typical frequency converters: what its controller answers becomes
-    rates, see `cranedyn.controllers.rated`.
+    rates, see `cranedyn.controllers.velocity_command`.
     """
     if plan.rates:
         return plan._replace(controller=plan.rates, drive="velocity")

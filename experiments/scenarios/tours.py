@@ -12,20 +12,12 @@ from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Setpoint, State
-from cranedyn.references import (
-    ARTICLE_TOUR,
-    itinerary,
-    plumb,
-    shaped_hoisting,
-    shortest,
-    spline,
-    zv,
-)
+from cranedyn.planning.itinerary import ARTICLE_TOUR, Timetable, itinerary
+from cranedyn.planning.tour import Tour, tour
+from cranedyn.references import plumb, shaped_hoisting, shortest, spline, zv
 from cranedyn.references.flat import flat
-from cranedyn.references.itinerary import Timetable
 from cranedyn.references.limits import Limits, fastest, use
 from cranedyn.references.motion import Motion
-from cranedyn.references.tour import Tour, tour
 from experiments import harness
 from experiments.scenarios.strategies import with_integral
 

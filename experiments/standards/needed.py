@@ -15,7 +15,7 @@ from cranedyn.interfaces import Controller, Reference, State
 from cranedyn.lifting import factors
 from cranedyn.lifting.loads import hanging_mass, loads
 from cranedyn.model.crane import Crane
-from cranedyn.references.operator import JoystickPulse, operator
+from cranedyn.planning.joystick import JoystickPulse, operator
 from cranedyn.references.shaped import shaped, zv
 from experiments import harness
 from experiments.oracles.reading import locked

@@ -8,10 +8,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cranedyn.controllers import hold_controller, lqr, observed, paper_controller
+from cranedyn.controllers import hold_controller, lqr, paper_controller
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.dynamics.linearisation import Sampled, sampled
 from cranedyn.errors import CraneError
+from cranedyn.estimation import observed
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import Motion
 from tests.helpers import crane

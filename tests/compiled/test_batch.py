@@ -23,13 +23,13 @@ from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
-from cranedyn.controllers.sensed import noise_of, sensed
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics import validity as validity
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.estimation.sensor_model import noise_of, sensed
 from cranedyn.interfaces import Controller, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane

@@ -19,12 +19,13 @@ from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.memory import REPORT
 from cranedyn.compiled.horizon.receding import Receding, receding, usual_input_weight
 from cranedyn.compiled.machine import translated
-from cranedyn.controllers import hold_controller, sensed
+from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.pinocchio import payload_position, prescribed_acceleration
 from cranedyn.dynamics.validity import hoisting
 from cranedyn.errors import CraneError
+from cranedyn.estimation import sensed
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane

@@ -34,11 +34,11 @@ from cranedyn.dynamics.pinocchio import (
 )
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
+from cranedyn.planning.joystick import JoystickPulse, operator
 from cranedyn.references import hold, ramp
 from cranedyn.references.flat import flat, smoothstep
 from cranedyn.references.limits import Limits, check, fastest, use
 from cranedyn.references.motion import plumb
-from cranedyn.references.operator import JoystickPulse, operator
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import shortest, spline
 from cranedyn.references.tabulated import tabulated

@@ -8,21 +8,12 @@ from hypothesis import given
 from numpy.testing import assert_allclose
 
 from cranedyn.compiled.horizon.receding import receding
-from cranedyn.controllers import (
-    Hold,
-    adapted,
-    follow,
-    hold_controller,
-    lqr,
-    mpc,
-    observed,
-    paper_controller,
-    sensed,
-)
+from cranedyn.controllers import Hold, follow, hold_controller, lqr, paper_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.controllers.integral import HoistIntegral
-from cranedyn.controllers.rated import rated
 from cranedyn.controllers.tracking import Tracking
+from cranedyn.controllers.velocity_command import rated
+from cranedyn.estimation import adapted, mpc, observed, sensed
 from cranedyn.interfaces import Controller, EngineName, Setpoint, State
 from cranedyn.references import hold, plumb, ramp, spline
 from cranedyn.references.limits import Limits

@@ -16,10 +16,10 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.controllers.follow import follow
-from cranedyn.controllers.sensed import noise_of, sensed
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.converters import converters
 from cranedyn.errors import CraneError
+from cranedyn.estimation.sensor_model import noise_of, sensed
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references.spline import spline

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.controllers import hold_controller, lqr, mpc
+from cranedyn.controllers import hold_controller, lqr
 from cranedyn.controllers.affine import form
 from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.estimation import mpc
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import Motion, flat
 from cranedyn.simulation.simulate import simulate

@@ -15,17 +15,18 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import follow
-from cranedyn.controllers.damped import damped
+from cranedyn.controllers.damping import damped
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import EngineName, State
-from cranedyn.references import ARTICLE_TOUR, Leg, hold, plumb, spline
+from cranedyn.planning.itinerary import ARTICLE_TOUR, Leg
+from cranedyn.planning.tour import tour
+from cranedyn.references import hold, plumb, spline
 from cranedyn.references.flat import cruise, flat
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
-from cranedyn.references.tour import tour
 from cranedyn.simulation.simulate import simulate
 from experiments import demo, harness
 from experiments.scenarios.moves import TOUR_LIMITS as LIMITS

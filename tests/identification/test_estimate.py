@@ -16,7 +16,7 @@ from cranedyn.identification import Estimate, Known, Model, Record, identify, lo
 from cranedyn.identification.motion import lagged
 from cranedyn.identification.noise import is_white
 from cranedyn.identification.search import jacobian
-from cranedyn.references import JoystickPulse, operator
+from cranedyn.planning.joystick import JoystickPulse, operator
 from cranedyn.simulation.simulate import simulate
 from experiments.gazebo import RECORDINGS
 from experiments.identify_coverage import NAMES, NOISE, PLANTS, coverage, synthetic

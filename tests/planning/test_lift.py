@@ -15,9 +15,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.analysis.swing import swing_amplitude
-from cranedyn.controllers.sensed import sensed
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError, ModelError
+from cranedyn.estimation.sensor_model import sensed
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.planning import search

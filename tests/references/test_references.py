@@ -13,14 +13,13 @@ from hypothesis import strategies as st
 from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.load import load_crane
+from cranedyn.planning.itinerary import Leg, itinerary
+from cranedyn.planning.joystick import JoystickPulse, operator
+from cranedyn.planning.tour import tour
 from cranedyn.references import (
-    JoystickPulse,
-    Leg,
     ei,
     flat,
     hold,
-    itinerary,
-    operator,
     plumb,
     pulse,
     ramp,
@@ -33,7 +32,6 @@ from cranedyn.references.limits import Limits, fastest
 from cranedyn.references.motion import Motion
 from cranedyn.references.spline import PEAK_RATE, shortest
 from cranedyn.references.tabulated import tabulated
-from cranedyn.references.tour import tour
 from tests.helpers import crane
 
 CRANE = crane()

@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import follow, hold_controller
-from cranedyn.controllers.rated import rated
+from cranedyn.controllers.velocity_command import rated
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances import wind
 from cranedyn.dynamics.converters import converters

@@ -35,9 +35,9 @@ from cranedyn.errors import CraneError, OutOfRange, number, whole, within
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
+from cranedyn.references.interpolation import SAME
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
-from cranedyn.references.rows import SAME
 
 PRICE = 1e6
 """Cost of exceeding a bound by as much as its own size, in one stage."""
@@ -340,7 +340,8 @@ def receding(
         limits: Of the rates and accelerations of the drives, beside the crane's own rate limits.
         motion: What to track; None to go to the setpoint of the reference.
         drive: What it commands: "effort", "motion", or "velocity", the rates at which frequency
-            converters accelerate the drives as planned, see `cranedyn.controllers.rated`.
+            converters accelerate the drives as planned, see
+            `cranedyn.controllers.velocity_command`.
         converters: Of drives that take velocities; None for typical ones.
         swing_limit: Largest size of each swing from where the load hangs [rad], below π/2.
         control_period: Of the run [s].

@@ -13,18 +13,19 @@ import numpy as np
 import pytest
 
 from cranedyn.analysis.swing import swing_amplitude
-from cranedyn.controllers import adapted, hold_controller, lqr, observed, sensed
-from cranedyn.controllers.adapted import Adapted, Family
-from cranedyn.controllers.load_filter import LIGHTEST, LoadFilter, Sensors
+from cranedyn.controllers import hold_controller, lqr
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import holding_effort, prescribed_acceleration
 from cranedyn.errors import CraneError, MissingRole
+from cranedyn.estimation import adapted, observed, sensed
+from cranedyn.estimation.load_estimate import Adapted, Family
+from cranedyn.estimation.load_filter import LIGHTEST, LoadFilter, Sensors
+from cranedyn.estimation.longer_cable import longer
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import Motion, flat
-from cranedyn.references.longer import longer
 from tests.helpers import ROOT, G, crane, quickly
 
 PERIOD = 5e-3

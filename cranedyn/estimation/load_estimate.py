@@ -14,16 +14,16 @@ import numpy as np
 from cranedyn.arguments import check_word, checked
 from cranedyn.arrays import OneLine
 from cranedyn.clocks import SAME_PERIOD
-from cranedyn.controllers.load_filter import GYROSCOPE, LoadFilter, Sensors
-from cranedyn.controllers.observer import initial_std_of
-from cranedyn.controllers.sensed import noise_of
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.errors import CraneError, OutOfRange, number, whole
+from cranedyn.estimation.load_filter import GYROSCOPE, LoadFilter, Sensors
+from cranedyn.estimation.longer_cable import longer
+from cranedyn.estimation.observer import initial_std_of
+from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import ROLES
-from cranedyn.references.longer import longer
 from cranedyn.references.motion import Motion, motion_efforts
 
 CALM = {
@@ -33,7 +33,7 @@ CALM = {
     ("prismatic", False): 3e-3,
 }
 """Standard deviations of accelerations that the model does not know [rad/s² or m/s²], as
-`cranedyn.controllers.observer.DISTURBANCE`, ours: less, because the length of the cable is in how
+`cranedyn.estimation.observer.DISTURBANCE`, ours: less, because the length of the cable is in how
 fast the load swings, which can be seen only where little else moves it."""
 
 LOAD_STD, CABLE_STD = 0.5, 0.1
@@ -182,9 +182,8 @@ def adapted(
         crane: The crane as planned for; it must have a hoist.
         motion: The motion as planned; its period is the control period.
         motion_of: The same move on a cable that is longer by so much [m] at every reading of the
-            hoist. None for `cranedyn.references.longer`; of a crane that is no tower crane for the
-            planned one with all else as it is, which leaves it to the controller that the load
-            then swings otherwise.
+            hoist. None for `with_longer_cable`; for a crane that is no tower crane, None adds the
+            length to the hoist alone, and the controller answers for the different swing.
         sensors: What is measured: "drives", the encoders of the drives alone; "swing", besides
             them the angles of the swings; "imu", besides them the rates of a gyroscope on the
             load. An accelerometer there would say nothing of the swing: what a load on a rope
@@ -195,7 +194,7 @@ def adapted(
         disturbance: Standard deviations of the accelerations that the model does not know, shape
             (n,); None for `CALM`.
         noise: Standard deviations of coordinates [rad or m] and rates [per second] as measured,
-            shape (2 n,); None for `cranedyn.controllers.sensed.noise_of`.
+            shape (2 n,); None for `cranedyn.estimation.sensor_model.noise_of`.
         delay: How many control periods the measurements are late.
         start: Where it is believed to start; None for where the motion is, the load plumb.
 

@@ -27,8 +27,8 @@ from cranedyn.controllers.tracking import check_finite
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole, within
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
+from cranedyn.references.interpolation import SAME, at_place, place
 from cranedyn.references.motion import Motion
-from cranedyn.references.rows import SAME, at_place, place
 
 PENALTY = 1e6
 """Cost of exceeding a bound by as much as the bound itself: linear, and far more than what the LQR

@@ -25,7 +25,7 @@ from cranedyn.arguments import check_word, checked
 from cranedyn.arrays import OneLine
 from cranedyn.clocks import Timed, soon_enough
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
-from cranedyn.controllers.damped import Damped
+from cranedyn.controllers.damping import Damped
 from cranedyn.controllers.follow import Follow
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
@@ -36,7 +36,7 @@ from cranedyn.dynamics.pinocchio import acceleration, linearise
 from cranedyn.errors import number
 from cranedyn.interfaces import Controller, DirectDrive, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.rows import at_places, places
+from cranedyn.references.interpolation import at_places, places
 from cranedyn.references.tabulated import tabulated
 
 RECOVERY = 1.0

@@ -13,19 +13,20 @@ import pytest
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 
 from cranedyn.analysis.swing import swing_amplitude
-from cranedyn.controllers import hold_controller, lqr, observed, sensed
+from cranedyn.controllers import hold_controller, lqr
 from cranedyn.controllers.linearised import linearised
-from cranedyn.controllers.observer import (
+from cranedyn.controllers.tracking import Tracking
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.linearisation import sampled
+from cranedyn.errors import CraneError
+from cranedyn.estimation import observed, sensed
+from cranedyn.estimation.observer import (
     Observed,
     disturbance_of,
     initial_std_of,
     kalman_gain,
 )
-from cranedyn.controllers.sensed import noise_of
-from cranedyn.controllers.tracking import Tracking
-from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics.linearisation import sampled
-from cranedyn.errors import CraneError
+from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import Motion, flat, plumb, spline
@@ -387,7 +388,8 @@ def test_an_observer_that_cannot_be_is_refused(given: dict[str, object], words: 
 def test_what_an_observer_needs_is_loaded_before_its_first_control_instant() -> None:
     program = """
 import sys
-from cranedyn.controllers import adapted, hold_controller, observed
+from cranedyn.controllers import hold_controller
+from cranedyn.estimation import adapted, observed
 from cranedyn.model.load import load_crane
 from cranedyn.references import Motion
 crane = load_crane()

@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.controllers.observer import kalman_gain, load_lapack
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import by_state_and_force, full
+from cranedyn.estimation.observer import kalman_gain, load_lapack
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
@@ -22,8 +22,8 @@ Sensors = Literal["drives", "swing", "imu"]
 swings; or besides them the rates at which a gyroscope on the load turns."""
 
 GYROSCOPE = 3e-3
-"""Standard deviation of a gyroscope on the load [rad/s], as `cranedyn.controllers.sensed` has it
-for the rate of a swing."""
+"""Standard deviation of a gyroscope on the load [rad/s], that of the rate of a swing in
+`cranedyn.estimation.sensor_model`."""
 
 LIGHTEST, HEAVIEST = 0.02, 50.0
 """Loads that are thought possible, over the load believed in. What the filter infers beyond them

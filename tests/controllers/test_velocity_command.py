@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.controllers.affine import form
-from cranedyn.controllers.damped import damped
+from cranedyn.controllers.damping import damped
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
-from cranedyn.controllers.rated import GivenRates, rated
+from cranedyn.controllers.velocity_command import GivenRates, rated
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.pinocchio import acceleration
 from cranedyn.errors import CraneError

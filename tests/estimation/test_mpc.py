@@ -15,14 +15,15 @@ from scipy.linalg import cholesky, solve_discrete_are
 from scipy.optimize import lsq_linear
 
 from cranedyn.analysis.swing import swing_amplitude
-from cranedyn.controllers import lqr, mpc, observed, sensed
+from cranedyn.controllers import lqr
 from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
-from cranedyn.controllers.mpc import Predictive
 from cranedyn.controllers.riccati import riccati
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, RunError
+from cranedyn.estimation import mpc, observed, sensed
+from cranedyn.estimation.mpc import Predictive
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references import Motion, flat, plumb, spline

@@ -14,7 +14,7 @@ from cranedyn.clocks import intervals
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.itinerary import Leg, Stage, Timetable, leg_target
+from cranedyn.planning.itinerary import Leg, Stage, Timetable, leg_target
 from cranedyn.references.motion import Motion
 
 

@@ -17,8 +17,8 @@ from cranedyn.arguments import checked
 from cranedyn.arrays import OneLine
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.linearised import Linearised, linearised
-from cranedyn.controllers.sensed import noise_of
 from cranedyn.errors import CraneError, OutOfRange, number, whole
+from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
