@@ -24,11 +24,11 @@ from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.threads import WARP
 from cranedyn.dynamics.converters import Converters
-from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, number, whole, within
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
+from cranedyn.plant.cranes import Cranes
 
 _LANES, _THREADS = 8, 1024
 
@@ -115,7 +115,7 @@ def simulate_batch(
     be the same object: its table is then kept once.
 
     Args:
-        crane: One crane or n, or `Cranes` of `cranedyn.dynamics.cranes.load_cranes`.
+        crane: One crane or n, or `Cranes` of `cranedyn.plant.cranes.load_cranes`.
         controller: One or n, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`, or one
             predictive controller of `cranedyn.compiled.horizon.receding` for all. Those with a
             memory begin with what they remember, and are left as they are.

@@ -14,12 +14,12 @@ from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.tables import Table, aim, law, no_law, shortened, table
 from cranedyn.controllers.affine import Affine, form
 from cranedyn.dynamics.converters import fitting
-from cranedyn.dynamics.cranes import Cranes
-from cranedyn.dynamics.plant import Topology
 from cranedyn.errors import CraneError, Misshapen, OutOfRange, whole, within
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
+from cranedyn.plant.cranes import Cranes
+from cranedyn.plant.plant import Topology
 from cranedyn.references import hold
 from cranedyn.references.tabulated import owned, tabulated
 

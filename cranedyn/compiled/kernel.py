@@ -20,8 +20,8 @@ from cranedyn.compiled.machine import Machine, translated
 from cranedyn.compiled.step import stepped
 from cranedyn.compiled.threads import THREAD, one_after_another
 from cranedyn.dynamics.integrators import Integrator
-from cranedyn.dynamics.plant import SI, Plant, Topology, Units, plant
-from cranedyn.dynamics.rigid_body import array
+from cranedyn.dynamics.scalars import array
+from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
 
 
 @dataclass(frozen=True)

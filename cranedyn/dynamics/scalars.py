@@ -1,4 +1,5 @@
-"""Choices and comparisons on any kind of number, so that physics is written once.
+"""Choices, comparisons and small linear algebra on any kind of number, so that physics is written
+once.
 
 A number is a float, an array of floats (many rows at once), or a value of a program under
 construction, which brings its own way to choose as `choices`.
@@ -6,6 +7,7 @@ construction, which brings its own way to choose as `choices`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -98,3 +100,57 @@ def root(value: Any) -> Any:
 def rounded(value: Any) -> Any:
     """The nearest whole number, the even one of two."""
     return value.choices.call("llvm.rint", value) if hasattr(value, "choices") else np.rint(value)
+
+
+def array(elements: Sequence[Any]) -> np.ndarray:
+    """An object array, numbers among its elements as Python floats."""
+    made = np.empty(len(elements), dtype=object)
+    for i, element in enumerate(elements):
+        made[i] = float(element) if isinstance(element, float | int) else element
+    return made
+
+
+def is_zero(element: Any) -> bool:
+    """Return whether an element is known to be zero."""
+    return isinstance(element, float) and element == 0.0
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product, shape (3,)."""
+    return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution of mass @ x = right for a symmetric positive definite matrix; what is zero through
+    branches of the tree is left out.
+
+    Unknowns are eliminated from the last, two at a time: by determinants two take one division,
+    where one after the other they take two, and the second waits for the first.
+    """
+    lower, x, blocks = mass.copy(), right.copy(), list[tuple[range, np.ndarray]]()
+    end = len(mass)
+    while end:
+        begin = end - (1 if end == 1 or isinstance(lower[end - 1, end - 1], float) else 2)
+        block = range(begin, end)
+        inverse = _inverse(lower[begin:end, begin:end])
+        shares = inverse @ lower[begin:end, :begin]
+        for i in range(begin):
+            for j in range(i + 1):
+                lower[i, j] = lower[i, j] - shares[:, i] @ lower[begin:end, j]
+            x[i] = x[i] - shares[:, i] @ x[begin:end]
+        x[begin:end] = inverse @ x[begin:end]
+        blocks.append((block, shares))
+        end = begin
+    for block, shares in reversed(blocks):
+        x[block] = x[block] - shares @ x[: block.start]
+    return x
+
+
+def _inverse(block: np.ndarray) -> np.ndarray:
+    """Of the lower triangle of a symmetric matrix of one row or two."""
+    if len(block) == 1:
+        return 1.0 / block
+    (a, c), b = (block[0, 0], block[1, 0]), block[1, 1]
+    inverse = 1.0 / (a * b - c * c)
+    across = -(c * inverse)
+    return array([b * inverse, across, across, a * inverse]).reshape(2, 2)

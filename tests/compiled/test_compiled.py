@@ -27,7 +27,6 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import QUANTITIES, Trajectory, join
 from cranedyn.disturbances import wind
 from cranedyn.dynamics import pinocchio as dynamics
-from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.integrators import (
     Acceleration,
     Add,
@@ -36,10 +35,12 @@ from cranedyn.dynamics.integrators import (
     rk4,
     semi_implicit_euler,
 )
+from cranedyn.dynamics.scalars import array
 from cranedyn.errors import CraneError, ModelError, OutOfRange, RunError
 from cranedyn.interfaces import Controller, Disturbance, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.plant import rigid_body
 from cranedyn.references import hold, plumb, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, constant, crane, locked, python
@@ -334,14 +335,12 @@ def test_a_stepping_rule_of_ones_own_runs_in_both_engines() -> None:
 
 
 def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return rigid_body.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] + a[1] * b[0]]
-    )
+    return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] + a[1] * b[0]])
 
 
 @pytest.mark.parametrize("drive", ["effort", "motion"])
 def test_code_that_moves_otherwise_is_refused(drive: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cranedyn.dynamics.rigid_body.cross", _wrong_cross)
+    monkeypatch.setattr("cranedyn.plant.rigid_body.cross", _wrong_cross)
     c = load_crane(payload_mass=1234.5)
     with pytest.raises(
         ModelError,

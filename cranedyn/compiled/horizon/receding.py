@@ -30,11 +30,11 @@ from cranedyn.compiled.machine import Machine, translated
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.dynamics.plant import Plant, Topology, numbers, plant
 from cranedyn.errors import CraneError, OutOfRange, number, whole, within
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
+from cranedyn.plant.plant import Plant, Topology, numbers, plant
 from cranedyn.references.interpolation import SAME
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion

@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from cranedyn.dynamics import pinocchio as dynamics
-from cranedyn.dynamics import rigid_body
-from cranedyn.dynamics.rigid_body import Bodies, ExternalForce, Frame
+from cranedyn.dynamics.bodies import Bodies, blank, bodies
+from cranedyn.dynamics.scalars import array, solve
 from cranedyn.interfaces import State
+from cranedyn.plant import rigid_body
+from cranedyn.plant.rigid_body import ExternalForce, Frame
 from tests.helpers import crane, states
 
 
@@ -48,7 +50,7 @@ vectors = st.lists(st.floats(-3.0, 3.0), min_size=7, max_size=7).map(np.array)
 
 
 def _tree(model: pin.Model) -> Bodies:
-    tree = rigid_body.bodies(model)
+    tree = bodies(model)
     return tree.with_numbers(tree.numbers().tolist())
 
 
@@ -117,7 +119,7 @@ def test_a_push_does_the_work_of_its_point(q: np.ndarray, body: int, strength: f
 def test_solving_with_the_mass_matrix_leaves_nothing_over(q: np.ndarray, right: np.ndarray) -> None:
     mass = rigid_body.mass_matrix(*_at(q))
     before = mass.tolist()
-    x = rigid_body.solve(mass, rigid_body.array(right.tolist()))
+    x = solve(mass, array(right.tolist()))
     assert mass.tolist() == before
     # backward stable: what is left over is rounding of the sizes that go in
     assert_allclose(
@@ -131,7 +133,7 @@ def test_solving_with_the_mass_matrix_leaves_nothing_over(q: np.ndarray, right: 
 def test_accelerations_are_those_of_pinocchio(
     q: np.ndarray, v: np.ndarray, effort: np.ndarray
 ) -> None:
-    found = _plain(rigid_body.forward_dynamics(*_at(q), v, rigid_body.array(effort.tolist())))
+    found = _plain(rigid_body.forward_dynamics(*_at(q), v, array(effort.tolist())))
     expected = pin.aba(ARM, ARM.createData(), q, v, effort)
     mass = pin.crba(ARM, ARM.createData(), q)
     assert not rigid_body.disagreement(found, expected, mass)
@@ -148,9 +150,7 @@ def test_a_load_on_its_rope_moves_as_in_pinocchio_wherever_its_centre_is(state: 
     where = rigid_body.frames(tree, state.q)
     assert rigid_body._is_sliding_point(tree, 4)
     found = _plain(
-        rigid_body.forward_dynamics(
-            tree, where, state.v, rigid_body.array(effort.tolist()), [force]
-        )
+        rigid_body.forward_dynamics(tree, where, state.v, array(effort.tolist()), [force])
     )
     pushed, free = (
         _plain(rigid_body.inverse_dynamics(tree, where, np.zeros(5), external_forces=some))
@@ -179,8 +179,8 @@ def test_a_payload_that_turns_is_pushed_at_its_centre(state: State) -> None:
 
 
 def test_numbers_go_out_and_come_back_in_one_order() -> None:
-    tree = rigid_body.bodies(ARM)
-    again = rigid_body.blank(tree.parents).with_numbers(tree.numbers().tolist())
+    tree = bodies(ARM)
+    again = blank(tree.parents).with_numbers(tree.numbers().tolist())
     assert again.numbers().tolist() == tree.numbers().tolist()
     assert _plain(again.inertia).tolist() == tree.inertia.tolist()
     assert len(again) == 7

@@ -7,10 +7,12 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.bodies import bodies
 from cranedyn.dynamics.joint_forces import JointForces
+from cranedyn.dynamics.scalars import array
 from cranedyn.errors import CraneError, ModelError
 from cranedyn.model.crane import Crane
+from cranedyn.plant import rigid_body
 
 try:
     import casadi as ca
@@ -37,16 +39,14 @@ def rnea(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
         ModelError: If a joint has more than one degree of freedom or, as one that turns without
             limits, more than one coordinate.
     """
-    tree = rigid_body.bodies(model)
+    tree = bodies(model)
     if model.nq != model.nv:
         raise ModelError(
             f"{model.name} has {model.nq} coordinates for {model.nv} rates; to be made symbols it "
             "needs one for each."
         )
     tree = tree.with_numbers(tree.numbers().tolist())
-    angles, rates, accelerations = (
-        rigid_body.array(ca.vertsplit(ca.densify(part))) for part in (q, v, a)
-    )
+    angles, rates, accelerations = (array(ca.vertsplit(ca.densify(part))) for part in (q, v, a))
     return ca.vertcat(
         *rigid_body.inverse_dynamics(tree, rigid_body.frames(tree, angles), rates, accelerations)
     )
@@ -64,7 +64,7 @@ def prescribed_acceleration(
     drives, passive = crane.layout.drives.tolist(), crane.layout.passive.tolist()
     a, free = ca.SX(crane.layout.n, 1), ca.SX.sym("free", len(passive))
     a[drives], a[passive] = drive_acceleration, free
-    at, moving = (rigid_body.array(ca.vertsplit(ca.densify(part))) for part in (q, v))
+    at, moving = (array(ca.vertsplit(ca.densify(part))) for part in (q, v))
     force = rnea(crane.model, q, v, a) - ca.vertcat(*JointForces.of(crane).effort(at, moving))
     mass, force = ca.jacobian(force, free), ca.substitute(force, free, np.zeros(len(passive)))
     solved = -ca.solve(mass[passive, :], force[passive])

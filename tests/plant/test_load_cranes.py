@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller
-from cranedyn.dynamics.cranes import load_cranes
-from cranedyn.dynamics.plant import numbers
 from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
 from cranedyn.model.load import load_crane
+from cranedyn.plant.cranes import load_cranes
+from cranedyn.plant.plant import numbers
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import ROOT, crane
 

@@ -13,68 +13,17 @@ bodies), §6.5 (factorisation).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
-from cranedyn.dynamics.scalars import rows
-from cranedyn.errors import ModelError
+from cranedyn.dynamics.bodies import Bodies
+from cranedyn.dynamics.scalars import array, cross, is_zero, solve
 
 _AGREEMENT = 1e-11
 """Relative difference of accelerations that is taken for round-off however well the mass matrix is
 conditioned."""
-
-
-@dataclass(frozen=True, eq=False)
-class Bodies:
-    """The numbers of a model; row i is a joint and the body that it carries.
-
-    Attributes:
-        parents: Row of the joint before, -1 for the world; shape (n,).
-        rotation: Of the joint's placement in the frame of its parent, shape (n, 3, 3).
-        translation: The same [m], shape (n, 3).
-        axis: Velocity per rate of the coordinate, linear and angular, in the joint's own frame,
-            shape (n, 2, 3).
-        mass: [kg], shape (n,).
-        lever: Centre of mass [m], shape (n, 3).
-        inertia: Rotational inertia about it [kg m²], shape (n, 3, 3).
-        armature: Inertia added to that of the coordinate [kg m² or kg], shape (n,).
-        gravity: In the world [m/s²], shape (3,).
-    """
-
-    parents: Sequence[int]
-    rotation: np.ndarray
-    translation: np.ndarray
-    axis: np.ndarray
-    mass: np.ndarray
-    lever: np.ndarray
-    inertia: np.ndarray
-    armature: np.ndarray
-    gravity: np.ndarray
-
-    def __len__(self) -> int:
-        """Number of joints."""
-        return len(self.parents)
-
-    def numbers(self) -> np.ndarray:
-        """All numbers in a row."""
-        return np.concatenate([getattr(self, field.name).ravel() for field in fields(self)[1:]])
-
-    def with_numbers(self, numbers: Sequence[Any]) -> Bodies:
-        """The same tree with other numbers, or what stands for them, in the order of `numbers`."""
-        parts, first = [], 0
-        for field in fields(self)[1:]:
-            old = getattr(self, field.name)
-            parts.append(array(numbers[first : first + old.size]).reshape(old.shape))
-            first += old.size
-        return Bodies(self.parents, *parts)
-
-    def in_steps(self, dt: Any, mass: Any) -> Bodies:
-        """The same with time counted in steps of `dt` [s] and mass in units of `mass` [kg]."""
-        masses = {name: getattr(self, name) / mass for name in ("mass", "inertia", "armature")}
-        return replace(self, **masses, gravity=self.gravity * (dt * dt))
 
 
 def regrouped(tree: Bodies) -> Bodies:
@@ -89,13 +38,13 @@ def regrouped(tree: Bodies) -> Bodies:
     mass, lever, inertia = tree.mass.copy(), tree.lever.copy(), tree.inertia.copy()
     for i in range(len(tree) - 1, -1, -1):
         parent, (_, about), turn = tree.parents[i], tree.axis[i], tree.rotation[i]
-        axes = [k for k, part in enumerate(about) if not _is_zero(part)]
+        axes = [k for k, part in enumerate(about) if not is_zero(part)]
         if parent < 0 or len(axes) > 1:
             continue
         if not axes:
             inertia[parent] = inertia[parent] + turn @ inertia[i] @ turn.T
             inertia[i] = 0.0
-        elif all(_is_zero(part) for part in np.delete(lever[i], axes)):
+        elif all(is_zero(part) for part in np.delete(lever[i], axes)):
             _add_mass(mass, lever, inertia, parent, mass[i], tree.translation[i] + turn @ lever[i])
             mass[i], lever[i] = 0.0, 0.0
     return replace(tree, mass=mass, lever=lever, inertia=inertia)
@@ -105,7 +54,7 @@ def _add_mass(
     mass: np.ndarray, lever: np.ndarray, inertia: np.ndarray, i: int, more: Any, at: np.ndarray
 ) -> None:
     """Put a point mass [kg] somewhere on a body [m]."""
-    if _is_zero(more):
+    if is_zero(more):
         return
     whole = mass[i] + more
     apart, share = at - lever[i], more / whole
@@ -135,78 +84,12 @@ class ExternalForce(NamedTuple):
     force: np.ndarray
 
 
-def blank(parents: Sequence[int]) -> Bodies:
-    """A tree whose numbers are all zero."""
-    n = len(parents)
-    rotation, translation, axis, mass, lever, inertia, armature, gravity = (
-        np.zeros(shape)
-        for shape in ((n, 3, 3), (n, 3), (n, 2, 3), (n,), (n, 3), (n, 3, 3), (n,), (3,))
-    )
-    return Bodies(parents, rotation, translation, axis, mass, lever, inertia, armature, gravity)
-
-
-def array(elements: Sequence[Any]) -> np.ndarray:
-    """An object array, numbers among its elements as Python floats."""
-    made = np.empty(len(elements), dtype=object)
-    for i, element in enumerate(elements):
-        made[i] = float(element) if isinstance(element, float | int) else element
-    return made
-
-
-def bodies(model: pin.Model) -> Bodies:
-    """The numbers of a model.
-
-    Raises:
-        ModelError: If a joint does not have one degree of freedom, or there is none.
-    """
-    if model.njoints < 2:
-        raise ModelError(f"The model {model.name!r} has no joint that moves.")
-    rows: list[tuple[Any, ...]] = []
-    neutral = pin.neutral(model)
-    for i in range(1, model.njoints):
-        joint, place, body = model.joints[i], model.jointPlacements[i], model.inertias[i]
-        kind = joint.shortname()
-        if (joint.nv, joint.idx_v) != (1, i - 1) or kind == "JointModelComposite":
-            raise ModelError(
-                f"{model.names[i]} is a {kind}; to be compiled or made symbols, joints must be "
-                "revolute, prismatic or helical, "
-                "with one degree of freedom each."
-            )
-        at = joint.createData()
-        joint.calc(at, neutral)
-        rows.append(
-            (
-                place.rotation,
-                place.translation,
-                at.S.reshape(2, 3),
-                body.mass,
-                body.lever,
-                body.inertia,
-            )
-        )
-    rotation, translation, axis, mass, lever, inertia = (
-        np.array(column, dtype=float) for column in zip(*rows, strict=True)
-    )
-    parents = [model.parents[i] - 1 for i in range(1, model.njoints)]
-    return Bodies(
-        parents,
-        rotation,
-        translation,
-        axis,
-        mass,
-        lever,
-        inertia,
-        model.armature.copy(),
-        model.gravity.linear.copy(),
-    )
-
-
 def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
     """Where each joint's frame is at coordinates q, shape (n,)."""
     found = []
     for i in range(len(tree)):
         (along, about), rotation, coordinate = tree.axis[i], tree.rotation[i], q[i : i + 1]
-        if any(not _is_zero(part) for part in about):
+        if any(not is_zero(part) for part in about):
             out = np.multiply.outer(about, about)
             turn = (
                 np.cos(coordinate) * (np.eye(3).astype(object) - out)
@@ -270,7 +153,7 @@ def inverse_dynamics(
         effort[i] = effort[i] + tree.axis[i, 0] @ forces[i] + tree.axis[i, 1] @ torques[i]
         if pulled is not None and i == pulled[0]:
             sides = zip(tree.axis[i, 0], forces[i], strict=True)
-            force = array([f if _is_zero(one) else one * pulled[1] for one, f in sides])
+            force = array([f if is_zero(one) else one * pulled[1] for one, f in sides])
             torques[i] = torques[i] + cross(tree.lever[i], force - forces[i])
             forces[i] = force
         if (parent := tree.parents[i]) >= 0:
@@ -331,7 +214,7 @@ def forward_dynamics(
         # What a unit force on the point exerts is how fast each coordinate moves it that way.
         unit = array(side.tolist())
         moved = _exerted(tree, where, last, unit, cross(tree.lever[last], unit))[:last]
-        if _is_zero(one):
+        if is_zero(one):
             mass = mass + np.multiply.outer(moved, moved) * tree.mass[last]
         else:
             along = one * moved
@@ -346,10 +229,10 @@ def _is_sliding_point(tree: Bodies, i: int) -> bool:
     nothing = np.concatenate([about, tree.inertia[i].ravel(), tree.armature[[i]]])
     return (
         tree.parents[i] >= 0
-        and all(map(_is_zero, nothing))
+        and all(map(is_zero, nothing))
         and all(isinstance(part, float) for part in along)
         and sorted(map(abs, along)) == [0.0, 0.0, 1.0]
-        and not _is_zero(tree.mass[i])
+        and not is_zero(tree.mass[i])
     )
 
 
@@ -364,42 +247,6 @@ def _exerted(
         body = parent
         found[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
     return found
-
-
-def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solution of mass @ x = right for a symmetric positive definite matrix; what is zero through
-    branches of the tree is left out.
-
-    Unknowns are eliminated from the last, two at a time: by determinants two take one division,
-    where one after the other they take two, and the second waits for the first.
-    """
-    lower, x, blocks = mass.copy(), right.copy(), list[tuple[range, np.ndarray]]()
-    end = len(mass)
-    while end:
-        begin = end - (1 if end == 1 or isinstance(lower[end - 1, end - 1], float) else 2)
-        block = range(begin, end)
-        inverse = _inverse(lower[begin:end, begin:end])
-        shares = inverse @ lower[begin:end, :begin]
-        for i in range(begin):
-            for j in range(i + 1):
-                lower[i, j] = lower[i, j] - shares[:, i] @ lower[begin:end, j]
-            x[i] = x[i] - shares[:, i] @ x[begin:end]
-        x[begin:end] = inverse @ x[begin:end]
-        blocks.append((block, shares))
-        end = begin
-    for block, shares in reversed(blocks):
-        x[block] = x[block] - shares @ x[: block.start]
-    return x
-
-
-def _inverse(block: np.ndarray) -> np.ndarray:
-    """Of the lower triangle of a symmetric matrix of one row or two."""
-    if len(block) == 1:
-        return 1.0 / block
-    (a, c), b = (block[0, 0], block[1, 0]), block[1, 1]
-    inverse = 1.0 / (a * b - c * c)
-    across = -(c * inverse)
-    return array([b * inverse, across, across, a * inverse]).reshape(2, 2)
 
 
 def lost_digits(mass: np.ndarray) -> float:
@@ -438,49 +285,6 @@ def potential_energy(tree: Bodies, where: Sequence[Frame]) -> Any:
     return energy
 
 
-def height(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> Any:
-    """Height of a point of a body above the origin of the world [m].
-
-    Only the vertical is carried from joint to joint, which is a third of the work of `frames`.
-
-    Args:
-        tree: The bodies.
-        q: Coordinates, shape (n,).
-        body: The body.
-        point: In the joint's frame [m], shape (3,).
-    """
-    chain = [body]
-    while (parent := tree.parents[chain[-1]]) >= 0:
-        chain.append(parent)
-    up, found = array([0.0, 0.0, 1.0]), 0.0
-    for i in reversed(chain):
-        found, up = found + up @ tree.translation[i], tree.rotation[i].T @ up
-        (along, about), coordinate = tree.axis[i], q[i : i + 1]
-        found = found + up @ (along * coordinate)
-        if all(map(_is_zero, about)):
-            continue
-        level = about * array([about @ up])
-        if not all(map(_is_zero, up - level)):
-            cosine, sine = np.cos(coordinate), np.sin(coordinate)
-            up = level + cosine * (up - level) - sine * cross(about, up)
-    return found + up @ point
-
-
-def heights(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> np.ndarray:
-    """As `height`, of many states at once.
-
-    Args:
-        tree: The bodies.
-        q: Coordinates, shape (rows, n).
-        body: The body.
-        point: In the joint's frame [m], shape (3,).
-
-    Returns:
-        Heights [m], shape (rows,).
-    """
-    return np.broadcast_to(np.asarray(height(tree, rows(q), body, point), dtype=float), len(q))
-
-
 def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:
     """A vector of the world in the frame of a joint, shape (3,)."""
     chain = [body]
@@ -498,11 +302,6 @@ def _of_point(
     up at an acceleration; sliding is twice the rate at which the point moves in it.
     """
     return cross(turn, point) + cross(spin, cross(spin, point) + sliding)
-
-
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product, shape (3,)."""
-    return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 class _Body(NamedTuple):
@@ -552,7 +351,3 @@ def _to_parent(
 
 def _skew(a: np.ndarray) -> np.ndarray:
     return array([0.0, -a[2], a[1], a[2], 0.0, -a[0], -a[1], a[0], 0.0]).reshape(3, 3)
-
-
-def _is_zero(element: Any) -> bool:
-    return isinstance(element, float) and element == 0.0

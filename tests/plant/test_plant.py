@@ -9,9 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.dynamics.converters import converters
-from cranedyn.dynamics.plant import Topology, numbers, plant
-from cranedyn.dynamics.rigid_body import array
+from cranedyn.dynamics.scalars import array
 from cranedyn.model.crane import Crane
+from cranedyn.plant.plant import Topology, numbers, plant
 from tests.helpers import crane
 
 DT = 1e-3

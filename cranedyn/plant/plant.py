@@ -11,15 +11,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.bodies import Bodies, blank, bodies, height
 from cranedyn.dynamics.converters import Response, held_back
 from cranedyn.dynamics.joint_forces import JointForces, Stops, rope_tension
-from cranedyn.dynamics.rigid_body import Bodies, ExternalForce, array
-from cranedyn.dynamics.scalars import clipped
+from cranedyn.dynamics.scalars import array, clipped, solve
 from cranedyn.dynamics.validity import bounds, drive_bounds
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.model.springs import Rope, Springs
+from cranedyn.plant import rigid_body
+from cranedyn.plant.rigid_body import ExternalForce
 
 _NO_LIMIT = 1e9
 """Stands for no limit of a rate: whatever is faster has diverged."""
@@ -197,9 +198,7 @@ class Plant:
             return held_back(mass, resisting, wanted, self.effort_limit, self.topology.layout)
         a = array([0.0] * len(q))
         a[drives] = command
-        a[passive] = rigid_body.solve(
-            mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive]
-        )
+        a[passive] = solve(mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive])
         effort = (mass @ a + resisting)[drives]
         return a, effort, effort
 
@@ -222,7 +221,7 @@ class Plant:
         """
         layout = self.topology.layout
         tension = rope_tension(layout, self.joint.damping, self.joint.springs, q, v, hoist_force)
-        height = rigid_body.height(self.tree, q, self.topology.bodies[0], self.levers[0])
+        above = height(self.tree, q, self.topology.bodies[0], self.levers[0])
         found = [
             *bounds(
                 layout,
@@ -231,7 +230,7 @@ class Plant:
                 q,
                 self.swing_angles(q),
                 tension,
-                height,
+                above,
                 buffers=self.buffers,
             ),
             *drive_bounds(
@@ -296,7 +295,7 @@ class Plant:
 def numbers(crane: Crane) -> np.ndarray:
     """All numbers of a crane in a row, as `plant` takes them."""
     tree, springs, stops, rope = (
-        rigid_body.bodies(crane.model),
+        bodies(crane.model),
         crane.springs,
         Stops.of(crane),
         crane.springs.rope,
@@ -349,7 +348,7 @@ def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) 
         count = m * len(Response._fields)
         response = Response(*np.split(array(values[-count:]), len(Response._fields)))
         values = values[:-count]
-    tree = rigid_body.blank(topology.parents)
+    tree = blank(topology.parents)
     count = len(tree.numbers())
     swings = len(topology.swings)
     counts = [n, n, n, 1, n, n, m, m, 3 * len(topology.bodies), swings, swings, swings * m, m, m]

@@ -1,6 +1,6 @@
 """Thousands of cranes that differ in arguments of one description, without loading each.
 
-What the dynamics asks of a crane is a row of numbers (`cranedyn.dynamics.plant.numbers`): masses,
+What the dynamics asks of a crane is a row of numbers (`cranedyn.plant.plant.numbers`): masses,
 first moments, inertias, places. In the arguments of a description these are polynomials: at most of
 second degree in each argument, and no term of more than two of them. So a few cranes that are
 loaded tell all others, and some of the others are loaded to see whether that is so.
@@ -17,13 +17,13 @@ from typing import Any, overload
 import numpy as np
 
 from cranedyn.arrays import finite
-from cranedyn.dynamics.plant import numbers
 from cranedyn.errors import ModelError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO, arguments
 from cranedyn.model.layout import Layout
 from cranedyn.model.load import load_crane
+from cranedyn.plant.plant import numbers
 
 _LOOKED_AT, _AGREES = 6, 1e-11
 """How many of the cranes are loaded to compare, and by which share of the largest number in a
@@ -34,7 +34,7 @@ class Cranes:
     """Cranes that differ in numbers only; each is loaded when it is asked for.
 
     Attributes:
-        numbers: Of each crane in a row, as `cranedyn.dynamics.plant.numbers`, shape (cranes, k).
+        numbers: Of each crane in a row, as `cranedyn.plant.plant.numbers`, shape (cranes, k).
         start: Where each starts, shape (cranes, n) each.
     """
 
