@@ -48,10 +48,10 @@ class Clocks(NamedTuple):
 
 
 @runtime_checkable
-class Timed(Protocol):
+class Clocked(Protocol):
     """A controller that is told how a run is divided before it begins."""
 
-    def run_begins(self, t: float, control_period: float) -> None:
+    def begin_run(self, t: float, control_period: float) -> None:
         """Be told the first control instant [s] and the time between control instants [s].
 
         Raises:

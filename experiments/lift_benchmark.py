@@ -22,7 +22,7 @@ from cranedyn.interfaces import Reference
 from cranedyn.model.crane import Crane
 from cranedyn.planning.certificate import AFTER, certify
 from cranedyn.planning.clearance import Clearance
-from cranedyn.planning.joystick import JoystickPulse, operator
+from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.planning.lift import Lift, NoWay, plan_lift
 from cranedyn.planning.site import Site
 from cranedyn.planning.solids import Solid, box
@@ -180,7 +180,7 @@ def _operated(lift: Lift) -> tuple[Reference, float]:
                 pulses.append(JoystickPulse(drive, math.copysign(speed, way), at, abs(way) / speed))
                 lasts = max(lasts, abs(way) / speed + speed / acceleration)
         at += lasts
-    return operator(lift.crane, lift.states()[0], pulses, accelerations=limits.accelerations), at
+    return joystick(lift.crane, lift.states()[0], pulses, accelerations=limits.accelerations), at
 
 
 def _run(

@@ -440,7 +440,7 @@ MUTATIONS = (
     Mutation(
         "what a compiled loop integrated is forgotten",
         "cranedyn/compiled/engine.py",
-        "if isinstance(controller, Remembering):",
+        "if isinstance(controller, Stateful):",
         "if False:",
         "compiled::a_run_of_many_blocks_is_the_same",
     ),

@@ -269,7 +269,7 @@ def _header(crane: Crane, variables: Sequence[Variable], token: str, dt: float) 
     from cranedyn.compiled.call import SLOTS, Sizes, places, size
 
     sizes = Sizes.of(crane.layout)
-    law, row, kept = places(sizes.law), places(sizes.row), places(sizes.summary)
+    gains, row, kept = places(sizes.gain_table), places(sizes.row), places(sizes.summary)
     names = [variable.name for variable in variables]
     first = {
         kind: next(i for i, variable in enumerate(variables) if variable.causality == kind)
@@ -287,12 +287,12 @@ def _header(crane: Crane, variables: Sequence[Variable], token: str, dt: float) 
         "SLOTS": len(SLOTS),
         **{f"SLOT_{name.upper()}": slot for name, slot in SLOTS.items()},
         "SIZE_STATE": size(sizes.state),
-        "SIZE_LAW": size(sizes.law),
-        "SIZE_AIM": size(sizes.aim),
+        "SIZE_GAIN_TABLE": size(sizes.gain_table),
+        "SIZE_SETPOINT_TABLE": size(sizes.setpoint_table),
         "SIZE_ROW": size(sizes.row),
         "SIZE_SUMMARY": size(sizes.summary),
-        "AT_FEED_FORWARD": law["feed_forward"].start,
-        "AT_LIMIT": law["limit"].start,
+        "AT_FEED_FORWARD": gains["feed_forward"].start,
+        "AT_LIMIT": gains["limit"].start,
         "AT_EFFORT": row["effort"].start,
         "AT_ENERGY": row["energy"].start,
         "AT_INVALID": kept["invalid"].start,

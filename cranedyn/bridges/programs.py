@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.clocks import Clocks, Timed, clocks
-from cranedyn.controllers.affine import Affine, form
+from cranedyn.clocks import Clocked, Clocks, clocks
+from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
@@ -71,9 +71,9 @@ class Program:
             times,
             layout.m,
         )[0]
-        if isinstance(self.controller, Timed):
-            self.controller.run_begins(0.0, clock.period)
-        law = form(self.controller, times, positions, 2 * layout.n)
+        if isinstance(self.controller, Clocked):
+            self.controller.begin_run(0.0, clock.period)
+        law = affine_form(self.controller, times, positions, 2 * layout.n)
         if law is None:
             name = type(self.controller).__name__
             raise DataError(

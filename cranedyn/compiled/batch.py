@@ -200,7 +200,9 @@ def simulate_batch(
         integral=control.integrates,
         offset=len(offsets) > 0,
         forces=force is not None,
-        shared=tuple(one.shared for one in (control.law, control.aim, forces, *offsets)),
+        shared=tuple(
+            one.shared for one in (control.gain_table, control.setpoint_table, forces, *offsets)
+        ),
         log=rows > 0,
         summary=True,
         late=late,
@@ -212,7 +214,7 @@ def simulate_batch(
         distinct, which, response = inputs.paired(distinct, which, response)
     code, varied = compiled(distinct, recipe, response)
     inputs.fit("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
-    tables = (control.law, control.aim, forces, *offsets)
+    tables = (control.gain_table, control.setpoint_table, forces, *offsets)
     memory = {
         "state": grouped(
             [
@@ -290,7 +292,7 @@ def _horizon(
     """
     if planned.programme.drive != drive:
         raise OutOfRange("drive", drive, f"the controller's, {planned.programme.drive}")
-    planned.run_begins(since, clock.period)
+    planned.begin_run(since, clock.period)
     one = planned.fresh(since, _LANES)
     inputs.fit("number of cranes", f"{groups * _LANES}", taken + groups * one.size)
     return np.tile(one, (groups, 1))

@@ -102,14 +102,16 @@ class AffineController(Protocol):
 
 
 @runtime_checkable
-class Remembering(Protocol):
+class Stateful(Protocol):
     """An affine controller that integrates and goes on where it stopped."""
 
     def resume(self, t: float, integral: np.ndarray) -> None:
         """Take over what was integrated, shape (m,), up to and with a control instant [s]."""
 
 
-def form(controller: object, times: np.ndarray, positions: np.ndarray, width: int) -> Affine | None:
+def affine_form(
+    controller: object, times: np.ndarray, positions: np.ndarray, width: int
+) -> Affine | None:
     """The common form of a controller, see `AffineController.affine`; None if it has none, or is a
     variant that answers calls otherwise.
 

@@ -17,8 +17,8 @@ from cranedyn.references.limits import Limits
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Damped(OneLine):
-    """Drives that yield to the swing, see `damped`.
+class DampingController(OneLine):
+    """Drives that yield to the swing, see `with_damping`.
 
     Attributes:
         crane: The crane.
@@ -39,8 +39,8 @@ class Damped(OneLine):
     accelerations: np.ndarray
     control_period: float
 
-    def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
+    def begin_run(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Clocked`."""
         soon_enough(self.control_period, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -79,7 +79,7 @@ class Damped(OneLine):
 
 
 @checked
-def damped(
+def with_damping(
     crane: Crane,
     reference: Reference,
     *,
@@ -87,7 +87,7 @@ def damped(
     recovery: float = 0.0,
     limits: Limits,
     control_period: float = 5e-3,
-) -> Damped:
+) -> DampingController:
     """Reach the reference's velocity less what damps the swing, for `simulate(...,
     drive="motion")`.
 
@@ -116,4 +116,4 @@ def damped(
     crane.layout.tower("Drives that yield to the swing")
     kept = limits.for_crane(crane)
     rates, accelerations = np.array(kept.rates), np.array(kept.accelerations)
-    return Damped(crane, reference, zeta, pull, rates, accelerations, control_period)
+    return DampingController(crane, reference, zeta, pull, rates, accelerations, control_period)

@@ -38,8 +38,8 @@ class Follow(OneLine):
         """Check the period."""
         number("control_period", self.control_period, "s", "> 0")
 
-    def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
+    def begin_run(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Clocked`."""
         soon_enough(self.control_period, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:

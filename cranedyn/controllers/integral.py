@@ -55,8 +55,8 @@ class HoistIntegral(OneLine):
         self._joint = self.crane.layout.role("hoist", "An integrator on the hoist")
         self._drive = int(np.flatnonzero(self.crane.layout.drives == self._joint)[0])
 
-    def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
+    def begin_run(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Clocked`."""
         self._elapsed = control_period
         if t > self._t:
             self._t = t - control_period

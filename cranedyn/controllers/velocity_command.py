@@ -8,7 +8,7 @@ the drive and τ the lag together with the time by which commands are late.
 * Gains about a motion (`Tracking`, `HoistIntegral`) ask for the rate that their efforts would give:
   the crane's accelerations under these, linearised along the motion.
 * Motions that are followed (`Follow`) ask for their own rates, and for a share of the distance.
-* Drives that yield (`Damped`) ask for the rate that they compute anyway.
+* Drives that yield (`DampingController`) ask for the rate that they compute anyway.
 * Whatever else answers efforts, or accelerations, asks for v + τ a.
 
 What is known beforehand is asked for early enough and with the lag undone. All but the last two are
@@ -23,9 +23,9 @@ import numpy as np
 
 from cranedyn.arguments import check_word, checked
 from cranedyn.arrays import OneLine
-from cranedyn.clocks import Timed, soon_enough
+from cranedyn.clocks import Clocked, soon_enough
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
-from cranedyn.controllers.damping import Damped
+from cranedyn.controllers.damping import DampingController
 from cranedyn.controllers.follow import Follow
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
@@ -36,7 +36,7 @@ from cranedyn.dynamics.pinocchio import acceleration, linearise
 from cranedyn.errors import number
 from cranedyn.interfaces import Controller, DirectDrive, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.interpolation import at_places, places
+from cranedyn.references.interpolation import interpolate_many, locate_many
 from cranedyn.references.tabulated import tabulated
 
 RECOVERY = 1.0
@@ -44,7 +44,7 @@ RECOVERY = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class _Lead:
+class _LagCompensation:
     """What makes up for converters.
 
     Attributes:
@@ -72,7 +72,7 @@ class _Lead:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FollowRates(OneLine):
+class FollowVelocityCommand(OneLine):
     """The rates of a reference, made up for what converters lag, and a share of the distance from
     it.
 
@@ -85,11 +85,11 @@ class FollowRates(OneLine):
 
     crane: Crane
     reference: Reference
-    lead: _Lead
+    lead: _LagCompensation
     recovery: float = RECOVERY
 
-    def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
+    def begin_run(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Clocked`."""
         soon_enough(self.lead.period, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -121,7 +121,7 @@ class FollowRates(OneLine):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DampedRates(Damped):
+class DampingVelocityCommand(DampingController):
     """Drives that yield to the swing, told by rates."""
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
@@ -130,7 +130,7 @@ class DampedRates(Damped):
 
 
 @dataclass(eq=False, repr=False)
-class GivenRates(OneLine):
+class VelocityCommand(OneLine):
     """The rates v + τ a that efforts, or accelerations, of another controller would give.
 
     Attributes:
@@ -145,10 +145,10 @@ class GivenRates(OneLine):
     drive: DirectDrive
     lead: np.ndarray
 
-    def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
-        if isinstance(self.controller, Timed):
-            self.controller.run_begins(t, control_period)
+    def begin_run(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Clocked`."""
+        if isinstance(self.controller, Clocked):
+            self.controller.begin_run(t, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Rates of the drives [rad/s or m/s], shape (m,)."""
@@ -159,7 +159,7 @@ class GivenRates(OneLine):
 
 
 @checked
-def rated(
+def as_velocity_command(
     crane: Crane,
     controller: Controller,
     *,
@@ -183,7 +183,7 @@ def rated(
     period = number("control_period", control_period, "s", "> 0")
     made = fitting(crane, "velocity", converters)
     assert made is not None
-    lead = _Lead(made, made.ahead(period), period)
+    lead = _LagCompensation(made, made.ahead(period), period)
     if isinstance(controller, Hold):
         for damping in controller.damping.tolist():
             number("damping of a brake that is told by rates", damping, "", "> 0")
@@ -201,14 +201,16 @@ def rated(
             limit=float(made.rates[hoist]),
         )
     if isinstance(controller, Follow):
-        return FollowRates(crane, controller.reference, lead)
-    if isinstance(controller, Damped):
-        parts = {part.name: getattr(controller, part.name) for part in fields(Damped)}
-        return DampedRates(**parts)
-    return GivenRates(crane, controller, drive, lead.total)
+        return FollowVelocityCommand(crane, controller.reference, lead)
+    if isinstance(controller, DampingController):
+        parts = {part.name: getattr(controller, part.name) for part in fields(DampingController)}
+        return DampingVelocityCommand(**parts)
+    return VelocityCommand(crane, controller, drive, lead.total)
 
 
-def _tracking(crane: Crane, tracking: Tracking, lead: _Lead) -> tuple[Tracking, np.ndarray]:
+def _tracking(
+    crane: Crane, tracking: Tracking, lead: _LagCompensation
+) -> tuple[Tracking, np.ndarray]:
     """Gains about a motion that answer rates, and the rates per effort at its end, shape (m, m)."""
     layout, total = crane.layout, lead.total[:, None]
     n, drives = layout.n, layout.drives
@@ -222,7 +224,7 @@ def _tracking(crane: Crane, tracking: Tracking, lead: _Lead) -> tuple[Tracking, 
     gains[:, range(layout.m), n + drives] -= 1.0
     times = tracking.period * np.arange(len(rates)) + lead.ahead
     now, later = (
-        at_places(rates, *places(times + wait, tracking.period, len(rates)))
+        interpolate_many(rates, *locate_many(times + wait, tracking.period, len(rates)))
         for wait in (0.0, lead.period)
     )
     made = Tracking(tracking.period, lead.undone(now, later), gains, tracking.setpoint)

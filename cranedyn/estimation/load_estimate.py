@@ -18,7 +18,7 @@ from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.errors import CraneError, OutOfRange, number, whole
 from cranedyn.estimation.load_filter import GYROSCOPE, LoadFilter, Sensors
-from cranedyn.estimation.longer_cable import longer
+from cranedyn.estimation.longer_cable import with_longer_cable
 from cranedyn.estimation.observer import initial_std_of
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
@@ -49,7 +49,7 @@ class Row(NamedTuple):
     a: np.ndarray
 
 
-class Family:
+class CableFamily:
     """The same move on cables that are longer than planned by so much: three motions, and a
     parabola through them.
 
@@ -88,7 +88,7 @@ class Family:
 
 
 @dataclass(eq=False, repr=False)
-class Adapted(OneLine):
+class LoadEstimateController(OneLine):
     """A controller behind a filter that estimates state, load and cable. It remembers: make a new
     one for each run.
 
@@ -110,7 +110,7 @@ class Adapted(OneLine):
 
     controller: Controller
     filter: LoadFilter
-    family: Family
+    family: CableFamily
     efforts: np.ndarray
     effort_limit: np.ndarray
     period: float
@@ -160,7 +160,7 @@ class Adapted(OneLine):
 
 
 @checked
-def adapted(
+def with_load_estimate(
     controller: Controller,
     crane: Crane,
     motion: Motion,
@@ -173,7 +173,7 @@ def adapted(
     noise: Sequence[float] | np.ndarray | None = None,
     delay: int = 0,
     start: State | None = None,
-) -> Adapted:
+) -> LoadEstimateController:
     """Let a controller made for one load and cable work with others that it does not know; one for
     each run.
 
@@ -236,7 +236,7 @@ def adapted(
         errors,
         np.diag(np.square(deviations)),
     )
-    return Adapted(
+    return LoadEstimateController(
         controller,
         believed,
         _family(crane, motion, motion_of, offset or 1.0),
@@ -249,14 +249,14 @@ def adapted(
 
 def _family(
     crane: Crane, motion: Motion, motion_of: Callable[[float], Motion] | None, spread: float
-) -> Family:
+) -> CableFamily:
     hoist = crane.layout.role("hoist", "An observer of the load")
 
     def on_cable(by: float) -> Motion:
         if motion_of is not None:
             return motion_of(by)
         if {joint.role for joint in crane.layout.joints} == set(ROLES):
-            return longer(crane, motion, by)
+            return with_longer_cable(crane, motion, by)
         q = motion.q.copy()
         q[:, hoist] += by
         return Motion(motion.period, q, motion.v, motion.a, motion.drives)
@@ -269,7 +269,7 @@ def _family(
                 f"one of {len(other.q)} rows every {other.period:g} s",
                 f"one of {len(motion.q)} rows every {motion.period:g} s, as planned",
             )
-    return Family([outer[0], motion, outer[1]], spread, hoist)
+    return CableFamily([outer[0], motion, outer[1]], spread, hoist)
 
 
 def _numbers(

@@ -15,7 +15,7 @@ there for swings that take seconds."""
 
 
 @checked
-def longer(crane: Crane, motion: Motion, by: float) -> Motion:
+def with_longer_cable(crane: Crane, motion: Motion, by: float) -> Motion:
     """A motion of a tower crane whose payload goes the same way lower down, on a cable that is
     longer by so much.
 

@@ -27,7 +27,7 @@ from cranedyn.controllers.tracking import check_finite
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole, within
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.interpolation import SAME, at_place, place
+from cranedyn.references.interpolation import ROW_TOLERANCE, interpolate, locate
 from cranedyn.references.motion import Motion
 
 PENALTY = 1e6
@@ -59,7 +59,7 @@ class Solution(NamedTuple):
 
 
 @dataclass(eq=False, repr=False)
-class Predictive(OneLine):
+class PredictiveController(OneLine):
     """Model predictive control about a motion; between its instants the correction of the efforts
     is held, the feed-forward goes on.
 
@@ -106,15 +106,15 @@ class Predictive(OneLine):
             RunError: If the optimisation fails.
             OutOfRange: If a coordinate or rate is not finite.
         """
-        row, share = place(t, self.model.period, len(self.model.efforts))
-        instant = math.floor(t / self.model.period + SAME) // self.ratio
+        row, share = locate(t, self.model.period, len(self.model.efforts))
+        instant = math.floor(t / self.model.period + ROW_TOLERANCE) // self.ratio
         if instant != self._instant or self.last is None or t <= self.last.t:
             check_finite(state)
             self._correction = self._optimised(
-                t, instant, np.concatenate(state) - at_place(self.model.setpoint, row, share)
+                t, instant, np.concatenate(state) - interpolate(self.model.setpoint, row, share)
             )
             self._instant = instant
-        return at_place(self.model.efforts, row, share) + self._correction
+        return interpolate(self.model.efforts, row, share) + self._correction
 
     def _optimised(self, t: float, instant: int, deviation: np.ndarray) -> np.ndarray:
         """The first correction of the best sequence."""
@@ -187,7 +187,7 @@ def mpc(
     swing_limit: float = math.pi / 2.0,
     state_weight: np.ndarray | None = None,
     effort_weight: np.ndarray | None = None,
-) -> Predictive:
+) -> PredictiveController:
     """Model predictive control about a motion, with the efforts of inverse dynamics fed forward.
 
     Efforts are kept within their limits always. Rates and swing are kept within theirs at the
@@ -241,7 +241,7 @@ def mpc(
     )
     bounded = np.concatenate([layout.n + layout.drives, crane.swings])
     bound = np.concatenate([rates, np.full(len(crane.swings), swing)])
-    return Predictive(
+    return PredictiveController(
         model, ratio, int(horizon), sweep, root, _room(model, efforts), bounded, bound, solve
     )
 

@@ -95,7 +95,7 @@ def load_lapack() -> None:
 
 
 @dataclass(eq=False, repr=False)
-class Observed(OneLine):
+class ObserverController(OneLine):
     """A controller that is told an estimate of the state. It remembers: make a new one for each
     run.
 
@@ -213,7 +213,7 @@ class Observed(OneLine):
 
 
 @checked
-def observed(
+def with_observer(
     controller: Controller,
     crane: Crane,
     motion: Motion,
@@ -225,7 +225,7 @@ def observed(
     start: State | None = None,
     initial_std: Sequence[float] | np.ndarray | None = None,
     every: int = 10,
-) -> Observed:
+) -> ObserverController:
     """Let a controller that wants the whole state work with sensors on the drives alone; one for
     each run.
 
@@ -238,8 +238,8 @@ def observed(
             (n,); more makes the filter trust its measurements more. None for `disturbance_of`.
         noise: Standard deviations of the measured drives [rad or m] and their rates [per second],
             shape (2 m,); None for `noise_of`.
-        delay: How many control periods the measurements are late, as in `sensed`; the estimate is
-            predicted on over this time.
+        delay: Delay of the measurements [control periods], as in `with_sensor_model`; the
+            estimate is predicted over it.
         start: Where it is believed to start; by default where the motion is, the load plumb.
         initial_std: Standard deviations of that belief in coordinates and rates, shape (2 n,); None
             for `initial_std_of`.
@@ -256,7 +256,7 @@ def observed(
     noise = noise_of(crane)[measured] if noise is None else noise
     initial_std = initial_std_of(crane) if initial_std is None else initial_std
     reach = np.vstack([np.eye(n) * period**2 / 2.0, np.eye(n) * period])
-    return Observed(
+    return ObserverController(
         controller,
         linearised(crane, motion, dt=dt, every=every),
         measured,

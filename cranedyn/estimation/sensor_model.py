@@ -38,7 +38,7 @@ def noise_of(crane: Crane) -> np.ndarray:
 
 
 @dataclass(eq=False, repr=False)
-class Sensed(OneLine):
+class SensorModelController(OneLine):
     """A controller behind sensors. It remembers readings: make a new one for each run.
 
     Attributes:
@@ -77,14 +77,14 @@ class Sensed(OneLine):
 
 
 @checked
-def sensed(
+def with_sensor_model(
     crane: Crane,
     controller: Controller,
     *,
     delay: int = 0,
     noise: Sequence[float] | Sequence[Sequence[float]] | np.ndarray | None = None,
     rng: np.random.Generator,
-) -> Sensed:
+) -> SensorModelController:
     """Put a controller behind sensors that are late and have white Gaussian noise; one for each
     run.
 
@@ -117,4 +117,4 @@ def sensed(
             for name, part in zip(names, given, strict=True)
         ]
     )
-    return Sensed(controller, deviations, rng, deque(maxlen=late + 1))
+    return SensorModelController(controller, deviations, rng, deque(maxlen=late + 1))

@@ -62,7 +62,7 @@ class Operator(Tabulating):
 
 
 @checked
-def operator(
+def joystick(
     crane: Crane, start: State, pulses: Sequence[JoystickPulse], *, accelerations: Sequence[float]
 ) -> Reference:
     """Where the drives get to: a joystick asks for a velocity, and its drive goes there as fast as

@@ -5,7 +5,7 @@
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.references.flat import flat
 from cranedyn.references.hold import hold
-from cranedyn.references.motion import Motion, plumb
+from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.pulse import pulse
 from cranedyn.references.ramp import ramp
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
@@ -17,8 +17,8 @@ __all__ = [
     "Setpoint",
     "ei",
     "flat",
+    "hanging_reference",
     "hold",
-    "plumb",
     "pulse",
     "ramp",
     "shaped",

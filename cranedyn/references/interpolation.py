@@ -8,12 +8,12 @@ import math
 
 import numpy as np
 
-SAME = 1e-6
+ROW_TOLERANCE = 1e-6
 """By how much of a period a time may miss a row and still be that of the row: what clocks round
 off."""
 
 
-def place(t: float, period: float, rows: int) -> tuple[int, float]:
+def locate(t: float, period: float, rows: int) -> tuple[int, float]:
     """The row at or before a time, and how far the time is on the way to the next, from 0 to less
     than 1.
 
@@ -24,22 +24,22 @@ def place(t: float, period: float, rows: int) -> tuple[int, float]:
     """
     where = min(max(t / period, 0.0), rows - 1.0)
     nearest = round(where)
-    if abs(where - nearest) <= SAME:
+    if abs(where - nearest) <= ROW_TOLERANCE:
         return nearest, 0.0
     before = math.floor(where)
     return before, where - before
 
 
-def places(times: np.ndarray, period: float, rows: int) -> tuple[np.ndarray, np.ndarray]:
+def locate_many(times: np.ndarray, period: float, rows: int) -> tuple[np.ndarray, np.ndarray]:
     """`place` for many times [s], shape (n,) each."""
     where = np.clip(times / period, 0.0, rows - 1.0)
     nearest = np.round(where)
-    where = np.where(np.abs(where - nearest) <= SAME, nearest, where)
+    where = np.where(np.abs(where - nearest) <= ROW_TOLERANCE, nearest, where)
     before = np.floor(where)
     return before.astype(int), where - before
 
 
-def at_place(table: np.ndarray, row: int, share: float) -> np.ndarray:
+def interpolate(table: np.ndarray, row: int, share: float) -> np.ndarray:
     """What a table, shape (rows, ...), says at a place; the row itself where the place is one,
     whatever stands in the next.
     """
@@ -47,7 +47,7 @@ def at_place(table: np.ndarray, row: int, share: float) -> np.ndarray:
     return here + share * (table[row + 1] - here) if share else here
 
 
-def at_places(table: np.ndarray, row: np.ndarray, share: np.ndarray) -> np.ndarray:
+def interpolate_many(table: np.ndarray, row: np.ndarray, share: np.ndarray) -> np.ndarray:
     """`at_place` for many places, shape (n, ...)."""
     found = table[row]
     between = share > 0.0

@@ -17,7 +17,13 @@ from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
-from cranedyn.references.interpolation import SAME, at_place, at_places, place, places
+from cranedyn.references.interpolation import (
+    ROW_TOLERANCE,
+    interpolate,
+    interpolate_many,
+    locate,
+    locate_many,
+)
 from cranedyn.references.tabulated import tabulated
 
 
@@ -78,7 +84,7 @@ class Motion(OneLine):
         raise OutOfRange(
             name,
             described(value),
-            "a Motion of all joints, as cranedyn.references.plumb makes it of a reference",
+            "a Motion of all joints, as cranedyn.references.hanging_reference returns",
         )
 
     @property
@@ -88,9 +94,9 @@ class Motion(OneLine):
 
     def __call__(self, t: float) -> Setpoint:
         """The setpoint of the drives at a time [s]."""
-        row, share = place(t, self.period, len(self.q))
+        row, share = locate(t, self.period, len(self.q))
         position, velocity, acceleration = (
-            at_place(part, row, share)[self.drives] for part in (self.q, self.v, self.a)
+            interpolate(part, row, share)[self.drives] for part in (self.q, self.v, self.a)
         )
         return (
             Setpoint(position, velocity, acceleration)
@@ -100,9 +106,9 @@ class Motion(OneLine):
 
     def at(self, times: np.ndarray) -> Setpoint:
         """Setpoints at many times [s], shape (rows, m) each."""
-        row, share = places(times, self.period, len(self.q))
+        row, share = locate_many(times, self.period, len(self.q))
         position, *derivatives = (
-            at_places(part, row, share)[:, self.drives] for part in (self.q, self.v, self.a)
+            interpolate_many(part, row, share)[:, self.drives] for part in (self.q, self.v, self.a)
         )
         moving = self._moves(times)[:, None]
         return Setpoint(position, *(np.where(moving, part, 0.0) for part in derivatives))
@@ -111,11 +117,15 @@ class Motion(OneLine):
         """Whether a time, or each of many [s], is neither before the first row nor after the
         last.
         """
-        return (t >= -SAME * self.period) & (t <= self.arrival + SAME * self.period)
+        return (t >= -ROW_TOLERANCE * self.period) & (
+            t <= self.arrival + ROW_TOLERANCE * self.period
+        )
 
 
 @checked
-def plumb(crane: Crane, reference: Reference, duration: float, period: float = 5e-3) -> Motion:
+def hanging_reference(
+    crane: Crane, reference: Reference, duration: float, period: float = 5e-3
+) -> Motion:
     """The motion of a reference over a duration [s], sampled at a period [s], with the load hanging
     plumb; its last row is at rest.
 

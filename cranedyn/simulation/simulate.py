@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cranedyn.arguments import checked, told
-from cranedyn.clocks import Timed, clocks
+from cranedyn.clocks import Clocked, clocks
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
@@ -132,8 +132,8 @@ def simulate(
         disturbance=disturbance,
         converters=stepper.converters,
     )
-    if isinstance(controller, Timed):
-        controller.run_begins(since, control_period)
+    if isinstance(controller, Clocked):
+        controller.begin_run(since, control_period)
 
     def recorded() -> Trajectory:
         made: dict[str, float | str] = {

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
-from cranedyn.planning.joystick import JoystickPulse, operator
+from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references import shortest, spline
 from experiments import harness
 
@@ -194,4 +194,4 @@ def _moved(
 ) -> Job:
     limits = dict(zip(("gamma", "x", "l"), accelerations, strict=True))
     arrival = max(pulse.at + pulse.hold + abs(pulse.rate) / limits[pulse.drive] for pulse in pulses)
-    return Job(name, start, operator(crane, start, pulses, accelerations=accelerations), arrival)
+    return Job(name, start, joystick(crane, start, pulses, accelerations=accelerations), arrival)

@@ -11,9 +11,9 @@ import numpy as np
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.errors import CraneError
-from cranedyn.estimation.load_estimate import adapted
-from cranedyn.estimation.observer import observed
-from cranedyn.estimation.sensor_model import noise_of, sensed
+from cranedyn.estimation.load_estimate import with_load_estimate
+from cranedyn.estimation.observer import with_observer
+from cranedyn.estimation.sensor_model import noise_of, with_sensor_model
 from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
 from experiments import harness
@@ -138,13 +138,15 @@ def make(
         if plan.drive == "velocity":
             raise CraneError(UNOBSERVED)
         controller = (
-            observed(controller, setup.crane, plan.motion, dt=setup.dt)
+            with_observer(controller, setup.crane, plan.motion, dt=setup.dt)
             if perturbation.observer == "state"
-            else adapted(controller, setup.crane, plan.motion, sensors=perturbation.observer)
+            else with_load_estimate(
+                controller, setup.crane, plan.motion, sensors=perturbation.observer
+            )
         )
     if perturbation.noise or perturbation.delay:
         noise = perturbation.noise * noise_of(crane)
-        controller = sensed(
+        controller = with_sensor_model(
             crane, controller, delay=perturbation.delay, noise=noise, rng=np.random.default_rng(1)
         )
     if any(misread):

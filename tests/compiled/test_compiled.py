@@ -41,7 +41,7 @@ from cranedyn.interfaces import Controller, Disturbance, Reference, Setpoint, St
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.plant import rigid_body
-from cranedyn.references import hold, plumb, ramp
+from cranedyn.references import hanging_reference, hold, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import G, constant, crane, locked, python
 from tests.system.test_properties import CALM, VARIANTS, Case, cases, kinds, run
@@ -141,7 +141,7 @@ def _reference() -> Reference:
 
 @cache
 def _lqr() -> Tracking:
-    return lqr(_crane("stop"), plumb(crane(), _reference(), LASTS, PERIOD), dt=1e-3)
+    return lqr(_crane("stop"), hanging_reference(crane(), _reference(), LASTS, PERIOD), dt=1e-3)
 
 
 def _plain_function() -> Controller:
@@ -176,7 +176,7 @@ FORCES: dict[str, Callable[[], Disturbance | None]] = {
 def test_a_run_of_many_blocks_is_the_same(controller: str) -> None:
     drive, made = CONTROLLERS[controller]
     c, told = crane(**DAMPED), []
-    tracking = lqr(c, plumb(c, _reference(), 4.2, 2e-3), dt=1e-3)
+    tracking = lqr(c, hanging_reference(c, _reference(), 4.2, 2e-3), dt=1e-3)
     if controller == "integral":
         made = lambda: HoistIntegral(c, tracking, 2e3, 2e4)  # noqa: E731
     elif controller == "follow":
@@ -449,7 +449,7 @@ def test_what_an_integrator_remembers_is_what_the_plain_loop_leaves_it() -> None
 
 def test_at_its_limit_the_integrator_stops_alike_and_comes_back() -> None:
     c, quiet = crane(payload_mass=1300.0, trolley_max=30.0), hold(crane(), _start())
-    tracking = lqr(crane(), plumb(c, quiet, 3.0, PERIOD), dt=1e-3)
+    tracking = lqr(crane(), hanging_reference(c, quiet, 3.0, PERIOD), dt=1e-3)
     how: dict[str, Any] = {"start": _start(), "duration": 3.0, "dt": 1e-3, "control_period": PERIOD}
     plain, compiled = both(c, lambda: HoistIntegral(c, tracking, 2e4, 1.25e4), quiet, **how)
     agree(c, plain, compiled)

@@ -10,11 +10,11 @@ from numpy.testing import assert_allclose
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.controllers import follow, hold_controller
-from cranedyn.controllers.affine import form
-from cranedyn.controllers.damping import damped
+from cranedyn.controllers.affine import affine_form
+from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
-from cranedyn.controllers.velocity_command import GivenRates, rated
+from cranedyn.controllers.velocity_command import VelocityCommand, as_velocity_command
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.pinocchio import acceleration
 from cranedyn.errors import CraneError
@@ -44,19 +44,22 @@ def lead(made: Converters) -> np.ndarray:
 def test_an_effort_becomes_the_rate_that_its_acceleration_leads_to() -> None:
     c, state = crane(), crane().state(x=12.0, l=10.0, phi=0.1, x_dot=0.3, gamma_dot=0.02)
     efforts = np.array([5e3, 400.0, -9000.0])
-    law = rated(c, lambda *now: efforts, drive="effort")
-    assert isinstance(law, GivenRates)
+    law = as_velocity_command(c, lambda *now: efforts, drive="effort")
+    assert isinstance(law, VelocityCommand)
     a, drives = acceleration(c, state, efforts), c.layout.drives
     expected = state.v[drives] + lead(converters(c)) * a[drives]
     assert_allclose(law(0.0, state, STILL), expected, rtol=1e-12)
-    told = rated(c, lambda *now: np.ones(3), drive="motion")
+    told = as_velocity_command(c, lambda *now: np.ones(3), drive="motion")
     assert_allclose(told(0.0, state, STILL), state.v[drives] + lead(converters(c)), rtol=1e-12)
 
 
 def test_gains_about_a_motion_ask_for_the_rates_that_their_efforts_give_to_first_order() -> None:
     c, motion = crane(), planned()
     tracking = lqr(c, motion)
-    law, exact = (rated(c, one, drive="effort") for one in (tracking, lambda *now: tracking(*now)))
+    law, exact = (
+        as_velocity_command(c, one, drive="effort")
+        for one in (tracking, lambda *now: tracking(*now))
+    )
     rng, row = np.random.default_rng(0), 1000
 
     def at(one: Any, z: Any) -> np.ndarray:
@@ -84,10 +87,10 @@ def test_what_was_affine_in_the_state_still_is_and_answers_the_same(made: str) -
         "lqr": lambda: lqr(c, motion),
         "integral": lambda: HoistIntegral(c, lqr(c, motion), 4e3, 1e5),
     }[made]()
-    law = rated(c, controller, drive="motion" if made == "follow" else "effort")
+    law = as_velocity_command(c, controller, drive="motion" if made == "follow" else "effort")
     times = PERIOD * np.arange(1000, 1003)
     setpoints = motion.at(times)
-    common = form(law, times, setpoints.position, 2 * c.layout.n)
+    common = affine_form(law, times, setpoints.position, 2 * c.layout.n)
     assert common is not None
     state = c.state(x=11.0, l=11.5, phi=0.02, x_dot=0.1, gamma=0.03)
     k = min(1, len(common.feed_forward) - 1)
@@ -96,7 +99,7 @@ def test_what_was_affine_in_the_state_still_is_and_answers_the_same(made: str) -
     if made == "integral":  # the error has been integrated for one period
         error = setpoints.position[1, 2] - state.q[4]
         told = told + common.integral_gain * (error * PERIOD)
-        law.run_begins(times[1], PERIOD)
+        law.begin_run(times[1], PERIOD)
     setpoint = Setpoint(*(part[1] for part in setpoints))
     assert_allclose(law(float(times[1]), state, setpoint), told, rtol=1e-9, atol=1e-12)
 
@@ -105,7 +108,10 @@ def test_a_planned_motion_is_followed_as_if_there_were_no_converters() -> None:
     c, motion = crane(), planned()
     made = HoistIntegral(c, lqr(c, motion), 4e3, 1e5)
     left = {}
-    for drive, law in (("effort", made), ("velocity", rated(c, made, drive="effort"))):
+    for drive, law in (
+        ("effort", made),
+        ("velocity", as_velocity_command(c, made, drive="effort")),
+    ):
         run = simulate(
             c,
             law,
@@ -130,10 +136,10 @@ def test_a_spline_is_followed_within_a_millimetre_and_a_jump_is_made_up_for() ->
     c = crane()
     start = c.state(x=10.0, l=12.0)
     smooth = spline(c, start, [(0.1, 12.0, 11.0)], [10.0])
-    law = rated(c, follow(c, smooth), drive="motion")
+    law = as_velocity_command(c, follow(c, smooth), drive="motion")
     run = simulate(c, law, smooth, start=start, duration=11.0, drive="velocity", engine=FAST)
     assert (np.abs(run.q[:, c.layout.drives] - run.setpoint).max(axis=0) < 1e-3).all()
-    aside = rated(c, follow(c, hold(c, c.state(x=10.2, l=12.0))), drive="motion")
+    aside = as_velocity_command(c, follow(c, hold(c, c.state(x=10.2, l=12.0))), drive="motion")
     back = simulate(
         c, aside, hold(c, c.state(x=10.2, l=12.0)), start=start, duration=12.0, drive="velocity"
     )
@@ -145,8 +151,8 @@ def test_a_spline_is_followed_within_a_millimetre_and_a_jump_is_made_up_for() ->
 def test_drives_that_yield_ask_for_the_rate_that_they_compute() -> None:
     c = crane()
     reference, limits = hold(c, c.state(x=12.0, l=10.0)), Limits((0.1, 1.0, 1.0), (0.02, 0.4, 0.4))
-    yielding = damped(c, reference, limits=limits, recovery=0.3)
-    law = rated(c, yielding, drive="motion")
+    yielding = with_damping(c, reference, limits=limits, recovery=0.3)
+    law = as_velocity_command(c, yielding, drive="motion")
     state = c.state(x=12.1, l=10.0, phi=0.1)
     assert law(0.0, state, STILL).tolist() == yielding.velocity(0.0, state, STILL).tolist()
     run = simulate(
@@ -165,4 +171,4 @@ def test_drives_that_yield_ask_for_the_rate_that_they_compute() -> None:
 def test_a_brake_without_damping_has_no_rate() -> None:
     c = crane()
     with pytest.raises(CraneError, match="damping of a brake that is told by rates is 0"):
-        rated(c, hold_controller(c, damping=(0.0, 1.0, 1.0)), drive="effort")
+        as_velocity_command(c, hold_controller(c, damping=(0.0, 1.0, 1.0)), drive="effort")

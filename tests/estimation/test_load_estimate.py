@@ -18,10 +18,10 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import holding_effort, prescribed_acceleration
 from cranedyn.errors import CraneError, MissingRole
-from cranedyn.estimation import adapted, observed, sensed
-from cranedyn.estimation.load_estimate import Adapted, Family
+from cranedyn.estimation import with_load_estimate, with_observer, with_sensor_model
+from cranedyn.estimation.load_estimate import CableFamily, LoadEstimateController
 from cranedyn.estimation.load_filter import LIGHTEST, LoadFilter, Sensors
-from cranedyn.estimation.longer_cable import longer
+from cranedyn.estimation.longer_cable import with_longer_cable
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -66,10 +66,10 @@ def shortened(controller: Controller, offset: float, share: float = 0.0) -> Cont
 
 def moved(
     load: float, offset: float, share: float = 0.0, *, sensors: Sensors = "drives"
-) -> tuple[Adapted, Trajectory]:
+) -> tuple[LoadEstimateController, Trajectory]:
     """The combined move up to its arrival with a load and a cable that differ from the plan."""
     motion = combined(crane())
-    controller = adapted(tracked(), crane(), motion, sensors=sensors)
+    controller = with_load_estimate(tracked(), crane(), motion, sensors=sensors)
     start = crane().state(x=10.0, l=15.0 * (1.0 + share) + offset)
     heavy = crane(payload_mass=1000.0 * load)
     run = quickly(
@@ -89,7 +89,7 @@ def residual(run: Trajectory) -> float:
 @pytest.mark.parametrize("load", [0.3, 0.5, 1.5, 5.0])
 def test_a_wrong_load_is_known_to_a_hundredth_after_a_twentieth_of_a_second(load: float) -> None:
     motion = at_rest(crane(), x=10.0, l=15.0)
-    controller = adapted(lqr(crane(), motion), crane(), motion)
+    controller = with_load_estimate(lqr(crane(), motion), crane(), motion)
     heavy = crane(payload_mass=1000.0 * load)
     start = crane().state(x=10.0, l=15.0)
     # a light one is thrown up by what held the load believed in: until the first reading the rope
@@ -101,7 +101,7 @@ def test_a_wrong_load_is_known_to_a_hundredth_after_a_twentieth_of_a_second(load
 def test_the_crane_believed_in_is_not_the_one_given() -> None:
     model = crane().model
     before = model.inertias[crane().payload.body + 1].mass
-    controller = adapted(hold_controller(crane()), crane(), at_rest(crane()))
+    controller = with_load_estimate(hold_controller(crane()), crane(), at_rest(crane()))
     controller.filter.mean[-3] = 0.5
     controller.filter._believe()
     assert controller.filter.crane.payload_mass == 2.0 * before == 2.0 * crane().payload_mass
@@ -109,7 +109,7 @@ def test_the_crane_believed_in_is_not_the_one_given() -> None:
 
 def test_the_cable_is_found_from_how_fast_the_load_swings_by_the_drives_alone() -> None:
     offset, motion = 1.5, at_rest(crane(), x=10.0, l=15.0)
-    controller = adapted(hold_controller(crane()), crane(), motion)
+    controller = with_load_estimate(hold_controller(crane()), crane(), motion)
     start = crane().state(x=10.0, l=15.0 + offset, phi=0.05)
     quickly(crane(), shortened(controller, offset), motion, start=start, duration=16.0)
     # two periods of a swing that the trolley, held, feels by its pull
@@ -118,7 +118,7 @@ def test_the_cable_is_found_from_how_fast_the_load_swings_by_the_drives_alone() 
 
 def test_at_rest_the_load_can_be_seen_and_the_cable_cannot() -> None:
     motion = at_rest(crane(), x=10.0, l=15.0)
-    controller = adapted(hold_controller(crane()), crane(), motion)
+    controller = with_load_estimate(hold_controller(crane()), crane(), motion)
     before = controller.filter.covariance.copy()
     quickly(crane(), controller, motion, start=crane().state(x=10.0, l=15.0), duration=5.0)
     after = controller.filter.covariance
@@ -130,7 +130,7 @@ def test_at_rest_the_load_can_be_seen_and_the_cable_cannot() -> None:
 def filter_of(sensors: Sensors) -> LoadFilter:
     """A filter that is at no special place."""
     motion = at_rest(crane(), x=10.0, l=15.0)
-    found = adapted(hold_controller(crane()), crane(), motion, sensors=sensors).filter
+    found = with_load_estimate(hold_controller(crane()), crane(), motion, sensors=sensors).filter
     found.mean = np.array(
         [0.3, 12.0, 0.1, -0.05, 14.0, 0.02, 0.3, 0.1, 0.2, -0.4, 1.0 / 0.8, 0.7, -0.06]
     )
@@ -197,7 +197,7 @@ def test_the_covariance_of_a_load_at_rest_goes_on_to_second_order_in_the_period(
         effort = holding_effort(crane(), q)
 
         def after(shift: np.ndarray) -> LoadFilter:
-            found = adapted(hold_controller(crane()), crane(), motion).filter
+            found = with_load_estimate(hold_controller(crane()), crane(), motion).filter
             found.mean = found.mean + shift
             found.covariance = np.eye(13)
             found._believe()
@@ -240,7 +240,7 @@ def test_half_and_one_and_a_half_of_the_load_on_cables_a_tenth_off_arrive_withou
 
 def test_an_observer_that_knows_nothing_of_the_load_leaves_more_than_tenfold() -> None:
     motion = combined(crane())
-    controller = observed(tracked(), crane(), motion)
+    controller = with_observer(tracked(), crane(), motion)
     start = crane().state(x=10.0, l=15.0)
     light = crane(payload_mass=500.0)
     run = quickly(light, controller, motion, start=start, duration=motion.arrival)
@@ -249,8 +249,8 @@ def test_an_observer_that_knows_nothing_of_the_load_leaves_more_than_tenfold() -
 
 def test_noisy_and_late_sensors_of_the_drives_alone_end_below_a_milliradian() -> None:
     motion, delay = combined(crane()), 2
-    inner = adapted(tracked(), crane(), motion, delay=delay)
-    noisy = sensed(crane(), inner, delay=delay, rng=np.random.default_rng(2))
+    inner = with_load_estimate(tracked(), crane(), motion, delay=delay)
+    noisy = with_sensor_model(crane(), inner, delay=delay, rng=np.random.default_rng(2))
     start = crane().state(x=10.0, l=16.5)
     run = quickly(
         crane(payload_mass=500.0),
@@ -267,7 +267,7 @@ def test_both_engines_leave_the_same() -> None:
     runs = [
         quickly(
             crane(payload_mass=1500.0),
-            adapted(tracked(), crane(), motion),
+            with_load_estimate(tracked(), crane(), motion),
             motion,
             start=start,
             duration=1.0,
@@ -284,7 +284,9 @@ def test_both_engines_leave_the_same() -> None:
 )
 def test_it_looks_at_what_is_measured_only(sensors: Sensors, unseen: list[int]) -> None:
     motion = at_rest(crane(), x=10.0, l=15.0)
-    one, other = (adapted(lqr(crane(), motion), crane(), motion, sensors=sensors) for _ in range(2))
+    one, other = (
+        with_load_estimate(lqr(crane(), motion), crane(), motion, sensors=sensors) for _ in range(2)
+    )
     rng, start = np.random.default_rng(4), np.concatenate(crane().state(x=10.0, l=15.0))
     for k in range(5):
         seen = start + 1e-3 * rng.normal(size=10)
@@ -299,7 +301,7 @@ def test_it_looks_at_what_is_measured_only(sensors: Sensors, unseen: list[int]) 
 
 def test_a_load_that_cannot_be_is_held_within_what_is_thought_possible() -> None:
     motion = at_rest(crane(), x=10.0, l=15.0)
-    controller = adapted(hold_controller(crane()), crane(), motion)
+    controller = with_load_estimate(hold_controller(crane()), crane(), motion)
     state = crane().state(x=10.0, l=15.0)
     for k in range(20):  # a hoist that rises at 30 m/s² with all it was told to hold
         state.v[HOIST] = -0.15 * k
@@ -324,7 +326,7 @@ def test_other_cranes_find_their_load_too(xacro: str, values: dict[str, Any]) ->
     other = load_crane(path, payload_mass=1400.0, **values)
     still = np.zeros((1, known.layout.n))
     motion = Motion(PERIOD, known.start.q[None], still, still, known.layout.drives)
-    controller = adapted(lqr(known, motion), known, motion, sensors="imu")
+    controller = with_load_estimate(lqr(known, motion), known, motion, sensors="imu")
     quickly(other, controller, motion, start=known.start, duration=1.0)
     assert controller.filter.load == pytest.approx(1.4, rel=1e-2)
 
@@ -334,14 +336,14 @@ def test_other_cranes_find_their_load_too(xacro: str, values: dict[str, Any]) ->
 
 def test_a_move_on_a_longer_cable_is_the_flat_one_of_that_cable() -> None:
     point = crane(payload_inertia=0.0, dummy_inertia=0.0)
-    found, planned = longer(point, combined(point), 1.5), combined(point, 1.5)
+    found, planned = with_longer_cable(point, combined(point), 1.5), combined(point, 1.5)
     np.testing.assert_allclose(found.q, planned.q, atol=1e-9)
 
 
 @pytest.mark.parametrize("by", [-1.5, 1.5])
 def test_a_longer_motion_is_one_that_the_crane_can_make(by: float) -> None:
     point = crane(payload_inertia=0.0, dummy_inertia=0.0, damp_swing=0.0)
-    motion = longer(point, combined(point), by)
+    motion = with_longer_cable(point, combined(point), by)
     for row in range(200, 3800, 400):  # the flat motion itself is right to 2e-8
         state = State(motion.q[row], motion.v[row])
         a, _ = prescribed_acceleration(point, state, motion.a[row, motion.drives])
@@ -352,15 +354,15 @@ SPREAD = 1.5
 
 
 @cache
-def family() -> Family:
+def family() -> CableFamily:
     """The combined move on cables a tenth shorter and longer."""
-    motions = [longer(crane(), combined(crane()), by) for by in (-SPREAD, 0.0, SPREAD)]
-    return Family(motions, SPREAD, HOIST)
+    motions = [with_longer_cable(crane(), combined(crane()), by) for by in (-SPREAD, 0.0, SPREAD)]
+    return CableFamily(motions, SPREAD, HOIST)
 
 
 @pytest.mark.parametrize("offset", [-SPREAD, 0.0, SPREAD])
 def test_a_family_of_motions_goes_through_those_it_was_made_of(offset: float) -> None:
-    motion = longer(crane(), combined(crane()), offset)
+    motion = with_longer_cable(crane(), combined(crane()), offset)
     for k in range(0, len(motion.q), 100):
         expected = np.array([motion.q[k], motion.v[k], motion.a[k]])
         np.testing.assert_allclose(family().row(k, offset, 0.0), expected, atol=1e-12)
@@ -380,7 +382,7 @@ def test_rates_and_accelerations_of_a_cable_twice_as_long_are_how_its_motion_cha
 def made(**changed: object) -> Callable[[], object]:
     """Make one with something wrong."""
     motion = at_rest(crane(), x=10.0, l=15.0)
-    return lambda: adapted(hold_controller(crane()), crane(), motion, **changed)  # type: ignore[arg-type]
+    return lambda: with_load_estimate(hold_controller(crane()), crane(), motion, **changed)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -404,7 +406,7 @@ def test_what_cannot_be_is_refused(wrong: dict[str, object], words: str) -> None
 
 def test_it_is_refused_in_a_second_run() -> None:
     motion = at_rest(crane(), x=10.0, l=15.0)
-    used = adapted(lqr(crane(), motion), crane(), motion)
+    used = with_load_estimate(lqr(crane(), motion), crane(), motion)
     start = crane().state(x=10.0, l=15.0)
     quickly(crane(), used, motion, start=start, duration=0.1)
     with pytest.raises(CraneError, match="a new one for each run"):
@@ -413,10 +415,10 @@ def test_it_is_refused_in_a_second_run() -> None:
 
 def test_a_cable_that_would_be_shorter_than_nothing_is_refused() -> None:
     with pytest.raises(CraneError, match="shortest cable"):
-        longer(crane(), combined(crane()), -11.0)
+        with_longer_cable(crane(), combined(crane()), -11.0)
 
 
 def test_a_motion_on_another_cable_is_that_of_a_tower_crane() -> None:
     bridge = load_crane(ROOT / "urdf" / "overhead_crane.urdf.xacro")
     with pytest.raises(MissingRole, match="A motion on another cable"):
-        longer(bridge, at_rest(bridge), 1.0)
+        with_longer_cable(bridge, at_rest(bridge), 1.0)

@@ -22,11 +22,11 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, RunError
-from cranedyn.estimation import mpc, observed, sensed
-from cranedyn.estimation.mpc import Predictive
+from cranedyn.estimation import mpc, with_observer, with_sensor_model
+from cranedyn.estimation.mpc import PredictiveController
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.references import Motion, flat, plumb, spline
+from cranedyn.references import Motion, flat, hanging_reference, spline
 from tests.helpers import G, crane, quickly
 
 needs_solver = pytest.mark.skipif(
@@ -182,7 +182,7 @@ def test_a_swing_beyond_its_bound_is_no_contradiction_and_is_brought_within() ->
 @needs_solver
 def test_a_swing_limit_holds_on_a_move_that_would_swing_more() -> None:
     start = crane().state(x=10.0, l=15.0)
-    motion = plumb(crane(), spline(crane(), start, [(0.0, 17.0, 15.0)], [12.0]), 12.0)
+    motion = hanging_reference(crane(), spline(crane(), start, [(0.0, 17.0, 15.0)], [12.0]), 12.0)
     free, kept = (
         np.abs(
             quickly(crane(), controller, motion, start=start, duration=20.0, validity="mark").q[
@@ -271,12 +271,12 @@ def test_a_second_run_does_not_begin_with_what_the_first_held() -> None:
 @needs_solver
 def test_it_works_with_noisy_late_sensors_of_the_drives_alone() -> None:
     motion, start = combined(crane()), crane().state(x=10.0, l=15.0, phi=0.05)
-    controller = observed(
+    controller = with_observer(
         mpc(crane(), motion, effort_limit=(1e5, 3e3, 1.2e4)), crane(), motion, delay=4
     )
     run = quickly(
         crane(),
-        sensed(crane(), controller, delay=4, rng=np.random.default_rng(1)),
+        with_sensor_model(crane(), controller, delay=4, rng=np.random.default_rng(1)),
         motion,
         start=start,
         duration=40.0,
@@ -312,7 +312,7 @@ def test_it_keeps_its_period_of_50_ms() -> None:
 
 
 def failing(
-    controller: Predictive, after: int
+    controller: PredictiveController, after: int
 ) -> Callable[..., tuple[np.ndarray, float, int, dict]]:
     """The controller's solver, which goes in circles from one call on."""
     solve, calls = controller.solve, iter(range(10**6))

@@ -19,9 +19,9 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.linearisation import sampled
 from cranedyn.errors import CraneError
-from cranedyn.estimation import observed, sensed
+from cranedyn.estimation import with_observer, with_sensor_model
 from cranedyn.estimation.observer import (
-    Observed,
+    ObserverController,
     disturbance_of,
     initial_std_of,
     kalman_gain,
@@ -29,7 +29,7 @@ from cranedyn.estimation.observer import (
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
-from cranedyn.references import Motion, flat, plumb, spline
+from cranedyn.references import Motion, flat, hanging_reference, spline
 from tests.helpers import G, crane, quickly
 
 MEASURED, NOISE = crane().layout.measured, noise_of(crane())
@@ -82,7 +82,9 @@ class Watched:
 
 def test_late_sensors_show_the_first_state_until_the_delay_has_passed_and_then_an_old_one() -> None:
     inner = Watched()
-    late = sensed(crane(), inner, delay=3, noise=np.zeros(10), rng=np.random.default_rng(1))
+    late = with_sensor_model(
+        crane(), inner, delay=3, noise=np.zeros(10), rng=np.random.default_rng(1)
+    )
     states = random_states(8)
     for k, state in enumerate(states):
         late(k * PERIOD, state, STILL)
@@ -94,7 +96,7 @@ def test_late_sensors_show_the_first_state_until_the_delay_has_passed_and_then_a
 @pytest.mark.parametrize("noise", [NOISE, NOISE.tolist(), (NOISE[:5], NOISE[5:])])
 def test_noise_is_white_and_has_the_deviations_asked_for(noise: object) -> None:
     inner, n = Watched(), 20_000
-    noisy = sensed(crane(), inner, noise=noise, rng=np.random.default_rng(1))  # type: ignore[arg-type]
+    noisy = with_sensor_model(crane(), inner, noise=noise, rng=np.random.default_rng(1))  # type: ignore[arg-type]
     state = crane().state()
     for k in range(n):
         noisy(k * PERIOD, state, STILL)
@@ -111,7 +113,9 @@ def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
     start, motion = crane().state(x=10.0, l=15.0), at_rest(crane(), x=10.0, l=15.0)
 
     def run(seed: int) -> Trajectory:
-        controller = sensed(crane(), lqr(crane(), motion), delay=2, rng=np.random.default_rng(seed))
+        controller = with_sensor_model(
+            crane(), lqr(crane(), motion), delay=2, rng=np.random.default_rng(seed)
+        )
         return quickly(crane(), controller, motion, start=start, duration=0.5)
 
     assert (run(1).command == run(1).command).all()
@@ -123,7 +127,7 @@ def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says(
     controller = lqr(crane(), motion)
     run = quickly(
         crane(),
-        sensed(crane(), controller, rng=np.random.default_rng(5)),
+        with_sensor_model(crane(), controller, rng=np.random.default_rng(5)),
         motion,
         start=start,
         duration=120.0,
@@ -141,7 +145,7 @@ def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says(
 
 
 def test_sensors_of_one_run_are_refused_in_another() -> None:
-    used = sensed(crane(), hold_controller(crane()), rng=np.random.default_rng(1))
+    used = with_sensor_model(crane(), hold_controller(crane()), rng=np.random.default_rng(1))
     quickly(crane(), used, duration=0.1)
     with pytest.raises(CraneError, match="make new ones for each run"):
         quickly(crane(), used, duration=0.1)
@@ -164,7 +168,7 @@ def test_sensors_of_one_run_are_refused_in_another() -> None:
 )
 def test_sensors_that_cannot_be_are_refused(given: dict[str, object], words: str) -> None:
     with pytest.raises(CraneError, match=words):
-        sensed(crane(), Watched(), **({"rng": np.random.default_rng(1)} | given))  # type: ignore[arg-type]
+        with_sensor_model(crane(), Watched(), **({"rng": np.random.default_rng(1)} | given))  # type: ignore[arg-type]
 
 
 # --- the observer ---------------------------------------------------------------------------------
@@ -173,7 +177,7 @@ def test_sensors_that_cannot_be_are_refused(given: dict[str, object], words: str
 class Compared:
     """An observer whose errors are kept; `outer` stands between it and the crane."""
 
-    def __init__(self, observer: Observed, outer: Controller | None = None) -> None:
+    def __init__(self, observer: ObserverController, outer: Controller | None = None) -> None:
         self.observer, self.outer = observer, outer or observer
         self.errors: list[np.ndarray] = []
 
@@ -205,7 +209,7 @@ def residual(run: Trajectory) -> float:
 
 def test_the_filters_gain_tends_to_that_of_the_dual_riccati_equation() -> None:
     motion = at_rest(crane(), x=10.0, l=15.0)
-    observer = observed(lqr(crane(), motion), crane(), motion)
+    observer = with_observer(lqr(crane(), motion), crane(), motion)
     model, state = sampled(crane(), crane().state(x=10.0, l=15.0)), crane().state(x=10.0, l=15.0)
     for k in range(4000):
         observer(k * PERIOD, state, STILL)
@@ -223,7 +227,7 @@ def test_the_filter_errs_as_much_as_it_says() -> None:
     shares, (values, vectors) = [], np.linalg.eigh(process_noise())
     root = vectors * np.sqrt(values.clip(0.0))
     for _ in range(runs):
-        observer = observed(lqr(crane(), motion), crane(), motion)
+        observer = with_observer(lqr(crane(), motion), crane(), motion)
         z = rng.normal(size=10) * INITIAL_STD
         for k in range(100):
             reading = np.concatenate([motion.q[0], np.zeros(5)]) + z
@@ -251,7 +255,7 @@ def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(
     motion_of: Callable[[Crane], Motion], swing: str
 ) -> None:
     motion = motion_of(crane())
-    compared = Compared(observed(lqr(crane(), motion), crane(), motion))
+    compared = Compared(with_observer(lqr(crane(), motion), crane(), motion))
     quickly(
         crane(),
         compared,
@@ -266,7 +270,9 @@ def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(
 
 def test_without_a_swing_sensor_the_combined_move_ends_as_still_as_with_one() -> None:
     motion, start = combined(crane()), crane().state(x=10.0, l=15.0)
-    run = quickly(crane(), observed(tracked(), crane(), motion), motion, start=start, duration=40.0)
+    run = quickly(
+        crane(), with_observer(tracked(), crane(), motion), motion, start=start, duration=40.0
+    )
     # the plan is exact but to first order in the hoisting, which the filter takes for 1e-4 rad of
     # swing; 20 s after it the LQR has brought that down by a hundred at least
     assert residual(run) < 1e-6
@@ -278,7 +284,7 @@ def test_an_initial_swing_is_damped_almost_as_well_as_with_a_sensor(swing: str) 
     controller = tracked()
     left = [
         residual(quickly(crane(), with_or_without, motion, start=start, duration=40.0))
-        for with_or_without in (observed(controller, crane(), motion), controller)
+        for with_or_without in (with_observer(controller, crane(), motion), controller)
     ]
     # the swing grows known in half a second of the 40: what is left may differ by a quarter
     assert left[0] < 1.25 * left[1]
@@ -289,9 +295,9 @@ def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_m
     delay: int,
 ) -> None:
     motion = combined(crane())
-    observer = observed(tracked(), crane(), motion, delay=delay)
+    observer = with_observer(tracked(), crane(), motion, delay=delay)
     compared = Compared(
-        observer, sensed(crane(), observer, delay=delay, rng=np.random.default_rng(2))
+        observer, with_sensor_model(crane(), observer, delay=delay, rng=np.random.default_rng(2))
     )
     run = quickly(crane(), compared, motion, start=crane().state(x=10.0, l=15.0), duration=40.0)
     # five deviations of the swing as the filter says them
@@ -306,10 +312,12 @@ def test_a_delay_known_to_the_observer_is_predicted_away(
     motion_of: Callable[[Crane], Motion],
 ) -> None:
     motion = motion_of(crane())
-    observer = observed(lqr(crane(), motion), crane(), motion, delay=6)
+    observer = with_observer(lqr(crane(), motion), crane(), motion, delay=6)
     compared = Compared(
         observer,
-        sensed(crane(), observer, delay=6, noise=np.zeros(10), rng=np.random.default_rng(1)),
+        with_sensor_model(
+            crane(), observer, delay=6, noise=np.zeros(10), rng=np.random.default_rng(1)
+        ),
     )
     run = quickly(
         crane(), compared, motion, start=crane().state(x=10.0, l=15.0, phi=0.05), duration=5.0
@@ -322,7 +330,7 @@ def test_a_delay_known_to_the_observer_is_predicted_away(
 
 def test_the_observer_looks_at_the_drives_only() -> None:
     motion = at_rest(crane(), x=10.0, l=15.0)
-    one, other = (observed(lqr(crane(), motion), crane(), motion) for _ in range(2))
+    one, other = (with_observer(lqr(crane(), motion), crane(), motion) for _ in range(2))
     for k, state in enumerate(random_states(5)):
         blind = State(
             np.where([0, 0, 1, 1, 0], math.nan, state.q),
@@ -334,7 +342,7 @@ def test_the_observer_looks_at_the_drives_only() -> None:
 def test_the_observer_knows_what_the_drives_cannot_give() -> None:
     weak = crane(trolley_effort=300.0)
     motion = at_rest(weak, x=10.0, l=15.0)
-    compared = Compared(observed(lqr(weak, motion), weak, motion))
+    compared = Compared(with_observer(lqr(weak, motion), weak, motion))
     run = quickly(weak, compared, motion, start=weak.state(x=10.0, l=15.0, phi=0.05), duration=5.0)
     assert np.abs(run.command[:, 1]).max() > 1000.0
     assert compared.swing(2.0) < 5e-4
@@ -345,7 +353,7 @@ def test_a_start_that_is_told_is_believed() -> None:
         at_rest(crane(), x=10.0, l=15.0),
         crane().state(x=10.0, l=15.0, phi=0.05, theta=-0.03),
     )
-    compared = Compared(observed(lqr(crane(), motion), crane(), motion, start=start))
+    compared = Compared(with_observer(lqr(crane(), motion), crane(), motion, start=start))
     quickly(crane(), compared, motion, start=start, duration=1.0)
     # The linear model's: φ²/2 = 1e-3 of the load's pull, and cubes.
     assert compared.swing(0.0) < 2e-3
@@ -353,14 +361,14 @@ def test_a_start_that_is_told_is_believed() -> None:
 
 def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -> None:
     motion = at_rest(crane(), x=10.0, l=15.0)
-    used = observed(lqr(crane(), motion), crane(), motion)
+    used = with_observer(lqr(crane(), motion), crane(), motion)
     quickly(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
     with pytest.raises(CraneError, match="a new one for each run"):
         quickly(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
     with pytest.raises(CraneError, match=r"every 0\.005 s"):
         quickly(
             crane(),
-            observed(lqr(crane(), motion), crane(), motion),
+            with_observer(lqr(crane(), motion), crane(), motion),
             motion,
             duration=0.1,
             control_period=0.01,
@@ -382,7 +390,7 @@ def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -
 def test_an_observer_that_cannot_be_is_refused(given: dict[str, object], words: str) -> None:
     motion = at_rest(crane(), x=10.0, l=15.0)
     with pytest.raises(CraneError, match=words):
-        observed(Watched(), crane(), motion, **given)  # type: ignore[arg-type]
+        with_observer(Watched(), crane(), motion, **given)  # type: ignore[arg-type]
 
 
 def test_what_an_observer_needs_is_loaded_before_its_first_control_instant() -> None:
@@ -459,13 +467,15 @@ def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(
 
 
 def test_an_observer_is_asked_at_the_rows_of_its_motion_or_refuses() -> None:
-    motion = plumb(crane(), spline(crane(), crane().start, [(0.0, 11.0, 15.0)], [4.0]), 4.0)
+    motion = hanging_reference(
+        crane(), spline(crane(), crane().start, [(0.0, 11.0, 15.0)], [4.0]), 4.0
+    )
     late = 1.0 + PERIOD / 2.0
     with pytest.raises(
         CraneError,
         match=r"This observer is first asked for t = 1.0025 s; its motion has rows every 0.005 s "
         r"only",
     ):
-        observed(Watched(), crane(), motion)(late, crane().start, STILL)
+        with_observer(Watched(), crane(), motion)(late, crane().start, STILL)
     # Wherever it stands still all rows are one.
-    observed(Watched(), crane(), at_rest(crane()))(late, crane().start, STILL)
+    with_observer(Watched(), crane(), at_rest(crane()))(late, crane().start, STILL)

@@ -35,7 +35,7 @@ from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.plant.plant import Plant, Topology, numbers, plant
-from cranedyn.references.interpolation import SAME
+from cranedyn.references.interpolation import ROW_TOLERANCE
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
 
@@ -244,8 +244,8 @@ class Receding(OneLine):
         ends = [first + (lane + 1) * size for lane in range(lanes)]
         return [Marks(*memory[end : end + len(MARKS)].tolist()) for end in ends]
 
-    def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`.
+    def begin_run(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Clocked`.
 
         Raises:
             OutOfRange: If the run's control period is another than the controller's.
@@ -272,7 +272,7 @@ class Receding(OneLine):
         return self._instant(np.concatenate([*state, setpoint.position]), count, due)
 
     def _count(self, t: float) -> int:
-        return max(0, math.floor(t / self.programme.period + SAME))
+        return max(0, math.floor(t / self.programme.period + ROW_TOLERANCE))
 
     def _begin(self) -> None:
         self._memory[:], self._when = self.memory(1), None
