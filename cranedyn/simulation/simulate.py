@@ -46,7 +46,7 @@ def simulate(
     disturbance: Disturbance | None = None,
     validity: Validity = "stop",
     integrator: Integrator = semi_implicit_euler,
-    engine: EngineName = "pinocchio",
+    engine: EngineName | str = "pinocchio",
     progress: Callable[[float], object] | None = None,
     converters: Converters | None = None,
 ) -> Trajectory:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pkgutil import resolve_name
 
 import numpy as np
 
+from cranedyn import plugins
 from cranedyn.arguments import check_word, checked, described
 from cranedyn.arrays import DOUBLE, masked
 from cranedyn.clocks import clocks
@@ -18,12 +18,6 @@ from cranedyn.interfaces import Drive, EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.simulation.engine import DIVERGED, Engine, Setting
-
-ENGINES = {
-    "pinocchio": "cranedyn.simulation.engine:Engine",
-    "compiled": "cranedyn.compiled.engine:CompiledEngine",
-}
-"""Where each engine is; looked up when it is asked for, since the compiled one needs an extra."""
 
 
 class Stepper:
@@ -49,7 +43,7 @@ class Stepper:
         forces: bool = False,
         buffers: bool = False,
         integrator: Integrator = semi_implicit_euler,
-        engine: EngineName = "pinocchio",
+        engine: EngineName | str = "pinocchio",
         converters: Converters | None = None,
     ) -> None:
         """Stand at a state.
@@ -65,15 +59,16 @@ class Stepper:
             forces: Whether forces from outside will come with the commands.
             buffers: Whether buffers end the ranges of the drives; for drives that take efforts.
             integrator: The stepping rule.
-            engine: "pinocchio", or "compiled" for code made for this crane.
+            engine: "pinocchio"; "compiled" for code made for this crane; or the name of an engine
+                of another package, see `cranedyn.plugins`.
             converters: Frequency converters of drives that take velocities; None for typical ones.
 
         Raises:
             OutOfRange: If an argument is of another kind, or has no effect, or the state is not one
                 of this crane.
+            UnknownName: If there is no such engine.
         """
         check_word("drive", drive, Drive)
-        check_word("engine", engine, EngineName)
         if buffers and drive != "effort":
             allowed = "False where the drives take no efforts"
             raise OutOfRange("buffers", "True", allowed)
@@ -81,7 +76,8 @@ class Stepper:
         self.clocks = clocks(control_period, dt, control_period)
         self.converters = fitting(crane, drive, converters)
         setting = Setting(crane, self.clocks, drive, forces, buffers, integrator, self.converters)
-        self.engine: Engine = resolve_name(ENGINES[engine])(setting, started(crane, start))
+        make = Engine if engine == "pinocchio" else plugins.load("engine", engine)
+        self.engine: Engine = make(setting, started(crane, start))
 
     @property
     def t(self) -> float:

@@ -36,7 +36,7 @@ from cranedyn.dynamics.integrators import (
     semi_implicit_euler,
 )
 from cranedyn.dynamics.scalars import array
-from cranedyn.errors import CraneError, ModelError, OutOfRange, RunError
+from cranedyn.errors import CraneError, ModelError, OutOfRange, RunError, UnknownName
 from cranedyn.interfaces import Controller, Disturbance, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -259,8 +259,8 @@ def test_drives_without_limits_are_compiled_too() -> None:
 
 
 def test_an_engine_that_does_not_exist_is_refused() -> None:
-    with pytest.raises(OutOfRange, match="engine is steam; allowed is pinocchio or compiled"):
-        simulate(crane(), locked, duration=0.1, engine="steam")  # type: ignore[arg-type]
+    with pytest.raises(UnknownName, match="no engine 'steam'; there are pinocchio, compiled"):
+        simulate(crane(), locked, duration=0.1, engine="steam")
 
 
 @pytest.mark.parametrize("name", ["explicit Euler", "RK4"])
