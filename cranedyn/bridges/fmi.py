@@ -101,7 +101,7 @@ def export(
     check_free(final)
     check_word("drive", drive, DirectDrive)
     clocks(dt, dt, dt)
-    from cranedyn.compiled.checked import elsewhere  # other doors need no llvmlite
+    from cranedyn.compiled.checked import elsewhere  # other exporters need no llvmlite
     from cranedyn.compiled.kernel import Recipe
 
     recipe = Recipe(
@@ -391,14 +391,14 @@ def _linked(code: bytes, header: str) -> bytes:
         return (here / "library").read_bytes()
 
 
-def add_arguments(made: argparse.ArgumentParser) -> None:
-    """What its command line takes beside the file and the crane."""
-    made.add_argument(
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the file and the crane."""
+    parser.add_argument(
         "--drive", choices=("effort", "motion"), default="effort", help="what is commanded"
     )
-    made.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
+    parser.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
 
 
 def run(options: argparse.Namespace) -> Path:
-    """Write what the command line asks for."""
+    """Write what the command line describes, and return its path."""
     return export(loaded(options), options.target, drive=options.drive, dt=options.dt)

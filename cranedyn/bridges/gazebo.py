@@ -61,15 +61,15 @@ def export(
     every = whole("control instants between rows", every, 1)
     robot = described(program.crane)
     check_heavy(program.crane, robot, "Gazebo")
-    law = program.tables("Gazebo")
+    affine = program.tables("Gazebo")
     moving = joints(program.crane, robot)
     tables = {
-        "feed_forward": law.feed_forward,
-        "gain": law.gain.reshape(len(law.gain), -1),
-        "setpoint": law.setpoint,
-        "target": law.target,
+        "feed_forward": affine.feed_forward,
+        "gain": affine.gain.reshape(len(affine.gain), -1),
+        "setpoint": affine.setpoint,
+        "target": affine.target,
         "integral": np.stack(
-            [law.integral_gain, np.minimum(law.limit, np.finfo(float).max), law.integral]
+            [affine.integral_gain, np.minimum(affine.limit, np.finfo(float).max), affine.integral]
         ),
     }
     model = grounded(robot, "Gazebo")

@@ -1,4 +1,18 @@
-"""Control without full knowledge of the state, and with the limits of the drives."""
+"""Control with imperfect knowledge: sensor models, observers, load estimation, MPC.
+
+Each function returns a controller, most of them around another controller. What it returns remembers
+what it has seen: make a new one for each run.
+
+Public names:
+    `with_sensor_model`: a controller that sees the state late and with noise.
+    `with_observer`: a Kalman filter estimates the swing from the motion of the drives alone.
+    `with_load_estimate`: an extended Kalman filter also estimates load and cable, and the command
+    is adapted to them.
+    `mpc`: the LQR with limits of efforts, rates and swing; needs the extra ``mpc``.
+    `with_longer_cable`: the same path of a load on a longer cable.
+
+Begin with `sensor_model`, then `observer`. docs/control.md shows what each gains.
+"""
 
 from cranedyn.estimation.load_estimate import with_load_estimate
 from cranedyn.estimation.longer_cable import with_longer_cable

@@ -1,7 +1,7 @@
 """Learn to move a load without swing: PPO of Stable-Baselines3 on compiled cranes, then its place
 beside the strategies of `compare`.
 
-``python examples/doors/learn_to_stop_the_swing.py --steps 3000000 --out FOLDER`` takes minutes on
+``python examples/bridges/learn_to_stop_the_swing.py --steps 3000000 --out FOLDER`` takes minutes on
 two cores. It needs ``pip install torch 'cranedyn[learning]'``; torch by itself first, so that you
 choose the build: the one for the processor will do.
 """

@@ -1,7 +1,7 @@
 """The crane as an FMU in another simulator's hands: FMPy steps it under a brake written here,
 beside `simulate` under the same brake.
 
-``python examples/doors/cosimulation.py --out FOLDER``; it needs ``pip install 'cranedyn[fmi]'
+``python examples/bridges/cosimulation.py --out FOLDER``; it needs ``pip install 'cranedyn[fmi]'
 fmpy`` and a C compiler.
 """
 

@@ -1,7 +1,7 @@
 """Design a swing controller with python-control, then run it on the nonlinear crane: Bode, root
 locus, LQR, margins.
 
-Run it with ``python examples/doors/control_design.py --out FOLDER``; it needs ``pip install
+Run it with ``python examples/bridges/control_design.py --out FOLDER``; it needs ``pip install
 'cranedyn[control]'``.
 """
 
