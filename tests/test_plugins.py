@@ -14,25 +14,9 @@ from cranedyn import plugins
 from cranedyn.errors import CraneError, UnknownName
 from tests.helpers import ROOT, python
 
+PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 PACKAGE = {
-    "lab_export.py": '''
-"""Lab notes: the mass of the load.
-
-More about it.
-"""
-TARGET = "FILE"
-
-
-def add_arguments(parser):
-    parser.add_argument("--title", default="load")
-
-
-def run(options):
-    from cranedyn.bridges.joints import loaded
-
-    options.target.write_text(f"{options.title}: {loaded(options).payload_mass:g} kg")
-    return options.target
-''',
+    "lab_export.py": PAGE.partition("## An exporter")[2].split("```")[1].removeprefix("python\n"),
     "lab_sway.py": '''
 """Sway of a lab crane."""
 
@@ -53,7 +37,7 @@ class Counted(Engine):
     "lab-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: lab\nVersion: 1.0\n",
     "lab-1.0.dist-info/entry_points.txt": """
 [cranedyn.exporters]
-note = lab_export
+table = lab_export
 mjcf = lab_export
 [cranedyn.experiments]
 sway = lab_sway
@@ -94,11 +78,13 @@ def test_an_experiment_of_another_package_is_listed_and_run(lab: dict[str, str])
 def test_an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of_ours(
     lab: dict[str, str], tmp_path: Path
 ) -> None:
-    assert "note      Lab notes: the mass of the load." in cranedyn(lab, "export", "-h").stdout
-    words = ("--title", "hook load", "--set", "payload_mass:=700")
-    written = cranedyn(lab, "export", "note", tmp_path / "note.txt", *words)
+    help_text = " ".join(cranedyn(lab, "export", "--help").stdout.split())
+    assert "table Joint table: a CSV file with a row for each joint." in help_text
+    words = ("--delimiter", ";", "--set", "payload_mass:=700")
+    written = cranedyn(lab, "export", "table", tmp_path / "joints.csv", *words)
     assert (written.returncode, written.stderr) == (0, "")
-    assert (tmp_path / "note.txt").read_text() == "hook load: 700 kg"
+    rows = (tmp_path / "joints.csv").read_text().splitlines()
+    assert len(rows) == 6 and rows[-1].startswith("hoist_joint;")
     assert cranedyn(lab, "export", "mjcf", tmp_path / "crane.xml").returncode == 0
     assert "<mujoco" in (tmp_path / "crane.xml").read_text()
 

@@ -1,6 +1,6 @@
 """Control with imperfect knowledge: sensor models, observers, load estimation, MPC.
 
-Each function returns a controller, most of them around another controller. What it returns remembers
+Each function returns a controller, most of them around another one. What it returns remembers
 what it has seen: make a new one for each run.
 
 Public names:
