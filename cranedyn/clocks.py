@@ -52,7 +52,8 @@ class Clocked(Protocol):
     """A controller that is told how a run is divided before it begins."""
 
     def begin_run(self, t: float, control_period: float) -> None:
-        """Be told the first control instant [s] and the time between control instants [s].
+        """Prepare for a run by its first control instant [s] and the time between control instants
+        [s].
 
         Raises:
             OutOfRange: If the controller was made for a shorter control period.
@@ -108,8 +109,8 @@ def soon_enough(own: float, control_period: float) -> None:
 
 
 def intervals(name: str, duration: float, step: float) -> int:
-    """How many steps a duration takes, the last of which may end after it: one less than there are
-    rows in a table.
+    """Return the number of steps in a duration, the last of which may end after it: one less than
+    the rows of a table.
 
     Raises:
         OutOfRange: If one is not positive, or there would be more than 4 million.
@@ -132,7 +133,7 @@ def whole_periods(time: float, control_period: float) -> float:
 
 
 def multiple(name: str, value: float, of_name: str, of: float) -> int:
-    """How many times one time [s] goes into another.
+    """Return how many times one time [s] goes into another.
 
     Raises:
         OutOfRange: If one is not positive, or they do not divide.

@@ -44,7 +44,7 @@ class DampingController(OneLine):
         soon_enough(self.control_period, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Accelerations of the drives [rad/s² or m/s²], shape (m,)."""
+        """Return accelerations of the drives [rad/s² or m/s²], shape (m,)."""
         return np.clip(
             (self.velocity(t, state, setpoint) - state.v[self.crane.layout.drives])
             / self.control_period,
@@ -53,7 +53,9 @@ class DampingController(OneLine):
         )
 
     def velocity(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Rates that the drives should have a control period later [rad/s or m/s], shape (m,)."""
+        """Return the rates of the drives to reach within a control period [rad/s or m/s], shape
+        (m,).
+        """
         (_, *places), slewing, trolley = self._layout
         x, phi, theta, length = state.q[places].tolist()
         turned = theta / x if x != 0.0 else 0.0  # on the slew axis no slewing moves the pivot
@@ -88,8 +90,8 @@ def with_damping(
     limits: Limits,
     control_period: float = 5e-3,
 ) -> DampingController:
-    """Reach the reference's velocity less what damps the swing, for `simulate(...,
-    drive="motion")`.
+    """Return a controller that commands the reference's velocity less what damps the swing, for
+    `simulate(..., drive="motion")`.
 
     With a pivot that moves at its commanded velocity less 2 ζ ω l φ the small swing obeys φ̈ + 2 ζ
     ω φ̇ + ω² φ = ẍ/l, ω² = g/l. The position drifts by the integral of the correction, unless it is

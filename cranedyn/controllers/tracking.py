@@ -47,7 +47,7 @@ class Tracking(OneLine):
             raise OutOfRange("table", "one of no row", "one row or more")
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m or N], shape (m,); what the reference says is in the table already.
+        """Return efforts [N m or N], shape (m,); the table holds the setpoint already.
 
         Raises:
             OutOfRange: If a coordinate or rate is not finite.
@@ -62,7 +62,7 @@ class Tracking(OneLine):
         return efforts
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
-        """The common form, see `cranedyn.controllers.affine`."""
+        """Return the affine form, see `cranedyn.controllers.affine`."""
         last = len(self.feed_forward) - 1
         rows, shares = locate_many(times, self.period, last + 1)
         before = np.flatnonzero(rows < last)  # beyond them the last row holds

@@ -63,7 +63,7 @@ class _LagCompensation:
         return self.converters.lags + self.ahead
 
     def undone(self, now: np.ndarray, later: np.ndarray) -> np.ndarray:
-        """Commands that make ramps pass by reference rates, given those a period later, shape
+        """Return commands whose ramps pass the reference rates, given those a period later, shape
         (rows, m) each: a ramp that gains ρ per second at jerk J stays ρ²/(2 J) behind.
         """
         most, jerk = self.converters.accelerations, self.converters.jerks
@@ -93,12 +93,12 @@ class FollowVelocityCommand(OneLine):
         soon_enough(self.lead.period, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Rates of the drives [rad/s or m/s], shape (m,)."""
+        """Return rates of the drives [rad/s or m/s], shape (m,)."""
         away = setpoint.position - state.q[self.crane.layout.drives]
         return self._rates(np.array([t]))[0] + self.recovery * away
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
-        """The common form, see `cranedyn.controllers.affine`."""
+        """Return the affine form, see `cranedyn.controllers.affine`."""
         m = self.crane.layout.m
         gain = feedback_gain(self.crane, np.full(m, self.recovery), np.zeros(m))
         rates = self._rates(times)
@@ -125,7 +125,7 @@ class DampingVelocityCommand(DampingController):
     """Drives that yield to the swing, told by rates."""
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Rates of the drives [rad/s or m/s], shape (m,)."""
+        """Return rates of the drives [rad/s or m/s], shape (m,)."""
         return self.velocity(t, state, setpoint)
 
 
@@ -151,7 +151,7 @@ class VelocityCommand(OneLine):
             self.controller.begin_run(t, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Rates of the drives [rad/s or m/s], shape (m,)."""
+        """Return rates of the drives [rad/s or m/s], shape (m,)."""
         drives, answer = self.crane.layout.drives, self.controller(t, state, setpoint)
         if self.drive == "effort":
             answer = acceleration(self.crane, state, answer)[drives]
@@ -167,7 +167,8 @@ def as_velocity_command(
     converters: Converters | None = None,
     control_period: float = 5e-3,
 ) -> Controller:
-    """A controller made for other drives, for `simulate(..., drive="velocity")`.
+    """Return a controller for `simulate(..., drive="velocity")` from one that commands efforts or
+    accelerations.
 
     Args:
         crane: The crane, as far as the controller knows it.
@@ -211,7 +212,9 @@ def as_velocity_command(
 def _tracking(
     crane: Crane, tracking: Tracking, lead: _LagCompensation
 ) -> tuple[Tracking, np.ndarray]:
-    """Gains about a motion that answer rates, and the rates per effort at its end, shape (m, m)."""
+    """Return gains about a motion that command rates, and the rates per effort at its end, shape
+    (m, m).
+    """
     layout, total = crane.layout, lead.total[:, None]
     n, drives = layout.n, layout.drives
     rates, gains = np.empty_like(tracking.feed_forward), np.empty_like(tracking.gain)

@@ -46,15 +46,15 @@ class Bodies:
     gravity: np.ndarray
 
     def __len__(self) -> int:
-        """Number of joints."""
+        """Return the number of joints."""
         return len(self.parents)
 
     def numbers(self) -> np.ndarray:
-        """All numbers in a row."""
+        """Return all numbers in a row."""
         return np.concatenate([getattr(self, field.name).ravel() for field in fields(self)[1:]])
 
     def with_numbers(self, numbers: Sequence[Any]) -> Bodies:
-        """The same tree with other numbers, or what stands for them, in the order of `numbers`."""
+        """Return the same tree with other numbers or symbols, in the order of `numbers`."""
         parts, first = [], 0
         for field in fields(self)[1:]:
             old = getattr(self, field.name)
@@ -63,13 +63,13 @@ class Bodies:
         return Bodies(self.parents, *parts)
 
     def in_steps(self, dt: Any, mass: Any) -> Bodies:
-        """The same with time counted in steps of `dt` [s] and mass in units of `mass` [kg]."""
+        """Return the same with time in units of `dt` [s] and mass in units of `mass` [kg]."""
         masses = {name: getattr(self, name) / mass for name in ("mass", "inertia", "armature")}
         return replace(self, **masses, gravity=self.gravity * (dt * dt))
 
 
 def blank(parents: Sequence[int]) -> Bodies:
-    """A tree whose numbers are all zero."""
+    """Return a tree whose numbers are all zero."""
     n = len(parents)
     rotation, translation, axis, mass, lever, inertia, armature, gravity = (
         np.zeros(shape)
@@ -79,7 +79,7 @@ def blank(parents: Sequence[int]) -> Bodies:
 
 
 def bodies(model: pin.Model) -> Bodies:
-    """The numbers of a model.
+    """Return the numbers of a model.
 
     Raises:
         ModelError: If a joint does not have one degree of freedom, or there is none.
@@ -127,7 +127,7 @@ def bodies(model: pin.Model) -> Bodies:
 
 
 def height(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> Any:
-    """Height of a point of a body above the origin of the world [m].
+    """Return the height of a point of a body above the origin of the world [m].
 
     Only the vertical is carried from joint to joint, which is a third of the work of `frames`.
 
@@ -155,7 +155,7 @@ def height(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> Any:
 
 
 def heights(tree: Bodies, q: np.ndarray, body: int, point: np.ndarray) -> np.ndarray:
-    """As `height`, of many states at once.
+    """Return heights as `height` at many states.
 
     Args:
         tree: The bodies.

@@ -22,7 +22,7 @@ class Rows(np.ndarray):
     """
 
     def __mul__(self, other: Any) -> Any:
-        """The product."""
+        """Return the product."""
         if type(other) is float and other in (0.0, 1.0):
             return self if other else 0.0
         return super().__mul__(other)
@@ -30,26 +30,26 @@ class Rows(np.ndarray):
     __rmul__ = __mul__
 
     def __add__(self, other: Any) -> Any:
-        """The sum."""
+        """Return the sum."""
         return self if type(other) is float and other == 0.0 else super().__add__(other)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Any:
-        """The difference."""
+        """Return the difference."""
         return self if type(other) is float and other == 0.0 else super().__sub__(other)
 
     def sin(self) -> np.ndarray:
-        """Sine of each."""
+        """Return the sine of each."""
         return np.sin(self)
 
     def cos(self) -> np.ndarray:
-        """Cosine of each."""
+        """Return the cosine of each."""
         return np.cos(self)
 
 
 def rows(table: np.ndarray) -> np.ndarray:
-    """Columns of a table, shape (n, k), as an array of k objects, each a quantity in n rows."""
+    """Return columns of a table, shape (n, k), as an array of k objects of n rows each."""
     made = np.empty(table.shape[1], dtype=object)
     for i, column in enumerate(np.asarray(table, dtype=float).T):
         made[i] = column.view(Rows)
@@ -57,7 +57,7 @@ def rows(table: np.ndarray) -> np.ndarray:
 
 
 def chosen(condition: Any, yes: Any, no: Any) -> Any:
-    """One number where a condition holds, another where not.
+    """Return one number where a condition holds, another where not.
 
     Args:
         condition: What a comparison of two such numbers gives. Never that of two arrays of objects:
@@ -75,35 +75,35 @@ def chosen(condition: Any, yes: Any, no: Any) -> Any:
 
 
 def clipped(value: Any, low: Any, high: Any) -> Any:
-    """A number cut to a range; what is not a number stays."""
+    """Return a number cut to a range; what is not a number stays."""
     value = chosen(value < low, low, value)
     return chosen(value > high, high, value)
 
 
 def flag(condition: Any, of: Any) -> Any:
-    """1 where a condition on a number holds, else 0, as such a number."""
+    """Return 1 where a condition on a number holds, else 0, as such a number."""
     if isinstance(condition, bool | np.bool_ | np.ndarray):
         return chosen(condition, 1.0, 0.0)
     return of.choices.chosen(condition, 1.0, 0.0)
 
 
 def magnitude(value: Any) -> Any:
-    """A number without its sign."""
+    """Return a number without its sign."""
     return chosen(value < 0.0, -value, value)
 
 
 def root(value: Any) -> Any:
-    """The square root of a number that is not negative."""
+    """Return the square root of a number that is not negative."""
     return value.choices.call("llvm.sqrt", value) if hasattr(value, "choices") else np.sqrt(value)
 
 
 def rounded(value: Any) -> Any:
-    """The nearest whole number, the even one of two."""
+    """Return the nearest whole number, the even one of two."""
     return value.choices.call("llvm.rint", value) if hasattr(value, "choices") else np.rint(value)
 
 
 def array(elements: Sequence[Any]) -> np.ndarray:
-    """An object array, numbers among its elements as Python floats."""
+    """Return an object array, numbers among its elements as Python floats."""
     made = np.empty(len(elements), dtype=object)
     for i, element in enumerate(elements):
         made[i] = float(element) if isinstance(element, float | int) else element
@@ -116,13 +116,13 @@ def is_zero(element: Any) -> bool:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product, shape (3,)."""
+    """Return the cross product, shape (3,)."""
     return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solution of mass @ x = right for a symmetric positive definite matrix; what is zero through
-    branches of the tree is left out.
+    """Solve mass @ x = right for a symmetric positive definite matrix; zeros between branches of
+    the tree are left out.
 
     Unknowns are eliminated from the last, two at a time: by determinants two take one division,
     where one after the other they take two, and the second waits for the first.
@@ -147,7 +147,7 @@ def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _inverse(block: np.ndarray) -> np.ndarray:
-    """Of the lower triangle of a symmetric matrix of one row or two."""
+    """Return the inverse from the lower triangle of a symmetric matrix of one row or two."""
     if len(block) == 1:
         return 1.0 / block
     (a, c), b = (block[0, 0], block[1, 0]), block[1, 1]

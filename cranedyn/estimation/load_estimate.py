@@ -65,12 +65,12 @@ class CableFamily:
         self._table = np.concatenate([plan, first, second], axis=1)
 
     def planned(self, k: int) -> Row:
-        """The motion as planned, at a row."""
+        """Return the planned motion at a row."""
         return Row(*self._at(k)[:3])
 
     def row(self, k: int, offset: float, share: float) -> Row:
-        """The motion on a cable of l = (1 + share) reading + offset, at a row; by the chain rule
-        where the length beyond the plan changes on the way.
+        """Return the motion on a cable of length (1 + share) reading + offset, at a row; the chain
+        rule covers a length that changes on the way.
         """
         table = self._at(k)
         length, rate, acceleration = (share * table[:3, self._hoist]).tolist()
@@ -120,7 +120,7 @@ class LoadEstimateController(OneLine):
     _since: deque[np.ndarray] = field(default_factory=deque, init=False)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """What the drives are commanded, shape (m,); of the state it looks at what is measured.
+        """Return commands of the drives, shape (m,); only the measured part of the state is used.
 
         Raises:
             CraneError: If it is not called once in each control period.
@@ -145,7 +145,7 @@ class LoadEstimateController(OneLine):
         return command
 
     def _cost(self, row: Row) -> np.ndarray:
-        """Efforts of the drives that a motion costs with the load believed in, shape (m,)."""
+        """Return the drive efforts that a motion costs with the estimated load, shape (m,)."""
         crane = self.filter.crane
         joint = JointForces.of(crane).effort(row.q, row.v)
         needed = inverse_dynamics(crane.model, crane.data, *row, joint)
@@ -174,8 +174,7 @@ def with_load_estimate(
     delay: int = 0,
     start: State | None = None,
 ) -> LoadEstimateController:
-    """Let a controller made for one load and cable work with others that it does not know; one for
-    each run.
+    """Return a controller that adapts one made for another load and cable; make one for each run.
 
     Args:
         controller: The controller, made for `crane` and `motion`; its command are efforts.

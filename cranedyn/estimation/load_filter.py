@@ -104,7 +104,9 @@ class LoadFilter:
         return float(self.mean[-2]), float(self.mean[-1])
 
     def predict(self, effort: np.ndarray) -> None:
-        """Go on for one control period under efforts of the drives [N m or N], shape (m,)."""
+        """Predict mean and covariance over one control period under efforts of the drives [N m or
+        N], shape (m,).
+        """
         n, h = self._n, self._period
         before, step = self.state, np.zeros_like(self.covariance)
         by_state, inverse_mass = by_state_and_force(self.crane, before, effort)
@@ -116,8 +118,8 @@ class LoadFilter:
         self.covariance = over @ self.covariance @ over.T + self._added
 
     def advanced(self, state: State, effort: np.ndarray, time: float) -> State:
-        """Where a state is after a time [s] under efforts, by the crane believed in: one step of
-        RK4.
+        """Return the state after a time [s] under efforts, by one step of RK4 with the estimated
+        load.
         """
         model, data, (q, v) = self.crane.model, self._data, state
         tau = full(self.crane, effort)
@@ -130,7 +132,7 @@ class LoadFilter:
         return State(q, u / time)
 
     def correct(self, reading: State) -> None:
-        """Take in what the sensors say; of the reading it looks at what they measure only."""
+        """Correct mean and covariance by a reading; only the measured part of it is used."""
         expected, by = self._expected(self.mean)
         innovation = self._measured(reading) - expected
         seen = by @ self.covariance
@@ -146,12 +148,12 @@ class LoadFilter:
         return np.concatenate([found, self._turning(reading)]) if self.sensors == "imu" else found
 
     def _turning(self, state: State) -> np.ndarray:
-        """What a gyroscope on the load says [rad/s], shape (3,), in its frame."""
+        """Return the rates at a gyroscope on the load [rad/s], shape (3,), in its frame."""
         pin.forwardKinematics(self.crane.model, self._data, *state)
         return np.array(self._data.v[self._body].angular)
 
     def _expected(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What the sensors should say, and its derivatives by w."""
+        """Return the expected measurements and their derivatives by w."""
         n, hoist = self._n, self._hoist
         offset, scale = mean[-2], 1.0 + mean[-1]
         values, by = mean[: 2 * n].copy(), self._identity[: 2 * n].copy()
@@ -174,12 +176,12 @@ class LoadFilter:
         )
 
     def _spared(self, state: State) -> np.ndarray:
-        """By how much less generalized force the accelerations of `by_state_and_force` would cost
-        per 1/load, shape (n,): what the load alone costs is linear in its mass.
+        """Return the decrease of generalized force per unit of 1/load at the accelerations of
+        `by_state_and_force`, shape (n,); the force of the load alone is linear in its mass.
         """
         cost = pin.rnea(self._alone, self._data, *state, self.crane.data.ddq)
         return cost / self.mean[-3] ** 2
 
     def _believe(self) -> None:
-        """Give the crane the load of the mean; its rotational inertia stays."""
+        """Set the load of the crane to that of the mean; its rotational inertia stays."""
         self._load.mass = self._planned / self.mean[-3]

@@ -16,8 +16,8 @@ there for swings that take seconds."""
 
 @checked
 def with_longer_cable(crane: Crane, motion: Motion, by: float) -> Motion:
-    """A motion of a tower crane whose payload goes the same way lower down, on a cable that is
-    longer by so much.
+    """Return a motion of a tower crane whose payload follows the same path lower down, on a longer
+    cable.
 
     The rope points along p̈ + g ẑ (see `cranedyn.references.flat`), of which a constant drop of the
     payload changes nothing: swing stays what it is in the world, and the pivot goes further out
@@ -57,7 +57,7 @@ def with_longer_cable(crane: Crane, motion: Motion, by: float) -> Motion:
 
 
 def _beyond(q: np.ndarray, by: float) -> np.ndarray:
-    """What γ, x, φ, θ, l [rad or m], shape (rows, 5), change by."""
+    """Return the changes of γ, x, φ, θ, l [rad or m], shape (rows, 5)."""
     gamma, x, phi, theta, _ = q.T
     along = np.stack([np.sin(gamma), -np.cos(gamma)], axis=1)
     across = np.stack([np.cos(gamma), np.sin(gamma)], axis=1)

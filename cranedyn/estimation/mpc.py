@@ -95,12 +95,12 @@ class PredictiveController(OneLine):
     _steered: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        """Know what LQR and decision make of a deviation in each stretch."""
+        """Compute the closed-loop matrices of each stretch."""
         self._closed = self.model.a - self.model.b @ self.sweep.gain
         self._steered = self.model.b @ self.root
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m or N], shape (m,).
+        """Return efforts [N m or N], shape (m,).
 
         Raises:
             RunError: If the optimisation fails.
@@ -117,7 +117,7 @@ class PredictiveController(OneLine):
         return interpolate(self.model.efforts, row, share) + self._correction
 
     def _optimised(self, t: float, instant: int, deviation: np.ndarray) -> np.ndarray:
-        """The first correction of the best sequence."""
+        """Return the first correction of the best sequence."""
         stretches = np.minimum(np.arange(instant, instant + self.horizon), len(self.root) - 1)
         efforts, ahead = self._predicted(stretches, deviation)
         least, most = (side[stretches].ravel() - efforts[:, 0] for side in self.room)
@@ -155,8 +155,8 @@ class PredictiveController(OneLine):
     def _predicted(
         self, stretches: np.ndarray, deviation: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Corrections, and bounded quantities over their bounds, over the horizon: affine in the
-        decision, the constant first.
+        """Return corrections, and bounded quantities over their bounds, over the horizon: affine in
+        the decision, the constant first.
         """
         m, width = self.root.shape[1], self.root.shape[1] * self.horizon + 1
         efforts, ahead = (
@@ -188,7 +188,8 @@ def mpc(
     state_weight: np.ndarray | None = None,
     effort_weight: np.ndarray | None = None,
 ) -> PredictiveController:
-    """Model predictive control about a motion, with the efforts of inverse dynamics fed forward.
+    """Return model predictive control about a motion, with the efforts of inverse dynamics fed
+    forward.
 
     Efforts are kept within their limits always. Rates and swing are kept within theirs at the
     controller's instants, as far as the model goes and the efforts allow it: an initial swing
@@ -247,8 +248,8 @@ def mpc(
 
 
 def _room(model: Linearised, limit: np.ndarray) -> np.ndarray:
-    """Between which corrections feed-forward and correction together keep the limits in each
-    stretch, shape (2, stretches, m).
+    """Return the least and largest corrections that keep the effort limits in each stretch,
+    feed-forward included, shape (2, stretches, m).
     """
     parts = [model.efforts[model.stretch == k] for k in range(len(model.a))]
     room = np.array(

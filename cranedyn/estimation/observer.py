@@ -45,19 +45,19 @@ by 0.1 rad."""
 
 @checked
 def disturbance_of(crane: Crane) -> np.ndarray:
-    """Standard deviations of the accelerations that the model does not know, shape (n,)."""
+    """Return standard deviations of the accelerations that the model lacks, shape (n,)."""
     return _each(crane, DISTURBANCE)
 
 
 @checked
 def initial_std_of(crane: Crane) -> np.ndarray:
-    """Standard deviations of coordinates and rates at the start, shape (2 n,)."""
+    """Return standard deviations of coordinates and rates at the start, shape (2 n,)."""
     return np.tile(_each(crane, INITIAL_STD), 2)
 
 
 def _each(crane: Crane, table: Mapping[tuple[str, bool], float]) -> np.ndarray:
-    """A number for each joint, shape (n,); a joint that a spring holds is as quiet as one that a
-    drive holds.
+    """Return a number for each joint from a table, shape (n,); a joint held by a spring counts as
+    one held by a drive.
     """
     elastic = crane.springs.stiffness > 0.0
     return np.array(
@@ -69,7 +69,7 @@ def _each(crane: Crane, table: Mapping[tuple[str, bool], float]) -> np.ndarray:
 
 
 def kalman_gain(seen: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """Gain of a correction, shape (unknowns, measured).
+    """Return the gain of a correction, shape (unknowns, measured).
 
     Args:
         seen: Covariance of what is measured with the unknowns, shape (measured, unknowns).
@@ -88,8 +88,8 @@ def kalman_gain(seen: np.ndarray, spread: np.ndarray) -> np.ndarray:
 
 
 def load_lapack() -> None:
-    """Have SciPy's at hand when an observer is made: it takes some tenths of a second to come,
-    which no control instant has, and who observes nothing need not wait for it.
+    """Import SciPy's LAPACK when an observer is made: it takes some tenths of a second, which no
+    control period has.
     """
     import_module("scipy.linalg.lapack")
 
@@ -146,7 +146,7 @@ class ObserverController(OneLine):
         )
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """What the controller commands, shape (m,); of the state it looks at the drives only.
+        """Return the command of the controller, shape (m,); of the state only the drives are used.
 
         Raises:
             CraneError: If it is not called once in each period of the motion, at the time of a row.
@@ -226,8 +226,8 @@ def with_observer(
     initial_std: Sequence[float] | np.ndarray | None = None,
     every: int = 10,
 ) -> ObserverController:
-    """Let a controller that wants the whole state work with sensors on the drives alone; one for
-    each run.
+    """Return a controller of the whole state that works with sensors on the drives alone; make one
+    for each run.
 
     Args:
         controller: The controller.

@@ -26,8 +26,8 @@ mrad/s."""
 
 @checked
 def noise_of(crane: Crane) -> np.ndarray:
-    """Standard deviations of what sensors add to coordinates [rad or m] and rates [per second] of a
-    crane, shape (2 n,).
+    """Return standard deviations of the sensor noise of a crane: coordinates [rad or m] and rates
+    [per second], shape (2 n,).
     """
     joints = crane.layout.joints
     position = [(ENCODER if joint.driven else GYROSCOPE)[joint.unit] for joint in joints]
@@ -55,7 +55,7 @@ class SensorModelController(OneLine):
     _t: float = field(default=-math.inf)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """What the controller commands, shape (m,).
+        """Return the command of the controller, shape (m,).
 
         Raises:
             CraneError: If time does not go on, as in a second run.
@@ -85,7 +85,7 @@ def with_sensor_model(
     noise: Sequence[float] | Sequence[Sequence[float]] | np.ndarray | None = None,
     rng: np.random.Generator,
 ) -> SensorModelController:
-    """Put a controller behind sensors that are late and have white Gaussian noise; one for each
+    """Return a controller behind sensors with delay and white Gaussian noise; make one for each
     run.
 
     Args:

@@ -28,7 +28,7 @@ class Leg:
 
 
 def leg_target(crane: Crane, leg: Leg, here: np.ndarray) -> np.ndarray:
-    """Where a leg leads the drives from where they are, shape (m,).
+    """Return the position of the drives after a leg, shape (m,).
 
     Raises:
         UnknownName: If it names no drive.
@@ -88,7 +88,7 @@ class Timetable(ABC):
         return self.stages[-1].end
 
     def stage(self, t: float) -> tuple[Stage, float]:
-        """The stage under way at a time [s], and the time at which its cycle began [s]."""
+        """Return the stage under way at a time [s], and the time at which its cycle began [s]."""
         cycle = t // self.duration * self.duration
         return next(
             (stage for stage in self.stages if t - cycle < stage.end), self.stages[-1]
@@ -96,7 +96,7 @@ class Timetable(ABC):
 
     @abstractmethod
     def __call__(self, t: float) -> Setpoint:
-        """The setpoint of the drives at a time [s]."""
+        """Return the setpoint of the drives at a time [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ class Itinerary(Timetable):
     rates: np.ndarray
 
     def __call__(self, t: float) -> Setpoint:
-        """The setpoint at a time [s]."""
+        """Return the setpoint at a time [s]."""
         stage, cycle = self.stage(t)
         path, gone = stage.target - stage.origin, self.rates * (t - cycle - stage.begin)
         moving = gone < np.abs(path)
@@ -122,7 +122,7 @@ class Itinerary(Timetable):
         )
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, m) each."""
+        """Return setpoints at many times [s], shape (n, m) each."""
         origins, targets = (
             np.array([stage.origin for stage in self.stages]),
             np.array([stage.target for stage in self.stages]),

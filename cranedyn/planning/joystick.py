@@ -53,7 +53,7 @@ class Operator(Tabulating):
     accelerations: np.ndarray
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (n, m) each."""
+        """Return setpoints at many times [s], shape (n, m) each."""
         since = np.maximum(times[:, None] - self.begins, 0.0)
         rising, on = np.minimum(since, self.lasts), (since > 0.0) & (since < self.lasts)
         parts = np.array([rising * (since - rising / 2.0), rising, on])
@@ -65,8 +65,8 @@ class Operator(Tabulating):
 def joystick(
     crane: Crane, start: State, pulses: Sequence[JoystickPulse], *, accelerations: Sequence[float]
 ) -> Reference:
-    """Where the drives get to: a joystick asks for a velocity, and its drive goes there as fast as
-    its acceleration allows.
+    """Return the reference of drives that follow a joystick: it commands a velocity, which each
+    drive approaches within its acceleration.
 
     A push by itself is a trapezoid in velocity, one that comes while the drive still slows down
     takes it on from there. No velocity is exceeded that was asked for, and no limit.

@@ -23,8 +23,8 @@ except ModuleNotFoundError as error:
 
 
 def rnea(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
-    """Generalized forces that cause accelerations, as `pin.rnea`: damping and friction not counted,
-    gravity and armature counted.
+    """Return generalized forces that cause accelerations, as `pin.rnea`: damping and friction not
+    counted, gravity and armature counted.
 
     Args:
         model: A model whose joints are revolute, prismatic or helical, with one coordinate each.
@@ -55,8 +55,8 @@ def rnea(model: pin.Model, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
 def prescribed_acceleration(
     crane: Crane, q: ca.SX, v: ca.SX, drive_acceleration: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Accelerations of all joints when those of the drives are given, and the drive efforts that
-    this costs.
+    """Return accelerations of all joints when those of the drives are given, and the drive efforts
+    that this costs.
 
     The same as `cranedyn.dynamics.pinocchio.prescribed_acceleration`, on symbols: shapes (n,),
     (n,), (m,) to (n,) and (m,).

@@ -64,7 +64,7 @@ class Cranes:
         return self._base.layout
 
     def __len__(self) -> int:
-        """How many there are."""
+        """Return the number of cranes."""
         return len(self.numbers)
 
     @overload
@@ -74,7 +74,7 @@ class Cranes:
     def __getitem__(self, index: slice) -> list[Crane]: ...
 
     def __getitem__(self, index: int | slice) -> Crane | list[Crane]:
-        """One of them, or some, loaded anew."""
+        """Return one or some of the cranes, loaded anew."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
@@ -128,20 +128,20 @@ def load_cranes(urdf: str | Path | None = None, **values: Any) -> Cranes:
 
 
 def _arguments(urdf: str | Path | None) -> list[str]:
-    """Names of the arguments of a description; none of a plain URDF."""
+    """Return names of the arguments of a description; none of a plain URDF."""
     path = XACRO if urdf is None else Path(urdf)
     return list(arguments(path)) if path.suffix == ".xacro" else []
 
 
 def _row(crane: Crane) -> np.ndarray:
-    """Its numbers, and where it starts."""
+    """Return the numbers of a crane and its start."""
     return np.concatenate([numbers(crane), crane.start.q])
 
 
 def _numbers(
     made: Mapping[str, Any], varied: Mapping[str, np.ndarray], count: int
 ) -> tuple[np.ndarray, Crane]:
-    """Numbers of all cranes and where they start, shape (count, k + n), and the one in the
+    """Return the numbers and starts of all cranes, shape (count, k + n), and the crane in the
     middle.
     """
     nodes = {
@@ -151,7 +151,9 @@ def _numbers(
     names = [name for name, (low, _, high) in nodes.items() if high > low]
 
     def at(**places: int) -> Crane:
-        """The crane with some arguments at their first or last node, all others in the middle."""
+        """Return the crane with some arguments at their first or last node, all others in the
+        middle.
+        """
         values: dict[str, Any] = {name: float(nodes[name][places.get(name, 1)]) for name in nodes}
         return load_crane(**made, **values)
 
@@ -181,7 +183,7 @@ def _numbers(
 
 
 def _lagrange(nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Lagrange's polynomials of three nodes at values, shape (3, cranes)."""
+    """Return Lagrange's polynomials of three nodes at values, shape (3, cranes)."""
     found = []
     for k in range(3):
         others = np.delete(nodes, k)
@@ -190,7 +192,7 @@ def _lagrange(nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _start(base: Crane, places: np.ndarray, given: Mapping[str, Any]) -> State:
-    """Where the cranes start: at coordinates that are given, else where the description says."""
+    """Return the starts of the cranes: given coordinates, or those of the description."""
     layout = base.layout
     if base.springs.any and (
         missing := [

@@ -48,7 +48,7 @@ class Topology:
 
     @classmethod
     def of(cls, crane: Crane) -> Topology:
-        """That of a crane."""
+        """Return the topology of a crane."""
         parents = tuple(int(parent) - 1 for parent in list(crane.model.parents)[1:])
         hoist = crane.layout.role("hoist", "") if crane.layout.has("hoist") else None
         swings = tuple(
@@ -67,7 +67,7 @@ class Topology:
 
 
 def _above(parents: Sequence[int], joint: int) -> list[int]:
-    """The joints that carry a joint."""
+    """Return the joints between the world and a joint."""
     found = []
     while (joint := parents[joint]) >= 0:
         found.append(joint)
@@ -131,9 +131,9 @@ class Plant:
     response: Response | None = None
 
     def in_steps(self, dt: Any) -> tuple[Plant, Units]:
-        """The same with time counted in steps of `dt` [s] and mass in that of the load, where that
-        is not counted with another body: rates are v dt, accelerations a dt², and the length of the
-        step and the load drop out of much that is to be computed.
+        """Return the same with time in units of `dt` [s] and mass in units of the load, unless that
+        is counted with another body: rates are v dt, accelerations a dt², and step and load drop
+        out of much arithmetic.
 
         Returns:
             The plant, and its units.
@@ -155,7 +155,7 @@ class Plant:
     def answer(
         self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What a command causes at a state.
+        """Return accelerations and efforts under a command at a state.
 
         Args:
             q: Coordinates, shape (n,).
@@ -172,8 +172,8 @@ class Plant:
     def driven(
         self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What `answer` says, and the efforts that the drives would need to do as they are told,
-        shape (m,).
+        """Return what `answer` returns, and the efforts that the drives would need to follow the
+        command, shape (m,).
         """
         drives, passive = self.topology.layout.drives, self.topology.layout.passive
         where = rigid_body.frames(self.tree, q)
@@ -203,7 +203,7 @@ class Plant:
         return a, effort, effort
 
     def stop_force(self, q: np.ndarray, v: np.ndarray) -> Any:
-        """What the buffers at the ends of the cable push [N], see
+        """Return the force of the buffers at the ends of the cable [N], see
         `cranedyn.dynamics.drives.cable_buffers`.
         """
         hoist = self.topology.layout.drive_of("hoist")
@@ -215,9 +215,9 @@ class Plant:
     def conditions(
         self, q: np.ndarray, v: np.ndarray, hoist_force: Any, needed: np.ndarray
     ) -> list[Any]:
-        """What must be true for the model to hold under a force of the hoist and of the buffers of
-        the cable, and with efforts that drives which follow a motion or a rate would need, as
-        comparisons.
+        """Return comparisons that must be true for the model to hold, given the force of the hoist
+        with that of the cable's buffers, and the efforts needed by drives that follow a motion or a
+        rate.
         """
         layout = self.topology.layout
         tension = rope_tension(layout, self.joint.damping, self.joint.springs, q, v, hoist_force)
@@ -244,7 +244,7 @@ class Plant:
         return [condition for bound in found for condition in bound.conditions]
 
     def within(self, command: np.ndarray) -> np.ndarray:
-        """Efforts cut to the limits of the drives, accelerations as they are, shape (m,)."""
+        """Return efforts cut to the limits of the drives, accelerations as they are, shape (m,)."""
         if self.drive != "effort":
             return command
         return array(
@@ -252,7 +252,7 @@ class Plant:
         )
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> Any:
-        """Mechanical energy, that of springs included [J], zero of height at the ground."""
+        """Return the mechanical energy, that of springs included [J], zero of height at the ground."""
         where = rigid_body.frames(self.tree, q)
         rigid = 0.5 * (
             v @ (rigid_body.mass_matrix(self.tree, where) @ v)
@@ -272,15 +272,15 @@ class Plant:
         return angle + slope @ drives
 
     def swing_angles(self, q: np.ndarray) -> dict[int, Any]:
-        """Angles of the swing joints from where they hang [rad], by their place among the
+        """Return angles of the swing joints from where they hang [rad], by their place among the
         coordinates.
         """
         hanging = self.hanging_angles(q[self.topology.layout.drives])
         return {i: q[i] - at for (i, _), at in zip(self.topology.swings, hanging, strict=True)}
 
     def swing(self, q: np.ndarray, v: np.ndarray) -> tuple[Any, Any]:
-        """Squares of the swing, and of its amplitude as the pendulums below each joint would have
-        it alone [rad²].
+        """Return the square of the swing, and that of its amplitude if the pendulums below each
+        joint swung alone [rad²].
         """
         swings = self.topology.swings
         angle: Any = sum((one * one for one in self.swing_angles(q).values()), 0.0)
@@ -293,7 +293,7 @@ class Plant:
 
 
 def numbers(crane: Crane) -> np.ndarray:
-    """All numbers of a crane in a row, as `plant` takes them."""
+    """Return all numbers of a crane in a row, in the order of `plant`."""
     tree, springs, stops, rope = (
         bodies(crane.model),
         crane.springs,
@@ -323,8 +323,8 @@ def numbers(crane: Crane) -> np.ndarray:
 
 
 def _arms(crane: Crane) -> np.ndarray:
-    """From each swing joint to the payload with all that moves below it at zero [m], shape
-    (swings,).
+    """Return the distance from each swing joint to the payload with all joints below it at zero
+    [m], shape (swings,).
     """
     data = crane.model.createData()
     pin.forwardKinematics(crane.model, data, np.zeros(crane.layout.n))
@@ -338,8 +338,8 @@ def _arms(crane: Crane) -> np.ndarray:
 
 
 def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) -> Plant:
-    """A plant from its topology and its numbers, in the order of `numbers`, after which come those
-    of its frequency converters if drives are told a velocity.
+    """Return a plant from its topology and its numbers, in the order of `numbers`; with drive
+    "velocity" those of the frequency converters follow.
     """
     layout = topology.layout
     n, m = layout.n, layout.m

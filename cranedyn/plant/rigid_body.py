@@ -27,7 +27,7 @@ conditioned."""
 
 
 def regrouped(tree: Bodies) -> Bodies:
-    """The same tree with less in its bodies: what a joint moves as its parent does anyway is
+    """Return the same tree with less in its bodies: what a joint moves as its parent does anyway is
     counted with the parent, which leaves dynamics and energy as they are.
 
     That is the inertia about the centre of mass where the joint does not turn, and the mass where
@@ -85,7 +85,7 @@ class ExternalForce(NamedTuple):
 
 
 def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
-    """Where each joint's frame is at coordinates q, shape (n,)."""
+    """Return each joint's frame at coordinates q, shape (n,)."""
     found = []
     for i in range(len(tree)):
         (along, about), rotation, coordinate = tree.axis[i], tree.rotation[i], q[i : i + 1]
@@ -109,7 +109,7 @@ def inverse_dynamics(
     external_forces: Sequence[ExternalForce] = (),
     pulled: tuple[int, Any] | None = None,
 ) -> np.ndarray:
-    """Generalized forces that cause accelerations against gravity and pushes, as `pin.rnea`;
+    """Return generalized forces that cause accelerations against gravity and pushes, as `pin.rnea`;
     damping is not counted.
 
     Args:
@@ -163,7 +163,7 @@ def inverse_dynamics(
 
 
 def mass_matrix(tree: Bodies, where: Sequence[Frame]) -> np.ndarray:
-    """Inertia of the coordinates, as `pin.crba`, whole, shape (n, n)."""
+    """Return the mass matrix, as `pin.crba`, both triangles, shape (n, n)."""
     n = len(tree)
     composites = [
         _Body(tree.mass[i : i + 1], tree.mass[i : i + 1] * tree.lever[i], _about_origin(tree, i))
@@ -187,7 +187,7 @@ def forward_dynamics(
     effort: np.ndarray,
     external_forces: Sequence[ExternalForce] = (),
 ) -> np.ndarray:
-    """Accelerations that generalized forces cause, as `pin.aba`.
+    """Return accelerations that generalized forces cause, as `pin.aba`.
 
     Of a load that hangs on nothing but its rope the others feel its mass across the rope, and along
     it the effort of the rope: what is left to solve has one unknown less, and nothing that cancels.
@@ -224,7 +224,7 @@ def forward_dynamics(
 
 
 def _is_sliding_point(tree: Bodies, i: int) -> bool:
-    """Whether a body has nothing but mass, and slides along an axis of its frame."""
+    """Return whether a body has nothing but mass, and slides along an axis of its frame."""
     along, about = tree.axis[i]
     nothing = np.concatenate([about, tree.inertia[i].ravel(), tree.armature[[i]]])
     return (
@@ -239,7 +239,7 @@ def _is_sliding_point(tree: Bodies, i: int) -> bool:
 def _exerted(
     tree: Bodies, where: Sequence[Frame], body: int, force: np.ndarray, torque: np.ndarray
 ) -> np.ndarray:
-    """What a force and a torque on a body exert on each coordinate, shape (n,)."""
+    """Return the generalized force of a force and a torque on a body, shape (n,)."""
     found = array([0.0] * len(tree))
     found[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
     while (parent := tree.parents[body]) >= 0:
@@ -250,8 +250,8 @@ def _exerted(
 
 
 def lost_digits(mass: np.ndarray) -> float:
-    """By how much two ways to solve with a mass matrix may differ, relative: 1000 roundings for
-    each unit of its condition number.
+    """Return the relative difference to expect between two solutions with a mass matrix: 1000
+    roundings for each unit of its condition number.
 
     Args:
         mass: The matrix, or its upper triangle, in numbers; it is scaled to a unit diagonal first.
@@ -262,8 +262,8 @@ def lost_digits(mass: np.ndarray) -> float:
 
 
 def disagreement(found: np.ndarray, expected: np.ndarray, mass: np.ndarray) -> float:
-    """How far accelerations are from those expected, relative to the largest; 0 where that is
-    round-off.
+    """Return the largest difference of accelerations from expected ones over the largest of these;
+    0 if it is round-off.
 
     Args:
         found: One state or the same in each row, shape (n,) or (m, n).
@@ -275,7 +275,7 @@ def disagreement(found: np.ndarray, expected: np.ndarray, mass: np.ndarray) -> f
 
 
 def potential_energy(tree: Bodies, where: Sequence[Frame]) -> Any:
-    """Potential energy in gravity [J], zero at the origin of the world."""
+    """Return the potential energy in gravity [J], zero at the origin of the world."""
     fallen: list[tuple[np.ndarray, Any]] = []
     energy: Any = 0.0
     for i, (rotation, origin) in enumerate(where):
@@ -286,7 +286,7 @@ def potential_energy(tree: Bodies, where: Sequence[Frame]) -> Any:
 
 
 def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:
-    """A vector of the world in the frame of a joint, shape (3,)."""
+    """Return a vector of the world in the frame of a joint, shape (3,)."""
     chain = [body]
     while (parent := tree.parents[chain[-1]]) >= 0:
         chain.append(parent)
@@ -298,8 +298,8 @@ def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) ->
 def _of_point(
     spin: np.ndarray, turn: np.ndarray, point: np.ndarray, sliding: np.ndarray | float = 0.0
 ) -> np.ndarray:
-    """Acceleration of a point beyond that of the origin, in a frame that spins at a rate and turns
-    up at an acceleration; sliding is twice the rate at which the point moves in it.
+    """Return the acceleration of a point beyond that of the origin, in a frame that spins at a rate
+    and turns up at an acceleration; sliding is twice the rate at which the point moves in it.
     """
     return cross(turn, point) + cross(spin, cross(spin, point) + sliding)
 
@@ -312,7 +312,7 @@ class _Body(NamedTuple):
     second: np.ndarray
 
     def times(self, linear: np.ndarray, angular: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Momentum of a velocity, or force of an acceleration."""
+        """Return the momentum of a velocity, or the force of an acceleration."""
         return self.mass * linear + cross(angular, self.first), cross(
             self.first, linear
         ) + self.second @ angular

@@ -14,7 +14,7 @@ off."""
 
 
 def locate(t: float, period: float, rows: int) -> tuple[int, float]:
-    """The row at or before a time, and how far the time is on the way to the next, from 0 to less
+    """Return the row at or before a time, and the share of the way to the next row, from 0 to less
     than 1.
 
     Args:
@@ -31,7 +31,7 @@ def locate(t: float, period: float, rows: int) -> tuple[int, float]:
 
 
 def locate_many(times: np.ndarray, period: float, rows: int) -> tuple[np.ndarray, np.ndarray]:
-    """`place` for many times [s], shape (n,) each."""
+    """Return rows and shares as `locate` for many times [s], shape (n,) each."""
     where = np.clip(times / period, 0.0, rows - 1.0)
     nearest = np.round(where)
     where = np.where(np.abs(where - nearest) <= ROW_TOLERANCE, nearest, where)
@@ -40,15 +40,15 @@ def locate_many(times: np.ndarray, period: float, rows: int) -> tuple[np.ndarray
 
 
 def interpolate(table: np.ndarray, row: int, share: float) -> np.ndarray:
-    """What a table, shape (rows, ...), says at a place; the row itself where the place is one,
-    whatever stands in the next.
+    """Return the values of a table, shape (rows, ...), at a row and a share of the way to the next;
+    with share 0 the row itself, whatever the next one holds.
     """
     here = table[row]
     return here + share * (table[row + 1] - here) if share else here
 
 
 def interpolate_many(table: np.ndarray, row: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """`at_place` for many places, shape (n, ...)."""
+    """Return values as `interpolate` at many rows and shares, shape (n, ...)."""
     found = table[row]
     between = share > 0.0
     if between.any():

@@ -74,7 +74,7 @@ class Motion(OneLine):
 
     @classmethod
     def checked(cls, name: str, value: Any) -> Motion:
-        """A motion; of a reference it says how to make one.
+        """Return a motion; for a reference the error message names the function that makes one.
 
         Raises:
             OutOfRange: If it is none.
@@ -93,7 +93,7 @@ class Motion(OneLine):
         return self.period * (len(self.q) - 1)
 
     def __call__(self, t: float) -> Setpoint:
-        """The setpoint of the drives at a time [s]."""
+        """Return the setpoint of the drives at a time [s]."""
         row, share = locate(t, self.period, len(self.q))
         position, velocity, acceleration = (
             interpolate(part, row, share)[self.drives] for part in (self.q, self.v, self.a)
@@ -105,7 +105,7 @@ class Motion(OneLine):
         )
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (rows, m) each."""
+        """Return setpoints at many times [s], shape (rows, m) each."""
         row, share = locate_many(times, self.period, len(self.q))
         position, *derivatives = (
             interpolate_many(part, row, share)[:, self.drives] for part in (self.q, self.v, self.a)
@@ -114,9 +114,7 @@ class Motion(OneLine):
         return Setpoint(position, *(np.where(moving, part, 0.0) for part in derivatives))
 
     def _moves(self, t: Any) -> Any:
-        """Whether a time, or each of many [s], is neither before the first row nor after the
-        last.
-        """
+        """Return whether a time, or each of many [s], lies between the first and the last row."""
         return (t >= -ROW_TOLERANCE * self.period) & (
             t <= self.arrival + ROW_TOLERANCE * self.period
         )
@@ -126,8 +124,8 @@ class Motion(OneLine):
 def hanging_reference(
     crane: Crane, reference: Reference, duration: float, period: float = 5e-3
 ) -> Motion:
-    """The motion of a reference over a duration [s], sampled at a period [s], with the load hanging
-    plumb; its last row is at rest.
+    """Return the motion of a reference over a duration [s], sampled at a period [s], with the load
+    hanging plumb; its last row is at rest.
 
     Raises:
         OutOfRange: If a time is not positive, or there would be more than 4 million rows.
@@ -146,7 +144,7 @@ def hanging_reference(
 
 @checked
 def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
-    """Drive efforts that a motion costs, by inverse dynamics [N m or N], shape (rows, m)."""
+    """Return drive efforts that a motion costs, by inverse dynamics [N m or N], shape (rows, m)."""
     joint = JointForces.of(crane)
     rows = zip(motion.q, motion.v, motion.a, strict=True)
     return np.array(
