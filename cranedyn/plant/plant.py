@@ -252,7 +252,7 @@ class Plant:
         )
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> Any:
-        """Return the mechanical energy, that of springs included [J], zero of height at the ground."""
+        """Return the mechanical energy with that of springs [J], zero of height at the ground."""
         where = rigid_body.frames(self.tree, q)
         rigid = 0.5 * (
             v @ (rigid_body.mass_matrix(self.tree, where) @ v)
