@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 import cranedyn.controllers
+import cranedyn.estimation
 import cranedyn.references
 from cranedyn import theory
 from cranedyn.analysis import prediction
@@ -536,7 +537,15 @@ def test_any_argument_replaced_by_any_thing_is_taken_or_refused_in_a_sentence(
                 )
 
 
-FACES = [cranedyn.controllers, cranedyn.references, wind, linear, prediction, analysis]
+FACES = [
+    cranedyn.controllers,
+    cranedyn.estimation,
+    cranedyn.references,
+    wind,
+    linear,
+    prediction,
+    analysis,
+]
 PLAIN = {
     *(
         "tabulated",
@@ -544,7 +553,7 @@ PLAIN = {
         "smoothstep",
         "cruise",
         "recover",
-        "form",
+        "affine_form",
         "without_integral",
         "at_drives",
         "over_period",
@@ -556,11 +565,10 @@ PLAIN = {
         "check_finite",
         "trolley_plane",
         "slew_plane",
-        "leg_target",
-        "place",
-        "places",
-        "at_place",
-        "at_places",
+        "locate",
+        "locate_many",
+        "interpolate",
+        "interpolate_many",
     ),
 }
 """What only other functions of the house call, with what they have checked."""

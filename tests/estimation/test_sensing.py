@@ -397,13 +397,13 @@ def test_what_an_observer_needs_is_loaded_before_its_first_control_instant() -> 
     program = """
 import sys
 from cranedyn.controllers import hold_controller
-from cranedyn.estimation import adapted, observed
+from cranedyn.estimation import with_load_estimate, with_observer
 from cranedyn.model.load import load_crane
 from cranedyn.references import Motion
 crane = load_crane()
 start = crane.state(x=10.0, l=15.0)
 still = Motion(5e-3, start.q[None], 0.0 * start.q[None], 0.0 * start.q[None], crane.layout.drives)
-for observer in (observed, adapted):
+for observer in (with_observer, with_load_estimate):
     for name in [name for name in sys.modules if name.startswith("scipy.linalg")]:
         del sys.modules[name]
     observer(hold_controller(crane), crane, still)
