@@ -48,10 +48,10 @@ class Clocks(NamedTuple):
 
 
 @runtime_checkable
-class Timed(Protocol):
+class Clocked(Protocol):
     """A controller that learns the clocks of a run before it begins."""
 
-    def run_begins(self, t: float, control_period: float) -> None:
+    def begin_run(self, t: float, control_period: float) -> None:
         """Prepare for a run from its first control instant [s] and its control period [s].
 
         Raises:

@@ -24,8 +24,8 @@ from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, number
 from cranedyn.interfaces import Controller
+from cranedyn.planning.itinerary import Stage, Timetable
 from cranedyn.plotting.figures import COLOURS, panels
-from cranedyn.references.itinerary import Stage, Timetable
 from cranedyn.references.limits import Limits
 from experiments import harness
 from experiments.endless import PART, Dwell, Dwells, Record, part_of

@@ -24,11 +24,11 @@ from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.threads import WARP
 from cranedyn.dynamics.converters import Converters
-from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, number, whole, within
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
+from cranedyn.plant.cranes import Cranes
 
 _LANES, _THREADS = 8, 1024
 
@@ -115,7 +115,7 @@ def simulate_batch(
     be the same object: its table is then kept once.
 
     Args:
-        crane: One crane or n, or `Cranes` of `cranedyn.dynamics.cranes.load_cranes`.
+        crane: One crane or n, or `Cranes` of `cranedyn.plant.cranes.load_cranes`.
         controller: One or n, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`, or one
             predictive controller of `cranedyn.compiled.horizon.receding` for all. Those with a
             memory begin with what they remember, and are left as they are.
@@ -200,7 +200,9 @@ def simulate_batch(
         integral=control.integrates,
         offset=len(offsets) > 0,
         forces=force is not None,
-        shared=tuple(one.shared for one in (control.law, control.aim, forces, *offsets)),
+        shared=tuple(
+            one.shared for one in (control.gain_table, control.setpoint_table, forces, *offsets)
+        ),
         log=rows > 0,
         summary=True,
         late=late,
@@ -212,7 +214,7 @@ def simulate_batch(
         distinct, which, response = inputs.paired(distinct, which, response)
     code, varied = compiled(distinct, recipe, response)
     inputs.fit("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
-    tables = (control.law, control.aim, forces, *offsets)
+    tables = (control.gain_table, control.setpoint_table, forces, *offsets)
     memory = {
         "state": grouped(
             [
@@ -290,7 +292,7 @@ def _horizon(
     """
     if planned.programme.drive != drive:
         raise OutOfRange("drive", drive, f"the controller's, {planned.programme.drive}")
-    planned.run_begins(t_start, clock.period)
+    planned.begin_run(t_start, clock.period)
     one = planned.fresh(t_start, _LANES)
     inputs.fit("number of cranes", f"{groups * _LANES}", taken + groups * one.size)
     return np.tile(one, (groups, 1))

@@ -17,8 +17,15 @@ from cranedyn.compiled.horizon.control import Programme
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.step import check_rule
-from cranedyn.compiled.tables import Table, aim, alone, law, no_law, one_command
-from cranedyn.controllers.affine import Affine, Remembering, form
+from cranedyn.compiled.tables import (
+    Table,
+    alone,
+    gain_table,
+    no_gain_table,
+    one_command,
+    setpoint_table,
+)
+from cranedyn.controllers.affine import Affine, Stateful, affine_form
 from cranedyn.dynamics.drives import VelocityDrives
 from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, State
@@ -33,12 +40,12 @@ at."""
 
 
 class _Block(NamedTuple):
-    """Tables to fill, shape (laws, columns) and (instants, columns), the log that comes of them,
-    the instant at which the model ceases to hold, shape (1,), and the run.
+    """Tables to fill, shape (gain rows, columns) and (instants, columns), the log that comes of
+    them, the instant at which the model ceases to hold, shape (1,), and the run.
     """
 
-    laws: np.ndarray
-    aims: np.ndarray
+    gain_table: np.ndarray
+    setpoint_table: np.ndarray
     rows: np.ndarray
     invalid: np.ndarray
     run: Callable[[], None]
@@ -66,7 +73,7 @@ class CompiledEngine(Engine):
             np.zeros((1, size(sizes.force))),
             places(sizes.state),
         )
-        self._law, self._aim = one_command(sizes)
+        self._gain_table, self._setpoint_table = one_command(sizes)
         self._look()
         self._codes: dict[tuple[bool, bool, Programme | None], Kernel] = {}
         self._planned: Receding | None = None
@@ -78,7 +85,7 @@ class CompiledEngine(Engine):
     def _look(self) -> None:
         """Have views of the memory."""
         self._here = self._memory[: self._sizes.z]
-        self._last_command = self._law[0, places(self._sizes.law)["feed_forward"]]
+        self._last_command = self._gain_table[0, places(self._sizes.gain_table)["feed_forward"]]
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but what is bound to the memory, for a copy that has memory of its own."""
@@ -134,10 +141,16 @@ class CompiledEngine(Engine):
         return compiled([self._setting.crane], recipe, numbers)[0]
 
     def _loop(
-        self, code: Kernel, law: Table, aim: Table, last: int, end: int, **memory: Any
+        self,
+        code: Kernel,
+        gain_table: Table,
+        setpoint_table: Table,
+        last: int,
+        end: int,
+        **memory: Any,
     ) -> Loop:
         """Code bound to the memory of this crane."""
-        tables = law, aim, alone(self._force)
+        tables = gain_table, setpoint_table, alone(self._force)
         memory = {name: part.reshape(1, -1, 1) for name, part in memory.items()}
         return Loop(
             code,
@@ -187,7 +200,9 @@ class CompiledEngine(Engine):
         """As `Engine.advance`."""
         if self._step is None:
             code = self._code(integral=False, log=False)
-            self._step = self._loop(code, alone(self._law), alone(self._aim), 1, 1).alone()
+            self._step = self._loop(
+                code, alone(self._gain_table), alone(self._setpoint_table), 1, 1
+            ).alone()
         self._step()
         return self._arrived()
 
@@ -225,9 +240,9 @@ class CompiledEngine(Engine):
             try:
                 setpoint = tabulated(reference, times, self._sizes.m).position
                 common = (
-                    form(controller, times, setpoint, self._sizes.z)
+                    affine_form(controller, times, setpoint, self._sizes.z)
                     if planned is None
-                    else no_law(self._sizes, setpoint)
+                    else no_gain_table(self._sizes, setpoint)
                 )
             except Misshapen:
                 raise
@@ -239,7 +254,7 @@ class CompiledEngine(Engine):
                 break
             if planned is not None:
                 planned.went_on(float(times[-1]))
-            if isinstance(controller, Remembering):
+            if isinstance(controller, Stateful):
                 controller.resume(float(times[-1]), self._memory[self._at["integral"]].copy())
             rows, valid = ran
             columns = {
@@ -268,8 +283,8 @@ class CompiledEngine(Engine):
         block = self._block(
             bool(common.integral_gain.any()), len(common.feed_forward), n, min(end, n)
         )
-        law(self._sizes, common, block.laws)
-        aim(self._sizes, common, n, block.aims)
+        gain_table(self._sizes, common, block.gain_table)
+        setpoint_table(self._sizes, common, n, block.setpoint_table)
         self._memory[self._at["integral"]] = common.integral
         block.invalid[:] = np.inf
         block.run()
@@ -293,13 +308,13 @@ class CompiledEngine(Engine):
         self._planned = planned
         self._horizon = None if planned is None else planned.ahead(t)
 
-    def _block(self, integral: bool, laws: int, instants: int, end: int) -> _Block:
+    def _block(self, integral: bool, gain_rows: int, instants: int, end: int) -> _Block:
         """What a block of a size is run with, made once."""
-        size_of_it = integral, laws, instants, end
+        size_of_it = integral, gain_rows, instants, end
         if size_of_it not in self._blocks:
             tables = (
-                np.zeros((laws, size(self._sizes.law))),
-                np.zeros((instants, size(self._sizes.aim))),
+                np.zeros((gain_rows, size(self._sizes.gain_table))),
+                np.zeros((instants, size(self._sizes.setpoint_table))),
             )
             rows, summary = (
                 np.empty((instants, size(self._sizes.row))),

@@ -20,9 +20,7 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
-from cranedyn.dynamics import rigid_body
-from cranedyn.dynamics.rigid_body import array
-from cranedyn.dynamics.scalars import chosen, clipped, flag, magnitude, root, rounded
+from cranedyn.dynamics.scalars import array, chosen, clipped, flag, magnitude, root, rounded, solve
 from cranedyn.errors import OutOfRange, UnknownName, number, within
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
@@ -161,7 +159,7 @@ def within_efforts(
         right = np.array([held[i] * (goal[i] - needed[i]) for i in range(m)])
         for i in range(m):
             matrix[i, i] = matrix[i, i] + (1.0 - held[i])
-        more = rigid_body.solve(matrix, right)
+        more = solve(matrix, right)
         gained, effort = wanted + more, list(needed + inertia @ more)
     cut = [
         chosen(held[i] > 0.5, goal[i], clipped(effort[i], -limit, limit))
@@ -199,8 +197,8 @@ def saturate_acceleration(
         a[drives], effort, needed = within_efforts(inertia, held, wanted, limits)
         return a, effort, needed
     own, coupling = mass[np.ix_(passive, passive)], mass[np.ix_(passive, drives)]
-    falling = rigid_body.solve(own, resisting[passive])
-    carried = np.array([rigid_body.solve(own, coupling[:, i]) for i in range(len(drives))]).T
+    falling = solve(own, resisting[passive])
+    carried = np.array([solve(own, coupling[:, i]) for i in range(len(drives))]).T
     free = held - coupling.T @ falling
     a[drives], effort, needed = within_efforts(inertia - coupling.T @ carried, free, wanted, limits)
     a[passive] = -(falling + carried @ a[drives])

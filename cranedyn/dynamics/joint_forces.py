@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics.rigid_body import array
-from cranedyn.dynamics.scalars import chosen, clipped
+from cranedyn.dynamics.scalars import array, chosen, clipped
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.model.springs import Rope, Springs

@@ -20,7 +20,7 @@ import numpy as np
 from cranedyn.arguments import checked
 from cranedyn.arrays import shaped
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.bodies import Bodies, bodies, heights
 from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import rope_tension
 from cranedyn.model.crane import Crane
@@ -263,7 +263,7 @@ def _conditions(
 ) -> Iterator[Bound]:
     q = shaped("q", q, ("rows", crane.layout.n))
     v, hoist = shaped("v", v, q.shape), shaped("hoist", hoist, q.shape[:1])
-    height = rigid_body.heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
+    height = heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
     tension = rope_tension(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
     yield from bounds(
@@ -275,15 +275,15 @@ def _conditions(
     yield from drive_bounds(crane.layout, needed, crane.effort_limit, v.T, limits)
 
 
-def _tree(crane: Crane) -> rigid_body.Bodies:
+def _tree(crane: Crane) -> Bodies:
     """Return the bodies of a crane in plain numbers, computed once."""
     if crane not in _TREES:
-        tree = rigid_body.bodies(crane.model)
+        tree = bodies(crane.model)
         _TREES[crane] = tree.with_numbers(tree.numbers().tolist())
     return _TREES[crane]
 
 
-_TREES: WeakKeyDictionary[Crane, rigid_body.Bodies] = WeakKeyDictionary()
+_TREES: WeakKeyDictionary[Crane, Bodies] = WeakKeyDictionary()
 
 
 def _beginnings(crane: Crane, bound: Bound, holds: np.ndarray) -> list[Event]:

@@ -8,7 +8,7 @@ from typing import NoReturn, TypedDict, Unpack
 import numpy as np
 
 from cranedyn.arguments import told
-from cranedyn.clocks import Timed, clocks
+from cranedyn.clocks import Clocked, clocks
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
@@ -73,7 +73,7 @@ def simulate(
     dt: float = 5e-4,
     control_period: float = 5e-3,
     drive: Drive | Converters = "effort",
-    engine: EngineName = "pinocchio",
+    engine: EngineName | str = "pinocchio",
     **options: Unpack[Options],
 ) -> Trajectory:
     """Run a crane under a controller.
@@ -135,8 +135,8 @@ def simulate(
     record = RunRecord(stepper.setting, engine, validity, controller, reference, disturbance)
     watch = ValidityMonitor(log, validity)
     monitors: list[Monitor] = [watch, *settings["monitors"]]
-    if isinstance(controller, Timed):
-        controller.run_begins(t_start, control_period)
+    if isinstance(controller, Clocked):
+        controller.begin_run(t_start, control_period)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
             rows = 0

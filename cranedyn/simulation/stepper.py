@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pkgutil import resolve_name
 
 import numpy as np
 
+from cranedyn import plugins
 from cranedyn.arguments import check_word, described
 from cranedyn.arrays import DOUBLE, masked
 from cranedyn.clocks import clocks
@@ -19,13 +19,6 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.simulation.engine import Engine
 from cranedyn.simulation.setting import Setting
-
-ENGINES = {
-    "pinocchio": "cranedyn.simulation.engine:Engine",
-    "compiled": "cranedyn.compiled.engine:CompiledEngine",
-}
-"""Where each engine is; looked up when it is asked for, since the compiled one needs an extra."""
-
 
 DIVERGED = 1e6
 """No joint of a crane moves this fast [rad/s or m/s]."""
@@ -52,7 +45,7 @@ class Stepper:
         forces: bool = False,
         buffers: bool = False,
         integrator: Integrator = semi_implicit_euler,
-        engine: EngineName = "pinocchio",
+        engine: EngineName | str = "pinocchio",
     ) -> None:
         """Start at a state.
 
@@ -67,24 +60,24 @@ class Stepper:
             forces: Whether external forces come with the commands.
             buffers: Whether buffers end the ranges of the drives; for drives that take efforts.
             integrator: The integrator.
-            engine: "pinocchio", or "compiled" for code compiled for this crane.
+            engine: "pinocchio"; "compiled" for code compiled for this crane; or the name of an
+                engine of another package, see `cranedyn.plugins`.
 
         Raises:
             OutOfRange: If an argument is out of its range or has no effect, or the state is not one
                 of this crane.
+            UnknownName: If there is no such engine.
         """
         kind: Drive = "velocity" if isinstance(drive, Converters) else drive
         check_word("drive", kind, Drive)
-        check_word("engine", engine, EngineName)
         if buffers and kind != "effort":
             raise OutOfRange("buffers", "True", "False where the drives take no efforts")
         converters = fitting(crane, kind, drive if isinstance(drive, Converters) else None)
         clock = clocks(control_period, dt, control_period)
         self.crane, self._periods = crane, 0
         self.setting = Setting(crane, clock, kind, forces, buffers, integrator, converters)
-        self.engine: Engine = resolve_name(ENGINES[engine])(
-            self.setting, initial_state(crane, start)
-        )
+        make = Engine if engine == "pinocchio" else plugins.load("engine", engine)
+        self.engine: Engine = make(self.setting, initial_state(crane, start))
 
     @property
     def t(self) -> float:

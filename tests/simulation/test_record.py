@@ -20,7 +20,7 @@ from cranedyn.disturbances.wind import constant_force
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import CraneError, DataError
 from cranedyn.model.load import load_crane
-from cranedyn.references import hold, plumb, pulse
+from cranedyn.references import hanging_reference, hold, pulse
 from cranedyn.references.hold import Still
 from cranedyn.references.pulse import Pulse
 from cranedyn.simulation.record import json_value, run_record
@@ -108,7 +108,7 @@ def test_a_run_is_made_again_from_the_gains_and_the_reference_in_its_file(tmp_pa
 
 def test_the_record_says_what_there_is_in_numbers_or_by_a_checksum() -> None:
     start = crane().state(x=12.0)
-    motion = plumb(crane(), hold(crane(), start), 1.0)
+    motion = hanging_reference(crane(), hold(crane(), start), 1.0)
     record = simulate(crane(), lqr(crane(), motion), motion, start=start, duration=0.1).record
     assert (
         record["crane"]["gravity"] == crane().gravity

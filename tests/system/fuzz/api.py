@@ -49,17 +49,20 @@ PUBLIC = {
     "crane": ("cranedyn.model.crane", "cranedyn.model.description", "cranedyn.model.load"),
     "controllers": (
         "cranedyn.controllers",
-        "cranedyn.controllers.damped",
+        "cranedyn.controllers.damping",
         "cranedyn.controllers.integral",
         "cranedyn.compiled.horizon.receding",
-        "cranedyn.controllers.rated",
+        "cranedyn.controllers.velocity_command",
         "cranedyn.dynamics.converters",
+        "cranedyn.estimation",
     ),
     "references": (
         "cranedyn.references",
         "cranedyn.references.limits",
         "cranedyn.planning.optimal",
-        "cranedyn.references.tour",
+        "cranedyn.planning.itinerary",
+        "cranedyn.planning.joystick",
+        "cranedyn.planning.tour",
     ),
     "linear": ("cranedyn.dynamics.linearisation", "cranedyn.analysis.prediction"),
     "analysis": ("cranedyn.analysis.swing", "cranedyn.dynamics.validity"),
@@ -91,8 +94,9 @@ INTERNAL = tuple(
         " model.layout model.shown model.springs model.urdf"
         " version planning.bim planning.bodies planning.clearance planning.curve planning.driven "
         "planning.fields planning.grid planning.half_spaces planning.ifc_shapes planning.move "
-        "planning.neighbour planning.proof"
-        " planning.search planning.site planning.solids planning.timing planning.transcription"
+        "planning.neighbour planning.proof plant"
+        " planning.search planning.site planning.solids planning.symbolic planning.timing"
+        " planning.transcription"
         " plotting processes simulation.engine simulation.log simulation.record startup bridges"
     ).split()
 )
@@ -113,6 +117,7 @@ WITHIN = (
     "saturate_acceleration",
     "fitting",
     "hoisting",
+    "leg_target",
     "columns_of",
     "started",
     "as_command",
@@ -180,11 +185,11 @@ RIGHT: dict[str, str] = {
     "free_swing.until": "3.0",
     "free_swing.start": "crane.state(phi=0.1)",
     "optimal.duration": "9.0",
-    "longer.by": "1.0",
-    "adapted.sensors": "'drives'",
-    "adapted.motion_of": "lambda by: longer(crane, motion, by)",
-    "adapted.disturbance": "np.full(5, 1e-2)",
-    "adapted.noise": "np.full(10, 1e-3)",
+    "with_longer_cable.by": "1.0",
+    "with_load_estimate.sensors": "'drives'",
+    "with_load_estimate.motion_of": "lambda by: with_longer_cable(crane, motion, by)",
+    "with_load_estimate.disturbance": "np.full(5, 1e-2)",
+    "with_load_estimate.noise": "np.full(10, 1e-3)",
     "optimal.interval": "0.5",
     "in_least_time.interval": "0.5",
     "spline.waypoints": "[(0.0, 12.0, 10.0)]",
@@ -193,11 +198,11 @@ RIGHT: dict[str, str] = {
     "shortest.rates": "(0.1, 1.0, 1.0)",
     "shortest.accelerations": "(0.1, 0.5, 0.5)",
     "itinerary.rates": "(0.1, 1.0, 1.0)",
-    "operator.accelerations": "(0.1, 0.5, 0.5)",
+    "joystick.accelerations": "(0.1, 0.5, 0.5)",
     "shaped_hoisting.duration": "4.0",
     "tour.plan": "lambda start, goal: flat(crane, start, goal, 6.0)",
     "tour.legs": "[Leg('out', x=12.0), Leg('back', x=float(start.q[1]))]",
-    "sensed.rng": "np.random.default_rng(1)",
+    "with_sensor_model.rng": "np.random.default_rng(1)",
     "grid.values": "{'x': [1.0, 2.0]}",
     "sampled.ranges": "{'x': (0.0, 1.0)}",
     "sampled.count": "4",
@@ -231,7 +236,7 @@ RIGHT: dict[str, str] = {
     },
     **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a", "drives")},
     "HoistIntegral.tracking": "tracking",
-    "rated.drive": "'effort'",
+    "as_velocity_command.drive": "'effort'",
     "converters.values": "{'lags': {'x': 0.2}}",
     "Shaper.fractions": "(0.0, 0.5)",
     "Shaper.amplitudes": "(0.5, 0.5)",
@@ -766,7 +771,7 @@ CALLABLES = [
         "follow(crane, None)",
         "tracking",
         "motion",
-        "observed(tracking, crane, short)",
+        "with_observer(tracking, crane, short)",
         "law.__class__",
         "mpc(crane, short)",
     ),
