@@ -1,5 +1,5 @@
-"""The doors to other programs: how long each takes to write, how exactly the other side has it, how
-fast it goes there.
+"""The exporters to other programs: how long each takes to write, how exactly the other side has it,
+how fast it goes there.
 """
 
 from __future__ import annotations
@@ -138,14 +138,14 @@ def _ros2(written: Path, crane: Crane, run: Trajectory) -> Found:
     return Found("mass matrix of its URDF [kg, kg m, kg m²]", float(apart), None)
 
 
-Door = tuple[
+Exporter = tuple[
     str,
     str,
     Callable[[Path, Crane, Trajectory], object],
     Callable[[Path, Crane, Trajectory], Found],
 ]
 
-DOORS: tuple[Door, ...] = (
+EXPORTERS: tuple[Exporter, ...] = (
     (
         "gazebo",
         "a1",
@@ -161,7 +161,7 @@ DOORS: tuple[Door, ...] = (
 
 
 def table() -> harness.Table:
-    """Go through every door once."""
+    """Measure every exporter once."""
     crane = SETUP.crane
     run = SETUP.simulate(
         crane,
@@ -173,7 +173,7 @@ def table() -> harness.Table:
     )
     rows: list[tuple[str | float | None, ...]] = []
     with tempfile.TemporaryDirectory() as folder:
-        for name, target, write, look in DOORS:
+        for name, target, write, look in EXPORTERS:
             path = Path(folder, target)
             try:
                 began = time.process_time()
@@ -197,7 +197,7 @@ def table() -> harness.Table:
                 )
             )
     columns = [
-        ("door", ""),
+        ("exporter", ""),
         ("written [ms]", ".0f"),
         ("size [kB]", ".0f"),
         ("compared", ""),
@@ -208,7 +208,7 @@ def table() -> harness.Table:
         "Processor time. Apart: the largest difference [rad, m, per second] unless said "
         "otherwise. Thousand steps or rows a second."
     )
-    return harness.Table("Doors of this machine", columns, rows, note)
+    return harness.Table("Exporters on this machine", columns, rows, note)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -27,10 +27,10 @@ from cranedyn.compiled.kernel import Recipe
 from cranedyn.compiled.ptx import ptx
 from cranedyn.compiled.threads import WARP
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
-from cranedyn.dynamics.plant import Topology, numbers
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.load import load_crane
+from cranedyn.plant.plant import Topology, numbers
 from experiments.harness.outcome import Table
 
 CRANES: dict[str, dict[str, Any]] = {

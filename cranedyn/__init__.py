@@ -20,11 +20,11 @@ end_on_interrupt(__name__)
 if TYPE_CHECKING:
     from cranedyn.compiled.batch import simulate_batch
     from cranedyn.data.trajectory import Trajectory
-    from cranedyn.dynamics.cranes import load_cranes
     from cranedyn.errors import CraneError
     from cranedyn.interfaces import Setpoint, State
     from cranedyn.model.crane import Crane
     from cranedyn.model.load import load_crane
+    from cranedyn.plant.cranes import load_cranes
     from cranedyn.simulation.simulate import simulate
     from cranedyn.simulation.stepper import Stepper
 
@@ -50,7 +50,7 @@ _HOMES = {
     "Stepper": "cranedyn.simulation.stepper",
     "Trajectory": "cranedyn.data.trajectory",
     "load_crane": "cranedyn.model.load",
-    "load_cranes": "cranedyn.dynamics.cranes",
+    "load_cranes": "cranedyn.plant.cranes",
     "simulate": "cranedyn.simulation.simulate",
     "simulate_batch": "cranedyn.compiled.batch",
 }

@@ -1,4 +1,4 @@
-"""The command ``cranedyn``: run an experiment, list them, look at a recording, describe or export a
+"""The command ``cranedyn``: run and list experiments, view a recording, describe or export a
 crane.
 """
 
@@ -6,102 +6,76 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib
-import importlib.util
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import ModuleType
+from typing import Any
 
-from cranedyn import __version__
+from cranedyn import __version__, plugins
 from cranedyn.command import Parser, command
-from cranedyn.errors import CraneError, UnknownName
 
-_PACKAGE = Path(__file__).resolve().parent
 
-_HELP = """
-  run NAME ...       an experiment with its arguments, as: run a1 --gravity 9.8
-  list               the experiments, a line each
-  view FILE.rrd      a recording in a window; with --serve in a browser of this machine
-  describe ...       the crane as a plain URDF, as: describe payload_mass:=2000 -o crane.urdf
-  export ...         the crane for other tools
-"""
+class _Parser(Parser):
+    """A parser that gets its arguments when it parses: no command imports what another one needs.
+
+    Attributes:
+        configure: Function that adds the arguments and sets `run`, a function of the options.
+    """
+
+    configure: Callable[[_Parser], None] | None = None
+
+    def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """Add the arguments, and parse as argparse does."""
+        configure, self.configure = self.configure, None
+        if configure is not None:
+            configure(self)
+        return super().parse_known_args(args, namespace)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; its exit code, 2 for bad arguments."""
-    parser = Parser(
-        prog="cranedyn",
-        description="A crane dynamics laboratory.",
-        epilog="commands:" + _HELP,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    """Run a command and return its exit code, 2 for bad arguments."""
+    parser = _Parser(prog="cranedyn", description="A crane dynamics laboratory.")
     parser.add_argument("--version", action="version", version=f"cranedyn {__version__}")
-    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="one of the below")
-    parser.add_argument(
-        "rest", nargs=argparse.REMAINDER, metavar="...", help="its arguments; --help tells them"
-    )
-    options = parser.parse_args(argv)
-    return COMMANDS[options.command](options.rest)
+    commands = parser.add_subparsers(required=True, dest="command", metavar="COMMAND")
+    for name, configure in COMMANDS.items():
+        text = (configure.__doc__ or "").strip()
+        commands.add_parser(name, help=text, description=text).configure = configure
+    return command(lambda: _run(parser.parse_args(argv)))
 
 
-def _run(argv: Sequence[str]) -> int:
-    parser = Parser(prog="cranedyn run", description="Run an experiment; cranedyn list names them.")
+def _run(options: argparse.Namespace) -> int:
+    return int(options.run(options))
+
+
+def _experiment(parser: _Parser) -> None:
+    """Run an experiment, as: run a1 --gravity 9.8; list names them."""
     parser.add_argument("name", metavar="NAME", help="of the experiment")
     parser.add_argument(
-        "rest",
+        "arguments",
         nargs=argparse.REMAINDER,
         metavar="...",
-        help="its arguments; run NAME --help tells them",
+        help="its arguments; run NAME --help lists them",
     )
-    options = parser.parse_args(argv)
-    names: list[str] = []
+    parser.set_defaults(
+        run=lambda options: plugins.load("experiment", options.name).main(options.arguments)
+    )
 
-    def find() -> int:
-        catalogue = _catalogue()
-        known = [*catalogue.EXPERIMENTS, *catalogue.TOOLS]
-        if options.name not in known:
-            raise UnknownName("experiment", options.name, known)
-        names.append(options.name)
+
+def _list(parser: _Parser) -> None:
+    """List the experiments."""
+
+    def run(options: argparse.Namespace) -> int:
+        for name in plugins.names("experiment"):
+            text = f"{name:15} {plugins.description('experiment', name)}"
+            print(textwrap.fill(text, 80, subsequent_indent=" " * 16))
         return 0
 
-    return command(find) or int(
-        importlib.import_module(f"experiments.{names[0]}").main(options.rest)
-    )
+    parser.set_defaults(run=run)
 
 
-def _list(argv: Sequence[str]) -> int:
-    Parser(prog="cranedyn list", description="List the experiments.").parse_args(argv)
-
-    def show() -> int:
-        catalogue = _catalogue()
-        for name, entry in catalogue.EXPERIMENTS.items():
-            print(f"{name:15} {entry.line}")
-        print()
-        for name, line in catalogue.TOOLS.items():
-            print(f"{name:15} {line}")
-        return 0
-
-    return command(show)
-
-
-def _catalogue() -> ModuleType:
-    """The experiments: inside the package once installed, beside it in a checkout; never those of
-    somebody else.
-    """
-    folder = next(
-        (one for one in (_PACKAGE / "_bundled", _PACKAGE.parent) if (one / "experiments").is_dir()),
-        None,
-    )
-    if folder is None:
-        raise CraneError(f"There are no experiments in {_PACKAGE}; install cranedyn again.")
-    if str(folder) not in sys.path[:1]:
-        sys.path.insert(0, str(folder))
-    return importlib.import_module("experiments.catalogue")
-
-
-def _view(argv: Sequence[str]) -> int:
-    parser = Parser(prog="cranedyn view", description="Look at a recording.")
+def _view(parser: _Parser) -> None:
+    """View a recording, in a window or in a browser of this machine."""
     parser.add_argument("file", metavar="FILE.rrd", type=Path, help="the recording")
     parser.add_argument(
         "--serve", action="store_true", help="in a browser on this machine, until Ctrl-C"
@@ -113,13 +87,12 @@ def _view(argv: Sequence[str]) -> int:
         metavar="P",
         help="of the page, default 9090; the data is at the next port",
     )
-    options = parser.parse_args(argv)
-    if options.port is not None and not options.serve:
-        parser.error("--port has no effect without --serve; leave it out")
 
-    def look() -> int:
+    def run(options: argparse.Namespace) -> int:
         from cranedyn import recording
 
+        if options.port is not None and not options.serve:
+            parser.error("--port has no effect without --serve; leave it out")
         if not options.serve:
             recording.open_viewer(options.file)
             return 0
@@ -133,40 +106,73 @@ def _view(argv: Sequence[str]) -> int:
             served.wait()
         return 0
 
-    return command(look)
+    parser.set_defaults(run=run)
 
 
-def _describe(argv: Sequence[str]) -> int:
-    from cranedyn.model.description import main
+def _describe(parser: _Parser) -> None:
+    """Write the crane as a plain URDF, as: describe payload_mass:=2000 -o crane.urdf."""
+    from cranedyn.model import description
 
-    return main([*argv])
+    description.add_arguments(parser)
+    parser.set_defaults(run=description.run)
 
 
-def _export(argv: Sequence[str]) -> int:
-    home = "cranedyn.bridges.command"
+def _export(parser: _Parser) -> None:
+    """Write a crane, or a run, for another program."""
+    exporters = parser.add_subparsers(required=True, dest="exporter", metavar="EXPORTER")
+    for name in plugins.names("exporter"):
+        text = plugins.description("exporter", name)
+        exporter = exporters.add_parser(
+            name,
+            help=text,
+            description=text,
+            formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        )
+        exporter.configure = lambda parser, name=name: _exporter(parser, name)
 
-    def find() -> int:
-        if (
-            importlib.util.find_spec("cranedyn.bridges") is None
-            or importlib.util.find_spec(home) is None
-        ):
-            raise CraneError(
-                "This cranedyn has no bridges to other tools; install one that has "
-                "cranedyn.bridges."
-            )
+
+def _exporter(parser: _Parser, name: str) -> None:
+    from cranedyn.model.crane import STANDARD_GRAVITY
+    from cranedyn.model.description import add_values
+
+    exporter = plugins.load("exporter", name)
+    parser.add_argument(
+        "target",
+        type=Path,
+        metavar=exporter.TARGET,
+        help="where to write; it must not be there yet",
+    )
+    parser.add_argument(
+        "--urdf",
+        metavar="FILE",
+        help="another crane than that of this project: a plain URDF, or a .xacro that you trust",
+    )
+    parser.add_argument(
+        "--gravity",
+        type=float,
+        default=STANDARD_GRAVITY,
+        metavar="G",
+        help="gravity of the world [m/s²]",
+    )
+    add_values(parser, "numbers of the crane")
+    exporter.add_arguments(parser)
+
+    def run(options: argparse.Namespace) -> int:
+        print(f"Written to {exporter.run(options)}.")
         return 0
 
-    return command(find) or int(importlib.import_module(home).main([*argv]))
+    parser.set_defaults(run=run)
 
 
-COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
-    "run": _run,
+COMMANDS: dict[str, Callable[[_Parser], None]] = {
+    "run": _experiment,
     "list": _list,
     "view": _view,
     "describe": _describe,
     "export": _export,
 }
-"""What stands behind each word; takes the words after it and gives the exit code."""
+"""Function by the name of its command; it adds the arguments and sets what runs it, and its
+docstring is the help."""
 
 
 if __name__ == "__main__":

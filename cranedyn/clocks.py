@@ -1,4 +1,4 @@
-"""How a run is divided: physics steps within control periods within its duration."""
+"""Clocks of a run: physics steps within control periods within its duration."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ _MOST_ROWS = 4_000_000
 """A planned motion of more rows than this would take gigabytes; so many are five hours at 200
 Hz."""
 
-_SMALL = 5e-4
+_BUFFER_STEP = 5e-4
 """Longest step in which buffers act, where the stepping rule asks for a smooth motion [s]."""
 
 
 SAME_PERIOD = 1e-3
-"""Share by which two times between control instants may differ and still be the same; a clock at
-1e9 s rounds to 1e-7 s."""
+"""Relative difference of two control periods that count as the same; a clock at 1e9 s rounds to
+1e-7 s."""
 
 
 class Clocks(NamedTuple):
-    """A run's division.
+    """Physics steps and control periods of a run.
 
     Attributes:
         dt: Physics step [s].
@@ -42,17 +42,17 @@ class Clocks(NamedTuple):
     periods: int
 
     @property
-    def small(self) -> int:
-        """How many small steps make a physics step where buffers act."""
-        return math.ceil(self.dt / _SMALL - 1e-9)
+    def substeps(self) -> int:
+        """Small steps that replace a physics step where buffers act."""
+        return math.ceil(self.dt / _BUFFER_STEP - 1e-9)
 
 
 @runtime_checkable
-class Timed(Protocol):
-    """A controller that is told how a run is divided before it begins."""
+class Clocked(Protocol):
+    """A controller that learns the clocks of a run before it begins."""
 
-    def run_begins(self, t: float, control_period: float) -> None:
-        """Be told the first control instant [s] and the time between control instants [s].
+    def begin_run(self, t: float, control_period: float) -> None:
+        """Prepare for a run from its first control instant [s] and its control period [s].
 
         Raises:
             OutOfRange: If the controller was made for a shorter control period.
@@ -60,7 +60,7 @@ class Timed(Protocol):
 
 
 def clocks(duration: float, dt: float, control_period: float) -> Clocks:
-    """Divide a run.
+    """Return the clocks of a run.
 
     Args:
         duration: How long it is [s], a multiple of the control period.
@@ -92,11 +92,12 @@ def clocks(duration: float, dt: float, control_period: float) -> Clocks:
 
 
 def soon_enough(own: float, control_period: float) -> None:
-    """Return if a run lets a controller answer at least once in its own control period [s]; else it
-    would do too much of everything.
+    """Return if a run calls a controller at least once in the controller's own period [s].
+
+    A controller that is called less often overshoots.
 
     Raises:
-        OutOfRange: If it does not, by more than a clock at 1e9 s rounds off.
+        OutOfRange: If the control period of the run [s] is longer, by more than `SAME_PERIOD`.
     """
     if control_period > own * (1.0 + SAME_PERIOD):
         raise OutOfRange(
@@ -108,8 +109,7 @@ def soon_enough(own: float, control_period: float) -> None:
 
 
 def intervals(name: str, duration: float, step: float) -> int:
-    """How many steps a duration takes, the last of which may end after it: one less than there are
-    rows in a table.
+    """Return the number of steps that cover a duration [s]; the last may end after it.
 
     Raises:
         OutOfRange: If one is not positive, or there would be more than 4 million.
@@ -132,7 +132,7 @@ def whole_periods(time: float, control_period: float) -> float:
 
 
 def multiple(name: str, value: float, of_name: str, of: float) -> int:
-    """How many times one time [s] goes into another.
+    """Return a time as a multiple of another [s].
 
     Raises:
         OutOfRange: If one is not positive, or they do not divide.

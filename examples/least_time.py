@@ -10,7 +10,7 @@ import cranedyn as cd
 from cranedyn.controllers import lqr
 from cranedyn.planning.optimal import optimal
 from cranedyn.plotting.run import plot_runs
-from cranedyn.references import plumb, spline
+from cranedyn.references import hanging_reference, spline
 from cranedyn.references.limits import Limits
 
 crane = cd.load_crane()
@@ -20,7 +20,7 @@ limits = Limits(rates=(0.1, 1.0, 1.0), accelerations=(0.05, 0.3, 0.3))
 fastest = optimal(crane, start, goal, limits)
 duration = 5e-3 * math.ceil(fastest.arrival / 5e-3)
 aim = goal.q[crane.layout.drives].tolist()
-smooth = plumb(crane, spline(crane, start, [aim], [duration]), duration)
+smooth = hanging_reference(crane, spline(crane, start, [aim], [duration]), duration)
 
 runs = {}
 for name, motion in {"least time": fastest, "spline": smooth}.items():

@@ -10,7 +10,7 @@ from cranedyn.controllers.lqr import lqr
 from cranedyn.model.load import load_crane
 from cranedyn.recording import Run, record
 from cranedyn.references import hold
-from cranedyn.references.motion import plumb
+from cranedyn.references.motion import hanging_reference
 from cranedyn.simulation.simulate import simulate
 
 ROLES = {"slew": "bracket", "trolley": "carriage", "hoist": "winch"}
@@ -21,7 +21,7 @@ def main(folder: Path) -> None:
     """Run it; what comes of it goes into a folder."""
     urdf = Path(__file__).with_name("wall_crane.urdf")
     crane = load_crane(urdf, joints=ROLES | SWINGS, driven=list(ROLES.values()))
-    rest = plumb(crane, hold(crane, crane.state(x=4.0, l=2.5)), duration=0.01)
+    rest = hanging_reference(crane, hold(crane, crane.state(x=4.0, l=2.5)), duration=0.01)
     controller = lqr(crane, rest)
     start = crane.state(x=4.0, l=2.5, phi=0.1, theta=-0.1)
     run = simulate(crane, controller, rest, start=start, duration=20.0)

@@ -220,9 +220,3 @@ EXPERIMENTS = {
     ),
 }
 """By name, in the order of the report."""
-
-TOOLS = {
-    "report": "All experiments on one page, out/report.html.",
-    "snapshot": "Pictures of a recording, without a display.",
-}
-"""Commands that are no experiments and run like one."""

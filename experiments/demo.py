@@ -22,8 +22,8 @@ from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, number
 from cranedyn.interfaces import Controller
+from cranedyn.planning.itinerary import Stage, Timetable
 from cranedyn.plotting.figures import COLOURS, panels
-from cranedyn.references.itinerary import Stage, Timetable
 from cranedyn.references.limits import Limits
 from experiments import harness
 from experiments.endless import PART, Dwell, Dwells, Record, part_of
@@ -53,7 +53,7 @@ def pieces(
         steps = math.ceil(min(PIECE, until - t, cycle + stage.end - t) / period - 1e-6)
         length = period * max(1, steps)
         piece = setup.simulate(
-            crane, controller, tour, start=state, since=t, duration=length, label=""
+            crane, controller, tour, start=state, t_start=t, duration=length, label=""
         )
         state, t = piece.state(-1), float(piece.t[-1])
         yield piece

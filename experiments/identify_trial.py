@@ -18,7 +18,7 @@ from cranedyn.identification import Estimate, Known, Record
 from cranedyn.identification.motion import Rows, lagged
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.references import JoystickPulse, operator
+from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.simulation.simulate import simulate
 from experiments import harness
 from experiments.scenarios import strategies
@@ -82,7 +82,7 @@ def trial_run() -> Trajectory:
     """What the crane of the trial does, on drives that lag behind their setpoints."""
     crane = Known().load(damp_swing=TRUTH["damp_swing"])
     start = crane.state(x=8.0, l=12.0 + TRUTH["l_offset"])
-    aims = operator(crane, start, PULSES, accelerations=LIMITS.accelerations)
+    aims = joystick(crane, start, PULSES, accelerations=LIMITS.accelerations)
     times = _STEP * np.arange(round(DURATION / _STEP) + 2)
     aim = np.array([aims(t).position for t in times.tolist()])
     lags = [TRUTH[f"{joint.symbol}_lag"] for joint in crane.layout.driven]

@@ -22,10 +22,10 @@ from cranedyn.interfaces import Reference
 from cranedyn.model.crane import Crane
 from cranedyn.planning.certificate import AFTER, certify
 from cranedyn.planning.clearance import Clearance
+from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.planning.lift import Lift, NoWay, plan_lift
 from cranedyn.planning.site import Site
 from cranedyn.planning.solids import Solid, box
-from cranedyn.references.operator import JoystickPulse, operator
 from cranedyn.references.spline import shortest, spline
 from experiments import harness
 from experiments.lift import IN_LEAST_TIME, OF_BOUND, OF_LEAST
@@ -180,7 +180,7 @@ def _operated(lift: Lift) -> tuple[Reference, float]:
                 pulses.append(JoystickPulse(drive, math.copysign(speed, way), at, abs(way) / speed))
                 lasts = max(lasts, abs(way) / speed + speed / acceleration)
         at += lasts
-    return operator(lift.crane, lift.states()[0], pulses, accelerations=limits.accelerations), at
+    return joystick(lift.crane, lift.states()[0], pulses, accelerations=limits.accelerations), at
 
 
 def _run(

@@ -16,11 +16,12 @@ import numpy as np
 import scipy
 
 from cranedyn.command import interrupted
-from cranedyn.controllers import hold_controller, lqr, observed, paper_controller
+from cranedyn.controllers import hold_controller, lqr, paper_controller
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.dynamics.linearisation import Sampled, sampled
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.errors import CraneError, OutOfRange, whole, within
+from cranedyn.estimation import with_observer
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references.motion import Motion
 from experiments import harness
@@ -90,7 +91,7 @@ def _blind(setup: harness.Setup, rest: State) -> Regulator:
 
     crane = setup.crane
     plant = _plant(setup, rest)
-    made = observed(
+    made = with_observer(
         lqr(crane, at_rest(setup, rest), dt=setup.dt), crane, at_rest(setup, rest), dt=setup.dt
     )
     seen = np.eye(len(plant.a))[made.measured]

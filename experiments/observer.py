@@ -30,7 +30,7 @@ LOADS, CABLES = (0.5, 1.0, 1.5), (-0.1, 0.0, 0.1)
 """Loads over that planned for; by which share cables are longer than read."""
 
 SENSORS = ("drives", "swing", "imu")
-"""See `cranedyn.controllers.load_filter.Sensors`."""
+"""See `cranedyn.estimation.load_filter.Sensors`."""
 
 KINDS = ("share", "offset")
 """Whether a cable is longer by a share of what is read, or by the same everywhere: that share of

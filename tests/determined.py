@@ -67,26 +67,24 @@ VARIANTS: dict[str, Mapping[str, str]] = {
 STARTUP = """\
 import os
 import numpy as np
-from cranedyn.compiled.engine import CompiledEngine
 from cranedyn.interfaces import State
 from cranedyn.simulation.engine import Engine
 
 
-def begin_elsewhere(engine):
-    begin = engine.begin
+def reset_elsewhere(engine):
+    reset = engine.reset
 
     def moved(self, start):
         crane, q = self._setting.crane, start.q.copy()
         drives = crane.layout.drives
         if not start.v.any():  # else it is a run that goes on from an earlier one
             q[drives] += float(os.environ["CRANEDYN_MOVED"])
-        begin(self, State(np.clip(q, crane.lower, crane.upper), start.v))
+        reset(self, State(np.clip(q, crane.lower, crane.upper), start.v))
 
-    engine.begin = moved
+    engine.reset = moved
 
 
-begin_elsewhere(Engine)
-begin_elsewhere(CompiledEngine)
+reset_elsewhere(Engine)
 """
 """What Python runs first where starts are moved, in worker processes too."""
 

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 import cranedyn.controllers
+import cranedyn.estimation
 import cranedyn.references
 from cranedyn import theory
 from cranedyn.analysis import prediction
@@ -27,8 +28,8 @@ from cranedyn.arguments import checked, described, taken
 from cranedyn.arrays import finite
 from cranedyn.clocks import clocks, intervals
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.controllers import follow, hold_controller, lqr, observed, paper_controller, sensed
-from cranedyn.controllers.damped import damped
+from cranedyn.controllers import follow, hold_controller, lqr, paper_controller
+from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.riccati import riccati
 from cranedyn.controllers.tracking import Tracking
@@ -38,19 +39,19 @@ from cranedyn.dynamics import linearisation as linear
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.validity import events, valid
 from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole
+from cranedyn.estimation import with_observer, with_sensor_model
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
+from cranedyn.planning.itinerary import Leg, itinerary
+from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.planning.optimal import optimal
+from cranedyn.planning.tour import tour
 from cranedyn.references import (
-    JoystickPulse,
-    Leg,
     Motion,
     flat,
+    hanging_reference,
     hold,
-    itinerary,
-    operator,
-    plumb,
     pulse,
     ramp,
     shaped,
@@ -61,7 +62,6 @@ from cranedyn.references import (
 from cranedyn.references.limits import Limits, fastest, use
 from cranedyn.references.shaped import Shaper, shaped_hoisting
 from cranedyn.references.spline import Spline
-from cranedyn.references.tour import tour
 from cranedyn.simulation.simulate import simulate
 from cranedyn.simulation.stepper import Stepper
 from cranedyn.sweep import cross, grid
@@ -69,7 +69,7 @@ from tests.helpers import crane
 
 C, REST = crane(), crane().start
 BRAKE, STILL = hold_controller(C), hold(C, REST)
-MOTION = plumb(C, STILL, 0.1)
+MOTION = hanging_reference(C, STILL, 0.1)
 RUN = simulate(C, BRAKE, duration=0.01)
 LIMITS = Limits((0.1, 1.0, 1.0), (0.05, 0.5, 0.5))
 T = np.linspace(0.0, 30.0, 600)
@@ -127,14 +127,17 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     ),
     (
         lambda: lqr(C, STILL),
-        "motion is a Still; allowed is a Motion of all joints, as cranedyn.references.plumb makes "
-        "it of a reference.",
+        "motion is a Still; allowed is a Motion of all joints, as "
+        "cranedyn.references.hanging_reference returns.",
     ),
     (
         lambda: flat(C, REST, C.state(x=12), 1e15),
         "duration is 1000000000000000.0 s; allowed is 20000 or less: 4000000 rows",
     ),
-    (lambda: plumb(C, STILL, 1e15), "duration is 1000000000000000.0 s; allowed is 20000"),
+    (
+        lambda: hanging_reference(C, STILL, 1e15),
+        "duration is 1000000000000000.0 s; allowed is 20000",
+    ),
     (
         lambda: optimal(C, REST, C.state(x=12), LIMITS, duration=1e9),
         "duration is 1000000000.0 s; allowed is 20000 or less",
@@ -163,11 +166,11 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
         "gravity is nan m/s²; allowed is a finite number.",
     ),
     (
-        lambda: sensed(C, BRAKE, rng=1),
+        lambda: with_sensor_model(C, BRAKE, rng=1),
         "rng is 1; allowed is a np.random.Generator, such as np.random.default_rng(1).",
     ),
     (
-        lambda: sensed(C, BRAKE, rng=np.random.default_rng(1), delay=10**5000),
+        lambda: with_sensor_model(C, BRAKE, rng=np.random.default_rng(1), delay=10**5000),
         "delay of the sensors is int that cannot be written out",
     ),
     (
@@ -329,8 +332,8 @@ RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
     use: {"crane": C, "motion": MOTION, "limits": LIMITS},
     fastest: {"crane": C, "plan": lambda duration: MOTION, "limits": LIMITS},
     Motion: {"period": 5e-3, "q": MOTION.q, "v": MOTION.v, "a": MOTION.a, "drives": MOTION.drives},
-    plumb: {"crane": C, "reference": STILL, "duration": 0.1, "period": 0.005},
-    operator: {
+    hanging_reference: {"crane": C, "reference": STILL, "duration": 0.1, "period": 0.005},
+    joystick: {
         "crane": C,
         "start": REST,
         "pulses": [JoystickPulse("x", 0.5, 0.0, 1.0)],
@@ -357,7 +360,7 @@ RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
         "plan": lambda start, goal: MOTION,
         "dwell": 1.0,
     },
-    damped: {
+    with_damping: {
         "crane": C,
         "reference": STILL,
         "ratio": 0.2,
@@ -382,7 +385,7 @@ RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
         "effort_weight": np.eye(3),
         "every": 10,
     },
-    observed: {
+    with_observer: {
         "controller": BRAKE,
         "crane": C,
         "motion": MOTION,
@@ -404,7 +407,7 @@ RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
         "state_weight": np.eye(2),
         "effort_weight": np.eye(1),
     },
-    sensed: {
+    with_sensor_model: {
         "crane": C,
         "controller": BRAKE,
         "delay": 1,
@@ -523,15 +526,23 @@ def test_any_argument_replaced_by_any_thing_is_taken_or_refused_in_a_sentence(
                 )
 
 
-FACES = [cranedyn.controllers, cranedyn.references, wind, linear, prediction, analysis]
+FACES = [
+    cranedyn.controllers,
+    cranedyn.estimation,
+    cranedyn.references,
+    wind,
+    linear,
+    prediction,
+    analysis,
+]
 PLAIN = {
     *(
         "tabulated",
-        "checked_setpoint",
+        "as_setpoint",
         "smoothstep",
         "cruise",
         "recover",
-        "form",
+        "affine_form",
         "without_integral",
         "at_drives",
         "over_period",
@@ -543,11 +554,10 @@ PLAIN = {
         "check_finite",
         "trolley_plane",
         "slew_plane",
-        "leg_target",
-        "place",
-        "places",
-        "at_place",
-        "at_places",
+        "locate",
+        "locate_many",
+        "interpolate",
+        "interpolate_many",
     ),
 }
 """What only other functions of the house call, with what they have checked."""
@@ -770,12 +780,12 @@ def test_every_row_of_a_table_of_setpoints_must_be_there_and_finite() -> None:
         def at(self, times: np.ndarray) -> Setpoint:
             return self.answer
 
-    assert len(plumb(C, Table(21, 3), 0.1).q) == 21
+    assert len(hanging_reference(C, Table(21, 3), 0.1).q) == 21
     for table in (Table(20, 3), Table(22, 3), Table(21, 2), Table(21, 3, math.nan)):
         with pytest.raises(
             OutOfRange, match=r"position of the setpoint is (an array of shape|nan)"
         ):
-            plumb(C, table, 0.1)
+            hanging_reference(C, table, 0.1)
 
 
 def test_the_fields_of_a_crane_are_those_that_make_it() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 import cranedyn as cd
 from cranedyn import __main__ as face
+from cranedyn import plugins
 from experiments import a1, catalogue
 from experiments.harness import arguments
 from tests.helpers import ROOT, python
@@ -56,13 +57,14 @@ def test_the_face_imports_what_is_heavy_only_when_it_is_used() -> None:
     assert python(script).stdout.splitlines() == ["[]", "True"]
 
 
-def test_every_module_of_the_experiments_with_a_command_line_is_in_the_catalogue() -> None:
+def test_every_module_of_the_experiments_with_a_command_line_is_an_entry_point() -> None:
     commands = {
         path.stem
         for path in (ROOT / "experiments").glob("*.py")
         if "\ndef main(" in path.read_text(encoding="utf-8")
     }
-    assert commands == {*catalogue.EXPERIMENTS, *catalogue.TOOLS}
+    assert commands == set(plugins.names("experiment"))
+    assert commands - set(catalogue.EXPERIMENTS) == {"report", "snapshot"}
 
 
 def test_list_names_every_experiment_in_lines_of_80_columns(
@@ -70,7 +72,7 @@ def test_list_names_every_experiment_in_lines_of_80_columns(
 ) -> None:
     assert face.main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert {line.split()[0] for line in lines if line} == {*catalogue.EXPERIMENTS, *catalogue.TOOLS}
+    assert [line.split()[0] for line in lines if line[0] != " "] == plugins.names("experiment")
     assert max(map(len, lines)) <= 80
 
 
@@ -107,14 +109,6 @@ def test_what_the_command_refuses_is_a_sentence_and_exit_code_2(
         code = stop.code
     assert code == 2
     assert sentence in capsys.readouterr().err.splitlines()[-1]
-
-
-def test_export_without_bridges_says_so(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(face.importlib.util, "find_spec", lambda name: None)
-    assert face.main(["export"]) == 2
-    assert "no bridges to other tools" in capsys.readouterr().err
 
 
 def test_an_installed_experiment_says_how_it_is_reached_there(

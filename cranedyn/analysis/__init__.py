@@ -1,3 +1,11 @@
-"""What a record shows: fits of a swing, amplitudes, settling, and predictions to hold them
-against.
+"""Analysis of recorded swings, and predictions to compare them with.
+
+Public names:
+    `swing.fit_swing`: period, damping and amplitude of a decaying swing.
+    `swing.peaks`, `swing.swing_amplitude`, `swing.settling_time`: what a record shows directly.
+    `swing.fit_power_law`: exponent of one quantity over another.
+    `swing.agreement`: how far a model is from a measurement.
+    `prediction.free_swing`: period and amplitude of a free swing, predicted before it is measured.
+
+Begin with `swing.fit_swing`.
 """

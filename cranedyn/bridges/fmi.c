@@ -22,7 +22,8 @@ void run(int64_t *call);
 /* All that changes: what is saved, restored and sent elsewhere as it is. */
 typedef struct {
   double value[VARIABLES];
-  double state[SIZE_STATE], law[SIZE_LAW], aim[SIZE_AIM], log[SIZE_ROW], summary[SIZE_SUMMARY];
+  double state[SIZE_STATE], log[SIZE_ROW], summary[SIZE_SUMMARY];
+  double gain_table[SIZE_GAIN_TABLE], setpoint_table[SIZE_SETPOINT_TABLE];
   double time;
   int32_t mode, stale, invalid, reserved;
 } Data;
@@ -48,16 +49,16 @@ static void begin(Data *data) {
 static void loop(Data *data, int64_t steps) {
   int64_t call[SLOTS] = {0};
   double dt = DT, period = steps ? steps * DT : DT;
-  memcpy(data->law + AT_FEED_FORWARD, data->value + COMMAND, DRIVES * sizeof(double));
-  for (int i = 0; i < DRIVES; i++) data->law[AT_LIMIT + i] = INFINITY;
+  memcpy(data->gain_table + AT_FEED_FORWARD, data->value + COMMAND, DRIVES * sizeof(double));
+  for (int i = 0; i < DRIVES; i++) data->gain_table[AT_LIMIT + i] = INFINITY;
   data->summary[AT_INVALID] = INFINITY;
   call[SLOT_STATE] = (int64_t)(intptr_t)data->state;
-  call[SLOT_LAW] = (int64_t)(intptr_t)data->law;
-  call[SLOT_AIM] = (int64_t)(intptr_t)data->aim;
+  call[SLOT_GAIN_TABLE] = (int64_t)(intptr_t)data->gain_table;
+  call[SLOT_SETPOINT_TABLE] = (int64_t)(intptr_t)data->setpoint_table;
   call[SLOT_FORCE] = (int64_t)(intptr_t)(data->value + FORCE);
   call[SLOT_LOG] = (int64_t)(intptr_t)data->log;
   call[SLOT_SUMMARY] = (int64_t)(intptr_t)data->summary;
-  call[SLOT_LAW_ROWS] = call[SLOT_AIM_ROWS] = call[SLOT_FORCE_ROWS] = 1;
+  call[SLOT_GAIN_TABLE_ROWS] = call[SLOT_SETPOINT_TABLE_ROWS] = call[SLOT_FORCE_ROWS] = 1;
   call[SLOT_LAST] = call[SLOT_EVERY] = call[SLOT_SMALL] = 1;
   call[SLOT_END] = steps ? 1 : 0;
   call[SLOT_STEPS] = steps;

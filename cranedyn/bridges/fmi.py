@@ -101,7 +101,7 @@ def export(
     check_free(final)
     check_word("drive", drive, DirectDrive)
     clocks(dt, dt, dt)
-    from cranedyn.compiled.checked import elsewhere  # other doors need no llvmlite
+    from cranedyn.compiled.checked import elsewhere  # other exporters need no llvmlite
     from cranedyn.compiled.kernel import Recipe
 
     recipe = Recipe(
@@ -269,7 +269,7 @@ def _header(crane: Crane, variables: Sequence[Variable], token: str, dt: float) 
     from cranedyn.compiled.call import SLOTS, Sizes, places, size
 
     sizes = Sizes.of(crane.layout)
-    law, row, kept = places(sizes.law), places(sizes.row), places(sizes.summary)
+    gains, row, kept = places(sizes.gain_table), places(sizes.row), places(sizes.summary)
     names = [variable.name for variable in variables]
     first = {
         kind: next(i for i, variable in enumerate(variables) if variable.causality == kind)
@@ -287,12 +287,12 @@ def _header(crane: Crane, variables: Sequence[Variable], token: str, dt: float) 
         "SLOTS": len(SLOTS),
         **{f"SLOT_{name.upper()}": slot for name, slot in SLOTS.items()},
         "SIZE_STATE": size(sizes.state),
-        "SIZE_LAW": size(sizes.law),
-        "SIZE_AIM": size(sizes.aim),
+        "SIZE_GAIN_TABLE": size(sizes.gain_table),
+        "SIZE_SETPOINT_TABLE": size(sizes.setpoint_table),
         "SIZE_ROW": size(sizes.row),
         "SIZE_SUMMARY": size(sizes.summary),
-        "AT_FEED_FORWARD": law["feed_forward"].start,
-        "AT_LIMIT": law["limit"].start,
+        "AT_FEED_FORWARD": gains["feed_forward"].start,
+        "AT_LIMIT": gains["limit"].start,
         "AT_EFFORT": row["effort"].start,
         "AT_ENERGY": row["energy"].start,
         "AT_INVALID": kept["invalid"].start,
@@ -391,14 +391,14 @@ def _linked(code: bytes, header: str) -> bytes:
         return (here / "library").read_bytes()
 
 
-def add_arguments(made: argparse.ArgumentParser) -> None:
-    """What its command line takes beside the file and the crane."""
-    made.add_argument(
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the file and the crane."""
+    parser.add_argument(
         "--drive", choices=("effort", "motion"), default="effort", help="what is commanded"
     )
-    made.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
+    parser.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
 
 
 def run(options: argparse.Namespace) -> Path:
-    """Write what the command line asks for."""
+    """Write what the command line describes, and return its path."""
     return export(loaded(options), options.target, drive=options.drive, dt=options.dt)

@@ -4,11 +4,9 @@ tables, and what builds and runs it.
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +15,7 @@ from cranedyn.arguments import checked
 from cranedyn.bridges.joints import ExportedJoint, check_heavy, described, grounded, joints
 from cranedyn.bridges.programs import Program
 from cranedyn.bridges.target import new_folder
-from cranedyn.errors import DataError, OutOfRange, UnknownName, whole
-from cranedyn.model.description import parse_values
-
-TARGET = "DIR"
+from cranedyn.errors import OutOfRange, UnknownName, whole
 
 _TEMPLATES = Path(__file__).with_name("templates") / "gazebo"
 
@@ -66,15 +61,15 @@ def export(
     every = whole("control instants between rows", every, 1)
     robot = described(program.crane)
     check_heavy(program.crane, robot, "Gazebo")
-    law = program.tables("Gazebo")
+    affine = program.tables("Gazebo")
     moving = joints(program.crane, robot)
     tables = {
-        "feed_forward": law.feed_forward,
-        "gain": law.gain.reshape(len(law.gain), -1),
-        "setpoint": law.setpoint,
-        "target": law.target,
+        "feed_forward": affine.feed_forward,
+        "gain": affine.gain.reshape(len(affine.gain), -1),
+        "setpoint": affine.setpoint,
+        "target": affine.target,
         "integral": np.stack(
-            [law.integral_gain, np.minimum(law.limit, np.finfo(float).max), law.integral]
+            [affine.integral_gain, np.minimum(affine.limit, np.finfo(float).max), affine.integral]
         ),
     }
     model = grounded(robot, "Gazebo")
@@ -161,61 +156,3 @@ def _xml(path: Path, root: ET.Element) -> None:
 
 def _table(path: Path, rows: np.ndarray) -> None:
     path.write_text("".join(",".join(map(repr, row)) + "\n" for row in rows.tolist()))
-
-
-def add_arguments(made: argparse.ArgumentParser) -> None:
-    """What its command line takes beside the folder and the crane."""
-    made.add_argument(
-        "--experiment", default="a1", metavar="RUN", help="what to run: a1, a2, a3, swing or move"
-    )
-    made.add_argument(
-        "--length", type=float, metavar="L", help="cable length of a1 and swing [m] (default 15)"
-    )
-    made.add_argument(
-        "--strategy",
-        metavar="NAME",
-        help="strategy of a move, such as 'flat + LQR' (default), see experiments.compare",
-    )
-    made.add_argument("--solver", default="world", choices=SOLVERS, help="ODE's solver")
-    made.add_argument(
-        "--erp", type=float, default=0.8, metavar="SHARE", help="ODE's error reduction in a step"
-    )
-    made.add_argument(
-        "--every",
-        type=int,
-        default=1,
-        metavar="N",
-        help="control instants from one row of the log to the next",
-    )
-    made.add_argument(
-        "--overwritten",
-        action="store_true",
-        help="set the rates of the passive joints to zero at every step",
-    )
-
-
-def run(options: argparse.Namespace) -> Path:
-    """Write what the command line asks for. Its runs are those of the experiments, which stand
-    above: only a command reaches up.
-    """
-    if options.urdf is not None:
-        raise DataError(
-            "--urdf has no effect here: the runs are those of this project's crane; from Python, "
-            "export takes any program."
-        )
-    harness, programs = (
-        import_module("experiments.harness"),
-        import_module("experiments.scenarios.programs"),
-    )
-    setup = harness.Setup(options.gravity, parse_values(options.values))
-    program = programs.program(
-        options.experiment, setup, length=options.length, strategy=options.strategy
-    )
-    return export(
-        options.target,
-        program,
-        solver=options.solver,
-        erp=options.erp,
-        every=options.every,
-        overwritten=options.overwritten,
-    )

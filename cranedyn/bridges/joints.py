@@ -111,7 +111,7 @@ def joints(crane: Crane, robot: ET.Element) -> tuple[ExportedJoint, ...]:
     return tuple(found)
 
 
-def check_heavy(crane: Crane, robot: ET.Element, door: str) -> None:
+def check_heavy(crane: Crane, robot: ET.Element, program: str) -> None:
     """Return if every link that moves has mass and inertia of its own, without which some engines
     drop it and all that it carries.
 
@@ -134,12 +134,12 @@ def check_heavy(crane: Crane, robot: ET.Element, door: str) -> None:
         ]
         if len(numbers) != 4 or min(numbers) <= 0.0:
             raise ModelError(
-                f"The link {quoted(name)} has no mass or no inertia, with which {door} drops it; "
-                "allowed are numbers > 0."
+                f"The link {quoted(name)} has no mass or no inertia, with which {program} drops "
+                "it; allowed are numbers > 0."
             )
 
 
-def grounded(robot: ET.Element, door: str) -> ET.Element:
+def grounded(robot: ET.Element, program: str) -> ET.Element:
     """A URDF, changed so that Gazebo takes all of it: its root is the link ``world``, and what is
     fixed to that has an inertial.
 
@@ -172,8 +172,8 @@ def grounded(robot: ET.Element, door: str) -> ET.Element:
     if root != "world":
         if "world" in links:
             raise ModelError(
-                f"The crane has a link world that is not its root, {quoted(root)}; {door} hangs a "
-                "crane on that link."
+                f"The crane has a link world that is not its root, {quoted(root)}; {program} "
+                "hangs a crane on that link."
             )
         robot.insert(0, ET.Element("link", name="world"))
         joint = ET.SubElement(robot, "joint", name="fixed_to_the_world", type="fixed")

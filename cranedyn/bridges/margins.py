@@ -11,7 +11,7 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
-from cranedyn.controllers.affine import form
+from cranedyn.controllers.affine import affine_form
 from cranedyn.dynamics.linearisation import Sampled
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, State
@@ -98,7 +98,7 @@ def regulator(
         CraneError: If it has no common form, see `cranedyn.controllers.affine`.
     """
     layout = crane.layout
-    found = form(controller, np.array([t]), rest.q[layout.drives][None], 2 * layout.n)
+    found = affine_form(controller, np.array([t]), rest.q[layout.drives][None], 2 * layout.n)
     if found is None:
         raise CraneError(
             f"The controller {type(controller).__name__} is not affine in the state, so it has no "

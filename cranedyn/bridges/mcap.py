@@ -205,9 +205,9 @@ def _frames(
     return frames, [_Frame(element, None) for element in elements.values()]
 
 
-def add_arguments(made: argparse.ArgumentParser) -> None:
-    """What its command line takes beside the file and the crane."""
-    made.add_argument(
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the file and the crane."""
+    parser.add_argument(
         "--trajectory",
         required=True,
         metavar="FILE",
@@ -216,6 +216,6 @@ def add_arguments(made: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Path:
-    """Write what the command line asks for."""
+    """Write what the command line describes, and return its path."""
     check_installed()
     return export(options.target, loaded(options), read(options.trajectory))

@@ -214,11 +214,11 @@ def _inertial(inertial: ET.Element) -> ET.Element:
     return ET.Element("inertial", entries)
 
 
-def add_arguments(made: argparse.ArgumentParser) -> None:
-    """What its command line takes beside the file and the crane."""
-    made.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the file and the crane."""
+    parser.add_argument("--dt", type=float, default=5e-4, metavar="DT", help="physics step [s]")
 
 
 def run(options: argparse.Namespace) -> Path:
-    """Write what the command line asks for."""
+    """Write what the command line describes, and return its path."""
     return export(options.target, loaded(options), dt=options.dt)

@@ -1,6 +1,4 @@
-"""A run to be made by another program: a crane, where it starts, and its controller as a table that
-needs no Python.
-"""
+"""A run for another program: a crane, its start, and its controller as tables without Python."""
 
 from __future__ import annotations
 
@@ -8,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.clocks import Clocks, Timed, clocks
-from cranedyn.controllers.affine import Affine, form
+from cranedyn.clocks import Clocked, Clocks, clocks
+from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
@@ -46,11 +44,11 @@ class Program:
         """How it is divided."""
         return clocks(self.duration, self.dt, self.control_period)
 
-    def tables(self, door: str) -> Affine:
-        """The controller in its common form.
+    def tables(self, program: str) -> Affine:
+        """Return the controller as tables.
 
         Args:
-            door: Where it goes, for the sentence.
+            program: Name of the other program, for error messages.
 
         Raises:
             DataError: If the controller is not affine.
@@ -59,7 +57,7 @@ class Program:
         """
         if self.drive != "effort":
             raise OutOfRange(
-                f"drive of a run in {door}",
+                f"drive of a run in {program}",
                 self.drive,
                 "effort: another engine's joints take forces",
             )
@@ -71,16 +69,17 @@ class Program:
             times,
             layout.m,
         )[0]
-        if isinstance(self.controller, Timed):
-            self.controller.run_begins(0.0, clock.period)
-        law = form(self.controller, times, positions, 2 * layout.n)
-        if law is None:
+        if isinstance(self.controller, Clocked):
+            self.controller.begin_run(0.0, clock.period)
+        tables = affine_form(self.controller, times, positions, 2 * layout.n)
+        if tables is None:
             name = type(self.controller).__name__
             raise DataError(
-                f"The controller {name} is not affine in the state; {door} runs tables, not Python."
+                f"The controller {name} is not affine in the state; {program} runs tables, not "
+                "Python."
             )
-        if lacking := law.lacking():
+        if lacking := tables.lacking():
             raise OutOfRange(
                 f"{lacking} of the controller", "not finite in some row", "finite numbers"
             )
-        return law
+        return tables

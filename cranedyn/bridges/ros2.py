@@ -192,14 +192,14 @@ def _gz_world(crane: Crane, dt: float) -> ET.Element:
     return sdf
 
 
-def add_arguments(made: argparse.ArgumentParser) -> None:
-    """What its command line takes beside the folder and the crane."""
-    made.add_argument("--name", default="crane_description", help="of the package")
-    made.add_argument(
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments beside the folder and the crane."""
+    parser.add_argument("--name", default="crane_description", help="of the package")
+    parser.add_argument(
         "--dt", type=float, default=5e-4, metavar="DT", help="physics step of the worlds [s]"
     )
 
 
 def run(options: argparse.Namespace) -> Path:
-    """Write what the command line asks for."""
+    """Write what the command line describes, and return its path."""
     return export(options.target, loaded(options), name=options.name, dt=options.dt)

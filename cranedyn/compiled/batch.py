@@ -24,11 +24,11 @@ from cranedyn.compiled.memory import grouped, run, ungrouped
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.threads import WARP
 from cranedyn.dynamics.converters import Converters
-from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange, number, whole, within
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
+from cranedyn.plant.cranes import Cranes
 
 _LANES, _THREADS = 8, 1024
 
@@ -92,7 +92,7 @@ def simulate_batch(
     reference: Reference | Sequence[Reference] | None = None,
     *,
     start: State | Sequence[State] | None = None,
-    since: float = 0.0,
+    t_start: float = 0.0,
     duration: float,
     dt: float = 5e-4,
     control_period: float = 5e-3,
@@ -115,13 +115,13 @@ def simulate_batch(
     be the same object: its table is then kept once.
 
     Args:
-        crane: One crane or n, or `Cranes` of `cranedyn.dynamics.cranes.load_cranes`.
+        crane: One crane or n, or `Cranes` of `cranedyn.plant.cranes.load_cranes`.
         controller: One or n, such as `Hold`, `Tracking`, `HoistIntegral` or `Follow`, or one
             predictive controller of `cranedyn.compiled.horizon.receding` for all. Those with a
             memory begin with what they remember, and are left as they are.
         reference: One or n; None holds the drives where they start.
         start: One state, n states, or one with n rows; None for where each crane starts.
-        since: Time at the start [s].
+        t_start: Time at the start [s].
         duration: How long to run [s].
         dt: Physics step [s].
         control_period: Time between control instants [s].
@@ -163,8 +163,8 @@ def simulate_batch(
     if buffers and drive != "effort":
         raise OutOfRange("buffers", buffers, "False where the drives take no efforts")
     check_rule(integrator)
-    number("time at the start", since, "s", "-1e9 to 1e9")
-    after = _instant(residual_from, since, clock)
+    number("time at the start", t_start, "s", "-1e9 to 1e9")
+    after = _instant(residual_from, t_start, clock)
     every = min(whole("record", record, 0), clock.periods + 1)
     workers = (
         None
@@ -183,7 +183,7 @@ def simulate_batch(
     delays, remembered = inputs.delays(sensor_delay, cranes)
     taken = inputs.fits(sizes, cranes, rows, clock.periods, remembered * sizes.z)
     state = inputs.starts(start, cranes, sizes.n)
-    times = since + control_period * np.arange(clock.periods + 1)
+    times = t_start + control_period * np.arange(clock.periods + 1)
     forces, offsets = (
         inputs.forces(force, cranes, sizes),
         inputs.offsets(sensor_offset, cranes, sizes),
@@ -200,7 +200,9 @@ def simulate_batch(
         integral=control.integrates,
         offset=len(offsets) > 0,
         forces=force is not None,
-        shared=tuple(one.shared for one in (control.law, control.aim, forces, *offsets)),
+        shared=tuple(
+            one.shared for one in (control.gain_table, control.setpoint_table, forces, *offsets)
+        ),
         log=rows > 0,
         summary=True,
         late=late,
@@ -212,7 +214,7 @@ def simulate_batch(
         distinct, which, response = inputs.paired(distinct, which, response)
     code, varied = compiled(distinct, recipe, response)
     inputs.fit("number of cranes", str(cranes), taken + 2 * cranes * code.varied)
-    tables = (control.law, control.aim, forces, *offsets)
+    tables = (control.gain_table, control.setpoint_table, forces, *offsets)
     memory = {
         "state": grouped(
             [
@@ -240,7 +242,7 @@ def simulate_batch(
         memory["readings"] = np.zeros((len(memory["state"]), remembered * sizes.z, lanes))
     if control.planned is not None:
         memory["horizon"] = _horizon(
-            control.planned, drive, since, clock, len(memory["state"]), taken
+            control.planned, drive, t_start, clock, len(memory["state"]), taken
         )
     if not all(recipe.shared):
         memory["starts"] = grouped([table.starts[:, None] for table in tables], lanes, np.int64)
@@ -271,7 +273,7 @@ def simulate_batch(
         peak_swing=np.sqrt(kept[:, kept_at["peak"]][:, 0]),
         residual_swing=np.sqrt(kept[:, kept_at["residual"]][:, 0]),
         largest_effort=kept[:, kept_at["effort"]],
-        valid_until=since + control_period * first_invalid,
+        valid_until=t_start + control_period * first_invalid,
         t=times[:: max(every, 1)][:rows],
         **{name: log[:, :, row_at[name]] for name in ("q", "v", "command", "effort", "before")},
         energy=log[:, :, row_at["energy"]][:, :, 0],
@@ -280,7 +282,7 @@ def simulate_batch(
 
 
 def _horizon(
-    planned: Receding, drive: Drive, since: float, clock: Clocks, groups: int, taken: int
+    planned: Receding, drive: Drive, t_start: float, clock: Clocks, groups: int, taken: int
 ) -> np.ndarray:
     """Memory of a predictive controller for groups of lanes, shape (groups, doubles), besides
     numbers that are taken.
@@ -290,8 +292,8 @@ def _horizon(
     """
     if planned.programme.drive != drive:
         raise OutOfRange("drive", drive, f"the controller's, {planned.programme.drive}")
-    planned.run_begins(since, clock.period)
-    one = planned.fresh(since, _LANES)
+    planned.begin_run(t_start, clock.period)
+    one = planned.fresh(t_start, _LANES)
     inputs.fit("number of cranes", f"{groups * _LANES}", taken + groups * one.size)
     return np.tile(one, (groups, 1))
 
@@ -310,12 +312,12 @@ def _marks(
     }
 
 
-def _instant(t: float | None, since: float, clock: Clocks) -> int:
+def _instant(t: float | None, t_start: float, clock: Clocks) -> int:
     """The first control instant at or after a time within the run [s]; the last for None."""
     if t is None:
         return clock.periods
-    end = since + clock.periods * clock.period
+    end = t_start + clock.periods * clock.period
     return min(
         clock.periods,
-        math.ceil((within("residual_from", t, since, end, "s") - since) / clock.period - 1e-6),
+        math.ceil((within("residual_from", t, t_start, end, "s") - t_start) / clock.period - 1e-6),
     )

@@ -52,7 +52,7 @@ class Sizes:
         return found | self.converters
 
     @property
-    def law(self) -> Parts:
+    def gain_table(self) -> Parts:
         """One row of a controller that is affine in the state."""
         return {
             "feed_forward": self.m,
@@ -62,7 +62,7 @@ class Sizes:
         }
 
     @property
-    def aim(self) -> Parts:
+    def setpoint_table(self) -> Parts:
         """One row of what it is about: coordinates and rates, and the setpoint of the drives."""
         return {"setpoint": self.z, "position": self.m}
 
@@ -128,8 +128,8 @@ CALL = {
         "state",
         "numbers",
         "offset",
-        "law",
-        "aim",
+        "gain_table",
+        "setpoint_table",
         "force",
         "starts",
         "delay",
@@ -139,8 +139,8 @@ CALL = {
         "horizon",
     ),
     INTEGER: (
-        "law_rows",
-        "aim_rows",
+        "gain_table_rows",
+        "setpoint_table_rows",
         "force_rows",
         "offset_rows",
         "remembered",

@@ -14,14 +14,14 @@ import pinocchio as pin
 from cranedyn.compiled.door import accelerations
 from cranedyn.compiled.kernel import Kernel, Recipe, kernel, text
 from cranedyn.compiled.machine import object_code
-from cranedyn.dynamics import rigid_body
-from cranedyn.dynamics.converters import Response, held_back
-from cranedyn.dynamics.cranes import Cranes
+from cranedyn.dynamics.converters import Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import follow_drives, full, outside_effort
-from cranedyn.dynamics.plant import Topology, numbers
 from cranedyn.errors import ModelError
 from cranedyn.model.crane import Crane
+from cranedyn.plant import rigid_body
+from cranedyn.plant.cranes import Cranes
+from cranedyn.plant.plant import Topology, numbers
 
 _CHECKED, _REMEMBERED = 16, 4096
 _MAKING = threading.Lock()
@@ -163,7 +163,7 @@ def check(
             # every other time more than the drives can do
             strong = rng.choice([1.0, 3.0]) * crane.effort_limit / mass.diagonal()[layout.drives]
             command = v[layout.drives] + lags * strong * command
-            expected = held_back(
+            expected = saturate_acceleration(
                 np.triu(mass) + np.triu(mass, 1).T,
                 pin.rnea(model, data, q, v, 0.0 * v) - joint.effort(q, v) - external,
                 (command - v[layout.drives]) / lags,

@@ -24,9 +24,9 @@ from cranedyn.errors import CraneError
 if TYPE_CHECKING:
     from cranedyn.compiled.door import Loop
     from cranedyn.compiled.kernel import Kernel, Recipe
-    from cranedyn.dynamics.cranes import Cranes
-    from cranedyn.dynamics.plant import Topology
     from cranedyn.model.crane import Crane
+    from cranedyn.plant.cranes import Cranes
+    from cranedyn.plant.plant import Topology
 
 _BLOCK, _PIECE = 128, 1_000_000_000
 """Threads of a block, and steps of all cranes together after which Python may answer Ctrl-C; a

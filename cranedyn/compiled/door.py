@@ -212,7 +212,7 @@ class Loop:
         if (programme := recipe.programme) is not None:
             self._instant += -(-_STAGE * programme.stages * lanes // programme.ratio)
         self._last, self._end = whole("control instants", last, 1), whole("end", end, 0)
-        self._steps, small = whole("steps", clock.steps, 1), whole("small steps", clock.small, 1)
+        self._steps, small = whole("steps", clock.steps, 1), whole("small steps", clock.substeps, 1)
         self._weight = small if recipe.buffers and recipe.integrator.smooth else 1
         self._run, self._groups = code.machine.function("run", 1), len(memory["state"])
         self._call, self._moving = (
@@ -266,7 +266,12 @@ class Loop:
         if not all(recipe.shared):
             shape = self._groups, len(recipe.shared), lanes
             self._bind("starts", memory["starts"], shape, np.int64)
-        columns = {"law": sizes.law, "aim": sizes.aim, "force": sizes.force, "offset": sizes.offset}
+        columns = {
+            "gain_table": sizes.gain_table,
+            "setpoint_table": sizes.setpoint_table,
+            "force": sizes.force,
+            "offset": sizes.offset,
+        }
         known = zip(columns.items(), tables, recipe.shared, strict=False)
         for i, ((name, parts), table, shared) in enumerate(known):
             self._bind_table(name, table, size(parts), None if shared else memory["starts"][:, i])
@@ -290,15 +295,15 @@ class Loop:
         first, final = (0, 0) if starts is None else (int(starts.min()), int(starts.max()))
         if first < 0 or final + length > total:
             raise Misshapen(
-                f"table of {name}",
+                f"rows of {name}",
                 f"one of {total} rows, read from {first} to {final + length}",
                 "to read what is in it",
             )
-        self._call[SLOTS[name]] = _address(f"table of {name}", table.rows, (total, columns))
+        self._call[SLOTS[name]] = _address(f"rows of {name}", table.rows, (total, columns))
         self._arrays[name] = (table.rows, 0, False)
         self._call[SLOTS[f"{name}_rows"]] = length
-        # Limits of a law may be infinite.
-        _known(f"table of {name}", table.rows, infinite=name == "law")
+        # Limits of a gain table may be infinite.
+        _known(f"rows of {name}", table.rows, infinite=name == "gain_table")
 
     __reduce__ = Instant.__reduce__
 

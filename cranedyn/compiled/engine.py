@@ -17,14 +17,22 @@ from cranedyn.compiled.horizon.control import Programme
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.step import check_rule
-from cranedyn.compiled.tables import Table, aim, alone, law, no_law, one_command
-from cranedyn.controllers.affine import Affine, Remembering, form
-from cranedyn.dynamics.drives import Limits, VelocityDrives
+from cranedyn.compiled.tables import (
+    Table,
+    alone,
+    gain_table,
+    no_gain_table,
+    one_command,
+    setpoint_table,
+)
+from cranedyn.controllers.affine import Affine, Stateful, affine_form
+from cranedyn.dynamics.drives import VelocityDrives
 from cranedyn.errors import Misshapen
 from cranedyn.interfaces import Reference, State
 from cranedyn.references.tabulated import tabulated
-from cranedyn.simulation.engine import DIVERGED, Engine, Setting
+from cranedyn.simulation.engine import Engine, Setting
 from cranedyn.simulation.log import Log
+from cranedyn.simulation.stepper import DIVERGED
 
 _BLOCK, _STEPS = 2000, 1_000_000
 """Control instants, and physics steps, that a closed loop runs ahead at most before it is looked
@@ -32,12 +40,12 @@ at."""
 
 
 class _Block(NamedTuple):
-    """Tables to fill, shape (laws, columns) and (instants, columns), the log that comes of them,
-    the instant at which the model ceases to hold, shape (1,), and the run.
+    """Tables to fill, shape (gain rows, columns) and (instants, columns), the log that comes of
+    them, the instant at which the model ceases to hold, shape (1,), and the run.
     """
 
-    laws: np.ndarray
-    aims: np.ndarray
+    gain_table: np.ndarray
+    setpoint_table: np.ndarray
     rows: np.ndarray
     invalid: np.ndarray
     run: Callable[[], None]
@@ -59,26 +67,25 @@ class CompiledEngine(Engine):
         """
         check_rule(setting.integrator)
         self._setting = setting
-        self._limits = Limits(setting.crane) if setting.drive == "effort" else None
-        self._sizes = sizes = Sizes.of(setting.crane.layout, setting.late)
+        self._sizes = sizes = Sizes.of(setting.crane.layout, setting.delay_steps)
         self._memory, self._force, self._at = (
             np.zeros(size(sizes.state)),
             np.zeros((1, size(sizes.force))),
             places(sizes.state),
         )
-        self._law, self._aim = one_command(sizes)
+        self._gain_table, self._setpoint_table = one_command(sizes)
         self._look()
         self._codes: dict[tuple[bool, bool, Programme | None], Kernel] = {}
         self._planned: Receding | None = None
         self._step: Callable[[], None] | None = None
         self._horizon: np.ndarray | None = None
         self._blocks: dict[tuple[bool, int, int, int], _Block] = {}
-        self.begin(start)
+        self.reset(start)
 
     def _look(self) -> None:
         """Have views of the memory."""
         self._here = self._memory[: self._sizes.z]
-        self._last_command = self._law[0, places(self._sizes.law)["feed_forward"]]
+        self._last_command = self._gain_table[0, places(self._sizes.gain_table)["feed_forward"]]
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but what is bound to the memory, for a copy that has memory of its own."""
@@ -96,20 +103,15 @@ class CompiledEngine(Engine):
         vars(self).update(state)
         self._look()
 
-    def begin(self, start: State) -> None:
-        """As `Engine.begin`; code that was made stays."""
-        self.state = start
-        self._outside = self._setting.outside(
-            self._setting.clocks.dt, buffers=self._setting.buffers
-        )
-        self._drives = self._setting.drives(self._setting.clocks.dt, self._outside)
+    def reset(self, start: State) -> None:
+        """As `Engine.reset`; code that was compiled stays."""
+        super().reset(start)
         self._memory[:] = self._force[:] = self._last_command[:] = 0.0
         self._here[:] = np.concatenate(start)
-        if self._setting.late is not None:
+        if self._setting.converters is not None:
             self._memory[self._at["reference"]] = start.v[self._setting.crane.layout.drives]
             unheard = self._memory[self._at["unheard"]].reshape(-1, self._sizes.m)
             unheard[:] = self._memory[self._at["reference"]]
-        self._effort = np.zeros(self._sizes.m)
 
     def _code(self, *, integral: bool, log: bool) -> Kernel:
         """Code, made and checked at the first need."""
@@ -131,7 +133,7 @@ class CompiledEngine(Engine):
             shared=(True, True, True),
             log=log,
             summary=log,
-            late=self._setting.late,
+            late=self._setting.delay_steps,
             programme=programme,
         )
         made = self._setting.converters
@@ -139,10 +141,16 @@ class CompiledEngine(Engine):
         return compiled([self._setting.crane], recipe, numbers)[0]
 
     def _loop(
-        self, code: Kernel, law: Table, aim: Table, last: int, end: int, **memory: Any
+        self,
+        code: Kernel,
+        gain_table: Table,
+        setpoint_table: Table,
+        last: int,
+        end: int,
+        **memory: Any,
     ) -> Loop:
         """Code bound to the memory of this crane."""
-        tables = law, aim, alone(self._force)
+        tables = gain_table, setpoint_table, alone(self._force)
         memory = {name: part.reshape(1, -1, 1) for name, part in memory.items()}
         return Loop(
             code,
@@ -155,15 +163,6 @@ class CompiledEngine(Engine):
             **memory,
         )
 
-    def take(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As `Engine.take`."""
-        if self._limits is None:
-            self._last_command[:] = command
-            self._recall()
-            return self._drives.take(command, self.state)
-        self._effort = self._last_command[:] = self._limits.cut(command)
-        return command, self._effort
-
     def energies(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """As `Engine.energies`; by code if it was made for stepping."""
         if self._step is None:
@@ -172,37 +171,38 @@ class CompiledEngine(Engine):
             np.hstack([q, v])
         )[:, 0]
 
-    def effort(self) -> np.ndarray:
-        """As `Engine.effort`."""
-        if self._limits is not None:
-            return self._effort
+    def _take_command(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         self._recall()
-        return self._drives.effort(self.state)
+        needed, effort = super()._take_command(command)
+        self._last_command[:] = effort if self._setting.drive == "effort" else command
+        return needed, effort
+
+    def _effort(self) -> np.ndarray:
+        self._recall()
+        return super()._effort()
 
     def _recall(self) -> None:
-        """Have Pinocchio's drives remember what those of the code do."""
+        """Copy the memory of the converters from compiled code to Pinocchio's drives."""
         if isinstance(self._drives, VelocityDrives):
             names = "reference", "rising", "unheard"
             reference, rising, unheard = (self._memory[self._at[name]] for name in names)
-            self._drives.remember(reference, rising, unheard.reshape(-1, self._sizes.m).copy())
+            self._drives.recall(reference, rising, unheard.reshape(-1, self._sizes.m).copy())
 
-    def take_force(self, force: np.ndarray) -> np.ndarray:
-        """As `Engine.take_force`."""
-        assert self._outside is not None
-        self._outside.force = force
+    def _take_force(self, force: np.ndarray) -> None:
+        super()._take_force(force)
         self._force[0] = force.ravel()
-        return force
 
-    def buffers(self) -> tuple[float, float]:
-        """As `Engine.buffers`."""
-        assert self._outside is not None
-        return float(self._memory[self._at["buffers"]][0]), self._outside.stop_force(self.state)
+    def _buffers(self) -> np.ndarray:
+        self._buffer_work = float(self._memory[self._at["buffers"]][0])
+        return super()._buffers()
 
     def advance(self) -> State:
         """As `Engine.advance`."""
         if self._step is None:
             code = self._code(integral=False, log=False)
-            self._step = self._loop(code, alone(self._law), alone(self._aim), 1, 1).alone()
+            self._step = self._loop(
+                code, alone(self._gain_table), alone(self._setpoint_table), 1, 1
+            ).alone()
         self._step()
         return self._arrived()
 
@@ -214,7 +214,7 @@ class CompiledEngine(Engine):
         return self.state
 
     def run_ahead(
-        self, controller: object, reference: Reference, since: float, periods: int, log: Log
+        self, controller: object, reference: Reference, t_start: float, periods: int, log: Log
     ) -> Iterator[int]:
         """Log rows under a controller that is affine in the state, block by block, and say how many
         there are.
@@ -234,13 +234,15 @@ class CompiledEngine(Engine):
             return
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
         while first <= periods:
-            times = fixed(since + clocks.period * np.arange(first, min(first + ahead, periods + 1)))
+            times = fixed(
+                t_start + clocks.period * np.arange(first, min(first + ahead, periods + 1))
+            )
             try:
                 setpoint = tabulated(reference, times, self._sizes.m).position
                 common = (
-                    form(controller, times, setpoint, self._sizes.z)
+                    affine_form(controller, times, setpoint, self._sizes.z)
                     if planned is None
-                    else no_law(self._sizes, setpoint)
+                    else no_gain_table(self._sizes, setpoint)
                 )
             except Misshapen:
                 raise
@@ -252,14 +254,23 @@ class CompiledEngine(Engine):
                 break
             if planned is not None:
                 planned.went_on(float(times[-1]))
-            if isinstance(controller, Remembering):
+            if isinstance(controller, Stateful):
                 controller.resume(float(times[-1]), self._memory[self._at["integral"]].copy())
-            log.block(setpoint, *ran)
+            rows, valid = ran
+            columns = {
+                "setpoint": setpoint,
+                **{name: rows[name] for name in ("q", "v", "effort")},
+                "needed": rows["command"],
+                "effort_before": rows["before"],
+                "buffers": np.hstack([rows["buffers"], rows["stop_force"]]),
+                "saturated": rows.get("cut", np.zeros((len(times), 1))),
+            }
+            log.extend(columns, rows["energy"][:, 0], valid=valid)
             first += len(times)
             self._arrived()
             yield first
-        if self._setting.late is None:
-            self.take(self._memory[self._at["last_command"]].copy())
+        if self._setting.converters is None:
+            self._take_command(self._memory[self._at["last_command"]].copy())
 
     def _run(
         self, common: Affine, setpoint: np.ndarray, end: int
@@ -272,8 +283,8 @@ class CompiledEngine(Engine):
         block = self._block(
             bool(common.integral_gain.any()), len(common.feed_forward), n, min(end, n)
         )
-        law(self._sizes, common, block.laws)
-        aim(self._sizes, common, n, block.aims)
+        gain_table(self._sizes, common, block.gain_table)
+        setpoint_table(self._sizes, common, n, block.setpoint_table)
         self._memory[self._at["integral"]] = common.integral
         block.invalid[:] = np.inf
         block.run()
@@ -297,13 +308,13 @@ class CompiledEngine(Engine):
         self._planned = planned
         self._horizon = None if planned is None else planned.ahead(t)
 
-    def _block(self, integral: bool, laws: int, instants: int, end: int) -> _Block:
+    def _block(self, integral: bool, gain_rows: int, instants: int, end: int) -> _Block:
         """What a block of a size is run with, made once."""
-        size_of_it = integral, laws, instants, end
+        size_of_it = integral, gain_rows, instants, end
         if size_of_it not in self._blocks:
             tables = (
-                np.zeros((laws, size(self._sizes.law))),
-                np.zeros((instants, size(self._sizes.aim))),
+                np.zeros((gain_rows, size(self._sizes.gain_table))),
+                np.zeros((instants, size(self._sizes.setpoint_table))),
             )
             rows, summary = (
                 np.empty((instants, size(self._sizes.row))),

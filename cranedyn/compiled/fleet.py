@@ -142,9 +142,14 @@ class Fleet:
             table = Table(self._force, 1, np.arange(groups * _LANES))
             memory["starts"] = np.zeros((groups, 3, _LANES), dtype=np.int64)
             memory["starts"][:, 2] = table.starts.reshape(groups, _LANES)
-        law, aim = one_command(self._sizes)
+        gain_table, setpoint_table = one_command(self._sizes)
         self._steps = Loop(
-            code, self._clock, (alone(law), alone(aim), table), last=1, end=1, **memory
+            code,
+            self._clock,
+            (alone(gain_table), alone(setpoint_table), table),
+            last=1,
+            end=1,
+            **memory,
         ).steps()
         self.z = fixed(self._z.reshape(len(self._z), -1)[:, : self.count])
         self._pool, self._process = None, 0

@@ -11,15 +11,22 @@ from cranedyn.arrays import finite
 from cranedyn.clocks import Clocks
 from cranedyn.compiled.call import Sizes, size
 from cranedyn.compiled.horizon.receding import Receding
-from cranedyn.compiled.tables import Table, aim, law, no_law, shortened, table
-from cranedyn.controllers.affine import Affine, form
+from cranedyn.compiled.tables import (
+    Table,
+    gain_table,
+    no_gain_table,
+    setpoint_table,
+    shortened,
+    table,
+)
+from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.dynamics.converters import fitting
-from cranedyn.dynamics.cranes import Cranes
-from cranedyn.dynamics.plant import Topology
 from cranedyn.errors import CraneError, Misshapen, OutOfRange, whole, within
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
+from cranedyn.plant.cranes import Cranes
+from cranedyn.plant.plant import Topology
 from cranedyn.references import hold
 from cranedyn.references.tabulated import owned, tabulated
 
@@ -38,14 +45,14 @@ class Control(NamedTuple):
     """Controllers and what they are about, as tables.
 
     Attributes:
-        law, aim: The tables.
+        gain_table, setpoint_table: The tables.
         integrals: What was integrated before, shape (cranes, m).
         integrates: Whether any controller does.
         planned: The predictive controller of all cranes; None for those that are affine.
     """
 
-    law: Table
-    aim: Table
+    gain_table: Table
+    setpoint_table: Table
     integrals: np.ndarray
     integrates: bool
     planned: Receding | None
@@ -140,36 +147,41 @@ def control(
     laws_of, controllers = distinct(controller, cranes)
     pairs, pair_of = np.unique(laws_of * len(references) + aims_of, return_inverse=True)
     taken += _PAIR * len(pairs)
-    laws: list[np.ndarray] = []
-    aims, integrals, law_of_pair, integrates = [], [], [], False
+    gain_tables: list[np.ndarray] = []
+    setpoint_tables, integrals, gain_table_of_pair, integrates = [], [], [], False
     last: dict[int, int] = {}
-    longest_law = longest_aim = 0
+    longest_gain_table = longest_setpoint_table = 0
     for which, about in (divmod(pair, len(references)) for pair in pairs.tolist()):
         setpoint = tabulated(references[about], times, crane.layout.m).position
         common = (
-            no_law(sizes, setpoint)
+            no_gain_table(sizes, setpoint)
             if isinstance(controllers[which], Receding)
             else _form(controllers[which], times, setpoint, sizes.z)
         )
         integrals.append(common.integral)
         integrates = integrates or bool(common.integral_gain.any())
-        aims.append(shortened(aim(sizes, common, len(times))))
-        rows_of_law = law(sizes, common)
-        if which not in last or not np.array_equal(rows_of_law, laws[last[which]]):
-            last[which] = len(laws)
-            laws.append(rows_of_law)
-        law_of_pair.append(last[which])
-        longest_law, longest_aim = (
-            max(longest_law, len(rows_of_law)),
-            max(longest_aim, len(aims[-1])),
+        setpoint_tables.append(shortened(setpoint_table(sizes, common, len(times))))
+        gain_rows = gain_table(sizes, common)
+        if which not in last or not np.array_equal(gain_rows, gain_tables[last[which]]):
+            last[which] = len(gain_tables)
+            gain_tables.append(gain_rows)
+        gain_table_of_pair.append(last[which])
+        longest_gain_table, longest_setpoint_table = (
+            max(longest_gain_table, len(gain_rows)),
+            max(longest_setpoint_table, len(setpoint_tables[-1])),
         )
         needed = taken + 2 * (
-            len(laws) * longest_law * size(sizes.law) + len(aims) * longest_aim * size(sizes.aim)
+            len(gain_tables) * longest_gain_table * size(sizes.gain_table)
+            + len(setpoint_tables) * longest_setpoint_table * size(sizes.setpoint_table)
         )
-        fit("number of controllers and references", f"{len(laws)} and {len(aims)} or more", needed)
+        fit(
+            "number of controllers and references",
+            f"{len(gain_tables)} and {len(setpoint_tables)} or more",
+            needed,
+        )
     return Control(
-        table(laws, np.array(law_of_pair)[pair_of]),
-        table(aims, pair_of),
+        table(gain_tables, np.array(gain_table_of_pair)[pair_of]),
+        table(setpoint_tables, pair_of),
         np.array(integrals)[pair_of],
         integrates,
         _planned(controllers),
@@ -241,7 +253,7 @@ def response(
     made = [one for one in given if one is not None]
     if not made:
         return None, None
-    lates = [one.late(clock.dt, clock.period) for one in made]
+    lates = [one.delay_steps(clock.dt, clock.period) for one in made]
     if len({*lates}) > 1:
         raise OutOfRange(
             "delays of converters", f"{min(lates)} to {max(lates)} control periods", "all the same"
@@ -296,7 +308,7 @@ def one_layout(cranes: Sequence[Crane] | Cranes) -> Layout:
 
 def _form(controller: Any, times: np.ndarray, setpoint: np.ndarray, width: int) -> Affine:
     with owned("controller"):
-        common = form(controller, times, setpoint, width)
+        common = affine_form(controller, times, setpoint, width)
     if common is None:
         raise CraneError(
             f"{type(controller).__name__} is not affine in the state, or has run before; a batch "
@@ -381,7 +393,11 @@ def fits(sizes: Sizes, cranes: int, instants: int, periods: int, more: int) -> i
     fit("number of cranes", str(cranes), cranes * (_CRANE + more))
     taken = cranes * (_CRANE + more + 2 * instants * size(sizes.row))
     fit("record", f"{instants} rows of {cranes} cranes", taken)
-    fit("duration", f"{periods} control periods", 2 * periods * (size(sizes.law) + size(sizes.aim)))
+    fit(
+        "duration",
+        f"{periods} control periods",
+        2 * periods * (size(sizes.gain_table) + size(sizes.setpoint_table)),
+    )
     return taken
 
 

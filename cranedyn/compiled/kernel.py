@@ -20,8 +20,8 @@ from cranedyn.compiled.machine import Machine, translated
 from cranedyn.compiled.step import stepped
 from cranedyn.compiled.threads import THREAD, one_after_another
 from cranedyn.dynamics.integrators import Integrator
-from cranedyn.dynamics.plant import SI, Plant, Topology, Units, plant
-from cranedyn.dynamics.rigid_body import array
+from cranedyn.dynamics.scalars import array
+from cranedyn.plant.plant import SI, Plant, Topology, Units, plant
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Recipe:
         integral: Whether the controller integrates.
         offset: Whether the sensors add something to what they measure.
         forces: Whether there are forces from outside.
-        shared: Whether all lanes have one controller, one aim, the same forces, and, where sensors
-            add something, the same of it.
+        shared: Whether all lanes have one controller, one setpoint table, the same forces, and the
+            same offset of the sensors.
         log, summary: Whether rows are recorded, and whether a summary is kept.
         late: By how many control periods frequency converters hear commands late; None for drives
             without.
@@ -411,9 +411,9 @@ class _Loop:
     def _commanded(self, instant: ir.Value, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """What the controller commands, shape (m,)."""
         code = self.code
-        law, aim = (
-            self._row(0, "law", self.sizes.law, instant),
-            self._row(1, "aim", self.sizes.aim, instant),
+        gains, setpoints = (
+            self._row(0, "gain_table", self.sizes.gain_table, instant),
+            self._row(1, "setpoint_table", self.sizes.setpoint_table, instant),
         )
         z = np.concatenate([q, v])
         if self.recipe.offset:
@@ -425,22 +425,22 @@ class _Loop:
             row, due = control.counted()
             n = self.sizes.n
             one = control.asked if code.lanes == 1 else control.command
-            return one(z[:n], z[n:], aim["position"], row, due)
-        command = law["feed_forward"] - law["gain"].reshape(self.sizes.m, self.sizes.z) @ (
-            z - aim["setpoint"]
+            return one(z[:n], z[n:], setpoints["position"], row, due)
+        command = gains["feed_forward"] - gains["gain"].reshape(self.sizes.m, self.sizes.z) @ (
+            z - setpoints["setpoint"]
         )
         if not self.recipe.integral:
             return command
         integrals = self._get("integral")
         for i, drive in enumerate(self.plant.topology.layout.drives):
-            error = aim["position"][i] - z[drive]
+            error = setpoints["position"][i] - z[drive]
             on = integrals[i] + error * self.period
-            total = command[i] + law["integral_gain"][i] * on
+            total = command[i] + gains["integral_gain"][i] * on
             free = code.either(
-                code.call("llvm.fabs", total) <= law["limit"][i], error * total < 0.0
+                code.call("llvm.fabs", total) <= gains["limit"][i], error * total < 0.0
             )
             integrals[i] = code.chosen(free, on, integrals[i])
-            command[i] = command[i] + law["integral_gain"][i] * integrals[i]
+            command[i] = command[i] + gains["integral_gain"][i] * integrals[i]
         self._set("integral", integrals)
         return command
 

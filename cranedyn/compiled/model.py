@@ -14,8 +14,10 @@ from cranedyn.arrays import finite
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.door import Rows
 from cranedyn.compiled.machine import translated
-from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.bodies import bodies
+from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
+from cranedyn.plant import rigid_body
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,7 @@ def forward_dynamics(model: pin.Model) -> ForwardDynamics:
 
 
 def _emit(code: Code, model: pin.Model) -> None:
-    tree = rigid_body.bodies(model)
+    tree = bodies(model)
     tree = tree.with_numbers(tree.numbers().tolist())
     given, width = code.argument["given"], model.nq + 2 * model.nv
     with code.loop(0, code.load_one(code.argument["count"], 0, INTEGER)) as row:
@@ -92,8 +94,8 @@ def _emit(code: Code, model: pin.Model) -> None:
         numbers = [
             code.spread(given, code.builder.add(first, code.integer(i))) for i in range(width)
         ]
-        q = rigid_body.array([_coordinate(model, i, numbers) for i in range(1, model.njoints)])
-        v, tau = (rigid_body.array(numbers[model.nq + k * model.nv :][: model.nv]) for k in (0, 1))
+        q = array([_coordinate(model, i, numbers) for i in range(1, model.njoints)])
+        v, tau = (array(numbers[model.nq + k * model.nv :][: model.nv]) for k in (0, 1))
         where = rigid_body.frames(tree, q)
         a = rigid_body.forward_dynamics(tree, where, v, tau)
         for i, part in enumerate(a):

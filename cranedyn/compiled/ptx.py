@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from cranedyn.compiled.kernel import Recipe, text
 from cranedyn.compiled.machine import assembly
 from cranedyn.compiled.threads import side_by_side
-from cranedyn.dynamics.plant import Topology
+from cranedyn.plant.plant import Topology
 
 _TRIPLE, _OLDEST = "nvptx64-nvidia-cuda", "sm_75"
 """The kind of machine, and the oldest that PTX is made for, of 2018; drivers translate it for any

@@ -9,9 +9,9 @@ import numpy as np
 
 from cranedyn.compiled.code import Code
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.dynamics.plant import Plant
-from cranedyn.dynamics.rigid_body import array
+from cranedyn.dynamics.scalars import array
 from cranedyn.errors import OutOfRange
+from cranedyn.plant.plant import Plant
 
 
 class _Number:

@@ -55,21 +55,23 @@ def table(arrays: Sequence[np.ndarray], chosen: np.ndarray) -> Table:
     return Table(stacked, length, chosen.astype(np.int64) * length)
 
 
-def law(sizes: Sizes, form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
+def gain_table(sizes: Sizes, form: Affine, rows: np.ndarray | None = None) -> np.ndarray:
     """A controller's rows, shape (n, columns), in an array of that shape if there is one."""
-    n, at = len(form.feed_forward), places(sizes.law)
-    rows = np.empty((n, size(sizes.law))) if rows is None else rows
+    n, at = len(form.feed_forward), places(sizes.gain_table)
+    rows = np.empty((n, size(sizes.gain_table))) if rows is None else rows
     rows[:, at["feed_forward"]], rows[:, at["gain"]] = form.feed_forward, form.gain.reshape(n, -1)
     rows[:, at["integral_gain"]], rows[:, at["limit"]] = form.integral_gain, form.limit
     return rows
 
 
-def aim(sizes: Sizes, form: Affine, n: int, rows: np.ndarray | None = None) -> np.ndarray:
+def setpoint_table(
+    sizes: Sizes, form: Affine, n: int, rows: np.ndarray | None = None
+) -> np.ndarray:
     """Rows of what a controller is about and takes the drives to, shape (n, columns); in an array
-    as for `law`.
+    as for `gain_table`.
     """
-    at = places(sizes.aim)
-    rows = np.empty((n, size(sizes.aim))) if rows is None else rows
+    at = places(sizes.setpoint_table)
+    rows = np.empty((n, size(sizes.setpoint_table))) if rows is None else rows
     for part, where in ((form.setpoint, at["setpoint"]), (form.target, at["position"])):
         rows[: len(part), where], rows[len(part) :, where] = part[:n], part[-1]
     return rows
@@ -81,7 +83,7 @@ def shortened(rows: np.ndarray) -> np.ndarray:
     return rows[: int(changes[-1]) + 2 if len(changes) else 1].copy()
 
 
-def no_law(sizes: Sizes, positions: np.ndarray) -> Affine:
+def no_gain_table(sizes: Sizes, positions: np.ndarray) -> Affine:
     """The common form of a controller that has none: what it is about is the setpoint of the
     drives alone, shape (rows, m).
     """
@@ -92,4 +94,4 @@ def no_law(sizes: Sizes, positions: np.ndarray) -> Affine:
 
 def one_command(sizes: Sizes) -> tuple[np.ndarray, np.ndarray]:
     """Tables of one row with which the drives just hold a command, zero to begin with."""
-    return np.zeros((1, size(sizes.law))), np.zeros((1, size(sizes.aim)))
+    return np.zeros((1, size(sizes.gain_table))), np.zeros((1, size(sizes.setpoint_table)))

@@ -42,15 +42,15 @@ class Affine:
     integral: np.ndarray
 
     def lacking(self) -> str:
-        """The first part with a number that is not finite, empty if there is none; a limit may be
+        """Return the first field with a number that is not finite, or an empty text; a limit may be
         infinite.
         """
         names = ("feed_forward", "gain", "setpoint", "target", "integral_gain", "integral")
         return next((name for name in names if not np.isfinite(getattr(self, name)).all()), "")
 
     def fitting(self, whose: str, instants: int, drives: int, width: int) -> Affine:
-        """The same, if it is made of arrays as it should be, for so many control instants, drives,
-        and coordinates and rates together.
+        """Return the same with its shapes checked, for a number of control instants, of drives, and
+        of coordinates and rates together.
 
         Raises:
             Misshapen: If it is not: which of them, of whose form; or if a limit is no number.
@@ -94,24 +94,26 @@ class AffineController(Protocol):
     """A controller that can say itself in the common form."""
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-        """What it does at control instants [s], shape (n,), the setpoint of the drives at
-        positions, shape (rows, m).
+        """Return the affine form at control instants [s], shape (n,), with the setpoint of the
+        drives at positions, shape (rows, m).
 
         None where it is not affine there.
         """
 
 
 @runtime_checkable
-class Remembering(Protocol):
+class Stateful(Protocol):
     """An affine controller that integrates and goes on where it stopped."""
 
     def resume(self, t: float, integral: np.ndarray) -> None:
-        """Take over what was integrated, shape (m,), up to and with a control instant [s]."""
+        """Continue from an integral, shape (m,), that includes a control instant [s]."""
 
 
-def form(controller: object, times: np.ndarray, positions: np.ndarray, width: int) -> Affine | None:
-    """The common form of a controller, see `AffineController.affine`; None if it has none, or is a
-    variant that answers calls otherwise.
+def affine_form(
+    controller: object, times: np.ndarray, positions: np.ndarray, width: int
+) -> Affine | None:
+    """Return the affine form of a controller, see `AffineController.affine`; None if it has none,
+    or if a subclass overrides `__call__` alone.
 
     Args:
         controller: The controller.
@@ -146,15 +148,15 @@ def form(controller: object, times: np.ndarray, positions: np.ndarray, width: in
 
 
 def without_integral(feed_forward: np.ndarray, gain: np.ndarray, setpoint: np.ndarray) -> Affine:
-    """The common form of a controller that does not integrate."""
+    """Return the affine form of a controller that does not integrate."""
     none = np.zeros(feed_forward.shape[1])
     most = np.full_like(none, np.inf)
     return Affine(feed_forward, gain, setpoint, none[None], none, most, none)
 
 
 def at_drives(crane: Crane, positions: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Coordinates and rates, shape (rows, 2 n), from those of the drives, shape (rows, m) each;
-    zero for the passive joints.
+    """Return coordinates and rates, shape (rows, 2 n), from those of the drives, shape (rows, m)
+    each; zero for the passive joints.
     """
     layout = crane.layout
     setpoint = np.zeros((len(positions), 2 * layout.n))

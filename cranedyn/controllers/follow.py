@@ -38,19 +38,19 @@ class Follow(OneLine):
         """Check the period."""
         number("control_period", self.control_period, "s", "> 0")
 
-    def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
+    def begin_run(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Clocked`."""
         soon_enough(self.control_period, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Accelerations of the drives [rad/s² or m/s²], shape (m,)."""
+        """Return accelerations of the drives [rad/s² or m/s²], shape (m,)."""
         return (
             self.reference(t + self.control_period).velocity - state.v[self.crane.layout.drives]
         ) / self.control_period
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
-        """The common form, see `cranedyn.controllers.affine`; OutOfRange if the control instants
-        are further apart than the period.
+        """Return the affine form, see `cranedyn.controllers.affine`; OutOfRange if the control
+        instants are further apart than the period.
         """
         if len(times) > 1:
             soon_enough(self.control_period, float(times[1] - times[0]))

@@ -72,7 +72,7 @@ class Hold(OneLine):
         object.__setattr__(self, "_plain", tuple(zip(count(), *gains, strict=False)))
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m or N], shape (m,)."""
+        """Return efforts [N m or N], shape (m,)."""
         q, v, aims = state.q.tolist(), state.v.tolist(), setpoint.position.tolist()
         plain, efforts = self._plain, []  # type: ignore[attr-defined]
         if len(aims) != len(plain):
@@ -83,7 +83,7 @@ class Hold(OneLine):
         return np.array(efforts)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
-        """The common form, see `cranedyn.controllers.affine`."""
+        """Return the affine form, see `cranedyn.controllers.affine`."""
         gain = feedback_gain(self.crane, self.stiffness, self.damping)
         return without_integral(
             self.feed_forward[None],
@@ -100,8 +100,8 @@ def hold_controller(
     damping: Gains = None,
     gravity: float = STANDARD_GRAVITY,
 ) -> Hold:
-    """The hold controller for a crane, which knows its masses and believes in a gravity [m/s²] of
-    its own.
+    """Return a hold controller for a crane, with the weight of the load fed forward for a gravity
+    [m/s²].
 
     Args:
         crane: The crane.
@@ -140,7 +140,7 @@ def hold_controller(
 
 
 def _gains(crane: Crane, name: str, given: Gains, usual: list[float]) -> np.ndarray:
-    """Gains of all drives, the usual ones where nothing is said."""
+    """Return gains of all drives, the usual ones by default."""
     if isinstance(given, Mapping):
         for symbol, value in given.items():
             usual[crane.layout.drive(symbol)] = value
@@ -149,7 +149,7 @@ def _gains(crane: Crane, name: str, given: Gains, usual: list[float]) -> np.ndar
 
 
 def _weight(crane: Crane, joint: int, gravity: float) -> float:
-    """What a drive needs to hold what hangs on it [N m or N]."""
+    """Return the effort that holds what hangs on a drive [N m or N]."""
     kind, (_, _, up) = crane.layout.joints[joint].kind, crane.layout.joints[joint].axis
     if kind == "prismatic":
         return (

@@ -55,14 +55,14 @@ class HoistIntegral(OneLine):
         self._joint = self.crane.layout.role("hoist", "An integrator on the hoist")
         self._drive = int(np.flatnonzero(self.crane.layout.drives == self._joint)[0])
 
-    def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
+    def begin_run(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Clocked`."""
         self._elapsed = control_period
         if t > self._t:
             self._t = t - control_period
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m or N], shape (m,)."""
+        """Return efforts [N m or N], shape (m,)."""
         effort = self.tracking(t, state, setpoint)
         error = float(setpoint.position[self._drive] - state.q[self._joint])
         if t != self._t:
@@ -80,8 +80,8 @@ class HoistIntegral(OneLine):
         return effort
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
-        """The common form, see `cranedyn.controllers.affine`; None if it was asked for the first of
-        these times before.
+        """Return the affine form, see `cranedyn.controllers.affine`; None if the controller was
+        called for the first of these times before.
         """
         if times[0] <= self._t:
             return None
@@ -95,5 +95,5 @@ class HoistIntegral(OneLine):
         )
 
     def resume(self, t: float, integral: np.ndarray) -> None:
-        """Take over what was integrated up to and with a control instant [s], shape (m,)."""
+        """Continue from an integral, shape (m,), that includes a control instant [s]."""
         self.integral, self._t = float(integral[self._drive]), t

@@ -37,7 +37,7 @@ class Linearised(NamedTuple):
     b: np.ndarray
 
     def row(self, t: float) -> int:
-        """The row for a time [s]; before the beginning the first, beyond the end the last."""
+        """Return the row at a time [s]; the first before the beginning, the last after the end."""
         return min(max(round(t / self.period), 0), len(self.efforts) - 1)
 
 

@@ -28,14 +28,14 @@ EFFORT = {"revolute": 2.0e4, "prismatic": 1.0e3}
 
 @checked
 def state_weight_of(crane: Crane) -> np.ndarray:
-    """Q for coordinates and rates by Bryson's rule, shape (2 n, 2 n)."""
+    """Return Q for coordinates and rates by Bryson's rule, shape (2 n, 2 n)."""
     errors = np.array([ERROR[joint.kind, joint.driven] for joint in crane.layout.joints])
     return np.diag(1.0 / errors.T.ravel()) ** 2
 
 
 @checked
 def effort_weight_of(crane: Crane) -> np.ndarray:
-    """R for the drives by the same rule, shape (m, m)."""
+    """Return R for the drives by the same rule, shape (m, m)."""
     return np.diag([1.0 / EFFORT[joint.kind] for joint in crane.layout.driven]) ** 2
 
 
@@ -49,8 +49,8 @@ def lqr(
     effort_weight: np.ndarray | None = None,
     every: int = 10,
 ) -> Tracking:
-    """LQR about a motion, with the efforts of inverse dynamics fed forward; after it, the
-    stationary LQR about its end.
+    """Return an LQR about a motion, with the efforts of inverse dynamics fed forward; after the
+    motion, the stationary LQR about its end.
 
     Args:
         crane: The crane.

@@ -33,7 +33,7 @@ HOIST = (4.0e4, 1.0e4, 1.2e4)
 def trolley_plane(
     mass: float, trolley: float, length: float, gravity: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Eqs. (7), (8): M ẍ = F_x - m g φ and l φ̈ = ẍ - g φ, for [x, ẋ, φ, φ̇]."""
+    """Return a and b of Eqs. (7), (8): M ẍ = F_x - m g φ and l φ̈ = ẍ - g φ, for [x, ẋ, φ, φ̇]."""
     drive = np.array([0.0, 0.0, -mass * gravity / trolley, 0.0])
     a = np.array([[0, 1, 0, 0], drive, [0, 0, 0, 1], (drive - [0, 0, gravity, 0]) / length])
     return a, np.array([[0.0], [1.0 / trolley], [0.0], [1.0 / (trolley * length)]])
@@ -42,8 +42,8 @@ def trolley_plane(
 def slew_plane(
     mass: float, inertia: float, radius: float, length: float, gravity: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Eqs. (9), (10): J γ̈ = T_γ - m g x θ and l θ̈ = x γ̈ - g θ, for [γ, γ̇, θ, θ̇]; J is that of
-    structure and trolley.
+    """Return a and b of Eqs. (9), (10): J γ̈ = T_γ - m g x θ and l θ̈ = x γ̈ - g θ, for [γ, γ̇, θ,
+    θ̇]; J is that of structure and trolley.
     """
     drive = np.array([0.0, 0.0, -mass * gravity * radius / inertia, 0.0])
     a = np.array(
@@ -61,8 +61,8 @@ def paper_controller(
     hoist: tuple[float, float, float] = HOIST,
     every: int = 10,
 ) -> HoistIntegral:
-    """The paper's controller about a motion with the load hanging plumb; make a new one for each
-    run, its integrator remembers.
+    """Return the paper's controller about a motion with the load hanging plumb; make one for each
+    run, since it integrates.
 
     Args:
         crane: The crane.
@@ -127,7 +127,7 @@ def _plane_gains(
     n: int,
     every: int,
 ) -> np.ndarray:
-    """Gains of the finite-horizon sweep for one plane, zero-order hold, shape (n, 4)."""
+    """Return gains of the finite-horizon sweep for one plane, zero-order hold, shape (n, 4)."""
     block = np.zeros((len(planes), 5, 5))
     for slot, (a, b) in zip(block, planes, strict=True):
         slot[:4, :4], slot[:4, 4:] = a, b

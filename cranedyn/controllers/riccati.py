@@ -35,8 +35,8 @@ def riccati(
     effort_weight: np.ndarray,
     final_weight: np.ndarray | None = None,
 ) -> Sweep:
-    """Gains and costs-to-go that minimise Σ zᵀQz + uᵀRu + z_nᵀQ_n z_n along z[k+1] = a[k] z[k] +
-    b[k] u[k], with u = -gain z.
+    """Return gains and costs-to-go that minimise Σ zᵀQz + uᵀRu + z_nᵀQ_n z_n along z[k+1] = a[k]
+    z[k] + b[k] u[k], with u = -gain z.
 
     The backward sweep of Kwakernaak & Sivan, Linear Optimal Control Systems, §6.4.
 
@@ -84,8 +84,8 @@ def riccati(
 def stationary(
     a: np.ndarray, b: np.ndarray, state_weight: np.ndarray, effort_weight: np.ndarray
 ) -> np.ndarray:
-    """The cost, shape (nz, nz), of going on for ever with the same a, shape (nz, nz), and b, shape
-    (nz, nu).
+    """Return the cost, shape (nz, nz), of an endless horizon with constant a, shape (nz, nz), and
+    b, shape (nz, nu).
 
     Raises:
         CraneError: If it cannot be computed in double precision.
@@ -96,7 +96,7 @@ def stationary(
 
 @contextmanager
 def _solvable() -> Iterator[None]:
-    """Numbers that overflow or are ill-conditioned end in a sentence."""
+    """Raise an error with a message for numbers that overflow or are ill-conditioned."""
     try:
         with np.errstate(all="ignore"):
             yield

@@ -14,7 +14,7 @@ from cranedyn.arrays import OneLine, shaped
 from cranedyn.controllers.affine import Affine, without_integral
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.references.rows import at_place, at_places, place, places
+from cranedyn.references.interpolation import interpolate, interpolate_many, locate, locate_many
 
 
 @checked
@@ -47,29 +47,29 @@ class Tracking(OneLine):
             raise OutOfRange("table", "one of no row", "one row or more")
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
-        """Efforts [N m or N], shape (m,); what the reference says is in the table already.
+        """Return efforts [N m or N], shape (m,); the table holds the setpoint already.
 
         Raises:
             OutOfRange: If a coordinate or rate is not finite.
         """
-        k, share = place(t, self.period, len(self.feed_forward))
-        gain = at_place(self.gain, k, share)
-        efforts = at_place(self.feed_forward, k, share) - gain @ (
-            np.concatenate(state) - at_place(self.setpoint, k, share)
+        k, share = locate(t, self.period, len(self.feed_forward))
+        gain = interpolate(self.gain, k, share)
+        efforts = interpolate(self.feed_forward, k, share) - gain @ (
+            np.concatenate(state) - interpolate(self.setpoint, k, share)
         )
         if not math.isfinite(sum(efforts.tolist())):
             check_finite(state)
         return efforts
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
-        """The common form, see `cranedyn.controllers.affine`."""
+        """Return the affine form, see `cranedyn.controllers.affine`."""
         last = len(self.feed_forward) - 1
-        rows, shares = places(times, self.period, last + 1)
+        rows, shares = locate_many(times, self.period, last + 1)
         before = np.flatnonzero(rows < last)  # beyond them the last row holds
         count = min(int(before[-1]) + 2 if len(before) else 1, len(rows))
         return without_integral(
             *(
-                at_places(table, rows[:count], shares[:count])
+                interpolate_many(table, rows[:count], shares[:count])
                 for table in (self.feed_forward, self.gain, self.setpoint)
             )
         )

@@ -19,7 +19,7 @@ from cranedyn.dynamics.pinocchio import point_velocities
 from cranedyn.errors import UnknownName, number
 from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
-from cranedyn.references.rows import at_place, place
+from cranedyn.references.interpolation import interpolate, locate
 
 AIR_DENSITY = 1.25
 """With which standards make pressures of wind speeds [kg/m³]: q = 0.625 v². AS 5222:2021, a
@@ -137,10 +137,10 @@ def turbulence(
     gusts = np.array(values)
 
     def gust(t: float) -> float:
-        row, share = place(t, step, count)
+        row, share = locate(t, step, count)
         # A line from a to b with E[ab] = keep σ² has the variance (1 - lost) σ².
         lost = 2.0 * share * (1.0 - share) * (1.0 - keep)
-        return float(at_place(gusts, row, share)) / math.sqrt(1.0 - lost)
+        return float(interpolate(gusts, row, share)) / math.sqrt(1.0 - lost)
 
     return lambda t: base(t) + gust(t)
 

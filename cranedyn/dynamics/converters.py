@@ -1,11 +1,10 @@
-"""Frequency converters: drives that are told a velocity and get there as fast as they can.
+"""Frequency converters: drives that follow commanded rates.
 
-A command is cut to the largest rate, rounded to the resolution of the bus, and heard late. A ramp
-generator leads a reference rate r to it, within an acceleration and a jerk; the speed control makes
-the drive follow r as a first-order lag, T v̇ = r - v. Averaged by the lag, the acceleration of the
-drive keeps the limits of the ramp. Whatever effort this needs is there up to the effort limit of
-the drive; where it is not enough the drive stalls, and its reference waits within T times the
-acceleration of its rate.
+A command is cut to the largest rate, rounded to the resolution of the bus, and delayed. A ramp
+generator leads a reference rate r to it, within an acceleration and a jerk. The speed control makes
+the drive follow r as a first-order lag, T v̇ = r - v, so that the acceleration of the drive keeps
+the limits of the ramp. The effort is limited; where it does not suffice the drive stalls, and the
+reference waits within T times the acceleration of the rate of the drive.
 
 Written once for any kind of number, as `cranedyn.dynamics.joint_forces` is.
 """
@@ -21,9 +20,7 @@ import numpy as np
 
 from cranedyn.arguments import checked
 from cranedyn.arrays import finite
-from cranedyn.dynamics import rigid_body
-from cranedyn.dynamics.rigid_body import array
-from cranedyn.dynamics.scalars import chosen, clipped, flag, magnitude, root, rounded
+from cranedyn.dynamics.scalars import array, chosen, clipped, flag, magnitude, root, rounded, solve
 from cranedyn.errors import OutOfRange, UnknownName, number, within
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
@@ -33,8 +30,8 @@ RATES = {"slew": 0.0838, "trolley": 1.583, "hoist": 1.0}
 large tower crane; for other drives, and where a crane has less, the velocity limit of its joint."""
 
 HEADROOM = 1.1
-"""Largest rate over that by role: a converter goes a tenth beyond it, into the range of weaker
-field, to make up for what it lags."""
+"""Largest rate over that by role: a converter goes a tenth beyond it, into field weakening, to make
+up for its lag."""
 
 RAMP_TIMES = {"slew": 3.0, "trolley": 2.5, "hoist": 1.5}
 """Time from rest to the rate of `RATES` [s]; ours, within the 1 to 5 s that converters of cranes
@@ -47,27 +44,27 @@ RAMP_TIME, LAG = 2.5, 0.1
 """The same of drives in none of these roles [s]."""
 
 ROUNDING = 0.2
-"""Time in which the ramp gains its acceleration [s], the rounding of an S-curve; ours."""
+"""Time in which the ramp reaches its acceleration [s], the rounding of an S-curve; ours."""
 
 STEPS = 16384
 """Steps of a command up to the largest rate: 4000 hex are 100 % in PROFIdrive's 16-bit words."""
 
 DELAY = 0.02
-"""From a command to the converter's answer [s]: a cycle of the bus and one of the converter;
-ours."""
+"""Delay from a command to the response [s]: a cycle of the bus and one of the converter; ours."""
 
-_MOST_LATE = 64
+_LARGEST_DELAY = 64
+"""Control periods of the longest delay."""
 
 
 class Response(NamedTuple):
-    """How m drives respond to commanded rates, in any kind of number.
+    """Response of m drives to commanded rates, in any kind of number.
 
     Attributes:
-        rates: Largest [rad/s or m/s], shape (m,).
-        accelerations: Largest of the ramp [per s²], shape (m,).
-        jerks: Largest of the ramp [per s³], shape (m,).
+        rates: Largest rates [rad/s or m/s], shape (m,).
+        accelerations: Largest accelerations of the ramp [rad/s² or m/s²], shape (m,).
+        jerks: Largest jerks of the ramp [rad/s³ or m/s³], shape (m,).
         lags: Time constants of the speed control [s], shape (m,).
-        resolutions: Steps of the commands [rad/s or m/s], shape (m,); 0 for none.
+        resolutions: Resolutions of the commands [rad/s or m/s], shape (m,); 0 for none.
     """
 
     rates: Any
@@ -77,39 +74,40 @@ class Response(NamedTuple):
     resolutions: Any
 
     def heard(self, command: Any) -> list[Any]:
-        """Commands cut to the largest rates and rounded to the resolution, m numbers."""
-        found = []
+        """Return commands cut to the largest rates and rounded to the resolution, m numbers."""
+        rates = []
         for w, most, step in zip(command, self.rates, self.resolutions, strict=True):
             cut = clipped(w, -most, most)
             if isinstance(step, float) and step == 0.0:
-                found.append(cut)
+                rates.append(cut)
                 continue
             near = rounded(cut * (1.0 / chosen(step > 0.0, step, 1.0))) * step
-            found.append(near if isinstance(step, float) else chosen(step > 0.0, near, cut))
-        return found
+            rates.append(near if isinstance(step, float) else chosen(step > 0.0, near, cut))
+        return rates
 
     def cuts(self, command: Any) -> list[Any]:
-        """For each drive, whether its command is beyond its largest rate."""
+        """Return for each drive whether its command is beyond its largest rate."""
         pairs = zip(command, self.rates, strict=True)
         return [magnitude(w) > most * (1.0 + 1e-9) for w, most in pairs]
 
     def ramped(
-        self, heard: Any, reference: Any, rising: Any, rate: Any, dt: Any
+        self, heard: Any, reference: Any, slope: Any, rate: Any, dt: Any
     ) -> tuple[list[Any], list[Any]]:
-        """The reference rates after a step, and how fast they change, m numbers each.
+        """Return reference rates after a step and their slopes, m numbers each.
 
-        The deceleration towards the command is that from which it can be given up at the jerk in
-        steps as long as this one: with n J dt in the n-th step before the end n (n + 1) J dt²/2 are
-        left. Where n is no whole number the last step overshoots by J dt²/8 at most.
+        The slope towards the command is the largest that the jerk can still bring to zero in steps
+        as long as this one: with a slope of n J dt in the n-th step before the end, the reference
+        still has n (n + 1) J dt²/2 to go. Where n is no whole number the last step overshoots by
+        J dt²/8 at most.
 
         Args:
             heard: Commanded rates.
-            reference: Reference rates before.
-            rising: How fast they change.
+            reference: Reference rates before the step.
+            slope: Slopes before the step.
             rate: Rates of the drives.
-            dt: The step [s].
+            dt: Time step [s].
         """
-        references, rises = [], []
+        references, slopes = [], []
         for i, asked in enumerate(heard):
             jump = self.jerks[i] * dt
             away = asked - reference[i]
@@ -117,14 +115,16 @@ class Response(NamedTuple):
             curve = 0.5 * (root(jump * jump + 8.0 * self.jerks[i] * distance) - jump)
             most = clipped(clipped(curve, 0.0, distance / dt), 0.0, self.accelerations[i])
             wanted = chosen(away < 0.0, -most, most)
-            rise = clipped(wanted, rising[i] - jump, rising[i] + jump)
-            room = self.accelerations[i] * self.lags[i]
-            rises.append(rise)
-            references.append(clipped(reference[i] + dt * rise, rate[i] - room, rate[i] + room))
-        return references, rises
+            new_slope = clipped(wanted, slope[i] - jump, slope[i] + jump)
+            lead = self.accelerations[i] * self.lags[i]
+            slopes.append(new_slope)
+            references.append(
+                clipped(reference[i] + dt * new_slope, rate[i] - lead, rate[i] + lead)
+            )
+        return references, slopes
 
     def accelerations_at(self, reference: Any, rate: Any) -> list[Any]:
-        """What the speed control asks of each drive [rad/s² or m/s²], m numbers."""
+        """Return the accelerations that the speed control asks for [rad/s² or m/s²], m numbers."""
         rows = zip(reference, rate, self.lags, strict=True)
         return [(r - v) / lag for r, v, lag in rows]
 
@@ -132,20 +132,19 @@ class Response(NamedTuple):
 def within_efforts(
     inertia: np.ndarray, resisting: np.ndarray, wanted: np.ndarray, limits: Any
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Accelerations of m drives where none exerts more than it can.
+    """Return accelerations of m drives of limited effort.
 
-    A drive that would need more exerts its limit and accelerates as that makes it; the others do
-    as they want, unless that drive's yielding asks too much of them.
+    A drive that would need more than its limit exerts its limit and accelerates accordingly. The
+    others accelerate as wanted, unless the yielding of that drive takes them beyond their limits.
 
     Args:
-        inertia: What the drives feel with the passive joints free, shape (m, m).
-        resisting: Efforts that hold them without acceleration [N m or N], shape (m,).
-        wanted: Accelerations, shape (m,).
+        inertia: Inertia of the drives with the passive joints free, shape (m, m).
+        resisting: Efforts without acceleration [N m or N], shape (m,).
+        wanted: Wanted accelerations, shape (m,).
         limits: Largest efforts, m numbers.
 
     Returns:
-        Accelerations, efforts, and efforts that the wanted accelerations would need, shape (m,)
-        each.
+        Accelerations, efforts, and the efforts that the wanted accelerations need, shape (m,) each.
     """
     m = len(wanted)
     needed = inertia @ wanted + resisting
@@ -160,7 +159,7 @@ def within_efforts(
         right = np.array([held[i] * (goal[i] - needed[i]) for i in range(m)])
         for i in range(m):
             matrix[i, i] = matrix[i, i] + (1.0 - held[i])
-        more = rigid_body.solve(matrix, right)
+        more = solve(matrix, right)
         gained, effort = wanted + more, list(needed + inertia @ more)
     cut = [
         chosen(held[i] > 0.5, goal[i], clipped(effort[i], -limit, limit))
@@ -173,22 +172,23 @@ def _like(other: np.ndarray, values: list[Any]) -> np.ndarray:
     return array(values) if other.dtype == object else np.array(values)
 
 
-def held_back(
+def saturate_acceleration(
     mass: np.ndarray, resisting: np.ndarray, wanted: np.ndarray, limits: np.ndarray, layout: Layout
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What drives do that want to accelerate but exert no more than they can, in any kind of
-    number, see `within_efforts`.
+    """Return accelerations of all joints for drives of limited effort, in any kind of number.
+
+    See `within_efforts`.
 
     Args:
         mass: Mass matrix, shape (n, n).
-        resisting: Generalized forces at no acceleration, shape (n,).
-        wanted: Accelerations of the drives, shape (m,).
+        resisting: Generalized forces without acceleration, shape (n,).
+        wanted: Wanted accelerations of the drives, shape (m,).
         limits: Their largest efforts, shape (m,).
         layout: The joints.
 
     Returns:
-        Accelerations of all joints, shape (n,), efforts of the drives and those that they would
-        need, shape (m,) each.
+        Accelerations of all joints, shape (n,), efforts of the drives and the efforts that they
+        would need, shape (m,) each.
     """
     drives, passive = layout.drives, layout.passive
     inertia, held = mass[np.ix_(drives, drives)], resisting[drives]
@@ -197,8 +197,8 @@ def held_back(
         a[drives], effort, needed = within_efforts(inertia, held, wanted, limits)
         return a, effort, needed
     own, coupling = mass[np.ix_(passive, passive)], mass[np.ix_(passive, drives)]
-    falling = rigid_body.solve(own, resisting[passive])
-    carried = np.array([rigid_body.solve(own, coupling[:, i]) for i in range(len(drives))]).T
+    falling = solve(own, resisting[passive])
+    carried = np.array([solve(own, coupling[:, i]) for i in range(len(drives))]).T
     free = held - coupling.T @ falling
     a[drives], effort, needed = within_efforts(inertia - coupling.T @ carried, free, wanted, limits)
     a[passive] = -(falling + carried @ a[drives])
@@ -208,16 +208,16 @@ def held_back(
 @checked
 @dataclass(frozen=True, eq=False)
 class Converters:
-    """The frequency converters of a crane with m drives; `converters` makes typical ones.
+    """Frequency converters of a crane with m drives; `converters` returns typical ones.
 
     Attributes:
         rates: Largest rates [rad/s or m/s], shape (m,); commands beyond are cut to them.
-        accelerations: Largest of the ramps [rad/s² or m/s²], shape (m,).
-        jerks: Largest of the ramps [rad/s³ or m/s³], shape (m,).
+        accelerations: Largest accelerations of the ramps [rad/s² or m/s²], shape (m,).
+        jerks: Largest jerks of the ramps [rad/s³ or m/s³], shape (m,).
         lags: Time constants of the speed control [s], shape (m,); no less than the physics step.
-        resolutions: To which commands are rounded [rad/s or m/s], shape (m,); 0 for no rounding.
-        delay: From a command to the answer [s]: it is heard at the first control instant that is so
-            much later, 64 control periods at most.
+        resolutions: Resolutions of commands [rad/s or m/s], shape (m,); 0 for no rounding.
+        delay: Delay from a command to the response [s], rounded up to control periods; 64 control
+            periods at most.
     """
 
     rates: np.ndarray
@@ -230,49 +230,49 @@ class Converters:
     def __post_init__(self) -> None:
         """Check the numbers."""
         m = np.size(self.rates)
-        for part in fields(self)[:-1]:
-            name, values = f"{part.name} of converters", getattr(self, part.name)
-            found = finite(name, values, (m,)).astype(float)
-            allowed = ">= 0" if part.name == "resolutions" else "> 0"
-            for value in found.tolist():
+        for field in fields(self)[:-1]:
+            name, values = f"{field.name} of converters", getattr(self, field.name)
+            array = finite(name, values, (m,)).astype(float)
+            allowed = ">= 0" if field.name == "resolutions" else "> 0"
+            for value in array.tolist():
                 number(name, value, "", allowed)
-            found.flags.writeable = False
-            object.__setattr__(self, part.name, found)
+            array.flags.writeable = False
+            object.__setattr__(self, field.name, array)
         number("delay of converters", self.delay, "s", ">= 0")
 
     @property
     def response(self) -> Response:
-        """Their numbers."""
+        """Numbers of the converters."""
         return Response(self.rates, self.accelerations, self.jerks, self.lags, self.resolutions)
 
-    def late(self, dt: float, control_period: float) -> int:
-        """By how many control periods [s] commands are late.
+    def delay_steps(self, dt: float, control_period: float) -> int:
+        """Return the delay in control periods.
 
         Raises:
             OutOfRange: If there are more than 64, or a physics step [s] is longer than a lag.
         """
         within("shortest lag of the converters", float(self.lags.min()), dt, math.inf, "s")
-        late = math.ceil(self.delay / control_period - 1e-9)
-        if late > _MOST_LATE:
-            most = _MOST_LATE * control_period
+        steps = math.ceil(self.delay / control_period - 1e-9)
+        if steps > _LARGEST_DELAY:
+            most = _LARGEST_DELAY * control_period
             raise OutOfRange(
                 "delay of converters", self.delay, f"{most:g} or less: 64 control periods", "s"
             )
-        return late
+        return steps
 
     def ahead(self, control_period: float) -> float:
-        """From a command to the middle of the time for which it holds [s].
+        """Return the time from a command to the middle of the period for which it holds [s].
 
         Raises:
-            OutOfRange: As `late`.
+            OutOfRange: As of `delay_steps`.
         """
-        return (self.late(0.0, control_period) + 0.5) * control_period
+        return (self.delay_steps(0.0, control_period) + 0.5) * control_period
 
     def of(self, crane: Crane) -> Converters:
-        """The same, if there is one for each drive of a crane.
+        """Return the same if there is a converter for each drive of a crane.
 
         Raises:
-            OutOfRange: If not.
+            OutOfRange: If there is not.
         """
         if len(self.rates) != crane.layout.m:
             raise OutOfRange(
@@ -285,17 +285,17 @@ class Converters:
 
 @checked
 def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, float]) -> Converters:
-    """Typical frequency converters for a crane.
+    """Return typical frequency converters for a crane.
 
-    Their rates are those of `RATES` with `HEADROOM`, and never more than the velocity limits of
-    the crane's joints; they ramp up to `RATES` in `RAMP_TIMES`, and gain this acceleration in
+    Their rates are those of `RATES` with `HEADROOM`, and never more than the velocity limits of the
+    crane's joints. They ramp up to `RATES` in `RAMP_TIMES`, and reach this acceleration in
     `ROUNDING`.
 
     Args:
         crane: The crane.
         delay: See `Converters`.
-        values: Other numbers of some drives by their symbols, by the name of an attribute of
-            `Converters`; for example ``lags={"x": 0.2}``.
+        values: Numbers of some drives by symbol, for attributes of `Converters` by name; for
+            example ``lags={"x": 0.2}``.
 
     Raises:
         OutOfRange: If a number is not allowed, or a joint has no velocity limit above 0 and plays
@@ -303,29 +303,29 @@ def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, flo
         UnknownName: If there is no such attribute or drive.
     """
     layout = crane.layout
-    parts: dict[str, list[float]] = {part.name: [] for part in fields(Converters)[:-1]}
+    columns: dict[str, list[float]] = {field.name: [] for field in fields(Converters)[:-1]}
     for joint, limit in zip(layout.driven, crane.rate_limit.tolist(), strict=True):
         usual = min(RATES.get(joint.role, math.inf), limit)
         number(f"velocity limit of {joint.name}", usual, f"{joint.unit}/s", "> 0")
         acceleration = usual / RAMP_TIMES.get(joint.role, RAMP_TIME)
         most = min(HEADROOM * usual, limit)
-        parts["rates"].append(most)
-        parts["accelerations"].append(acceleration)
-        parts["jerks"].append(acceleration / ROUNDING)
-        parts["lags"].append(LAGS.get(joint.role, LAG))
-        parts["resolutions"].append(most / STEPS)
+        columns["rates"].append(most)
+        columns["accelerations"].append(acceleration)
+        columns["jerks"].append(acceleration / ROUNDING)
+        columns["lags"].append(LAGS.get(joint.role, LAG))
+        columns["resolutions"].append(most / STEPS)
     for name, of_drives in values.items():
-        if name not in parts:
-            raise UnknownName("number of converters", name, [*parts, "delay"])
+        if name not in columns:
+            raise UnknownName("number of converters", name, [*columns, "delay"])
         for symbol, value in of_drives.items():
-            parts[name][layout.drive(symbol)] = number(f"{name} of {symbol}", value)
-    made = Response(*(np.array(part) for part in parts.values()))
-    return Converters(*made, delay)
+            columns[name][layout.drive(symbol)] = number(f"{name} of {symbol}", value)
+    numbers = {name: np.array(column) for name, column in columns.items()}
+    return Converters(**numbers, delay=delay)
 
 
 def fitting(crane: Crane, drive: str, given: Converters | None) -> Converters | None:
-    """The frequency converters of a run; typical ones where none are given to drives that take
-    velocities.
+    """Return the frequency converters of a run, typical ones where none are given to drives that
+    take velocities.
 
     Raises:
         OutOfRange: If some are given to drives that have none, or not one for each drive.

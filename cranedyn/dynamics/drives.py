@@ -1,16 +1,16 @@
-"""How a command acts on the crane: drives that exert an effort, drives that follow a motion, and
-drives with frequency converters. Inside, time is counted in steps.
+"""Drives: how commands become forces at the joints.
+
+Drives exert an effort, follow an acceleration, or follow a rate as frequency converters do. Each
+kind has the same four methods: `take_command` at a control instant, `effort` and `acceleration` at
+a state under the last command, and `begin_step` before each physics step.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics.converters import Converters, held_back
-from cranedyn.dynamics.integrators import Acceleration, in_steps
+from cranedyn.dynamics.converters import Converters, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops
 from cranedyn.dynamics.pinocchio import follow_drives, inverse_dynamics, outside_effort
 from cranedyn.errors import OutOfRange
@@ -19,164 +19,136 @@ from cranedyn.model.crane import Crane
 
 
 def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """What the buffers at the ends of the cable push, with the sign of the hoist's force [N], in
-    rows, shape (rows,).
+    """Return the force of the buffers at the ends of the cable, with the sign of the hoist's [N].
 
-    At the longest cable that is negative, what the buffer takes of the load. At the shortest the
-    hook block meets the trolley, which pushes it down.
+    At the longest cable it is negative: the buffer carries part of the load. At the shortest cable
+    the hook block meets the trolley, which pushes it down.
 
     Args:
-        crane: The crane; without a hoist there are none.
+        crane: The crane; the force is zero without a hoist.
         q: Coordinates, shape (rows, n).
         v: Their rates, shape (rows, n).
+
+    Returns:
+        Forces, shape (rows,).
     """
     hoist = crane.layout.drive_of("hoist")
     if hoist is None:
         return np.zeros(len(q))
     stops = Stops.of(crane)
-    return stops.one(hoist, q[:, stops.drives[hoist]], v[:, stops.drives[hoist]])
+    return stops.effort_of(hoist, q[:, stops.drives[hoist]], v[:, stops.drives[hoist]])
 
 
-class Outside:
-    """What acts on the joints from outside: forces on the points of the crane, and buffers at the
-    ends of the ranges of the drives.
+class ExternalForces:
+    """Forces on the points of the crane, and buffers at the ends of the ranges of the drives.
 
     Attributes:
-        force: On the points of the crane in the world [N], shape (points, 3).
-        buffer_work: Work done on the crane by the buffers so far [J].
+        force: Forces on the points in the world [N], shape (points, 3).
+        stops: The buffers; None for none.
+        stop_effort: Efforts of the buffers when they were last computed [N m or N], shape (m,).
     """
 
-    def __init__(self, crane: Crane, dt: float, *, buffers: bool) -> None:
+    def __init__(self, crane: Crane, *, buffers: bool) -> None:
         self.force = np.zeros((len(crane.points), 3))
-        self._work = 0.0
+        self.stops = Stops.of(crane) if buffers else None
+        self.stop_effort = np.zeros(crane.layout.m)
         self._points, self._drives = crane.points, crane.layout.drives
-        self._model, self._data, self._dt = crane.model, crane.model.createData(), dt
-        self._stops = Stops.of(crane) if buffers else None
-        self._scaled = None if self._stops is None else self._stops.in_steps(dt)
-        self._stop_effort, self._u = np.zeros(crane.layout.m), np.zeros(crane.layout.m)
-        self._hoist = crane.layout.drive_of("hoist")
+        self._model, self._data = crane.model, crane.model.createData()
 
-    def __call__(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Generalized forces, shape (n,)."""
-        self._book(u)
-        effort = outside_effort(self._points, self._model, self._data, q, self._dt**2 * self.force)
-        if self._scaled is not None:
-            self._stop_effort = self._scaled.effort(q, u)
-            effort[self._drives] += self._stop_effort
+    def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return generalized forces [N m or N], shape (n,)."""
+        effort = (
+            outside_effort(self._points, self._model, self._data, q, self.force)
+            if self.force.any()
+            else np.zeros(len(v))
+        )
+        if self.stops is not None:
+            self.stop_effort = self.stops.effort(q, v)
+            effort[self._drives] += self.stop_effort
         return effort
 
-    def stop_force(self, state: State) -> float:
-        """What the buffers at the ends of the cable push [N], see `cable_buffers`."""
-        if self._stops is None or self._hoist is None:
-            return 0.0
-        return float(self._stops.effort(*state)[self._hoist])
 
-    def buffer_work(self, state: State) -> float:
-        """Work done on the crane by the buffers up to this state [J]."""
-        self._book(self._dt * state.v)
-        return self._work / self._dt**2
+class _Drives:
+    """Model, joint forces and external forces of a crane, which all kinds of drives need.
 
-    def _book(self, u: np.ndarray) -> None:
-        """Add the last step's work: its force times the mean of the velocities before and after
-        it.
-        """
-        if self._stop_effort.any():
-            self._work += float(self._stop_effort @ (self._u + u[self._drives])) / 2.0
-            self._stop_effort = np.zeros(len(self._drives))
-        self._u = u[self._drives]
+    Attributes:
+        saturated: Whether the last command was beyond the largest rate of a frequency converter.
+    """
 
+    saturated = False
 
-class Limits:
-    """The largest efforts of a crane's drives."""
+    def __init__(self, crane: Crane, external: ExternalForces | None) -> None:
+        self.model, self._data = crane.model, crane.model.createData()
+        self._layout, self._joint, self.external = crane.layout, JointForces.of(crane), external
 
-    def __init__(self, crane: Crane) -> None:
-        self._most = crane.effort_limit
-        self._plain = crane.effort_limit.tolist()
+    def begin_step(self, v: np.ndarray) -> None:
+        """Prepare for a physics step from rates v, shape (n,)."""
 
-    def cut(self, command: np.ndarray) -> np.ndarray:
-        """A command within the limits, shape (m,)."""
-        for drive, effort in enumerate(command.tolist()):
-            if not abs(effort) <= self._plain[drive]:
-                return command.clip(-self._most, self._most)
-        return command
+    def _passive_forces(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return generalized forces of damping and springs, and external ones, shape (n,) each."""
+        external = None if self.external is None else self.external.effort(q, v)
+        return self._joint.effort(q, v), external
 
 
-class EffortDrives:
+class EffortDrives(_Drives):
     """Drives that exert the effort commanded, within their limits."""
 
-    def __init__(self, crane: Crane, dt: float, outside: Outside | None) -> None:
-        self.model = in_steps(crane.model, dt)
-        self._limits = Limits(crane)
-        self._dt2, self._drives = dt * dt, crane.layout.drives.tolist()
+    def __init__(self, crane: Crane, external: ExternalForces | None) -> None:
+        super().__init__(crane, external)
+        self._least, self._largest = -crane.effort_limit, crane.effort_limit
         self._effort = np.zeros(crane.layout.m)
-        self._driving, self._tau = [0.0] * crane.layout.n, np.zeros(crane.layout.n)
-        self._joint, self._outside = JointForces.of(crane).in_steps(dt), outside
-        self.acceleration = self._with_joint_forces()
+        self._tau = np.zeros(crane.layout.n)
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return all but the function of this memory, for a copy that has memory of its own."""
-        return {name: value for name, value in vars(self).items() if name != "acceleration"}
+    def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Hold a command until the next one.
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what a copy has, and make the function of its memory."""
-        vars(self).update(state)
-        self.acceleration = self._with_joint_forces()
+        Args:
+            command: Efforts of the drives [N m or N], shape (m,).
+            state: The state of the crane.
 
-    def _with_joint_forces(self) -> Acceleration:
-        joint, outside = self._joint, self._outside
-        aba, model, data, world = pin.aba, self.model, self.model.createData(), pin.Convention.WORLD
-        driving, tau = self._driving, self._tau
-        if outside is not None:
-            return lambda q, u: aba(
-                model, data, q, u, tau + joint.effort(q, u) + outside(q, u), world
-            )
-        if joint.springs is not None:
-            return lambda q, u: aba(model, data, q, u, tau + joint.effort(q, u), world)
-        dampers = [(i, damping) for i, damping in enumerate(joint.damping.tolist()) if damping]
-
-        def damped(q: np.ndarray, u: np.ndarray) -> np.ndarray:
-            # one by one: quicker than NumPy for the few joints that have a damper
-            for i, damping in dampers:
-                tau[i] = driving[i] - damping * u.item(i)
-            return aba(model, data, q, u, tau, world)
-
-        return damped
-
-    def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Take a command until the next one; returns the effort asked for and the effort that acts,
-        shape (m,) each.
+        Returns:
+            The effort needed and the effort exerted [N m or N], shape (m,) each.
         """
-        self._effort = self._limits.cut(command)
-        for drive, effort in enumerate(self._effort.tolist()):
-            joint = self._drives[drive]
-            self._driving[joint] = self._tau[joint] = self._dt2 * effort
+        self._effort = np.minimum(np.maximum(command, self._least), self._largest)
+        self._tau[self._layout.drives] = self._effort
         return command, self._effort
 
     def effort(self, state: State) -> np.ndarray:
-        """What acts at a state under the last command, shape (m,)."""
+        """Return the effort exerted at a state [N m or N], shape (m,)."""
         return self._effort
 
+    def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return accelerations of all joints, shape (n,)."""
+        tau = self._tau - self._joint.damping * v
+        if self._joint.springs is not None:
+            tau += self._joint.springs.effort(q)
+        if self.external is not None:
+            tau += self.external.effort(q, v)
+        return pin.aba(self.model, self._data, q, v, tau, pin.Convention.WORLD)
 
-class MotionDrives:
-    """Drives that accelerate as commanded, whatever effort it costs."""
 
-    def __init__(self, crane: Crane, dt: float, outside: Outside | None) -> None:
-        self.model = in_steps(crane.model, dt)
-        self._data = self.model.createData()
-        self._joint = JointForces.of(crane).in_steps(dt)
-        self._layout = crane.layout
-        self._dt = dt
+class MotionDrives(_Drives):
+    """Drives that accelerate as commanded, at whatever effort that takes."""
+
+    def __init__(self, crane: Crane, external: ExternalForces | None) -> None:
+        super().__init__(crane, external)
         self._command = np.zeros(crane.layout.n)
-        self._outside = outside
 
-    def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Take a command until the next one; returns the effort that it costs at this state, twice,
-        shape (m,) each.
+    def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Hold a command until the next one.
+
+        Args:
+            command: Accelerations of the drives [rad/s² or m/s²], shape (m,).
+            state: The state of the crane.
+
+        Returns:
+            The effort needed and the effort exerted, which are the same [N m or N], shape (m,)
+            each.
 
         Raises:
-            OutOfRange: If that is not finite.
+            OutOfRange: If that effort is not finite.
         """
-        self._command[self._layout.drives] = self._dt**2 * command
+        self._command[self._layout.drives] = command
         effort = self.effort(state)
         if not np.isfinite(effort).all():
             units = ", ".join(joint.effort_unit for joint in self._layout.driven)
@@ -186,104 +158,111 @@ class MotionDrives:
         return effort, effort
 
     def effort(self, state: State) -> np.ndarray:
-        """What acts at a state under the last command, shape (m,)."""
-        u = self._dt * state.v
-        joint, outside = self._forces(state.q, u)
+        """Return the effort exerted at a state [N m or N], shape (m,)."""
+        joint, external = self._passive_forces(*state)
         a = follow_drives(
-            self.model, self._data, state.q, u, self._command, joint, self._layout.passive, outside
+            self.model, self._data, *state, self._command, joint, self._layout.passive, external
         )
-        needed = inverse_dynamics(self.model, self._data, state.q, u, a, joint, outside)
-        return needed[self._layout.drives] / self._dt**2
+        effort = inverse_dynamics(self.model, self._data, *state, a, joint, external)
+        return effort[self._layout.drives]
 
-    def acceleration(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Of all joints, shape (n,)."""
-        joint, outside = self._forces(q, u)
+    def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return accelerations of all joints, shape (n,)."""
+        joint, external = self._passive_forces(q, v)
         return follow_drives(
-            self.model, self._data, q, u, self._command, joint, self._layout.passive, outside
+            self.model, self._data, q, v, self._command, joint, self._layout.passive, external
         )
 
-    def _forces(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Generalized forces of damping and springs, and from outside."""
-        return self._joint.effort(q, u), None if self._outside is None else self._outside(q, u)
 
-
-class VelocityDrives:
-    """Drives with frequency converters, see `cranedyn.dynamics.converters`.
-
-    Attributes:
-        cut: Whether the last command was beyond the largest rate of a drive.
-    """
+class VelocityDrives(_Drives):
+    """Drives with frequency converters, see `cranedyn.dynamics.converters`."""
 
     def __init__(
-        self, crane: Crane, dt: float, outside: Outside | None, made: Converters, late: int
+        self,
+        crane: Crane,
+        external: ExternalForces | None,
+        converters: Converters,
+        dt: float,
+        delay_steps: int,
     ) -> None:
-        self.model, self.cut, self._late = in_steps(crane.model, dt), False, late
-        self._data, self._layout, self._dt = self.model.createData(), crane.layout, dt
-        self._joint, self._outside = JointForces.of(crane).in_steps(dt), outside
-        self._response, self._limits = made.response, dt * dt * crane.effort_limit
-        self.begin(crane.start)
+        super().__init__(crane, external)
+        self._dt, self._delay_steps = dt, delay_steps
+        self._response, self._limit = converters.response, crane.effort_limit
+        self.reset(crane.start)
 
-    def begin(self, state: State) -> None:
-        """Go on as the drives do at a state until the first command is heard."""
+    def reset(self, state: State) -> None:
+        """Hold the rates of a state until the first command is heard."""
         rate = state.v[self._layout.drives]
-        self.remember(rate, np.zeros_like(rate), np.tile(rate, (self._late, 1)))
+        self.recall(rate, np.zeros_like(rate), np.tile(rate, (self._delay_steps, 1)))
 
-    def remember(self, reference: np.ndarray, rising: np.ndarray, unheard: np.ndarray) -> None:
-        """Have reference rates that change at a rate, shape (m,) each, and commands that are not
-        yet heard, shape (late, m).
+    def recall(self, reference: np.ndarray, slope: np.ndarray, queue: np.ndarray) -> None:
+        """Set the memory of the converters.
+
+        Args:
+            reference: Reference rates [rad/s or m/s], shape (m,).
+            slope: Their rates of change [rad/s² or m/s²], shape (m,).
+            queue: Commands not yet heard, shape (delay_steps, m).
         """
-        self._reference, self._rising, self._unheard = reference.copy(), rising.copy(), [*unheard]
+        self._reference, self._slope, self._queue = reference.copy(), slope.copy(), [*queue]
         self._heard = self._reference
 
-    def take(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Take commanded rates until the next ones; returns the efforts that the drives would need
-        from here on, and those that they exert, shape (m,) each.
+    def take_command(self, command: np.ndarray, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Queue a command until it is heard.
+
+        Args:
+            command: Rates of the drives [rad/s or m/s], shape (m,).
+            state: The state of the crane.
+
+        Returns:
+            The effort needed and the effort exerted [N m or N], shape (m,) each.
         """
-        self.cut = any(self._response.cuts(command.tolist()))
-        waiting = [*self._unheard, np.array(self._response.heard(command.tolist()))]
-        self._heard, self._unheard = waiting[0], waiting[1:]
-        u = self._dt * state.v
-        _, effort, needed = self._driven(state.q, u, self._ramped(u)[0])
-        return needed / self._dt**2, effort / self._dt**2
+        self.saturated = any(self._response.cuts(command.tolist()))
+        queue = [*self._queue, np.array(self._response.heard(command.tolist()))]
+        self._heard, self._queue = queue[0], queue[1:]
+        _, effort, needed = self._driven(*state, self._ramp(state.v)[0])
+        return needed, effort
 
-    def step(self, u: np.ndarray) -> None:
-        """Let the ramps go on by a step in which drives move at rates u, in steps."""
-        self._reference, self._rising = self._ramped(u)
-
-    def _ramped(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        rate = (u[self._layout.drives] / self._dt).tolist()
-        before = self._reference.tolist(), self._rising.tolist()
-        reference, rising = self._response.ramped(self._heard.tolist(), *before, rate, self._dt)
-        return np.array(reference), np.array(rising)
+    def begin_step(self, v: np.ndarray) -> None:
+        """Move the ramps on by a physics step from rates v, shape (n,)."""
+        self._reference, self._slope = self._ramp(v)
 
     def effort(self, state: State) -> np.ndarray:
-        """What acted until a state, shape (m,)."""
-        return self._driven(state.q, self._dt * state.v, self._reference)[1] / self._dt**2
+        """Return the effort exerted at a state [N m or N], shape (m,)."""
+        return self._driven(*state, self._reference)[1]
 
-    def acceleration(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Of all joints, shape (n,)."""
-        return self._driven(q, u, self._reference)[0]
+    def acceleration(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return accelerations of all joints, shape (n,)."""
+        return self._driven(q, v, self._reference)[0]
+
+    def _ramp(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return reference rates after a physics step, and how fast they change, shape (m,)."""
+        reference, slope = self._response.ramped(
+            self._heard.tolist(),
+            self._reference.tolist(),
+            self._slope.tolist(),
+            v[self._layout.drives].tolist(),
+            self._dt,
+        )
+        return np.array(reference), np.array(slope)
 
     def _driven(
-        self, q: np.ndarray, u: np.ndarray, reference: np.ndarray
+        self, q: np.ndarray, v: np.ndarray, reference: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Accelerations of all joints, shape (n,), efforts of the drives and those that they would
-        need, shape (m,) each.
+        """Return accelerations of all joints, shape (n,), efforts of the drives and the efforts
+        that they would need, shape (m,) each.
         """
-        drives, dt = self._layout.drives, self._dt
-        wanted = np.zeros(len(u))
-        wanted[drives] = [
-            dt * dt * a
-            for a in self._response.accelerations_at(reference, (u[drives] / dt).tolist())
-        ]
-        joint = self._joint.effort(q, u)
-        outside = None if self._outside is None else self._outside(q, u)
-        given = self.model, self._data, q, u
-        a = follow_drives(*given, wanted, joint, self._layout.passive, outside)
-        needed = inverse_dynamics(*given, a, joint, outside)[drives]
-        if (np.abs(needed) <= self._limits).all():
+        drives, model, data = self._layout.drives, self.model, self._data
+        wanted = np.zeros(len(v))
+        wanted[drives] = self._response.accelerations_at(reference, v[drives].tolist())
+        joint, external = self._passive_forces(q, v)
+        a = follow_drives(model, data, q, v, wanted, joint, self._layout.passive, external)
+        needed = inverse_dynamics(model, data, q, v, a, joint, external)[drives]
+        if (np.abs(needed) <= self._limit).all():
             return a, needed, needed
-        mass = pin.crba(self.model, self._data, q)
+        mass = pin.crba(model, data, q)
         mass = np.triu(mass) + np.triu(mass, 1).T
-        resisting = inverse_dynamics(*given, np.zeros(len(u)), joint, outside)
-        return held_back(mass, resisting, wanted[drives], self._limits, self._layout)
+        bias = inverse_dynamics(model, data, q, v, np.zeros(len(v)), joint, external)
+        return saturate_acceleration(mass, bias, wanted[drives], self._limit, self._layout)
+
+
+Drives = EffortDrives | MotionDrives | VelocityDrives

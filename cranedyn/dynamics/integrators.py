@@ -1,42 +1,36 @@
-"""The stepping rule.
-
-Time is counted in steps: with u = dt v and dt² a in place of v and a, the step size drops out of
-the loop. `in_steps` turns a model to these units; forces scale like dt², damping coefficients like
-dt.
-"""
+"""Integrators: rules that step coordinates and rates by a time step."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import pinocchio as pin
 
 Acceleration = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""From coordinates q and increments u = dt v [per step] to dt² a [per step²]."""
+"""From coordinates q and rates v to accelerations."""
 
 Add = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""What is after a step, from what is before it and its rate."""
+"""From a quantity and its rate to the quantity one time step later."""
 
 Rule = Callable[
     [Acceleration, Add, Add, np.ndarray, np.ndarray, int], tuple[np.ndarray, np.ndarray]
 ]
-"""From acceleration, what a step makes of rates, what it makes of coordinates, coordinates, rates
-and a number of steps to coordinates and rates after them. In any kind of number and any unit of
-time: the plain loop and compiled code go by the same."""
+"""From the acceleration, the step of rates, the step of coordinates, q, v and a number of steps to
+q and v after these steps. A rule only adds and multiplies, so that the plain loop and compiled code
+use the same one."""
 
 
 @dataclass(frozen=True)
 class Integrator:
-    """A stepping rule.
+    """A rule that steps coordinates and rates.
 
     Attributes:
-        name: What it is called.
+        name: Name in records and tables.
         rule: The rule.
-        lead: By how many steps its positions run ahead of its velocities.
-        smooth: Whether its order needs a motion without kinks, such as buffers make.
+        lead: Steps by which positions run ahead of velocities.
+        smooth: Whether the order of the rule needs a motion without kinks, such as buffers make.
     """
 
     name: str
@@ -45,40 +39,48 @@ class Integrator:
     smooth: bool = False
 
     def advance(
-        self, acceleration: Acceleration, model: pin.Model, q: np.ndarray, u: np.ndarray, steps: int
+        self,
+        acceleration: Acceleration,
+        model: pin.Model,
+        q: np.ndarray,
+        v: np.ndarray,
+        dt: float | np.ndarray,
+        steps: int,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Take steps with a Pinocchio model, time counted in steps.
+        """Take steps with a Pinocchio model.
 
         Args:
-            acceleration: Acceleration as a function of q and u.
-            model: The model, for adding an increment to coordinates that are not a vector space.
+            acceleration: Accelerations as a function of q and v.
+            model: The model, whose coordinates need not be a vector space.
             q: Coordinates, shape (nq,).
-            u: Increments per step, dt v, shape (nv,).
-            steps: How many steps to take.
+            v: Rates, shape (nv,).
+            dt: Time step [s]; the same step for each coordinate, shape (nv,), is faster.
+            steps: Number of steps.
 
         Returns:
-            q and u after these steps, new arrays.
+            q and v after these steps, new arrays.
         """
-        further = partial(pin.integrate, model)
-        # where coordinates are a vector space this is a sum, and a quicker one of a few numbers
-        # than NumPy's
-        faster: Add = further if model.nq == model.nv else np.add
-        return self.rule(acceleration, faster, further, q, u, steps)
-
-
-def in_steps(model: pin.Model, dt: float) -> pin.Model:
-    """A copy of a model that counts time in steps of `dt` [s]."""
-    scaled = model.copy()
-    scaled.gravity.linear = dt * dt * model.gravity.linear
-    return scaled
+        return self.rule(
+            acceleration,
+            lambda v, a: v + dt * a,
+            lambda q, v: pin.integrate(model, q, dt * v),
+            q,
+            v,
+            steps,
+        )
 
 
 def _semi_implicit_euler(
-    acceleration: Acceleration, speed_up: Add, move: Add, q: np.ndarray, v: np.ndarray, steps: int
+    acceleration: Acceleration,
+    step_rates: Add,
+    step_coordinates: Add,
+    q: np.ndarray,
+    v: np.ndarray,
+    steps: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     for _ in range(steps):
-        v = speed_up(v, acceleration(q, v))
-        q = move(q, v)
+        v = step_rates(v, acceleration(q, v))
+        q = step_coordinates(q, v)
     return q, v
 
 
@@ -94,18 +96,23 @@ may drift, at a rate that halves with the step. A frequency ω is met with a rel
 
 
 def _rk4(
-    acceleration: Acceleration, speed_up: Add, move: Add, q: np.ndarray, v: np.ndarray, steps: int
+    acceleration: Acceleration,
+    step_rates: Add,
+    step_coordinates: Add,
+    q: np.ndarray,
+    v: np.ndarray,
+    steps: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     for _ in range(steps):
         a1 = acceleration(q, v)
-        v2 = speed_up(v, 0.5 * a1)
-        a2 = acceleration(move(q, 0.5 * v), v2)
-        v3 = speed_up(v, 0.5 * a2)
-        a3 = acceleration(move(q, 0.5 * v2), v3)
-        v4 = speed_up(v, a3)
-        a4 = acceleration(move(q, v3), v4)
-        q = move(q, (v + 2.0 * (v2 + v3) + v4) / 6.0)
-        v = speed_up(v, (a1 + 2.0 * (a2 + a3) + a4) / 6.0)
+        v2 = step_rates(v, 0.5 * a1)
+        a2 = acceleration(step_coordinates(q, 0.5 * v), v2)
+        v3 = step_rates(v, 0.5 * a2)
+        a3 = acceleration(step_coordinates(q, 0.5 * v2), v3)
+        v4 = step_rates(v, a3)
+        a4 = acceleration(step_coordinates(q, v3), v4)
+        q = step_coordinates(q, (v + 2.0 * (v2 + v3) + v4) / 6.0)
+        v = step_rates(v, (a1 + 2.0 * (a2 + a3) + a4) / 6.0)
     return q, v
 
 

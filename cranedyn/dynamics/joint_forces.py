@@ -1,5 +1,5 @@
-"""What acts in the joints besides drives, gravity and inertia: damping, springs, and stops at the
-ends of the ranges.
+"""Joint forces besides drives, gravity and inertia: damping, springs, and stops at the ends of the
+ranges.
 
 Written once for any kind of number: floats in the plain loop, symbols in the optimiser, values of a
 program in compiled code.
@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics.rigid_body import array
-from cranedyn.dynamics.scalars import chosen, clipped
+from cranedyn.dynamics.scalars import array, chosen, clipped
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 from cranedyn.model.springs import Rope, Springs
@@ -36,12 +35,13 @@ class JointForces:
 
     @classmethod
     def of(cls, crane: Crane) -> JointForces:
-        """Those of a crane."""
+        """Return the damping and springs of a crane."""
         return cls(crane.damping, crane.springs if crane.springs.any else None)
 
     def in_steps(self, dt: Any, mass: Any = 1.0) -> JointForces:
-        """The same with time counted in steps of `dt` [s] and mass in units of `mass` [kg]: forces
-        scale like dt², damping like dt.
+        """Return the same with time in steps of `dt` [s] and mass in units of `mass` [kg].
+
+        Forces scale like dt², damping like dt.
         """
         damping, force = self.damping * (dt / mass), dt * dt / mass
         if self.springs is None:
@@ -51,7 +51,7 @@ class JointForces:
         return JointForces(damping, Springs(stiffness * force, rest, scaled))
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Generalized forces at coordinates q and rates v, shape (n,)."""
+        """Return generalized forces at coordinates q and rates v, shape (n,)."""
         resisting = -(self.damping * v)
         return resisting if self.springs is None else resisting + self.springs.effort(q)
 
@@ -64,19 +64,18 @@ def rope_tension(
     v: np.ndarray,
     hoist: Any,
 ) -> Any:
-    """Tension of the rope [N]: what stretches it, or where it does not stretch what the hoist
-    pulls; None without a hoist.
+    """Return the tension of the rope [N]; None without a hoist.
 
-    The hoist joint lies along the rope, so its generalized force is the force along the rope: the
-    drive's, less damping. Of a rope that stretches it is the force on drum and rope together.
+    It is the force that stretches an elastic rope. For a rigid rope it is the force of the hoist
+    joint, which lies along the rope: that of the drive, less damping.
 
     Args:
         layout: Joints of the crane.
-        damping: Of the joints [N m s/rad or N s/m], shape (n,).
-        springs: What is elastic; None for nothing.
+        damping: Damping of the joints [N m s/rad or N s/m], shape (n,).
+        springs: Springs of the joints; None for none.
         q: Coordinates, n numbers or rows of them.
         v: Their rates, likewise.
-        hoist: Force of the hoist, with that of the buffers at the ends of the cable [N].
+        hoist: Force of the hoist and of the buffers at the ends of the cable [N].
     """
     if springs is not None and springs.rope is not None:
         stretch, length, stiffness = springs.rope
@@ -89,14 +88,14 @@ def rope_tension(
 
 @dataclass(frozen=True, eq=False)
 class Stops:
-    """Buffers at both ends of the range of each of m drives: springs with dampers that can push but
+    """Buffers at both ends of the range of each of m drives: springs with dampers that push but do
     not pull.
 
     Attributes:
-        drives: Where the drives stand among the coordinates.
+        drives: Indices of the drives among the coordinates.
         lower, upper: Ends of their ranges [rad or m], shape (m,).
-        stiffness: [N m/rad or N/m], shape (m,).
-        damping: [N m s/rad or N s/m], shape (m,).
+        stiffness: Stiffness [N m/rad or N/m], shape (m,).
+        damping: Damping [N m s/rad or N s/m], shape (m,).
     """
 
     drives: np.ndarray
@@ -107,8 +106,8 @@ class Stops:
 
     @classmethod
     def of(cls, crane: Crane) -> Stops:
-        """Those of a crane: they make each drive, with what hangs on it, swing at 20 rad/s with
-        half of critical damping.
+        """Return the buffers of a crane: each drive, with what hangs on it, oscillates at 20 rad/s
+        with half of critical damping.
         """
         drives, q = crane.layout.drives, crane.start.q.copy()
         q[crane.layout.passive] = 0.0
@@ -122,26 +121,27 @@ class Stops:
         )
 
     def in_steps(self, dt: Any, mass: Any = 1.0) -> Stops:
-        """As `JointForces.in_steps`."""
+        """Return the same in other units, see `JointForces.in_steps`."""
         stiffness, damping = self.stiffness * (dt * dt / mass), self.damping * (dt / mass)
         return Stops(self.drives, self.lower, self.upper, stiffness, damping)
 
     def effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """What the buffers exert on the drives at coordinates q and rates v, shape (m,)."""
-        plain = q.dtype != object
-        at, moving = (q.tolist(), v.tolist()) if plain else (q, v)
-        found = [
-            self.one(drive, at[joint], moving[joint]) for drive, joint in enumerate(self.drives)
+        """Return the efforts of the buffers at coordinates q and rates v, shape (m,)."""
+        floats = q.dtype != object
+        positions, rates = (q.tolist(), v.tolist()) if floats else (q, v)
+        efforts = [
+            self.effort_of(drive, positions[joint], rates[joint])
+            for drive, joint in enumerate(self.drives)
         ]
-        return np.array(found) if plain else array(found)
+        return np.array(efforts) if floats else array(efforts)
 
-    def one(self, drive: int, position: Any, rate: Any) -> Any:
-        """What the buffers of one drive exert at its position and rate."""
+    def effort_of(self, drive: int, position: Any, rate: Any) -> Any:
+        """Return the effort of the buffers of one drive at its position and rate."""
         beyond = position - clipped(position, self.lower[drive], self.upper[drive])
         pushing = -(self.stiffness[drive] * beyond) - self.damping[drive] * rate
         return chosen(pushing * beyond < 0.0, pushing, 0.0)
 
     def beyond(self, q: np.ndarray) -> list[Any]:
-        """For each end of each range, whether its drive is beyond it."""
+        """Return whether a drive is beyond its range, for both ends of each range."""
         ends = zip(self.drives, self.lower, self.upper, strict=True)
         return [side for joint, low, high in ends for side in (q[joint] < low, q[joint] > high)]

@@ -1,4 +1,5 @@
-"""Choices and comparisons on any kind of number, so that physics is written once.
+"""Choices, comparisons and small linear algebra on any kind of number, so that physics is written
+once.
 
 A number is a float, an array of floats (many rows at once), or a value of a program under
 construction, which brings its own way to choose as `choices`.
@@ -6,6 +7,7 @@ construction, which brings its own way to choose as `choices`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +22,7 @@ class Rows(np.ndarray):
     """
 
     def __mul__(self, other: Any) -> Any:
-        """The product."""
+        """Return the product."""
         if type(other) is float and other in (0.0, 1.0):
             return self if other else 0.0
         return super().__mul__(other)
@@ -28,26 +30,26 @@ class Rows(np.ndarray):
     __rmul__ = __mul__
 
     def __add__(self, other: Any) -> Any:
-        """The sum."""
+        """Return the sum."""
         return self if type(other) is float and other == 0.0 else super().__add__(other)
 
     __radd__ = __add__
 
     def __sub__(self, other: Any) -> Any:
-        """The difference."""
+        """Return the difference."""
         return self if type(other) is float and other == 0.0 else super().__sub__(other)
 
     def sin(self) -> np.ndarray:
-        """Sine of each."""
+        """Return the sine of each."""
         return np.sin(self)
 
     def cos(self) -> np.ndarray:
-        """Cosine of each."""
+        """Return the cosine of each."""
         return np.cos(self)
 
 
 def rows(table: np.ndarray) -> np.ndarray:
-    """Columns of a table, shape (n, k), as an array of k objects, each a quantity in n rows."""
+    """Return columns of a table, shape (n, k), as an array of k objects of n rows each."""
     made = np.empty(table.shape[1], dtype=object)
     for i, column in enumerate(np.asarray(table, dtype=float).T):
         made[i] = column.view(Rows)
@@ -55,7 +57,7 @@ def rows(table: np.ndarray) -> np.ndarray:
 
 
 def chosen(condition: Any, yes: Any, no: Any) -> Any:
-    """One number where a condition holds, another where not.
+    """Return one number where a condition holds, another where not.
 
     Args:
         condition: What a comparison of two such numbers gives. Never that of two arrays of objects:
@@ -73,28 +75,82 @@ def chosen(condition: Any, yes: Any, no: Any) -> Any:
 
 
 def clipped(value: Any, low: Any, high: Any) -> Any:
-    """A number cut to a range; what is not a number stays."""
+    """Return a number cut to a range; what is not a number stays."""
     value = chosen(value < low, low, value)
     return chosen(value > high, high, value)
 
 
 def flag(condition: Any, of: Any) -> Any:
-    """1 where a condition on a number holds, else 0, as such a number."""
+    """Return 1 where a condition on a number holds, else 0, as such a number."""
     if isinstance(condition, bool | np.bool_ | np.ndarray):
         return chosen(condition, 1.0, 0.0)
     return of.choices.chosen(condition, 1.0, 0.0)
 
 
 def magnitude(value: Any) -> Any:
-    """A number without its sign."""
+    """Return a number without its sign."""
     return chosen(value < 0.0, -value, value)
 
 
 def root(value: Any) -> Any:
-    """The square root of a number that is not negative."""
+    """Return the square root of a number that is not negative."""
     return value.choices.call("llvm.sqrt", value) if hasattr(value, "choices") else np.sqrt(value)
 
 
 def rounded(value: Any) -> Any:
-    """The nearest whole number, the even one of two."""
+    """Return the nearest whole number, the even one of two."""
     return value.choices.call("llvm.rint", value) if hasattr(value, "choices") else np.rint(value)
+
+
+def array(elements: Sequence[Any]) -> np.ndarray:
+    """Return an object array, numbers among its elements as Python floats."""
+    made = np.empty(len(elements), dtype=object)
+    for i, element in enumerate(elements):
+        made[i] = float(element) if isinstance(element, float | int) else element
+    return made
+
+
+def is_zero(element: Any) -> bool:
+    """Return whether an element is known to be zero."""
+    return isinstance(element, float) and element == 0.0
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the cross product, shape (3,)."""
+    return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def solve(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve mass @ x = right for a symmetric positive definite matrix; zeros between branches of
+    the tree are left out.
+
+    Unknowns are eliminated from the last, two at a time: by determinants two take one division,
+    where one after the other they take two, and the second waits for the first.
+    """
+    lower, x, blocks = mass.copy(), right.copy(), list[tuple[range, np.ndarray]]()
+    end = len(mass)
+    while end:
+        begin = end - (1 if end == 1 or isinstance(lower[end - 1, end - 1], float) else 2)
+        block = range(begin, end)
+        inverse = _inverse(lower[begin:end, begin:end])
+        shares = inverse @ lower[begin:end, :begin]
+        for i in range(begin):
+            for j in range(i + 1):
+                lower[i, j] = lower[i, j] - shares[:, i] @ lower[begin:end, j]
+            x[i] = x[i] - shares[:, i] @ x[begin:end]
+        x[begin:end] = inverse @ x[begin:end]
+        blocks.append((block, shares))
+        end = begin
+    for block, shares in reversed(blocks):
+        x[block] = x[block] - shares @ x[: block.start]
+    return x
+
+
+def _inverse(block: np.ndarray) -> np.ndarray:
+    """Return the inverse from the lower triangle of a symmetric matrix of one row or two."""
+    if len(block) == 1:
+        return 1.0 / block
+    (a, c), b = (block[0, 0], block[1, 0]), block[1, 1]
+    inverse = 1.0 / (a * b - c * c)
+    across = -(c * inverse)
+    return array([b * inverse, across, across, a * inverse]).reshape(2, 2)

@@ -1,9 +1,9 @@
-"""Is the model still a crane here: ranges of the joints, a rope in tension, a load above the ground
+"""Validity of the model: joints within their ranges, a rope in tension, a load above the ground
 and below the jib.
 
-The tension is what the load feels: the forces of the hoist and of the buffers at the ends of the
-cable together. At the shortest cable the trolley can push the hook block down, but no rope passes
-that on to the load: where hoist and buffer together push, the model ceases to hold.
+The tension is the sum of the forces of the hoist and of the buffers at the ends of the cable. At
+the shortest cable the trolley can push the hook block down, but a rope cannot push the load: where
+hoist and buffer together push, the model does not hold.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from cranedyn.arguments import checked
 from cranedyn.arrays import shaped
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.bodies import Bodies, bodies, heights
 from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import rope_tension
 from cranedyn.model.crane import Crane
@@ -28,14 +28,14 @@ from cranedyn.model.layout import Layout
 
 
 class Bound(NamedTuple):
-    """What must hold: low <= value <= high, or low < value where nothing is above.
+    """Condition low <= value <= high, or low < value without an upper bound.
 
     Attributes:
-        joint: The joint concerned, by its place among the coordinates.
-        value: What is bounded [rad, m or N].
+        joint: Index of the joint concerned among the coordinates.
+        value: Bounded quantity [rad, m or N].
         low, high: The bounds; None for none.
-        strict: Whether the bound itself is out.
-        words: What happens where it does not hold, as the end of a sentence that names the time.
+        strict: Whether the bound itself is excluded.
+        words: Message of a violation, without its time.
     """
 
     joint: int
@@ -47,7 +47,7 @@ class Bound(NamedTuple):
 
     @property
     def conditions(self) -> list[Any]:
-        """What must be true, as comparisons of such numbers."""
+        """Comparisons that must be true."""
         above = (
             []
             if self.low is None
@@ -57,7 +57,7 @@ class Bound(NamedTuple):
 
     @property
     def holds(self) -> np.ndarray:
-        """Whether it does, in rows."""
+        """Whether the condition holds at each row."""
         return reduce(and_, self.conditions)
 
 
@@ -72,19 +72,18 @@ def bounds(
     *,
     buffers: bool,
 ) -> Iterator[Bound]:
-    """All that must hold of a state, in any kind of number.
+    """Yield the conditions that a state must meet, in any kind of number.
 
     Args:
         layout: Joints of the crane.
-        lower: Where their ranges begin [rad or m], shape (n,).
-        upper: Where they end, shape (n,).
+        lower: Lower ends of their ranges [rad or m], shape (n,).
+        upper: Upper ends, shape (n,).
         q: Coordinates, n numbers.
-        swings: Angles of the swing joints from where they hang [rad], by their place among the
-            coordinates.
-        tension: Of the rope [N]; None if there is no hoist.
-        height: Of the payload above the ground [m].
-        buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little
-            is no event.
+        swings: Swing angles from where the load hangs [rad], by index among the coordinates.
+        tension: Tension of the rope [N]; None without a hoist.
+        height: Height of the payload above the ground [m].
+        buffers: Whether buffers end the ranges of the drives, so that leaving them a little is
+            allowed.
     """
     for i, joint in enumerate(layout.joints):
         words = (
@@ -118,18 +117,18 @@ def drive_bounds(
 
     Args:
         layout: Joints of the crane.
-        needed: Efforts that drives need which follow a motion or a rate [N m or N], m numbers; None
-            for drives that take efforts.
+        needed: Efforts needed to follow a motion or a rate [N m or N], m numbers; None for drives
+            that take efforts.
         effort_limit: Largest efforts, m numbers.
         v: Rates of the joints, n numbers.
-        rate_limit: Largest rates of the drives, m numbers, inf for none; None where they keep them
-            by themselves.
+        rate_limit: Largest rates of the drives, m numbers, inf for none; None for drives that keep
+            them by themselves.
     """
     for i, joint in enumerate(layout.driven):
-        where, name = int(layout.drives[i]), joint.name
+        index, name = int(layout.drives[i]), joint.name
         if needed is not None:
             yield Bound(
-                where,
+                index,
                 needed[i],
                 -(effort_limit[i] * _ROUND_OFF),
                 effort_limit[i] * _ROUND_OFF,
@@ -139,8 +138,8 @@ def drive_bounds(
             )
         if rate_limit is not None:
             yield Bound(
-                where,
-                v[where],
+                index,
+                v[index],
                 -(rate_limit[i] * _ROUND_OFF),
                 rate_limit[i] * _ROUND_OFF,
                 False,
@@ -150,13 +149,13 @@ def drive_bounds(
 
 
 class Event(NamedTuple):
-    """The model ceases to hold.
+    """Row at which the model ceases to hold.
 
     Attributes:
-        row: Row of the log.
+        row: Index of the row.
         joint: Name of the joint concerned.
-        value: What was found there [rad, m or N].
-        words: What happened, as the end of a sentence that names the time.
+        value: Value that violates the condition [rad, m or N].
+        words: Message, without its time.
     """
 
     row: int
@@ -182,40 +181,42 @@ def first_event(
         crane: The crane.
         q: Coordinates, shape (rows, n).
         v: Their rates, shape (rows, n).
-        hoist: Force of the hoist, and of the buffers at the ends of the cable [N], shape (rows,);
-            of no account without a hoist.
-        buffers: Whether the ranges of the drives are kept by buffers, so that leaving them a little
-            is no event.
-        needed: Efforts that drives need which follow a motion or a rate [N m or N], shape (rows,
-            m); None for drives that take efforts.
-        rates: Whether the drives must keep their largest rates. Frequency converters keep them by
+        hoist: Force of the hoist and of the buffers at the ends of the cable [N], shape (rows,);
+            ignored without a hoist.
+        buffers: Whether buffers end the ranges of the drives, so that leaving them a little is
+            allowed.
+        needed: Efforts needed to follow a motion or a rate [N m or N], shape (rows, m); None for
+            drives that take efforts.
+        rates: Whether the drives must keep their largest rates; frequency converters keep them by
             themselves.
 
     Raises:
         OutOfRange: If an array has another shape.
     """
-    found = [
+    first_events = [
         event
-        for bound in _of_rows(crane, q, v, hoist, buffers, needed, rates=rates)
+        for bound in _conditions(crane, q, v, hoist, buffers, needed, rates=rates)
         for event in _beginnings(crane, bound, bound.holds)[:1]
     ]
-    return min(found, key=lambda event: event.row, default=None)
+    return min(first_events, key=lambda event: event.row, default=None)
 
 
 @checked
 def events(crane: Crane, run: Trajectory) -> list[Event]:
-    """Every beginning of a stretch in which the model does not hold, in the order of time."""
+    """Return the beginning of every stretch in which the model does not hold, ordered by time."""
     buffers = run.parameters.get("validity") == "buffers"
     hoist = hoisting(crane, run.effort) + (cable_buffers(crane, run.q, run.v) if buffers else 0.0)
     drive = run.parameters.get("drive")
     needed = run.command if drive in ("motion", "velocity") else None
-    known = [
+    conditions = [
         (bound, bound.holds | (run.valid == 1.0))
-        for bound in _of_rows(
+        for bound in _conditions(
             crane, run.q, run.v, hoist, buffers, needed, rates=drive in ("motion", "effort")
         )
     ]
-    return sorted(event for bound, holds in known for event in _beginnings(crane, bound, holds))
+    return sorted(
+        event for bound, holds in conditions for event in _beginnings(crane, bound, holds)
+    )
 
 
 @checked
@@ -229,18 +230,18 @@ def valid(
     needed: np.ndarray | None = None,
     rates: bool = False,
 ) -> np.ndarray:
-    """Return whether the model holds at each row, shape (rows,); arguments as of `first_event`.
+    """Return whether the model holds at each row, shape (rows,); for arguments see `first_event`.
 
     Raises:
         OutOfRange: If an array has another shape.
     """
-    found = _of_rows(crane, q, v, hoist, buffers, needed, rates=rates)
-    return np.logical_and.reduce([bound.holds for bound in found])
+    conditions = _conditions(crane, q, v, hoist, buffers, needed, rates=rates)
+    return np.logical_and.reduce([bound.holds for bound in conditions])
 
 
 @checked
 def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
-    """Force of the hoist among the efforts of the drives in rows [N], shape (rows,); zero without a
+    """Return the hoist's column of efforts of the drives [N], shape (rows,); zeros without a
     hoist.
     """
     hoist, effort = (
@@ -250,7 +251,7 @@ def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
     return np.zeros(len(effort)) if hoist is None else effort[:, hoist]
 
 
-def _of_rows(
+def _conditions(
     crane: Crane,
     q: np.ndarray,
     v: np.ndarray,
@@ -262,7 +263,7 @@ def _of_rows(
 ) -> Iterator[Bound]:
     q = shaped("q", q, ("rows", crane.layout.n))
     v, hoist = shaped("v", v, q.shape), shaped("hoist", hoist, q.shape[:1])
-    height = rigid_body.heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
+    height = heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
     tension = rope_tension(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
     yield from bounds(
@@ -274,21 +275,21 @@ def _of_rows(
     yield from drive_bounds(crane.layout, needed, crane.effort_limit, v.T, limits)
 
 
-def _tree(crane: Crane) -> rigid_body.Bodies:
-    """The bodies of a crane in plain numbers, made once."""
+def _tree(crane: Crane) -> Bodies:
+    """Return the bodies of a crane in plain numbers, computed once."""
     if crane not in _TREES:
-        tree = rigid_body.bodies(crane.model)
+        tree = bodies(crane.model)
         _TREES[crane] = tree.with_numbers(tree.numbers().tolist())
     return _TREES[crane]
 
 
-_TREES: WeakKeyDictionary[Crane, rigid_body.Bodies] = WeakKeyDictionary()
+_TREES: WeakKeyDictionary[Crane, Bodies] = WeakKeyDictionary()
 
 
 def _beginnings(crane: Crane, bound: Bound, holds: np.ndarray) -> list[Event]:
     if holds.all():
         return []
-    found = np.flatnonzero(~holds & np.concatenate([[True], holds[:-1]]))
+    rows = np.flatnonzero(~holds & np.concatenate([[True], holds[:-1]]))
     name = crane.layout.joints[bound.joint].name
     values = np.broadcast_to(bound.value, holds.shape)
     return [
@@ -298,5 +299,5 @@ def _beginnings(crane: Crane, bound: Bound, holds: np.ndarray) -> list[Event]:
             float(values[row]),
             bound.words.format(value=values[row], low=bound.low, high=bound.high),
         )
-        for row in found
+        for row in rows
     ]

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.dynamics.plant import numbers
 from cranedyn.errors import ModelError
 from cranedyn.model.crane import Crane
+from cranedyn.plant.plant import numbers
 
 _AGREES = 1e-9
 

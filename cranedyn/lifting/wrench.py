@@ -2,7 +2,7 @@
 
 A cut is six joints that do not move, put where one joint stands: their efforts are the three forces
 and three moments that hold what hangs beyond them. So the recursion that makes the crane move
-(`cranedyn.dynamics.rigid_body`) also says what it carries.
+(`cranedyn.plant.rigid_body`) also says what it carries.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.arrays import shaped
-from cranedyn.dynamics import rigid_body
-from cranedyn.dynamics.plant import Topology, numbers, plant
-from cranedyn.dynamics.rigid_body import Bodies, ExternalForce, Frame
-from cranedyn.dynamics.scalars import rows
+from cranedyn.dynamics.bodies import Bodies, blank, bodies
+from cranedyn.dynamics.scalars import array, rows
 from cranedyn.model.crane import Crane
+from cranedyn.plant import rigid_body
+from cranedyn.plant.plant import Topology, numbers, plant
+from cranedyn.plant.rigid_body import ExternalForce, Frame
 
 _CUT = 6
 
@@ -93,7 +94,7 @@ class Moving:
         external = [] if outside is None else list(outside.reshape(-1, 3))
         points = zip(topology.bodies, made.levers, external, strict=bool(acting))
         a = np.stack([np.broadcast_to(np.asarray(one, dtype=float), len(q)) for one in caused], 1)
-        tree = rigid_body.bodies(crane.model)  # that of the plant counts masses with their parents
+        tree = bodies(crane.model)  # that of the plant counts masses with their parents
         tree = tree.with_numbers(tree.numbers().tolist())
         return cls(tree, q, v, a, tuple(ExternalForce(*one) for one in points))
 
@@ -146,7 +147,7 @@ def _after(body: int, first: int) -> int:
 def _with_cut(tree: Bodies, joint: int | None) -> Bodies:
     """The tree with six joints before one of it, or before all, along and about three axes."""
     first, n = joint or 0, len(tree)
-    whole = rigid_body.blank([0] * (n + _CUT))
+    whole = blank([0] * (n + _CUT))
     arrays = whole.with_numbers(whole.numbers().tolist())
     at = [_after(i, first) for i in range(n)]
     parents = [0] * (n + _CUT)
@@ -183,7 +184,7 @@ def _turned(tree: Bodies, where: list[Frame], body: int, vector: np.ndarray) -> 
 
 def _placed(tree: Bodies, where: list[Frame], body: int) -> np.ndarray:
     """Origin of a joint's frame in the world [m], shape (3,)."""
-    point = rigid_body.array([0.0] * 3)
+    point = array([0.0] * 3)
     while body >= 0:
         frame = where[body]
         point, body = frame.origin + frame.rotation @ point, tree.parents[body]

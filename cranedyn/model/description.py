@@ -221,10 +221,16 @@ def _strip_comments(node: minidom.Node) -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Write the URDF to standard output or a file; 0, or 2 with one sentence for bad arguments."""
+    """Write the URDF to standard output or a file; return 0, or 2 for bad arguments."""
     parser = Parser(
         prog="python -m cranedyn.model.description", description="Write the crane as a plain URDF."
     )
+    add_arguments(parser)
+    return command(lambda: run(parser.parse_args(argv)))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command to a parser."""
     parser.add_argument(
         "values", nargs="*", metavar="name:=value", help="arguments of the xacro file"
     )
@@ -236,10 +242,10 @@ def main(argv: list[str] | None = None) -> int:
         action="store_true",
         help="list the arguments with default, unit, range and meaning",
     )
-    return command(lambda: _main(parser.parse_args(argv)))
 
 
-def _main(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
+    """Write the URDF, or list the arguments of the xacro file; return the exit code."""
     if options.list:
         for name, a in arguments().items():
             print(f"{name:17} {a.default:>9} {a.unit:11} {a.allowed:5} {a.meaning}")

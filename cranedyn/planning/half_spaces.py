@@ -15,9 +15,9 @@ from functools import cached_property
 
 import numpy as np
 
-from cranedyn.dynamics.symbolic import ca
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.proof import CLOSE
+from cranedyn.planning.symbolic import ca
 
 _MOST, _FAR = 6, 8.0
 """How many half spaces there are at a point at most, and from what distance on an obstacle has

@@ -11,15 +11,14 @@ import numpy as np
 from scipy.interpolate import BPoly
 
 from cranedyn.arguments import checked
-from cranedyn.dynamics import symbolic
 from cranedyn.dynamics.linearisation import free_modes
 from cranedyn.dynamics.pinocchio import holding_effort, payload_position
-from cranedyn.dynamics.symbolic import ca
 from cranedyn.errors import number
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.planning import transcription
+from cranedyn.planning import symbolic, transcription
 from cranedyn.planning.half_spaces import HalfSpaces
+from cranedyn.planning.symbolic import ca
 from cranedyn.references.motion import Motion
 
 _TAUT = 0.1

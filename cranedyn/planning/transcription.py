@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.dynamics.symbolic import ca
 from cranedyn.errors import CraneError
+from cranedyn.planning.symbolic import ca
 
 _POINTS = 3
 _RADAU = np.array(ca.collocation_points(_POINTS, "radau"))

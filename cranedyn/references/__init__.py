@@ -1,34 +1,37 @@
-"""Where the drives should be at a time. A reference is a plain callable from time [s] to
-`Setpoint`.
+"""References: from time [s] to the setpoint of the drives.
+
+A reference is any callable ``reference(t)`` that returns a `Setpoint`: positions, rates and
+accelerations of the drives. A method ``at(times)`` answers for many times at once, which makes
+compiled loops and batches faster (`tabulated`).
+
+Public names:
+    `hold`, `pulse`, `ramp`, `spline`: setpoints over time, without a model of the load.
+    `shaped`: any reference behind an input shaper, such as `zv`.
+    `flat`: a motion that takes the load along a path and leaves no swing.
+    `Motion`: coordinates, rates and accelerations of all joints, for controllers that know the
+    model; `hanging_reference` makes one of a reference.
+    `limits.Limits`: largest rates and accelerations of the drives.
+
+Begin with `hold` and `ramp`. Itineraries and the joystick are in `cranedyn.planning`.
 """
 
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.references.flat import flat
 from cranedyn.references.hold import hold
-from cranedyn.references.itinerary import ARTICLE_TOUR, Itinerary, Leg, itinerary
-from cranedyn.references.longer import longer
-from cranedyn.references.motion import Motion, plumb
-from cranedyn.references.operator import JoystickPulse, operator
+from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.pulse import pulse
 from cranedyn.references.ramp import ramp
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import shortest, spline
 
 __all__ = [
-    "ARTICLE_TOUR",
-    "Itinerary",
-    "JoystickPulse",
-    "Leg",
     "Motion",
     "Reference",
     "Setpoint",
     "ei",
     "flat",
+    "hanging_reference",
     "hold",
-    "itinerary",
-    "longer",
-    "operator",
-    "plumb",
     "pulse",
     "ramp",
     "shaped",

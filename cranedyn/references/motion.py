@@ -17,7 +17,13 @@ from cranedyn.dynamics.pinocchio import inverse_dynamics
 from cranedyn.errors import OutOfRange, number
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
-from cranedyn.references.rows import SAME, at_place, at_places, place, places
+from cranedyn.references.interpolation import (
+    ROW_TOLERANCE,
+    interpolate,
+    interpolate_many,
+    locate,
+    locate_many,
+)
 from cranedyn.references.tabulated import tabulated
 
 
@@ -68,7 +74,7 @@ class Motion(OneLine):
 
     @classmethod
     def checked(cls, name: str, value: Any) -> Motion:
-        """A motion; of a reference it says how to make one.
+        """Return a motion; for a reference the error message names the function that makes one.
 
         Raises:
             OutOfRange: If it is none.
@@ -78,7 +84,7 @@ class Motion(OneLine):
         raise OutOfRange(
             name,
             described(value),
-            "a Motion of all joints, as cranedyn.references.plumb makes it of a reference",
+            "a Motion of all joints, as cranedyn.references.hanging_reference returns",
         )
 
     @property
@@ -87,10 +93,10 @@ class Motion(OneLine):
         return self.period * (len(self.q) - 1)
 
     def __call__(self, t: float) -> Setpoint:
-        """The setpoint of the drives at a time [s]."""
-        row, share = place(t, self.period, len(self.q))
+        """Return the setpoint of the drives at a time [s]."""
+        row, share = locate(t, self.period, len(self.q))
         position, velocity, acceleration = (
-            at_place(part, row, share)[self.drives] for part in (self.q, self.v, self.a)
+            interpolate(part, row, share)[self.drives] for part in (self.q, self.v, self.a)
         )
         return (
             Setpoint(position, velocity, acceleration)
@@ -99,25 +105,27 @@ class Motion(OneLine):
         )
 
     def at(self, times: np.ndarray) -> Setpoint:
-        """Setpoints at many times [s], shape (rows, m) each."""
-        row, share = places(times, self.period, len(self.q))
+        """Return setpoints at many times [s], shape (rows, m) each."""
+        row, share = locate_many(times, self.period, len(self.q))
         position, *derivatives = (
-            at_places(part, row, share)[:, self.drives] for part in (self.q, self.v, self.a)
+            interpolate_many(part, row, share)[:, self.drives] for part in (self.q, self.v, self.a)
         )
         moving = self._moves(times)[:, None]
         return Setpoint(position, *(np.where(moving, part, 0.0) for part in derivatives))
 
     def _moves(self, t: Any) -> Any:
-        """Whether a time, or each of many [s], is neither before the first row nor after the
-        last.
-        """
-        return (t >= -SAME * self.period) & (t <= self.arrival + SAME * self.period)
+        """Return whether a time, or each of many [s], lies between the first and the last row."""
+        return (t >= -ROW_TOLERANCE * self.period) & (
+            t <= self.arrival + ROW_TOLERANCE * self.period
+        )
 
 
 @checked
-def plumb(crane: Crane, reference: Reference, duration: float, period: float = 5e-3) -> Motion:
-    """The motion of a reference over a duration [s], sampled at a period [s], with the load hanging
-    plumb; its last row is at rest.
+def hanging_reference(
+    crane: Crane, reference: Reference, duration: float, period: float = 5e-3
+) -> Motion:
+    """Return the motion of a reference over a duration [s], sampled at a period [s], with the load
+    hanging plumb; its last row is at rest.
 
     Raises:
         OutOfRange: If a time is not positive, or there would be more than 4 million rows.
@@ -136,7 +144,7 @@ def plumb(crane: Crane, reference: Reference, duration: float, period: float = 5
 
 @checked
 def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
-    """Drive efforts that a motion costs, by inverse dynamics [N m or N], shape (rows, m)."""
+    """Return drive efforts that a motion costs, by inverse dynamics [N m or N], shape (rows, m)."""
     joint = JointForces.of(crane)
     rows = zip(motion.q, motion.v, motion.a, strict=True)
     return np.array(

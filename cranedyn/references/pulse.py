@@ -10,7 +10,7 @@ from cranedyn.arguments import checked
 from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
-from cranedyn.references.tabulated import checked_setpoint, tabulated
+from cranedyn.references.tabulated import as_setpoint, tabulated
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Pulse:
 
     def __call__(self, t: float) -> Setpoint:
         """The setpoint at a time [s]."""
-        setpoint = checked_setpoint(self.base(t), self.step.shape)
+        setpoint = as_setpoint(self.base(t), self.step.shape)
         return (
             setpoint._replace(position=setpoint.position + self.step)
             if self.first <= t < self.last

@@ -11,7 +11,7 @@ from cranedyn.arguments import checked
 from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
-from cranedyn.references.tabulated import checked_setpoint, tabulated
+from cranedyn.references.tabulated import as_setpoint, tabulated
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Ramp:
 
     def __call__(self, t: float) -> Setpoint:
         """The setpoint at a time [s]."""
-        setpoint = checked_setpoint(self.base(t), self.rates.shape)
+        setpoint = as_setpoint(self.base(t), self.rates.shape)
         if t < self.first:
             return setpoint
         moved = setpoint._replace(

@@ -11,23 +11,22 @@ from typing import Any
 import numpy as np
 
 from cranedyn.arguments import described, told
-from cranedyn.arrays import DOUBLE, finite
+from cranedyn.arrays import finite
 from cranedyn.errors import CraneError, Misshapen
 from cranedyn.interfaces import Reference, Setpoint
 
 _PARTS = ("position", "velocity", "acceleration")
 
 
-def checked_setpoint(answer: Any, shape: tuple[int | str, ...] = ("m",)) -> Setpoint:
-    """What a reference answered: positions, rates and accelerations as arrays of finite numbers, of
-    one shape.
+def as_setpoint(answer: Any, shape: tuple[int | str, ...] = ("m",)) -> Setpoint:
+    """Return the answer of a reference as positions, rates and accelerations of one shape.
 
     Args:
         answer: The answer.
-        shape: What shape they must have.
+        shape: The shape that they must have; a letter stands for any length.
 
     Raises:
-        Misshapen: If it is anything else.
+        Misshapen: If it is not a setpoint of arrays of this shape.
         OutOfRange: If a number is not finite.
     """
     if len(shape) == 1 and _sound(answer, shape[0]):
@@ -65,37 +64,6 @@ def _sound(answer: Any, drives: int | str) -> bool:
         return False
 
 
-class Setpoints:
-    """What a reference answers at one time after another, looked at.
-
-    Attributes:
-        steady: What it answered twice and nobody can change, which is not looked at again.
-    """
-
-    def __init__(self, reference: Reference, drives: int) -> None:
-        self._reference, self._shape = reference, (drives,)
-        self._last: Setpoint | None = None
-        self.steady: Setpoint | None = None
-
-    def __call__(self, t: float) -> Setpoint:
-        """The setpoint at a time [s].
-
-        Raises:
-            OutOfRange: If it is none, see `checked_setpoint`.
-        """
-        answer = self._reference(t)
-        if self.steady is not None and answer is self.steady:
-            return self.steady
-        setpoint = checked_setpoint(answer, self._shape)
-        if answer is self._last and all(
-            part.dtype is DOUBLE and part.flags.owndata and not part.flags.writeable
-            for part in setpoint
-        ):
-            self.steady = answer
-        self._last = answer
-        return setpoint
-
-
 def tabulated(reference: Reference, times: np.ndarray, drives: int | None = None) -> Setpoint:
     """The setpoints of a reference at many times [s], shape (rows, m) each; by its own `at` if it
     has one, which takes all at once.
@@ -114,8 +82,8 @@ def tabulated(reference: Reference, times: np.ndarray, drives: int | None = None
     at_once = getattr(reference, "at", None)
     with owned("reference"):
         if at_once is not None:
-            return checked_setpoint(at_once(times), (len(times), columns))
-        rows = [checked_setpoint(reference(t), (columns,)) for t in times.tolist()]
+            return as_setpoint(at_once(times), (len(times), columns))
+        rows = [as_setpoint(reference(t), (columns,)) for t in times.tolist()]
     if not rows:
         return Setpoint(*np.empty((3, 0, drives or 0)))
     return Setpoint(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))

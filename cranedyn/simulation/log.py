@@ -1,12 +1,11 @@
-"""The log of a run, row by row while it goes, and the trajectory with its energy ledger that it
-becomes.
+"""Log of a run: one row at each control instant, which become the trajectory with its energy
+ledger.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from inspect import unwrap
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,262 +13,236 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import point_positions
 from cranedyn.dynamics.validity import Event, first_event, hoisting, valid
 from cranedyn.errors import OutOfRange
-from cranedyn.interfaces import State
-from cranedyn.model.crane import Crane
+from cranedyn.interfaces import Setpoint, State
+from cranedyn.simulation.setting import Setting
 
-# Arrays of the log are what they should be.
-_first_event, _hoisting, _valid = unwrap(first_event), unwrap(hoisting), unwrap(valid)
+_CHUNK = 256
+"""Rows that are collected as bytes and then written at once, which is faster than one by one."""
 
-_TOGETHER = 256
-"""Rows that are kept in one piece each until they are written together."""
-
-_LARGEST = 4e9
+_MEMORY = 4e9
 """Memory that the log of a run and the trajectory made of it may take [byte]."""
 
 Energies = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""From coordinates and rates in rows, shape (rows, n) each, to mechanical energies [J], shape
-(rows,)."""
+"""From coordinates and rates, shape (rows, n) each, to mechanical energies [J], shape (rows,)."""
+
+
+class Actuation(NamedTuple):
+    """What acts on the crane at a control instant, as the log keeps it: arrays of doubles.
+
+    Attributes:
+        needed: Efforts that the command asks for [N m or N], shape (m,).
+        effort: Efforts exerted from this instant on, shape (m,).
+        effort_before: Efforts exerted until this instant, shape (m,).
+        force: External forces on the points in the world [N], shape (3 points,).
+        buffers: Work of all buffers so far [J] and the force of the buffers at the ends of the
+            cable [N], shape (2,).
+        saturated: 1 if the command was beyond the largest rate of a converter, else 0, shape (1,).
+    """
+
+    needed: np.ndarray
+    effort: np.ndarray
+    effort_before: np.ndarray
+    force: np.ndarray
+    buffers: np.ndarray
+    saturated: np.ndarray
 
 
 class Log:
-    """Rows at the control instants."""
+    """Rows at the control instants.
 
-    def __init__(self, crane: Crane, since: float, period: float, rows: int, lead: float) -> None:
-        """Make room for all rows.
+    The columns are coordinates q, rates v, positions of the setpoint, and those of `Actuation`.
+    """
+
+    def __init__(self, setting: Setting, t_start: float, rows: int) -> None:
+        """Reserve memory for all rows.
 
         Args:
-            crane: The crane.
-            since: Time of the first row [s].
-            period: Time between rows [s].
-            rows: How many there will be at most.
-            lead: By how much the positions run ahead of the velocities [s].
+            setting: Settings of the run.
+            t_start: Time of the first row [s].
+            rows: Largest number of rows.
 
         Raises:
-            OutOfRange: If they would take more than 4 GB.
+            OutOfRange: If the rows would take more than 4 GB.
         """
-        each = 2 * 8 * sum(map(len, crane.layout.columns().values()))
-        if rows * each > _LARGEST:
-            most = f"{(_LARGEST / each - 1) * period:.3g} s at most"
-            takes = (
-                f"its {rows} rows would take {rows * each / 1e9:.3g} GB of {_LARGEST / 1e9:g} GB"
+        crane, period = setting.crane, setting.clocks.period
+        row_size = 2 * 8 * sum(map(len, crane.layout.columns().values()))
+        if rows * row_size > _MEMORY:
+            most = f"{(_MEMORY / row_size - 1) * period:.3g} s at most"
+            size = (
+                f"its {rows} rows would take {rows * row_size / 1e9:.3g} GB of {_MEMORY / 1e9:g} GB"
             )
-            raise OutOfRange("duration", f"{(rows - 1) * period:g}", f"{most}: {takes}", "s")
-        self._crane, self._since, self._period, self._lead = crane, since, period, lead
-        self._rows, self._looked = 0, 0
-        self._fresh = list[bytes]()
-        self._q, self._v = np.empty((rows, crane.layout.n)), np.empty((rows, crane.layout.n))
-        self._setpoint, self._command, self._effort, self._before = (
-            np.empty((rows, crane.layout.m)) for _ in range(4)
-        )
-        self._force, self._buffer_work, self._stop_force = (
-            np.zeros((rows, 3 * len(crane.points))),
-            np.zeros(rows),
-            np.zeros(rows),
-        )
+            raise OutOfRange("duration", f"{(rows - 1) * period:g}", f"{most}: {size}", "s")
+        self._setting, self._crane, self._t_start = setting, crane, t_start
+        n, m, points = crane.layout.n, crane.layout.m, len(crane.points)
+        widths = {"q": n, "v": n, "setpoint": m, "needed": m, "effort": m, "effort_before": m}
+        widths |= {"force": 3 * points, "buffers": 2, "saturated": 1}
+        self._columns = {name: np.empty((rows, width)) for name, width in widths.items()}
         self._energy, self._valid = np.full(rows, np.nan), np.full(rows, np.nan)
-        self._cut = np.zeros(rows, dtype=bool)
+        self._written, self._checked, self._pending = 0, 0, list[bytes]()
 
     def __len__(self) -> int:
-        """Number of rows so far."""
-        return self._rows + len(self._fresh)
+        """Return the number of rows so far."""
+        return self._written + len(self._pending)
 
-    def row(
-        self,
-        state: State,
-        setpoint: np.ndarray,
-        command: np.ndarray,
-        effort: np.ndarray,
-        before: np.ndarray,
-    ) -> None:
-        """Add a row: effort is what acts from here on, before what acted until here; contiguous
-        arrays of doubles.
-        """
-        row: Any = (*state, setpoint, command, effort, before)
-        self._fresh.append(b"".join(row))
-        if len(self._fresh) == _TOGETHER:
+    def append(self, state: State, setpoint: Setpoint, actuation: Actuation) -> None:
+        """Add a row."""
+        position = np.ascontiguousarray(setpoint.position, dtype=float)
+        row: Any = (*state, position, *actuation)
+        self._pending.append(b"".join(row))
+        if len(self._pending) == _CHUNK:
             self._write()
 
     def _write(self) -> None:
-        """Put fresh rows where they belong; many together take less time than one by one."""
-        rows = slice(self._rows, len(self))
-        columns = self._q, self._v, self._setpoint, self._command, self._effort, self._before
-        ends = np.cumsum([column.shape[1] for column in columns])
-        fresh = np.frombuffer(b"".join(self._fresh)).reshape(-1, ends[-1])
-        for column, part in zip(columns, np.split(fresh, ends[:-1], axis=1), strict=True):
-            column[rows] = part
-        self._rows = rows.stop
-        self._fresh.clear()
+        """Write the pending rows into the columns."""
+        rows = slice(self._written, len(self))
+        ends = np.cumsum([column.shape[1] for column in self._columns.values()])
+        pending = np.frombuffer(b"".join(self._pending)).reshape(-1, ends[-1])
+        blocks = np.split(pending, ends[:-1], axis=1)
+        for column, block in zip(self._columns.values(), blocks, strict=True):
+            column[rows] = block
+        self._written = rows.stop
+        self._pending.clear()
 
-    def force(self, force: np.ndarray) -> None:
-        """Add the forces from outside to the row that comes next, shape (points, 3)."""
-        self._force[len(self)] = force.ravel()
-
-    def buffers(self, work: float, stop_force: float) -> None:
-        """Add to the row that comes next what the buffers did [J], and what those at the ends of
-        the cable push [N].
-        """
-        self._buffer_work[len(self)], self._stop_force[len(self)] = work, stop_force
-
-    def cut(self, cut: bool) -> None:
-        """Say of the row that comes next whether a converter was told more than it follows."""
-        self._cut[len(self)] = cut
-
-    def block(self, setpoint: np.ndarray, block: Mapping[str, np.ndarray], holds: bool) -> None:
+    def extend(self, columns: Mapping[str, np.ndarray], energy: np.ndarray, *, valid: bool) -> None:
         """Add many rows at once.
 
         Args:
-            setpoint: Setpoint of the drives, shape (rows, m).
-            block: q, v, command, effort, before as for `row`; energy, buffers, stop_force, and of
-                converters cut, in columns, shape (rows, 1).
-            holds: Whether the model is known to hold at all of them, and drives can.
+            columns: The columns of the log by name, shape (rows, width) each; those that are
+                missing are zero.
+            energy: Mechanical energies [J], shape (rows,).
+            valid: Whether the model is known to hold at all of them, and the drives can follow.
         """
-        rows = slice(self._rows, self._rows + len(setpoint))
-        self._q[rows], self._v[rows], self._setpoint[rows] = block["q"], block["v"], setpoint
-        self._command[rows], self._effort[rows], self._before[rows] = (
-            block["command"],
-            block["effort"],
-            block["before"],
-        )
-        self._energy[rows], self._buffer_work[rows], self._stop_force[rows] = (
-            block[name][:, 0] for name in ("energy", "buffers", "stop_force")
-        )
-        if "cut" in block:
-            self._cut[rows] = block["cut"][:, 0] == 1.0
-        if holds:
+        rows = slice(self._written, self._written + len(energy))
+        for name, column in self._columns.items():
+            column[rows] = columns.get(name, 0.0)
+        self._energy[rows] = energy
+        if valid:
             self._valid[rows] = 1.0
-        self._rows = rows.stop
+        self._written = rows.stop
 
-    def event(self, drive: str, *, buffers: bool) -> Event | None:
-        """Where the model ceases to hold among the rows not looked at before, which are looked at
-        then; None if it holds at all of them. That frequency converters cannot follow, or that a
-        drive which takes efforts is too fast, is no event.
+    def next_event(self) -> Event | None:
+        """Return the first unchecked row at which the run should stop, and mark rows as checked up
+        to there; None if there is no such row.
+
+        A frequency converter that cannot follow, or a drive that takes efforts and moves too fast,
+        makes a row invalid but does not stop a run.
         """
         self._write()
-        rows = slice(self._looked, self._rows)
+        rows = slice(self._checked, self._written)
         if not (self._valid[rows] == 1.0).all():
-            q, v, hoist = self._q[rows], self._v[rows], self._hoist(rows)
-            needed = self._command[rows] if drive == "motion" else None
-            if event := _first_event(
-                self._crane, q, v, hoist, buffers=buffers, needed=needed, rates=drive == "motion"
+            motion = self._setting.drive == "motion"
+            if event := first_event(
+                self._crane, **self._conditions(rows, needed=motion, rates=motion)
             ):
-                return event
-            if drive == "motion":
+                return event._replace(row=self._checked + event.row)
+            if motion:
                 self._valid[rows] = 1.0
-        self._looked = rows.stop
+        self._checked = rows.stop
         return None
 
-    def _hoist(self, rows: slice | np.ndarray) -> np.ndarray:
-        """What holds the load at some rows [N]."""
-        return _hoisting(self._crane, self._effort[rows]) + self._stop_force[rows]
+    def truncate(self, row: int) -> float:
+        """Drop the rows after a row; return its time [s]."""
+        self._written = row + 1
+        return self._t_start + self._setting.clocks.period * row
 
-    def keep(self, fresh_row: int) -> float:
-        """Drop what comes behind a row, counted from the first not looked at; returns its time
-        [s].
-        """
-        self._rows = self._looked + fresh_row + 1
-        return self._since + self._period * (self._rows - 1)
+    def _conditions(self, rows: slice | np.ndarray, *, needed: bool, rates: bool) -> dict[str, Any]:
+        """Return the arguments of `cranedyn.dynamics.validity.first_event` for some rows."""
+        column = {name: values[rows] for name, values in self._columns.items()}
+        return {
+            "q": column["q"],
+            "v": column["v"],
+            "hoist": hoisting(self._crane, column["effort"]) + column["buffers"][:, 1],
+            "buffers": self._setting.buffers,
+            "needed": column["needed"] if needed else None,
+            "rates": rates,
+        }
 
     def trajectory(
         self,
+        energies: Energies,
         parameters: dict[str, float | str],
         record: Mapping[str, Any],
-        energies: Energies,
-        *,
-        buffers: bool,
-        drive: str = "effort",
     ) -> Trajectory:
-        """The log as arrays, with its energy ledger.
-
-        Valid are rows in which the model holds and drives that follow a motion or a rate can.
+        """Return the log as a trajectory with its energy ledger.
 
         Work is a force times the displacement that belongs to the velocities, so the lead of the
-        positions is taken off. Where motion is prescribed the mean of the efforts at both ends of a
-        period stands for them. Dissipation is integrated by the trapezoidal rule.
+        positions is taken off. Where motion is prescribed, the mean of the efforts at both ends of
+        a period stands for the effort. Dissipation is integrated by the trapezoidal rule.
+
+        Args:
+            energies: Returns the mechanical energies of rows.
+            parameters: Parameters of the run.
+            record: Record of the run; the reason why rows are not valid is added.
         """
         self._write()
-        n, crane, period = self._rows, self._crane, self._period
-        q, v, effort, force = self._q[:n], self._v[:n], self._effort[:n], self._force[:n]
-        middle = q - self._lead * v
-        work = np.zeros((n, crane.layout.m))
-        np.cumsum(
-            (effort[:-1] + self._before[1:n]) / 2 * np.diff(middle[:, crane.layout.drives], axis=0),
-            axis=0,
-            out=work[1:],
-        )
-        valid = self._judged(drive, buffers=buffers)
-        if (valid != 1.0).any():
-            record = {**record, "not_valid": self._reason(drive, buffers=buffers)}
+        rows, crane = self._written, self._crane
+        column = {name: values[:rows] for name, values in self._columns.items()}
+        q, v, effort, force = (column[name] for name in ("q", "v", "effort", "force"))
+        middle = q - self._setting.lead * v
+        mean_effort = (effort[:-1] + column["effort_before"][1:]) / 2
+        work = _cumulated(mean_effort * np.diff(middle[:, crane.layout.drives], axis=0), rows)
         power = v**2 @ crane.damping
-        dissipated = np.zeros(n)
-        np.cumsum((power[:-1] + power[1:]) / 2 * period, out=dissipated[1:])
+        valid = self._judge()
+        if (valid != 1.0).any():
+            record = {**record, "not_valid": self._reason()}
         return Trajectory(
-            t=self._since + period * np.arange(n),
+            t=self._t_start + self._setting.clocks.period * np.arange(rows),
             q=q,
             v=v,
-            setpoint=self._setpoint[:n],
-            command=self._command[:n],
+            setpoint=column["setpoint"],
+            command=column["needed"],
             effort=effort,
-            energy=self._filled(energies),
+            energy=self._energies(energies),
             work=work,
-            dissipated=dissipated,
+            dissipated=_cumulated((power[:-1] + power[1:]) / 2 * self._setting.clocks.period, rows),
             force=force,
-            outside=np.stack([self._work_of_forces(middle, force), self._buffer_work[:n]], axis=1),
+            outside=np.stack(
+                [self._work_of_forces(middle, force), column["buffers"][:, 0]], axis=1
+            ),
             valid=valid,
             columns=crane.layout.columns(),
             parameters=parameters,
             record=record,
         )
 
-    def _filled(self, energies: Energies) -> np.ndarray:
-        """Mechanical energy of each row [J], computed where it was not logged."""
-        energy = self._energy[: self._rows].copy()
-        missing = np.isnan(energy)
-        if missing.any():
-            energy[missing] = energies(
-                self._q[: self._rows][missing], self._v[: self._rows][missing]
-            )
+    def _energies(self, energies: Energies) -> np.ndarray:
+        """Return the mechanical energy of each row [J], computed where it was not logged."""
+        energy = self._energy[: self._written].copy()
+        missing = np.flatnonzero(np.isnan(energy))
+        if len(missing):
+            energy[missing] = energies(self._columns["q"][missing], self._columns["v"][missing])
         return energy
 
-    def _judged(self, drive: str, *, buffers: bool) -> np.ndarray:
-        """Whether the model holds at each row, and drives can, found out where nobody has."""
-        known = self._valid[: self._rows].copy()
-        missing = np.flatnonzero(np.isnan(known))
+    def _judge(self) -> np.ndarray:
+        """Return 1 for each row at which the model holds and the drives can follow, else 0."""
+        result = self._valid[: self._written].copy()
+        missing = np.flatnonzero(np.isnan(result))
         if len(missing):
-            holds = _valid(
-                self._crane,
-                self._q[missing],
-                self._v[missing],
-                self._hoist(missing),
-                buffers=buffers,
-                needed=None if drive == "effort" else self._command[missing],
-                rates=drive != "velocity",
-            )
-            known[missing] = holds & ~self._cut[missing]
-        return known
+            holds = valid(self._crane, **self._all_conditions(missing))
+            result[missing] = holds & (self._columns["saturated"][missing, 0] == 0.0)
+        return result
 
-    def _reason(self, drive: str, *, buffers: bool) -> str:
+    def _reason(self) -> str:
         """Return why the first row that is not valid is not."""
-        rows = slice(self._rows)
-        event = _first_event(
-            self._crane,
-            self._q[rows],
-            self._v[rows],
-            self._hoist(rows),
-            buffers=buffers,
-            needed=None if drive == "effort" else self._command[rows],
-            rates=drive != "velocity",
-        )
-        cut = np.flatnonzero(self._cut[rows])
-        if event is None or (len(cut) and cut[0] < event.row):
+        rows = slice(self._written)
+        event = first_event(self._crane, **self._all_conditions(rows))
+        saturated = np.flatnonzero(self._columns["saturated"][rows, 0])
+        if event is None or (len(saturated) and saturated[0] < event.row):
             return "a drive is commanded beyond its largest rate"
         return event.words
 
+    def _all_conditions(self, rows: slice | np.ndarray) -> dict[str, Any]:
+        drive = self._setting.drive
+        return self._conditions(rows, needed=drive != "effort", rates=drive != "velocity")
+
     def _work_of_forces(self, middle: np.ndarray, force: np.ndarray) -> np.ndarray:
-        work = np.zeros(len(force))
-        if force.any():
-            places = np.array([point_positions(self._crane, q) for q in middle])
-            np.cumsum(
-                (force[:-1] * np.diff(places.reshape(len(middle), -1), axis=0)).sum(axis=1),
-                out=work[1:],
-            )
-        return work
+        """Return the work of the external forces up to each row [J], shape (rows,)."""
+        if not force.any():
+            return np.zeros(len(force))
+        positions = np.array([point_positions(self._crane, q).ravel() for q in middle])
+        return _cumulated((force[:-1] * np.diff(positions, axis=0)).sum(axis=1), len(force))
+
+
+def _cumulated(steps: np.ndarray, rows: int) -> np.ndarray:
+    """Return the sum of the steps before each row, shape (rows, ...)."""
+    return np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])[:rows]

@@ -1,5 +1,5 @@
-"""What moved and what moved it, in words and numbers that JSON holds, so that whoever has the file
-of a run can make it again.
+"""Record of a run: the crane and what moved it, as JSON, so that the run can be made again from its
+file.
 """
 
 from __future__ import annotations
@@ -16,43 +16,86 @@ import numpy as np
 import pinocchio as pin
 import scipy
 
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
+from cranedyn.simulation.engine import Engine
+from cranedyn.simulation.log import Log
+from cranedyn.simulation.setting import Setting
 from cranedyn.version import __version__
 
-_WHOLE = 64
-"""Arrays of more numbers are written by their shape and checksum."""
+_SHORT = 64
+"""Numbers in the longest array that is written whole."""
 
 _DEEPEST = 6
 
 
 class Noting(Protocol):
-    """A controller that has something to say after a run."""
+    """A controller that adds notes to the record of a run."""
 
     def notes(self) -> Mapping[str, Any]:
-        """What it notes, in words and numbers that JSON holds."""
+        """Return notes of the run, as values of JSON."""
 
 
-def notes_of(controller: object, depth: int = 0) -> dict[str, Any]:
-    """What a controller, or one within it, notes of a run."""
+def controller_notes(controller: object, depth: int = 0) -> dict[str, Any]:
+    """Return the notes of a controller, or of the controllers within it."""
     if hasattr(controller, "notes"):  # looking for a protocol takes ten times as long
         return dict(cast(Noting, controller).notes())
     if depth >= _DEEPEST or not is_dataclass(controller) or isinstance(controller, type | Crane):
         return {}
-    within = (getattr(controller, part.name, None) for part in fields(controller))
-    return {name: note for part in within for name, note in notes_of(part, depth + 1).items()}
+    inner = (getattr(controller, field.name, None) for field in fields(controller))
+    return {
+        name: note for item in inner for name, note in controller_notes(item, depth + 1).items()
+    }
 
 
-def record_of(crane: Crane, **actors: object) -> dict[str, Any]:
-    """The record of a run.
+class RunRecord:
+    """Record of a run, taken before it begins."""
+
+    def __init__(
+        self,
+        setting: Setting,
+        engine: str,
+        validity: str,
+        controller: object,
+        reference: object,
+        disturbance: object,
+    ) -> None:
+        self._controller = controller
+        self._parameters: dict[str, float | str] = {
+            "dt_s": setting.clocks.dt,
+            "control_period_s": setting.clocks.period,
+            "gravity_m_s2": setting.crane.gravity,
+            "drive": setting.drive,
+            "engine": engine,
+            "integrator": setting.integrator.name,
+            "validity": validity,
+        }
+        self._record = run_record(
+            setting.crane,
+            controller=controller,
+            reference=reference,
+            disturbance=disturbance,
+            converters=setting.converters,
+        )
+
+    def trajectory(self, log: Log, engine: Engine) -> Trajectory:
+        """Return a log as a trajectory that carries this record, with the controller's notes."""
+        notes = controller_notes(self._controller)
+        record = self._record | ({"notes": notes} if notes else {})
+        return log.trajectory(engine.energies, self._parameters, record)
+
+
+def run_record(crane: Crane, **actors: object) -> dict[str, Any]:
+    """Return the record of a run: the crane, what moves it, and versions.
 
     Args:
         crane: The crane.
-        actors: What else there is, by the name of its part: controller, reference, disturbance;
-            None for what there is not.
+        actors: Controller, reference, disturbance and so on by name; None for those that are
+            missing.
     """
     return {
         "crane": dict(crane.record),
-        **{part: written_down(actor) for part, actor in actors.items() if actor is not None},
+        **{name: json_value(actor) for name, actor in actors.items() if actor is not None},
         "versions": dict(_versions()),
     }
 
@@ -69,12 +112,12 @@ def _versions() -> tuple[tuple[str, str], ...]:
     )
 
 
-def written_down(value: object, depth: int = 0) -> Any:
-    """An object by its kind and its numbers: those of a dataclass by the names of its fields, an
-    array whole if it is short.
+def json_value(value: object, depth: int = 0) -> Any:
+    """Return an object as a value of JSON.
 
-    A number that is not finite is its name. What has no numbers that can be seen, such as a
-    function, is its name alone.
+    A dataclass becomes its class and its fields, a short array its numbers, a long array its shape
+    and checksum, a number that is not finite its name, and anything else, such as a function, its
+    qualified name.
     """
     if value is None or isinstance(value, bool | str):
         return value
@@ -94,30 +137,30 @@ def written_down(value: object, depth: int = 0) -> Any:
         return _kind(value)
     if is_dataclass(value) and not isinstance(value, type):
         named = {
-            part.name: getattr(value, part.name, None)
-            for part in fields(value)
-            if not part.name.startswith("_")
+            field.name: getattr(value, field.name, None)
+            for field in fields(value)
+            if not field.name.startswith("_")
         }
         return {
             "kind": _kind(value),
-            **{name: written_down(part, depth + 1) for name, part in named.items()},
+            **{name: json_value(item, depth + 1) for name, item in named.items()},
         }
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return {
             "kind": _kind(value),
-            **{name: written_down(part, depth + 1) for name, part in value._asdict().items()},
+            **{name: json_value(item, depth + 1) for name, item in value._asdict().items()},
         }
     if isinstance(value, Mapping):
-        return {str(name): written_down(part, depth + 1) for name, part in value.items()}
-    if isinstance(value, list | tuple) and len(value) <= _WHOLE:
-        return [written_down(part, depth + 1) for part in value]
+        return {str(name): json_value(item, depth + 1) for name, item in value.items()}
+    if isinstance(value, list | tuple) and len(value) <= _SHORT:
+        return [json_value(item, depth + 1) for item in value]
     return _kind(value)
 
 
 def _array(value: np.ndarray) -> Any:
     if value.dtype.kind not in "fiub":
         return _kind(value)
-    if value.size <= _WHOLE:
+    if value.size <= _SHORT:
         return _listed(value.tolist())
     return {
         "shape": list(value.shape),
@@ -126,7 +169,7 @@ def _array(value: np.ndarray) -> Any:
 
 
 def _listed(value: Any) -> Any:
-    return list(map(_listed, value)) if isinstance(value, list) else written_down(value)
+    return list(map(_listed, value)) if isinstance(value, list) else json_value(value)
 
 
 def _kind(value: object) -> str:

@@ -1,14 +1,14 @@
-"""One control period at a time: what `simulate` is a loop around, for loops of one's own."""
+"""Step a crane by one control period at a time, in a loop of your own."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pkgutil import resolve_name
 
 import numpy as np
 
-from cranedyn.arguments import check_word, checked, described
+from cranedyn import plugins
+from cranedyn.arguments import check_word, described
 from cranedyn.arrays import DOUBLE, masked
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.converters import Converters, fitting
@@ -17,27 +17,23 @@ from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import Drive, EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
-from cranedyn.simulation.engine import DIVERGED, Engine, Setting
+from cranedyn.simulation.engine import Engine
+from cranedyn.simulation.setting import Setting
 
-ENGINES = {
-    "pinocchio": "cranedyn.simulation.engine:Engine",
-    "compiled": "cranedyn.compiled.engine:CompiledEngine",
-}
-"""Where each engine is; looked up when it is asked for, since the compiled one needs an extra."""
+DIVERGED = 1e6
+"""No joint of a crane moves this fast [rad/s or m/s]."""
 
 
 class Stepper:
-    """A crane that goes on by one control period at each command.
+    """A crane that advances by one control period at each command.
 
     Attributes:
         crane: The crane.
-        clocks: Physics steps in a control period.
-        converters: Frequency converters of drives that take velocities; None for others.
-        engine: What computes the steps.
+        setting: Settings of the run, one control period long.
+        engine: The engine that computes the steps.
         t: Time since the start [s].
     """
 
-    @checked
     def __init__(
         self,
         crane: Crane,
@@ -45,96 +41,96 @@ class Stepper:
         start: State | None = None,
         dt: float = 5e-4,
         control_period: float = 5e-3,
-        drive: Drive = "effort",
+        drive: Drive | Converters = "effort",
         forces: bool = False,
         buffers: bool = False,
         integrator: Integrator = semi_implicit_euler,
-        engine: EngineName = "pinocchio",
-        converters: Converters | None = None,
+        engine: EngineName | str = "pinocchio",
     ) -> None:
-        """Stand at a state.
+        """Start at a state.
 
         Args:
             crane: The crane.
-            start: Where it starts; None for hanging at rest where its URDF says.
+            start: The state at the start; None hangs at rest where the URDF says.
             dt: Physics step [s].
-            control_period: Time that each command lasts [s], a multiple of `dt`.
+            control_period: Time for which each command is held [s], a multiple of `dt`.
             drive: "effort": commands are efforts, cut to the limits of the drives. "motion": they
-                are accelerations, followed exactly. "velocity": they are rates, followed as
-                frequency converters do.
-            forces: Whether forces from outside will come with the commands.
+                are accelerations, followed exactly. "velocity", or `Converters`: they are rates,
+                followed as typical frequency converters, or these, do.
+            forces: Whether external forces come with the commands.
             buffers: Whether buffers end the ranges of the drives; for drives that take efforts.
-            integrator: The stepping rule.
-            engine: "pinocchio", or "compiled" for code made for this crane.
-            converters: Frequency converters of drives that take velocities; None for typical ones.
+            integrator: The integrator.
+            engine: "pinocchio"; "compiled" for code compiled for this crane; or the name of an
+                engine of another package, see `cranedyn.plugins`.
 
         Raises:
-            OutOfRange: If an argument is of another kind, or has no effect, or the state is not one
+            OutOfRange: If an argument is out of its range or has no effect, or the state is not one
                 of this crane.
+            UnknownName: If there is no such engine.
         """
-        check_word("drive", drive, Drive)
-        check_word("engine", engine, EngineName)
-        if buffers and drive != "effort":
-            allowed = "False where the drives take no efforts"
-            raise OutOfRange("buffers", "True", allowed)
-        self.crane, self._forces, self._steps = crane, forces, 0
-        self.clocks = clocks(control_period, dt, control_period)
-        self.converters = fitting(crane, drive, converters)
-        setting = Setting(crane, self.clocks, drive, forces, buffers, integrator, self.converters)
-        self.engine: Engine = resolve_name(ENGINES[engine])(setting, started(crane, start))
+        kind: Drive = "velocity" if isinstance(drive, Converters) else drive
+        check_word("drive", kind, Drive)
+        if buffers and kind != "effort":
+            raise OutOfRange("buffers", "True", "False where the drives take no efforts")
+        converters = fitting(crane, kind, drive if isinstance(drive, Converters) else None)
+        clock = clocks(control_period, dt, control_period)
+        self.crane, self._periods = crane, 0
+        self.setting = Setting(crane, clock, kind, forces, buffers, integrator, converters)
+        make = Engine if engine == "pinocchio" else plugins.load("engine", engine)
+        self.engine: Engine = make(self.setting, initial_state(crane, start))
 
     @property
     def t(self) -> float:
         """Time since the start [s]."""
-        return self._steps * self.clocks.period
+        return self._periods * self.setting.clocks.period
 
     @property
     def state(self) -> State:
-        """Where the crane is."""
+        """State of the crane."""
         return self.engine.state
 
     def reset(self, state: State | None = None) -> State:
-        """Stand at a state again, None for where the URDF says, at time 0; returns it.
+        """Return to a state at time 0; None hangs at rest where the URDF says.
 
         Raises:
-            OutOfRange: If it is not one of this crane.
+            OutOfRange: If the state is not one of this crane.
         """
-        self.engine.begin(started(self.crane, state))
-        self._steps = 0
+        self.engine.reset(initial_state(self.crane, state))
+        self._periods = 0
         return self.engine.state
 
     def step(self, command: Sequence[float] | np.ndarray, force: np.ndarray | None = None) -> State:
-        """Go on for one control period under a command.
+        """Advance by one control period under a command.
 
         Args:
-            command: Of the drives [N m or N; or rad/s² or m/s²; or rad/s or m/s], shape (m,).
-            force: From outside on the points of the crane, in the world [N], shape (points, 3);
+            command: Commands of the drives [N m or N; rad/s² or m/s²; rad/s or m/s], shape (m,).
+            force: External forces on the points of the crane in the world [N], shape (points, 3);
                 None for none.
 
         Returns:
-            Where the crane is then.
+            The state at the end of the period.
 
         Raises:
-            OutOfRange: If a shape is another, or there is a force though none was announced.
+            OutOfRange: If a shape is wrong, or a force is given to a stepper without forces.
             RunError: If a command is not finite, or the crane moves beyond all bounds.
         """
-        if not math.hypot(*self.engine.state.v.tolist()) < DIVERGED:
-            raise diverged(self.crane.layout, self.t, self.engine.state)
-        if force is not None and not self._forces:
+        check_bounded(self.crane.layout, self.t, self.engine.state)
+        if force is not None and not self.setting.forces:
             raise OutOfRange("force", "given", "none, unless the stepper is made with forces=True")
-        if self._forces:
-            shape = len(self.crane.points), 3
-            self.engine.take_force(
-                force_of(np.zeros(shape) if force is None else force, self.crane.layout)
-            )
-        self.engine.take(command_of(command, self.t, self.crane.layout))
+        layout = self.crane.layout
+        self.engine.apply_command(
+            as_command(command, self.t, layout),
+            as_force(np.zeros((len(layout.points), 3)) if force is None else force, layout)
+            if self.setting.forces
+            else None,
+        )
         state = self.engine.advance()
-        self._steps += 1
+        self._periods += 1
         return state
 
 
-def started(crane: Crane, start: State | None) -> State:
-    """A state of a crane that nobody else can change; None for where it starts.
+def initial_state(crane: Crane, start: State | None) -> State:
+    """Return a state of a crane as a read-only copy; None hangs at rest where the URDF says.
 
     Raises:
         OutOfRange: If it is not as many finite coordinates and rates as the crane has joints.
@@ -149,12 +145,12 @@ def started(crane: Crane, start: State | None) -> State:
     return state
 
 
-def command_of(answer: object, t: float, layout: Layout) -> np.ndarray:
-    """What a controller answered at a time [s], if it is one finite number for each drive.
+def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
+    """Return the answer of a controller at a time [s] as an array of its own, shape (m,).
 
     Raises:
-        OutOfRange: If there are more or fewer.
-        RunError: If one is not finite.
+        OutOfRange: If it is not one number for each drive.
+        RunError: If a number is not finite.
     """
     if type(answer) is np.ndarray and answer.dtype is DOUBLE and answer.shape == (layout.m,):
         command = answer.copy()
@@ -171,11 +167,11 @@ def command_of(answer: object, t: float, layout: Layout) -> np.ndarray:
     return command
 
 
-def force_of(answer: object, layout: Layout) -> np.ndarray:
-    """What a disturbance answered, if it is a finite vector for each point of the crane.
+def as_force(answer: object, layout: Layout) -> np.ndarray:
+    """Return the answer of a disturbance as an array of its own [N], shape (points, 3).
 
     Raises:
-        OutOfRange: If it is not.
+        OutOfRange: If it is not a finite vector for each point of the crane.
     """
     force = _array(
         answer,
@@ -188,11 +184,17 @@ def force_of(answer: object, layout: Layout) -> np.ndarray:
     return force
 
 
-def diverged(layout: Layout, t: float, state: State) -> RunError:
-    """The error that a state at a time [s] is, in which a joint moves too fast."""
+def check_bounded(layout: Layout, t: float, state: State) -> None:
+    """Return if no joint moves too fast.
+
+    Raises:
+        RunError: If a joint moves at 1e6 rad/s or m/s or more at a time [s].
+    """
+    if math.hypot(*state.v.tolist()) < DIVERGED:
+        return
     i = int(np.argmax(np.nan_to_num(np.abs(state.v), nan=np.inf)))
     name, value = layout.joints[i].name, float(state.v[i])
-    return RunError(
+    raise RunError(
         f"The run diverged at t = {t:.4f} s: {name} moves at {value:g} per second; a smaller dt or "
         "softer gains may help.",
         t=t,

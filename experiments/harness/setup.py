@@ -220,21 +220,21 @@ class Setup:
         start: State,
         duration: float,
         label: str,
-        since: float = 0.0,
-        drive: Drive = "effort",
+        t_start: float = 0.0,
+        drive: Drive | Converters = "effort",
         disturbance: Disturbance | None = None,
         validity: Validity | None = None,
-        converters: Converters | None = None,
     ) -> Trajectory:
         """Run a crane on the clocks of this world, with progress under a label, and with its watch
         if none is given.
         """
+        show = self.reporter.run(label, duration)
         return simulate(
             crane,
             controller,
             reference,
             start=start,
-            since=since,
+            t_start=t_start,
             duration=duration,
             drive=drive,
             disturbance=disturbance,
@@ -243,8 +243,7 @@ class Setup:
             control_period=self.control_period,
             engine=self.engine,
             integrator=INTEGRATORS[self.integrator],
-            progress=self.reporter.run(label, duration),
-            converters=converters,
+            monitors=[] if show is None else [lambda row, t, state: show(t)],
         )
 
     def judged(self, holds: bool) -> bool | None:

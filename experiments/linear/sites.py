@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
-from cranedyn.references import JoystickPulse, operator, shortest, spline
+from cranedyn.planning.joystick import JoystickPulse, joystick
+from cranedyn.references import shortest, spline
 from experiments import harness
 
 POINT = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
@@ -193,4 +194,4 @@ def _moved(
 ) -> Job:
     limits = dict(zip(("gamma", "x", "l"), accelerations, strict=True))
     arrival = max(pulse.at + pulse.hold + abs(pulse.rate) / limits[pulse.drive] for pulse in pulses)
-    return Job(name, start, operator(crane, start, pulses, accelerations=accelerations), arrival)
+    return Job(name, start, joystick(crane, start, pulses, accelerations=accelerations), arrival)

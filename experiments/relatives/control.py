@@ -11,20 +11,20 @@ import numpy as np
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.lqr import lqr
-from cranedyn.controllers.mpc import mpc
-from cranedyn.controllers.observer import observed
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import steady, wind
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.linearisation import free_modes, sampled
 from cranedyn.dynamics.pinocchio import point_positions
+from cranedyn.estimation.mpc import mpc
+from cranedyn.estimation.observer import with_observer
 from cranedyn.interfaces import Controller, EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.planning.optimal import optimal
 from cranedyn.references import hold
 from cranedyn.references.limits import use
-from cranedyn.references.motion import Motion, plumb
+from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.simulation.simulate import simulate
 from experiments.relatives.catalogue import Relative, crane_of, moved, rest_at
 from experiments.scenarios.moves import of_sampling
@@ -86,7 +86,7 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
     """All of it, on one crane, by an engine."""
     crane = crane_of(relative)
     start = moved(crane, **{crane.layout.symbols[i]: SWING for i in crane.swings})
-    rest = plumb(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD)
+    rest = hanging_reference(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD)
     regulator = lqr(crane, rest, dt=_DT)
 
     def run(controller: Controller) -> Trajectory:
@@ -102,7 +102,11 @@ def control(relative: Relative, engine: EngineName = "pinocchio") -> Control:
         )
 
     brake = hold_controller(crane)
-    held, damped, seen = run(brake), run(regulator), run(observed(regulator, crane, rest, dt=_DT))
+    held, damped, seen = (
+        run(brake),
+        run(regulator),
+        run(with_observer(regulator, crane, rest, dt=_DT)),
+    )
     ahead = run(mpc(crane, rest, dt=_DT, period=10 * _PERIOD, horizon=20))
     motion, move = _least_time(relative, crane, engine)
     goal = State(motion.q[-1], motion.v[-1])

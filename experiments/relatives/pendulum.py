@@ -19,10 +19,10 @@ from cranedyn.dynamics.linearisation import free_modes, sampled
 from cranedyn.interfaces import Controller, EngineName, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.planning.optimal import optimal
 from cranedyn.references import hold
-from cranedyn.references.motion import Motion, plumb
-from cranedyn.references.operator import JoystickPulse, operator
+from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.shaped import shaped, zv
 from cranedyn.references.spline import spline
 from cranedyn.simulation.simulate import simulate
@@ -103,7 +103,7 @@ def shaping(engine: EngineName = "pinocchio") -> list[Left]:
     """An operator's slow move of the trolley as it is, and shaped for no, one or both modes."""
     crane = crane_of(HOOK)
     slow, fast = theory.double_pendulum(_at(crane, "l"), 5.0, 300.0, 2000.0, crane.gravity)
-    base = operator(
+    base = joystick(
         crane, crane.start, [JoystickPulse("x", NUDGE, 0.0, 3.0)], accelerations=(0.05, 0.5, 0.3)
     )
     one_cable = 2.0 * np.pi / float(theory.point_period(_at(crane, "l") + 5.0, crane.gravity))
@@ -205,12 +205,14 @@ def stirred(engine: EngineName = "pinocchio") -> float:
 
 
 def _regulator(crane: Crane) -> Tracking:
-    return lqr(crane, plumb(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD), dt=_DT)
+    return lqr(
+        crane, hanging_reference(crane, hold(crane, crane.start), 2 * _PERIOD, _PERIOD), dt=_DT
+    )
 
 
 def _spline(crane: Crane) -> Motion:
     goal = crane.start.q[crane.layout.drives] + WAY * crane.layout.along("x")
-    return plumb(crane, spline(crane, crane.start, [goal], [LASTS]), LASTS, _PERIOD)
+    return hanging_reference(crane, spline(crane, crane.start, [goal], [LASTS]), LASTS, _PERIOD)
 
 
 def _fastest(crane: Crane) -> Motion:

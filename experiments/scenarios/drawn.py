@@ -26,7 +26,7 @@ RANGES = {
 """Between which numbers each is drawn, all of them alike likely: mass of the payload over that
 planned for; length of the cable less that measured; a gust of wind, its largest speed, where it
 blows to as an angle from the world's +X, when it begins and how long it lasts; noise of the sensors
-as a multiple of `cranedyn.controllers.sensed.noise_of`; by how many control periods they are late,
+as a multiple of `sensor_model.noise_of`; by how many control periods they are late,
 0 to 4; lags of frequency converters over the typical ones."""
 
 LEVELS = 129

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cranedyn.clocks import Timed
-from cranedyn.controllers.affine import Affine, Remembering, form
+from cranedyn.clocks import Clocked
+from cranedyn.controllers.affine import Affine, Stateful, affine_form
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 
@@ -28,10 +28,10 @@ class Misread:
     share: float
     offset: float
 
-    def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
-        if isinstance(self.controller, Timed):
-            self.controller.run_begins(t, control_period)
+    def begin_run(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Clocked`."""
+        if isinstance(self.controller, Clocked):
+            self.controller.begin_run(t, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """What the controller commands, shape (m,)."""
@@ -46,7 +46,7 @@ class Misread:
         scale.
         """
         layout = self.crane.layout
-        found = form(self.controller, times, positions, 2 * layout.n)
+        found = affine_form(self.controller, times, positions, 2 * layout.n)
         if found is None:
             return None
         scale, added = np.ones(2 * layout.n), np.zeros(2 * layout.n)
@@ -63,7 +63,7 @@ class Misread:
         )
 
     def resume(self, t: float, integral: np.ndarray) -> None:
-        """See `cranedyn.controllers.affine.Remembering`."""
-        if isinstance(self.controller, Remembering):
+        """See `cranedyn.controllers.affine.Stateful`."""
+        if isinstance(self.controller, Stateful):
             scale = 1.0 + self.share * self.crane.layout.along("l")
             self.controller.resume(t, integral / scale)

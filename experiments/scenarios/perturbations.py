@@ -8,12 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from cranedyn.controllers.adapted import adapted
-from cranedyn.controllers.observer import observed
-from cranedyn.controllers.sensed import noise_of, sensed
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.errors import CraneError
+from cranedyn.estimation.load_estimate import with_load_estimate
+from cranedyn.estimation.observer import with_observer
+from cranedyn.estimation.sensor_model import noise_of, with_sensor_model
 from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
 from experiments import harness
@@ -32,12 +32,12 @@ class Perturbation:
         values: Further numbers of the crane.
         cable: By which share the cable is longer than measured.
         offset: By how much it is longer besides, wherever the hoist stands [m].
-        noise: Of the sensors, as a multiple of `cranedyn.controllers.sensed.noise_of`.
+        noise: Of the sensors, as a multiple of `cranedyn.estimation.sensor_model.noise_of`.
         delay: By how many control periods the sensors are late.
         disturbance: What acts from outside, for a crane and the time at which it should arrive [s].
         observer: Empty where the state is measured. "state" where the swing is estimated from the
             drives, load and cable as planned; else what an observer that estimates load and cable,
-            too, has for sensors, see `cranedyn.controllers.load_filter.Sensors`.
+            too, has for sensors, see `cranedyn.estimation.load_filter.Sensors`.
     """
 
     name: str
@@ -138,13 +138,15 @@ def make(
         if plan.drive == "velocity":
             raise CraneError(UNOBSERVED)
         controller = (
-            observed(controller, setup.crane, plan.motion, dt=setup.dt)
+            with_observer(controller, setup.crane, plan.motion, dt=setup.dt)
             if perturbation.observer == "state"
-            else adapted(controller, setup.crane, plan.motion, sensors=perturbation.observer)
+            else with_load_estimate(
+                controller, setup.crane, plan.motion, sensors=perturbation.observer
+            )
         )
     if perturbation.noise or perturbation.delay:
         noise = perturbation.noise * noise_of(crane)
-        controller = sensed(
+        controller = with_sensor_model(
             crane, controller, delay=perturbation.delay, noise=noise, rng=np.random.default_rng(1)
         )
     if any(misread):

@@ -14,11 +14,11 @@ import numpy as np
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled.batch import Batch, simulate_batch
-from cranedyn.controllers.sensed import noise_of
 from cranedyn.disturbances.wind import AIR_DENSITY, gust_shape
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.dynamics.validity import hoisting, valid
+from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references.shaped import Shaper, shaped, shaped_hoisting, zv, zvd

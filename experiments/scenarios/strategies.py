@@ -12,19 +12,19 @@ import numpy as np
 
 from cranedyn.clocks import whole_periods
 from cranedyn.controllers import follow, hold_controller
-from cranedyn.controllers.damped import damped
+from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import effort_weight_of, lqr
-from cranedyn.controllers.mpc import Predictive, mpc
 from cranedyn.controllers.paper import paper_controller
-from cranedyn.controllers.rated import GivenRates, rated
+from cranedyn.controllers.velocity_command import VelocityCommand, as_velocity_command
+from cranedyn.estimation.mpc import PredictiveController, mpc
 from cranedyn.interfaces import Controller, Drive, Reference
 from cranedyn.model.crane import Crane
+from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
 from cranedyn.references.limits import fastest
-from cranedyn.references.motion import Motion, plumb
-from cranedyn.references.operator import JoystickPulse, operator
+from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.shaped import Shaper, ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import Spline, spline
 from cranedyn.theory import point_period
@@ -59,13 +59,13 @@ class Plan(NamedTuple):
 
 def on_converters(setup: harness.Setup, plan: Plan) -> Plan:
     """A plan for drives with typical frequency converters: what its controller answers becomes
-    rates, see `cranedyn.controllers.rated`.
+    rates, see `cranedyn.controllers.velocity_command`.
     """
     if plan.rates:
         return plan._replace(controller=plan.rates, drive="velocity")
 
     def made() -> Controller:
-        return rated(
+        return as_velocity_command(
             setup.crane,
             (plan.softer or plan.controller)(),
             drive="motion" if plan.drive == "motion" else "effort",
@@ -73,7 +73,7 @@ def on_converters(setup: harness.Setup, plan: Plan) -> Plan:
         )
 
     first = made()
-    if isinstance(first, GivenRates):  # what is inside may remember
+    if isinstance(first, VelocityCommand):  # what is inside may remember
         return plan._replace(controller=made, drive="velocity")
     if isinstance(first, HoistIntegral):
         return plan._replace(controller=lambda: replace(first, integral=0.0), drive="velocity")
@@ -111,14 +111,15 @@ def _spline_pd(setup: harness.Setup, move: Move) -> Plan:
 
 def _paper(setup: harness.Setup, move: Move) -> Plan:
     reference = _spline(setup, move)
-    motion = plumb(setup.crane, reference, move.duration, setup.control_period)
+    motion = hanging_reference(setup.crane, reference, move.duration, setup.control_period)
     made = paper_controller(setup.crane, motion)
     return Plan(lambda: replace(made, integral=0.0), reference, "effort", move.duration, motion)
 
 
 def _lqr(setup: harness.Setup, move: Move) -> Plan:
     return _tracked(
-        setup, plumb(setup.crane, _spline(setup, move), move.duration, setup.control_period)
+        setup,
+        hanging_reference(setup.crane, _spline(setup, move), move.duration, setup.control_period),
     )
 
 
@@ -167,7 +168,7 @@ def with_integral(
     )
 
 
-def joystick(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
+def joystick_move(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
     """What an operator who knows the way does: full rate at once in every drive, and back to rest
     in time; with its end [s].
     """
@@ -182,19 +183,19 @@ def joystick(setup: harness.Setup, move: Move) -> tuple[Reference, float]:
                 JoystickPulse(drive, math.copysign(speed, last - first), 0.0, distance / speed)
             )
             end = max(end, distance / speed + speed / acceleration)
-    return operator(
+    return joystick(
         setup.crane, move.ends(setup.crane)[0], pulses, accelerations=LIMITS.accelerations
     ), end
 
 
 def _operator(setup: harness.Setup, move: Move) -> Plan:
-    reference, end = joystick(setup, move)
+    reference, end = joystick_move(setup, move)
     return followed(setup, reference, instant(setup, end))
 
 
 def _shaped(shaper: Shaper) -> Callable[[harness.Setup, Move], Plan]:
     def plan(setup: harness.Setup, move: Move) -> Plan:
-        base, end = joystick(setup, move)
+        base, end = joystick_move(setup, move)
         period = mean_period(setup, move)
         reference = shaped(base, shaper, period)
         arrives = instant(setup, end + period * float(shaper.fractions[-1]))
@@ -204,15 +205,15 @@ def _shaped(shaper: Shaper) -> Callable[[harness.Setup, Move], Plan]:
 
 
 def _shaped_hoisting(setup: harness.Setup, move: Move) -> Plan:
-    base, end = joystick(setup, move)
+    base, end = joystick_move(setup, move)
     reference = shaped_hoisting(setup.crane, base, zv(), end, step=setup.control_period)
     arrives = instant(setup, end + float(point_period(move.goal[2], setup.crane.gravity)) / 2.0)
     return followed(setup, reference, arrives)
 
 
 def _damped(setup: harness.Setup, move: Move) -> Plan:
-    reference, end = joystick(setup, move)
-    controller = damped(
+    reference, end = joystick_move(setup, move)
+    controller = with_damping(
         setup.crane, reference, limits=LIMITS, recovery=0.3, control_period=setup.control_period
     )
     return Plan(lambda: controller, reference, "motion", instant(setup, end))
@@ -231,7 +232,7 @@ def instant(setup: harness.Setup, t: float) -> float:
 def _mpc(setup: harness.Setup, move: Move) -> Plan:
     motion = flat(setup.crane, *move.ends(setup.crane), move.duration, period=setup.control_period)
 
-    def made(effort_weight: np.ndarray | None = None) -> Predictive:
+    def made(effort_weight: np.ndarray | None = None) -> PredictiveController:
         return mpc(
             setup.crane,
             motion,

@@ -12,20 +12,12 @@ from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Setpoint, State
-from cranedyn.references import (
-    ARTICLE_TOUR,
-    itinerary,
-    plumb,
-    shaped_hoisting,
-    shortest,
-    spline,
-    zv,
-)
+from cranedyn.planning.itinerary import ARTICLE_TOUR, Timetable, itinerary
+from cranedyn.planning.tour import Tour, tour
+from cranedyn.references import hanging_reference, shaped_hoisting, shortest, spline, zv
 from cranedyn.references.flat import flat
-from cranedyn.references.itinerary import Timetable
 from cranedyn.references.limits import Limits, fastest, use
 from cranedyn.references.motion import Motion
-from cranedyn.references.tour import Tour, tour
 from experiments import harness
 from experiments.scenarios.strategies import with_integral
 
@@ -57,7 +49,7 @@ def _shaped(setup: harness.Setup, limits: Limits, dwell: float) -> Way:
         stage._replace(arrival=stage.arrival + by)
         for stage, by in zip(bare.stages, later, strict=True)
     )
-    plan = plumb(setup.crane, reference, bare.duration, setup.control_period)
+    plan = hanging_reference(setup.crane, reference, bare.duration, setup.control_period)
     return Tour(stages, plan), brake
 
 
@@ -68,7 +60,7 @@ def _spline(setup: harness.Setup, limits: Limits, dwell: float) -> Tour:
             setup.crane, start, aim, rates=limits.rates, accelerations=limits.accelerations
         )
         duration = setup.control_period * np.ceil(duration / setup.control_period)
-        return plumb(
+        return hanging_reference(
             setup.crane, spline(setup.crane, start, aim, [duration]), duration, setup.control_period
         )
 
@@ -112,9 +104,9 @@ class Repeated:
     controller: HoistIntegral
     cycle: float
 
-    def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`."""
-        self.controller.run_begins(t % self.cycle, control_period)
+    def begin_run(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Clocked`."""
+        self.controller.begin_run(t % self.cycle, control_period)
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Efforts [N m or N], shape (m,)."""
@@ -125,7 +117,7 @@ class Repeated:
         return self.controller.affine(times % self.cycle, positions)
 
     def resume(self, t: float, integral: np.ndarray) -> None:
-        """See `cranedyn.controllers.affine.Remembering`."""
+        """See `cranedyn.controllers.affine.Stateful`."""
         self.controller.resume(t % self.cycle, integral)
 
 

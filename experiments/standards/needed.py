@@ -15,7 +15,7 @@ from cranedyn.interfaces import Controller, Reference, State
 from cranedyn.lifting import factors
 from cranedyn.lifting.loads import hanging_mass, loads
 from cranedyn.model.crane import Crane
-from cranedyn.references.operator import JoystickPulse, operator
+from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references.shaped import shaped, zv
 from experiments import harness
 from experiments.oracles.reading import locked
@@ -157,7 +157,7 @@ def _taken_up(
 def _lifted(crane: Crane, of_bounce: bool, omega: float) -> Reference:
     """Up at full speed and back to rest, at the limit of the acceleration."""
     accelerations = [_UP] * crane.layout.m
-    base = operator(
+    base = joystick(
         crane, crane.start, [JoystickPulse("l", -_FULL, 0.0, 3.0)], accelerations=accelerations
     )
     return shaped(base, zv(), 2.0 * math.pi / omega) if of_bounce else base

@@ -12,7 +12,7 @@ import pytest
 
 from tests.helpers import ROOT
 
-EXAMPLES = ROOT / "examples" / "doors"
+EXAMPLES = ROOT / "examples" / "bridges"
 
 
 def main(name: str) -> Callable[..., Any]:

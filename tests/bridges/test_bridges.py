@@ -4,7 +4,6 @@ its files are whole or not there.
 
 from __future__ import annotations
 
-import importlib
 import re
 import shlex
 from pathlib import Path
@@ -12,13 +11,15 @@ from pathlib import Path
 import pytest
 
 from benchmarks import bridges
-from cranedyn.bridges.command import DOORS, main
+from cranedyn import plugins
+from cranedyn.__main__ import main
 from cranedyn.bridges.target import new_file, new_folder
 from cranedyn.errors import CraneError
 from experiments import a3, harness
 from tests.helpers import FAST, ROOT, python
 
 PAGE = (ROOT / "docs" / "bridges.md").read_text(encoding="utf-8")
+EXPORTERS = plugins.names("exporter")
 COMMANDS = re.findall(r"^python -m cranedyn export (.+)$", PAGE, re.MULTILINE)
 
 
@@ -36,20 +37,20 @@ def test_a_command_of_the_page_writes_what_it_says(
         a3.run(harness.Setup(9.8, engine=FAST)).before(1.0).write(
             others[others.index("--trajectory") + 1]
         )
-    assert main([door, target, *others]) == 0
+    assert main(["export", door, target, *others]) == 0
     assert Path(target).exists()
 
 
 def test_the_page_has_a_command_for_every_door() -> None:
-    assert {words.split()[0] for words in COMMANDS} == set(DOORS)
-    assert all(re.search(rf"^\| `{door} (DIR|FILE)` \|", PAGE, re.MULTILINE) for door in DOORS)
+    assert {words.split()[0] for words in COMMANDS} == set(EXPORTERS)
+    assert all(re.search(rf"^\| `{door} (DIR|FILE)` \|", PAGE, re.MULTILINE) for door in EXPORTERS)
 
 
 def test_the_table_of_the_page_is_what_the_benchmark_prints() -> None:
     for package in ("mujoco", "mcap_ros2", "rosbags", "llvmlite", "fmpy"):
         pytest.importorskip(package)
     made = bridges.table()
-    assert {row[0] for row in made.rows} == set(DOORS)
+    assert {row[0] for row in made.rows} == set(EXPORTERS)
     for shown in made.shown():
         door, *_, compared, apart, _ = shown
         assert re.search(
@@ -85,8 +86,8 @@ def test_a_target_is_whole_or_not_there(tmp_path: Path) -> None:
 
 def test_without_llvmlite_only_the_door_that_needs_it_stays_shut(tmp_path: Path) -> None:
     script = (
-        "import sys; sys.modules['llvmlite'] = None; from cranedyn.bridges.command import "
-        "main; sys.exit(main(sys.argv[1:]))"
+        "import sys; sys.modules['llvmlite'] = None; from cranedyn.__main__ import "
+        "main; sys.exit(main(['export', *sys.argv[1:]]))"
     )
     assert python(script, "mjcf", tmp_path / "crane.xml").returncode == 0
     shut = python(script, "fmu", tmp_path / "crane.fmu")
@@ -97,17 +98,17 @@ def test_without_llvmlite_only_the_door_that_needs_it_stays_shut(tmp_path: Path)
 
 
 def test_the_help_says_each_door_in_whole_sentences(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments in (["--help"], *([door, "--help"] for door in DOORS)):
+    for arguments in (["--help"], *([door, "--help"] for door in EXPORTERS)):
         with pytest.raises(SystemExit):
-            main(arguments)
+            main(["export", *arguments])
         said = " ".join(capsys.readouterr().out.split())
-        for door in DOORS if arguments == ["--help"] else arguments[:1]:
-            about = (importlib.import_module(DOORS[door]).__doc__ or "").split("\n\n")[0]
+        for door in EXPORTERS if arguments == ["--help"] else arguments[:1]:
+            about = (plugins.load("exporter", door).__doc__ or "").split("\n\n")[0]
             assert about.rstrip().endswith(".") and " ".join(about.split()) in said
 
 
 def test_no_door_is_no_door(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(["unity", "x"])
+        main(["export", "unity", "x"])
     assert ended.value.code == 2
     assert "invalid choice: 'unity'" in capsys.readouterr().err

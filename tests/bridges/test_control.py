@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.bridges.names import input_names, state_names
-from cranedyn.controllers.affine import form
+from cranedyn.controllers.affine import affine_form
 from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import holding_effort
@@ -118,7 +118,7 @@ def test_a_gain_of_dlqr_runs_compiled_and_the_nonlinear_crane_moves_as_the_close
     gain, _, _ = ct.dlqr(plant, state_weight_of(c), effort_weight_of(c))
     controller = from_control(c, gain, rest)
     # What runs without Python.
-    assert form(controller, np.arange(3.0), np.zeros((3, 3)), 10) is not None
+    assert affine_form(controller, np.arange(3.0), np.zeros((3, 3)), 10) is not None
     closed = ct.ss(plant.A - plant.B @ gain, plant.B, plant.C, 0, dt=PERIOD)
 
     def off(size: float) -> float:

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn.__main__ import main
 from cranedyn.bridges import fmi
-from cranedyn.bridges.command import main
 from cranedyn.bridges.names import force_names, input_names, state_names
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange
@@ -337,9 +337,9 @@ def test_what_cannot_be_exported_is_refused_in_a_sentence_and_leaves_no_file(
         fmi.export(crane(), tmp_path / "crane.zip")
     with pytest.raises(OutOfRange, match="drive is torque"):
         fmi.export(crane(), tmp_path / "crane.fmu", drive="torque")  # type: ignore[arg-type]
-    assert main(["fmu", str(tmp_path / "crane.fmu"), "--dt", "-1"]) == 2
+    assert main(["export", "fmu", str(tmp_path / "crane.fmu"), "--dt", "-1"]) == 2
     assert capsys.readouterr().err == "error: dt is -1.0 s; allowed is > 0.\n"
-    assert main(["fmu", str(units["motion"])]) == 2
+    assert main(["export", "fmu", str(units["motion"])]) == 2
     assert "is there already" in capsys.readouterr().err
     with monkeypatch.context() as patch:
         patch.setattr("cranedyn.bridges.fmi.shutil.which", lambda name: None)
@@ -360,6 +360,7 @@ def test_the_command_line_writes_a_unit_of_the_crane_that_it_describes(
     assert (
         main(
             [
+                "export",
                 "fmu",
                 str(path),
                 "--set",

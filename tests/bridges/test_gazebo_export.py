@@ -21,8 +21,8 @@ import experiments.a2
 import experiments.a3
 import experiments.energy
 import experiments.gazebo
+from cranedyn.__main__ import main
 from cranedyn.bridges import gazebo, ros2
-from cranedyn.bridges.command import main
 from cranedyn.bridges.programs import Program
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.integral import HoistIntegral
@@ -163,6 +163,7 @@ def test_the_world_is_the_articles_unless_asked_otherwise(a1: Path, tmp_path: Pa
     assert (
         main(
             [
+                "export",
                 "gazebo",
                 str(tmp_path / "q"),
                 "--solver",
@@ -225,7 +226,7 @@ def test_what_gazebo_cannot_carry_is_a_sentence_and_nothing_is_written(
     words: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = words.split(" ")
-    assert main(["gazebo", str(tmp_path / "out"), *given]) == 2
+    assert main(["export", "gazebo", str(tmp_path / "out"), *given]) == 2
     assert capsys.readouterr().err.startswith(f"error: {sentence}")
     assert list(tmp_path.iterdir()) == []
 
@@ -235,12 +236,12 @@ def test_a_target_that_exists_stays_as_it_is(
 ) -> None:
     target = tmp_path / "out"
     target.mkdir()
-    assert main(["gazebo", str(target)]) == 2
+    assert main(["export", "gazebo", str(target)]) == 2
     assert (
         capsys.readouterr().err
         == f"error: Cannot write {target}: it is there already; name another, or remove it.\n"
     )
-    assert main(["gazebo", str(tmp_path / "no" / "out")]) == 2
+    assert main(["export", "gazebo", str(tmp_path / "no" / "out")]) == 2
     assert "does not exist" in capsys.readouterr().err
     assert list(target.iterdir()) == []
 

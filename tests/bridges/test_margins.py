@@ -8,10 +8,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cranedyn.controllers import hold_controller, lqr, observed, paper_controller
+from cranedyn.controllers import hold_controller, lqr, paper_controller
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.dynamics.linearisation import Sampled, sampled
 from cranedyn.errors import CraneError
+from cranedyn.estimation import with_observer
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import Motion
 from tests.helpers import crane
@@ -102,7 +103,7 @@ def test_a_regulator_answers_as_the_controller_that_it_stands_for() -> None:
     away = np.random.default_rng(2).normal(size=10) * 1e-2
     runs = [integrating(), integrating()]
     for controller in runs:
-        controller.run_begins(0.0, PERIOD)
+        controller.begin_run(0.0, PERIOD)
     x = np.zeros(len(law.a))
     for k in range(3):
         there = State(REST.q + away[:5], away[5:])
@@ -148,7 +149,7 @@ def test_an_unstable_loop_has_no_margins_and_negative_damping() -> None:
 
 def test_a_loop_behind_a_filter_has_the_poles_of_both() -> None:
     plant, law = sampled(crane(), REST), law_of(integrating())
-    made = observed(lqr(crane(), at_rest()), crane(), at_rest())
+    made = with_observer(lqr(crane(), at_rest()), crane(), at_rest())
     gain = np.random.default_rng(1).normal(size=(10, 6)) * 1e-3
     gain[made.measured] += np.eye(6) * 0.2
     behind = behind_observer(law, plant, gain, made.measured)

@@ -27,8 +27,8 @@ from rosbags.highlevel import AnyReader  # noqa: E402
 from rosbags.rosbag1 import Writer as BagWriter  # noqa: E402
 from rosbags.typesys import Stores, get_typestore  # noqa: E402
 
+from cranedyn.__main__ import main  # noqa: E402
 from cranedyn.bridges import bags, mcap  # noqa: E402
-from cranedyn.bridges.command import main  # noqa: E402
 from cranedyn.controllers import hold_controller  # noqa: E402
 from cranedyn.data.trajectory import Trajectory  # noqa: E402
 from cranedyn.dynamics.pinocchio import payload_position  # noqa: E402
@@ -171,7 +171,15 @@ def test_the_command_writes_a_trajectory_of_an_experiment(tmp_path: Path, run: T
     short = run.before(2.0)
     short.write(tmp_path / "run.parquet")
     assert (
-        main(["mcap", str(tmp_path / "run.mcap"), "--trajectory", str(tmp_path / "run.parquet")])
+        main(
+            [
+                "export",
+                "mcap",
+                str(tmp_path / "run.mcap"),
+                "--trajectory",
+                str(tmp_path / "run.parquet"),
+            ]
+        )
         == 0
     )
     assert (

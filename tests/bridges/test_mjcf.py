@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given
 from numpy.testing import assert_allclose
 
+from cranedyn.__main__ import main
 from cranedyn.bridges import mjcf
-from cranedyn.bridges.command import main
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import CraneError, ModelError
 from cranedyn.interfaces import State
@@ -165,7 +165,7 @@ def test_springs_motors_and_turned_inertias_are_carried(tmp_path: Path) -> None:
 def test_what_cannot_be_written_is_a_sentence(
     name: str, words: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["mjcf", str(tmp_path / name), *words.split()]) == 2
+    assert main(["export", "mjcf", str(tmp_path / name), *words.split()]) == 2
     said = capsys.readouterr().err
     assert said.startswith("error: ") and sentence in said and said.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
@@ -174,7 +174,7 @@ def test_what_cannot_be_written_is_a_sentence(
 def test_a_file_that_exists_stays(tmp_path: Path) -> None:
     target = tmp_path / "c.xml"
     target.write_text("mine")
-    assert main(["mjcf", str(target)]) == 2
+    assert main(["export", "mjcf", str(target)]) == 2
     assert target.read_text() == "mine"
     with pytest.raises(CraneError, match="has a rope that stretches"):
         rope = '<gazebo reference="hoist_joint"><ropeStiffness>1e6</ropeStiffness></gazebo></robot>'

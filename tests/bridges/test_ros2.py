@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn.__main__ import main
 from cranedyn.bridges import ros2
-from cranedyn.bridges.command import main
 from cranedyn.controllers import hold_controller
 from cranedyn.dynamics.pinocchio import full
 from cranedyn.model.crane import Crane
@@ -352,7 +352,7 @@ def test_the_simulated_crane_is_told_where_its_controllers_stand(
 def test_what_cannot_be_written_is_a_sentence(
     words: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["ros2", str(tmp_path / "out"), *words.split()]) == 2
+    assert main(["export", "ros2", str(tmp_path / "out"), *words.split()]) == 2
     assert capsys.readouterr().err.startswith(f"error: {sentence}")
     assert list(tmp_path.iterdir()) == []
 
@@ -363,7 +363,10 @@ def test_the_inertia_of_a_motor_which_gazebo_does_not_know_is_refused(
     text = load_crane().urdf.replace('armature="0"', 'armature="250.0"')
     (tmp_path / "geared.urdf").write_text(text)
     assert load_crane(tmp_path / "geared.urdf").model.armature.max() == 250.0
-    assert main(["ros2", str(tmp_path / "out"), "--urdf", str(tmp_path / "geared.urdf")]) == 2
+    assert (
+        main(["export", "ros2", str(tmp_path / "out"), "--urdf", str(tmp_path / "geared.urdf")])
+        == 2
+    )
     assert "The joint yaw_joint has an armature" in capsys.readouterr().err
 
 
@@ -371,7 +374,9 @@ def test_a_crane_that_hangs_on_another_root_is_hung_on_the_world(tmp_path: Path)
     text = load_crane().urdf
     old = text[text.index('<link name="world"/>') : text.index('<link name="base_link">')]
     (tmp_path / "bare.urdf").write_text(text.replace(old, ""))
-    assert main(["ros2", str(tmp_path / "out"), "--urdf", str(tmp_path / "bare.urdf")]) == 0
+    assert (
+        main(["export", "ros2", str(tmp_path / "out"), "--urdf", str(tmp_path / "bare.urdf")]) == 0
+    )
     robot = ET.parse(tmp_path / "out" / "urdf" / "crane.urdf").getroot()
     assert robot.find("joint[@name='fixed_to_the_world']/parent[@link='world']") is not None
     assert load_crane(tmp_path / "out" / "urdf" / "crane.urdf").model.nq == 5

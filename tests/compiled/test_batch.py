@@ -23,17 +23,17 @@ from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.hold import Hold
 from cranedyn.controllers.integral import HoistIntegral
-from cranedyn.controllers.sensed import noise_of, sensed
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics import validity as validity
 from cranedyn.dynamics.integrators import Integrator, rk4, semi_implicit_euler
 from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.errors import CraneError, OutOfRange
+from cranedyn.estimation.sensor_model import noise_of, with_sensor_model
 from cranedyn.interfaces import Controller, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.references import hold, plumb, ramp
+from cranedyn.references import hanging_reference, hold, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.compiled.test_compiled import allowed_between, per_second, soft_hold
 from tests.helpers import G, crane
@@ -74,7 +74,7 @@ def _references(count: int) -> list[Reference]:
 
 @cache
 def _tracking(i: int) -> Tracking:
-    return lqr(crane(), plumb(crane(), _references(i + 1)[i], LASTS, PERIOD), dt=1e-3)
+    return lqr(crane(), hanging_reference(crane(), _references(i + 1)[i], LASTS, PERIOD), dt=1e-3)
 
 
 def _controllers(count: int) -> list[Any]:
@@ -166,14 +166,16 @@ def test_drives_and_stepping_rules_are_those_of_a_run_alone(
         else hold_controller(crane())
     )
     batch = simulate_batch(
-        cranes, controllers, references, start=starts, record=1, since=1.0, **how
+        cranes, controllers, references, start=starts, record=1, t_start=1.0, **how
     )
     for i in range(count):
         one = controllers if isinstance(controllers, Hold) else controllers[i]
         start = State(starts.q[i], starts.v[i])
         _same(
             cranes[i],
-            simulate(cranes[i], one, references[i], start=start, since=1.0, validity="mark", **how),
+            simulate(
+                cranes[i], one, references[i], start=start, t_start=1.0, validity="mark", **how
+            ),
             batch,
             i,
         )
@@ -406,7 +408,7 @@ def test_the_summary_is_that_of_the_recorded_rows(drive: Any) -> None:
         controllers,
         references,
         start=starts,
-        since=since,
+        t_start=since,
         record=1,
         residual_from=late,
         drive=drive,
@@ -438,7 +440,7 @@ def test_by_default_the_swing_left_at_the_end_is_residual() -> None:
             crane(),
             hold_controller(crane(), gravity=G),
             start=_starts(3),
-            since=since,
+            t_start=since,
             record=1,
             **CLOCK,
         )
@@ -502,7 +504,7 @@ def test_tables_are_kept_once_and_no_longer_than_they_change() -> None:
         < 2.0
     )
     shared, reference = (
-        lqr(crane(), plumb(crane(), _references(1)[0], 1.0, 1e-3), dt=1e-3, every=100),
+        lqr(crane(), hanging_reference(crane(), _references(1)[0], 1.0, 1e-3), dt=1e-3, every=100),
         _references(1)[0],
     )
     assert _peak(lambda: simulate_batch(crane(), shared, reference, start=starts, **clock)) < 3.0
@@ -580,7 +582,7 @@ NINE = State(np.tile(crane().start.q, (9, 1)), np.zeros((9, 5)))
         ),
         ({"residual_from": 0.6}, "residual_from is 0.6 s; allowed is 0 to 0.5"),
         ({"residual_from": math.nan}, "residual_from is nan s"),
-        ({"since": math.inf}, "time at the start is inf s"),
+        ({"t_start": math.inf}, "time at the start is inf s"),
         ({"dt": 3e-3}, "control_period is 0.01 s; allowed is a multiple of dt"),
         (
             {"integrator": Integrator("mine", lambda *given: given, 0.0)},
@@ -762,7 +764,9 @@ def test_noisy_late_sensors_in_a_batch_are_those_of_each_crane_alone() -> None:
     )
     quiet = simulate_batch(cranes, controllers, start=starts, record=1, **CLOCK)
     for i, (one, late) in enumerate(zip(cranes, delays, strict=True)):
-        seen = sensed(one, controllers[i], delay=late, noise=sizes, rng=np.random.default_rng(i))
+        seen = with_sensor_model(
+            one, controllers[i], delay=late, noise=sizes, rng=np.random.default_rng(i)
+        )
         start = State(starts.q[i], starts.v[i])
         alone = simulate(one, seen, hold(one, start), start=start, validity="mark", **CLOCK)
         for name in ("q", "v", "command"):

@@ -313,7 +313,9 @@ def test_only_the_door_takes_addresses_and_calls_compiled_code() -> None:
 
 _LANES, _CRANES, _PERIODS = 8, 11, 20
 _SIZES = Sizes.of(crane().layout)
-_LAW, _AIM, _FORCE, _OFFSET = map(size, (_SIZES.law, _SIZES.aim, _SIZES.force, _SIZES.offset))
+_LAW, _AIM, _FORCE, _OFFSET = map(
+    size, (_SIZES.gain_table, _SIZES.setpoint_table, _SIZES.force, _SIZES.offset)
+)
 _RECIPE = Recipe(
     _LANES,
     "effort",
@@ -330,7 +332,7 @@ _RECIPE = Recipe(
 
 
 def _loop(**changed: Any) -> Loop:
-    """A loop over two groups with two laws of three rows each."""
+    """A loop over two groups with two gain tables of three rows each."""
     code, _ = compiled([crane(), crane(payload_mass=700.0)], _RECIPE)
     groups = -(-_CRANES // _LANES)
     starts = np.zeros((groups, 4, _LANES), dtype=np.int64)
@@ -352,7 +354,7 @@ def _loop(**changed: Any) -> Loop:
         Table(force, 1, starts[0, 2]),
         Table(offset, 2, starts[0, 3]),
     ]
-    for i, name in enumerate(("law", "aim", "force", "offset")):
+    for i, name in enumerate(("gain_table", "setpoint_table", "force", "offset")):
         tables[i] = changed.pop(name, tables[i])
     clock, given = (
         clocks(0.2, 1e-3, 1e-2),
@@ -411,9 +413,9 @@ def test_the_door_opens_for_arrays_that_can_be_written_to_where_code_writes(name
     [
         {"starts": np.full((2, 4, _LANES), 4, dtype=np.int64)},
         {"starts": np.full((2, 4, _LANES), -1, dtype=np.int64)},
-        {"law": Table(np.zeros((2, _LAW)), 3, np.zeros(1, int))},
-        {"aim": Table(np.zeros((4, _AIM)), 5, np.zeros(1, int))},
-        {"aim": Table(np.zeros((0, _AIM)), 0, np.zeros(1, int))},
+        {"gain_table": Table(np.zeros((2, _LAW)), 3, np.zeros(1, int))},
+        {"setpoint_table": Table(np.zeros((4, _AIM)), 5, np.zeros(1, int))},
+        {"setpoint_table": Table(np.zeros((0, _AIM)), 0, np.zeros(1, int))},
         {"force": Table(np.zeros((1, 5)), 1, np.zeros(1, int))},
         {"force": Table(np.full((1, 6), math.nan), 1, np.zeros(1, int))},
         {"offset": Table(np.full((1, 10), math.inf), 1, np.zeros(1, int))},

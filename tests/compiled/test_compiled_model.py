@@ -12,8 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.bodies import Bodies
+from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError, OutOfRange
+from cranedyn.plant import rigid_body
 from tests.dynamics.test_integrator import ROBOTS, _robot
 
 pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
@@ -159,18 +161,16 @@ def test_a_model_without_joints_is_refused() -> None:
 
 
 def _wrong_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return rigid_body.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] + a[1] * b[0]]
-    )
+    return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] + a[1] * b[0]])
 
 
-def _heavier(tree: rigid_body.Bodies) -> np.ndarray:
+def _heavier(tree: Bodies) -> np.ndarray:
     numbers = _NUMBERS(tree)
     numbers[-4 - 9 - 1] *= 1.0 + 1e-9
     return numbers
 
 
-_NUMBERS = rigid_body.Bodies.numbers
+_NUMBERS = Bodies.numbers
 
 
 @pytest.mark.parametrize(("what", "wrong"), [("cross", _wrong_cross), ("Bodies.numbers", _heavier)])
@@ -179,7 +179,7 @@ def test_code_that_moves_otherwise_is_refused(
 ) -> None:
     model = _tree(["revolute x", "prismatic y", "revolute z"], 5, branch=False, armature=False)
     forward_dynamics(model)
-    monkeypatch.setattr(f"cranedyn.dynamics.rigid_body.{what}", wrong)
+    monkeypatch.setattr(f"cranedyn.plant.rigid_body.{what}", wrong)
     with pytest.raises(
         ModelError,
         match=r"moves otherwise than in Pinocchio: accelerations differ by .* of the largest",

@@ -12,7 +12,6 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import Hold
-from cranedyn.dynamics import validity
 from cranedyn.interfaces import Drive
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold
@@ -49,10 +48,11 @@ def test_where_code_says_that_the_model_holds_nobody_asks_again(
 
     def counted(*given: object, **named: object) -> object:
         asked.append(1)
-        return validity.valid(*given, **named)  # type: ignore[arg-type]
+        return judged(*given, **named)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(log, "_valid", counted)
-    monkeypatch.setattr(log, "_first_event", counted)
+    judged = log.valid
+    monkeypatch.setattr(log, "valid", counted)
+    monkeypatch.setattr(log, "first_event", counted)
     start, brake = crane().state(phi=0.1), hold_controller(crane())
     run = simulate(crane(), brake, start=start, duration=20.0, engine="compiled")
     assert not asked and (run.valid == 1.0).all()
@@ -90,8 +90,8 @@ def test_code_says_whether_drives_can_and_rows_are_marked_where_they_cannot(
         asked.append(1)
         return judged(*given, **named)
 
-    judged = log._valid
-    monkeypatch.setattr(log, "_valid", counted)
+    judged = log.valid
+    monkeypatch.setattr(log, "valid", counted)
     code = simulate(c, law, goal, duration=4.0, drive=drive, validity="mark", engine="compiled")
     assert np.array_equal(plain.valid, code.valid)
     can = effort == 1e5 and away == 0.2

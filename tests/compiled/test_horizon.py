@@ -19,12 +19,13 @@ from cranedyn.compiled.horizon import model
 from cranedyn.compiled.horizon.memory import REPORT
 from cranedyn.compiled.horizon.receding import Receding, receding, usual_input_weight
 from cranedyn.compiled.machine import translated
-from cranedyn.controllers import hold_controller, sensed
+from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.pinocchio import payload_position, prescribed_acceleration
 from cranedyn.dynamics.validity import hoisting
 from cranedyn.errors import CraneError
+from cranedyn.estimation import with_sensor_model
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -297,7 +298,7 @@ def test_noise_of_the_swings_sensors_is_averaged(
     made = receding(crane(), LIMITS, smoothing=smoothing)
     run = quickly(
         crane(),
-        sensed(crane(), made, rng=np.random.default_rng(1)),
+        with_sensor_model(crane(), made, rng=np.random.default_rng(1)),
         hold(crane(), goal),
         start=at((0.0, 10.0, 15.0)),
         duration=40.0,
@@ -414,8 +415,7 @@ def test_drives_twice_as_late_as_believed_leave_no_swing() -> None:
         hold(crane(), goal),
         start=at((0.0, 10.0, 15.0)),
         duration=40.0,
-        drive="velocity",
-        converters=replace(typical, lags=2.0 * typical.lags),
+        drive=replace(typical, lags=2.0 * typical.lags),
         engine="compiled",
         validity="mark",
     )
@@ -591,7 +591,9 @@ def test_what_was_not_read_teaches_nothing_of_what_disturbs() -> None:
 
 def test_a_note_is_found_in_a_controller_behind_sensors() -> None:
     goal = at((0.3, 15.0, 12.0))
-    behind = sensed(crane(), receding(crane(), LIMITS), delay=1, rng=np.random.default_rng(1))
+    behind = with_sensor_model(
+        crane(), receding(crane(), LIMITS), delay=1, rng=np.random.default_rng(1)
+    )
     run = quickly(crane(), behind, hold(crane(), goal), start=at((0.0, 10.0, 15.0)), duration=0.1)
     assert run.record["notes"] == {"failed_optimisations": 0}
 

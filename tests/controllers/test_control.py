@@ -34,11 +34,11 @@ from cranedyn.dynamics.pinocchio import (
 )
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
+from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.references import hold, ramp
 from cranedyn.references.flat import flat, smoothstep
 from cranedyn.references.limits import Limits, check, fastest, use
-from cranedyn.references.motion import plumb
-from cranedyn.references.operator import JoystickPulse, operator
+from cranedyn.references.motion import hanging_reference
 from cranedyn.references.shaped import ei, shaped, shaped_hoisting, zv, zvd
 from cranedyn.references.spline import shortest, spline
 from cranedyn.references.tabulated import tabulated
@@ -287,7 +287,7 @@ def test_the_papers_planes_are_the_linear_crane_where_inertia_is_left_out() -> N
 
 def test_the_papers_gains_end_as_the_stationary_ones_of_the_held_planes() -> None:
     reference = spline(crane(), crane().state(x=10.0, l=15.0), [(0.6, 20.0, 10.0)], [20.0])
-    gain = paper_controller(crane(), plumb(crane(), reference, 20.0)).tracking.gain[-1]
+    gain = paper_controller(crane(), hanging_reference(crane(), reference, 20.0)).tracking.gain[-1]
     inertia = crane().slewing_inertia + crane().trolley_mass * 20.0**2
     g = 9.80665
     for (a, b), weights, row, columns in (
@@ -308,11 +308,11 @@ def test_the_hoist_pid_takes_away_a_wrong_weight_and_does_not_wind_up() -> None:
     heavy = crane(payload_mass=1100.0)
     start = heavy.state(l=15.0)
     reference = spline(heavy, start, [(0.0, 10.0, 15.0)], [1.0])
-    controller = paper_controller(crane(), plumb(crane(), reference, 1.0))
+    controller = paper_controller(crane(), hanging_reference(crane(), reference, 1.0))
     run = quickly(heavy, controller, reference, start=start, duration=40.0)
     assert abs(run["l_m"][-1] - 15.0) < 1e-3
     weak = crane(hoist_effort=9000.0)
-    stalled = paper_controller(weak, plumb(weak, reference, 1.0))
+    stalled = paper_controller(weak, hanging_reference(weak, reference, 1.0))
     quickly(weak, stalled, reference, start=start, duration=0.5)
     assert stalled.integral == 0.0
 
@@ -366,7 +366,7 @@ def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_
 ):
     point = big_crane()
     start = point.state(x=10.0, l=20.0)
-    base = operator(
+    base = joystick(
         point,
         start,
         [JoystickPulse("l", -0.5, 0.0, 20.0), JoystickPulse("x", 0.5, 3.0, 12.0)],
@@ -398,7 +398,7 @@ def test_a_shaper_for_a_moving_cable_keeps_the_way_and_leaves_less_than_one_for_
 
 def test_an_operators_push_is_a_trapezoid_within_the_limit() -> None:
     start = crane().state(x=10.0)
-    reference = operator(
+    reference = joystick(
         crane(),
         start,
         [JoystickPulse("x", 0.8, 1.0, 5.0), JoystickPulse("x", -0.8, 8.0, 1.0)],
@@ -430,7 +430,7 @@ def test_an_operator_who_changes_his_mind_is_never_obeyed_beyond_the_limits(
         pushes.append(JoystickPulse("x", rate, t + pause, lasts))
         t += pause + lasts
     start = crane().state(x=10.0)
-    reference = operator(crane(), start, pushes[::-1], accelerations=(0.02, 0.4, 0.4))
+    reference = joystick(crane(), start, pushes[::-1], accelerations=(0.02, 0.4, 0.4))
     setpoint = tabulated(reference, np.linspace(-1.0, t + 3.0, 2000))
     # Rounding, here and below.
     assert np.abs(setpoint.acceleration[:, 1]).max() <= 0.4 * (1 + 1e-12)
@@ -456,7 +456,7 @@ def test_a_joystick_is_in_one_place_at_a_time() -> None:
         OutOfRange,
         match=r"start of a push of x is 2\.0 s; allowed is 4 or later, when the one before it ends",
     ):
-        operator(
+        joystick(
             crane(),
             start,
             [
@@ -466,7 +466,7 @@ def test_a_joystick_is_in_one_place_at_a_time() -> None:
             ],
             **how,
         )
-    operator(
+    joystick(
         crane(),
         start,
         [
@@ -477,7 +477,7 @@ def test_a_joystick_is_in_one_place_at_a_time() -> None:
         **how,
     )  # 0.1 + 0.2 > 0.3
     with pytest.raises(OutOfRange, match="start of a push is nan s"):
-        operator(crane(), start, [JoystickPulse("x", 0.8, math.nan, 3.0)], **how)
+        joystick(crane(), start, [JoystickPulse("x", 0.8, math.nan, 3.0)], **how)
 
 
 # --- limits ---------------------------------------------------------------------------------------

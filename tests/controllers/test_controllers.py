@@ -8,23 +8,14 @@ from hypothesis import given
 from numpy.testing import assert_allclose
 
 from cranedyn.compiled.horizon.receding import receding
-from cranedyn.controllers import (
-    Hold,
-    adapted,
-    follow,
-    hold_controller,
-    lqr,
-    mpc,
-    observed,
-    paper_controller,
-    sensed,
-)
+from cranedyn.controllers import Hold, follow, hold_controller, lqr, paper_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.controllers.integral import HoistIntegral
-from cranedyn.controllers.rated import rated
 from cranedyn.controllers.tracking import Tracking
+from cranedyn.controllers.velocity_command import as_velocity_command
+from cranedyn.estimation import mpc, with_load_estimate, with_observer, with_sensor_model
 from cranedyn.interfaces import Controller, EngineName, Setpoint, State
-from cranedyn.references import hold, plumb, ramp, spline
+from cranedyn.references import hanging_reference, hold, ramp, spline
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST, crane, states
@@ -163,7 +154,7 @@ def test_an_integrator_goes_by_the_period_of_its_loop(period: float, engine: Eng
     told, asked = _integral(), _integral()
     for controller in (told, _asked(asked)):
         how = {"control_period": period, "engine": engine, "drive": "motion"}
-        simulate(c, controller, hold(c, c.start), start=away, since=3.0, duration=1.0, **how)
+        simulate(c, controller, hold(c, c.start), start=away, t_start=3.0, duration=1.0, **how)
     assert told.integral == pytest.approx(0.5 * (1.0 + period), rel=1e-8)  # both ends count
     # The first instant as a row of its table.
     assert asked.integral == pytest.approx(0.5 * (1.0 + 5e-3), rel=1e-8)
@@ -178,7 +169,9 @@ def test_where_time_begins_anew_an_integrator_goes_on_as_before() -> None:
 
 
 def test_a_controller_shows_itself_in_a_line() -> None:
-    way = plumb(crane(), spline(crane(), crane().state(l=20), [(0.1, 11, 20)], [5.0]), 5.0)
+    way = hanging_reference(
+        crane(), spline(crane(), crane().state(l=20), [(0.1, 11, 20)], [5.0]), 5.0
+    )
     tracking = lqr(crane(), way)
     for controller in (
         hold_controller(crane()),
@@ -186,10 +179,10 @@ def test_a_controller_shows_itself_in_a_line() -> None:
         paper_controller(crane(), way),
         tracking,
         mpc(crane(), way),
-        observed(tracking, crane(), way),
-        sensed(crane(), tracking, rng=np.random.default_rng(0)),
-        adapted(tracking, crane(), way),
-        rated(crane(), tracking, drive="motion"),
+        with_observer(tracking, crane(), way),
+        with_sensor_model(crane(), tracking, rng=np.random.default_rng(0)),
+        with_load_estimate(tracking, crane(), way),
+        as_velocity_command(crane(), tracking, drive="motion"),
         receding(crane(), Limits([0.1, 0.5, 0.5], [0.05, 0.3, 0.3])),
     ):
         shown = repr(controller)

@@ -249,6 +249,6 @@ def test_a_setpoint_of_lists_is_taken_and_one_of_two_numbers_is_a_sentence() -> 
 def test_what_needs_a_motion_says_how_to_make_one_of_a_reference() -> None:
     with pytest.raises(
         OutOfRange,
-        match=r"motion is a Still; allowed is a Motion .+, as cranedyn\.references\.plumb makes it",
+        match=r"motion is a Still; allowed is a Motion .+, as cranedyn\.references\.hanging_ref",
     ):
         lqr(crane(), hold(crane(), crane().start))  # type: ignore[arg-type]

@@ -64,8 +64,7 @@ def test_a_step_is_followed_as_a_lag_of_first_order() -> None:
         told(0.01, 0.3, -0.2),
         start=c.state(x=12.0, l=10.0),
         duration=0.5,
-        drive="velocity",
-        converters=only_lag(c, 0.1),
+        drive=only_lag(c, 0.1),
     )
     rates = run.v[:, c.layout.drives] / [0.01, 0.3, -0.2]
     steps = np.round(run.t / DT)
@@ -138,8 +137,7 @@ def test_commands_are_late_by_the_delay_and_drives_go_on_until_they_are_heard(en
         told(0.0, 0.7, 0.0),
         start=start,
         duration=0.1,
-        drive="velocity",
-        converters=late,
+        drive=late,
         engine=engine,
     )
     assert_allclose(run["x_dot_m_s"][:5], 0.2, rtol=1e-12)  # rounding
@@ -173,7 +171,7 @@ def test_drives_that_all_stall_move_as_drives_that_exert_their_limits(engine: An
     c = crane(slew_effort=2e4, trolley_effort=300.0, hoist_effort=1.02 * weight)
     how: dict[str, Any] = {"start": start, "duration": 0.4, "engine": engine}
     swift = replace(only_lag(c, 0.1), accelerations=np.full(3, 1e6))
-    stalled = simulate(c, told(9.0, 9.0, -9.0), drive="velocity", converters=swift, **how)
+    stalled = simulate(c, told(9.0, 9.0, -9.0), drive=swift, **how)
     limits = c.effort_limit * [1.0, 1.0, -1.0]
     exerted = simulate(c, told(*limits), drive="effort", **how)
     # from the first step on; rounding of a mass matrix that is solved in another order
@@ -225,7 +223,6 @@ def test_converters_that_cannot_be_are_refused(wrong: Any, sentence: str) -> Non
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        ({"drive": "effort"}, "converters is given; allowed is None where drive = effort"),
         (
             {"dt": 0.02, "control_period": 0.1, "lags": {"x": 0.01}},
             "shortest lag of the converters",
@@ -237,6 +234,6 @@ def test_converters_that_cannot_be_are_refused(wrong: Any, sentence: str) -> Non
 def test_a_run_that_converters_cannot_make_is_refused(wrong: Any, sentence: str) -> None:
     c = crane()
     made = converters(c, **{name: wrong.pop(name) for name in ("lags", "delay") if name in wrong})
-    how = {"drive": "velocity", "duration": 0.1, "converters": made, **wrong}
+    how = {"drive": made, "duration": 0.1, **wrong}
     with pytest.raises(CraneError, match=sentence):
         simulate(c, told(0.0, 0.0, 0.0), **how)

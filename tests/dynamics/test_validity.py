@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import hold_controller, lqr
 from cranedyn.data.trajectory import QUANTITIES, Trajectory
-from cranedyn.dynamics import rigid_body
+from cranedyn.dynamics.bodies import bodies, heights
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, OutOfRange, RunError
@@ -171,18 +171,16 @@ def test_heights_of_many_rows_are_pinocchios_on_an_arm_with_turned_joints() -> N
     for row, one in enumerate(q):
         pin.forwardKinematics(model, data, one)
         expected[row] = [data.oMi[i].act(point)[2] for i in range(1, model.njoints)]
-    found = [
-        rigid_body.heights(rigid_body.bodies(model), q, body, point) for body in range(model.nv)
-    ]
+    found = [heights(bodies(model), q, body, point) for body in range(model.nv)]
     assert_allclose(np.transpose(found), expected, atol=1e-13)  # rounding of heights of some metres
 
 
 @given(st.lists(states, min_size=1, max_size=5))
 def test_heights_of_many_rows_are_those_of_the_payload(found: list[State]) -> None:
     c, q = crane(), np.array([state.q for state in found])
-    heights = rigid_body.heights(rigid_body.bodies(c.model), q, c.payload.body, c.payload.lever)
+    above = heights(bodies(c.model), q, c.payload.body, c.payload.lever)
     # Rounding of 45 m.
-    assert_allclose(heights, [payload_position(c, one)[2] for one in q], atol=1e-13)
+    assert_allclose(above, [payload_position(c, one)[2] for one in q], atol=1e-13)
 
 
 def test_buffers_are_for_drives_that_take_efforts() -> None:
@@ -255,11 +253,11 @@ def test_what_a_controller_cannot_answer_is_said_with_the_record_so_far() -> Non
             "start is a state of 4 coordinates; allowed is one of 5: gamma, x, phi, theta, l",
         ),
         ({"start": "rest"}, "start is 'rest'"),
-        ({"since": math.nan}, "time at the start is nan"),
+        ({"t_start": math.nan}, "time at the start is nan"),
         ({"duration": 1e5}, r"s at most: its \d+ rows would take"),
         ({"dt": 1e-14}, "dt is 1e-14 s; allowed is 1e-09 to 1000"),
         ({"dt": 1e-9, "control_period": 1e-9, "duration": 100.0}, "that is 1e[+]10 steps"),
-        ({"since": 1e17}, "time at the start is 1e[+]17 s; allowed is -1e9 to 1e9"),
+        ({"t_start": 1e17}, "time at the start is 1e[+]17 s; allowed is -1e9 to 1e9"),
         (
             {"disturbance": lambda t, state: np.zeros(3)},
             r"force of the disturbance is an array of shape \(3,\)",

@@ -15,7 +15,7 @@ import pytest
 from cranedyn.data.trajectory import read
 from cranedyn.references import zv
 from cranedyn.references.limits import use
-from cranedyn.references.motion import plumb
+from cranedyn.references.motion import hanging_reference
 from experiments import compare, harness
 from experiments.compare import Result
 from experiments.harness.document import read_document
@@ -32,7 +32,7 @@ from experiments.scenarios.strategies import (
     PD,
     STRATEGIES,
     TIME,
-    joystick,
+    joystick_move,
 )
 from tests.helpers import FAST, ROOT
 from tests.told import missing
@@ -81,14 +81,14 @@ def test_every_way_on_paper_keeps_the_limits_of_the_drives(
 ) -> None:
     for strategy in ("spline alone", FLAT, "operator", "operator + ZVD"):
         plan = STRATEGIES[strategy](setup, move)
-        motion = plan.motion or plumb(setup.crane, plan.reference, plan.arrives + 1.0)
+        motion = plan.motion or hanging_reference(setup.crane, plan.reference, plan.arrives + 1.0)
         shares = use(setup.crane, motion, LIMITS)
         # a trapezoid's acceleration jumps between samples of the spline that shapes it
         assert max(shares.values()) < 1.0 + 1e-6, (strategy, shares)
 
 
 def test_the_operator_is_at_full_rate_at_once_and_stops_at_the_goal(setup: harness.Setup) -> None:
-    reference, end = joystick(setup, COMBINED)
+    reference, end = joystick_move(setup, COMBINED)
     assert reference(end).position == pytest.approx(COMBINED.goal, abs=1e-9)
     assert np.abs(reference(end + 1.0).velocity).max() == pytest.approx(0.0, abs=1e-12)
     speeds = np.array([np.abs(reference(t).velocity) for t in np.arange(0.0, end, 0.01)]).max(

@@ -14,7 +14,7 @@ from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.load import load_crane
-from cranedyn.references import plumb, spline
+from cranedyn.references import hanging_reference, spline
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
 from experiments import harness
@@ -113,7 +113,7 @@ def test_a_load_heavier_than_believed_ends_where_it_shall_at_any_control_period(
     heavy = load_crane(payload_mass=1.2 * crane.payload_mass)
     start = heavy.state(gamma=0.0, x=10.0, l=15.01)
     reference = spline(heavy, start, [(0.0, 11.0, 13.0)], [8.0])
-    motion = plumb(crane, reference, 8.0)
+    motion = hanging_reference(crane, reference, 8.0)
     made = HoistIntegral(crane, lqr(crane, motion), 4e3, float(crane.effort_limit[2]))
     how = {"start": start, "duration": 20.0, "control_period": period}
     plain = simulate(heavy, replace(made, integral=0.0), motion, **how)

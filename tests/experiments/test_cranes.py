@@ -15,7 +15,6 @@ from numpy.testing import assert_allclose
 
 from cranedyn import theory
 from cranedyn.controllers import follow
-from cranedyn.controllers.observer import disturbance_of, initial_std_of
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.linearisation import free_modes
 from cranedyn.dynamics.pinocchio import (
@@ -27,6 +26,7 @@ from cranedyn.dynamics.pinocchio import (
     rope_tension,
 )
 from cranedyn.errors import ModelError, OutOfRange, RunError
+from cranedyn.estimation.observer import disturbance_of, initial_std_of
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.recording import Run, record

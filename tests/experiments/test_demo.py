@@ -17,8 +17,8 @@ from rerun.chunk import RrdReader
 
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory, join, read
+from cranedyn.planning.itinerary import ARTICLE_TOUR, Leg, itinerary
 from cranedyn.recording import Live
-from cranedyn.references import ARTICLE_TOUR, Leg, itinerary
 from experiments import demo, harness
 from experiments.endless import Dwell, Dwells
 from experiments.report import page

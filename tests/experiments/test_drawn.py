@@ -16,10 +16,10 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.controllers.follow import follow
-from cranedyn.controllers.sensed import noise_of, sensed
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.converters import converters
 from cranedyn.errors import CraneError
+from cranedyn.estimation.sensor_model import noise_of, with_sensor_model
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references.spline import spline
@@ -65,7 +65,7 @@ def test_a_drawn_case_is_the_move_of_that_crane_alone(strategy: str, drive: str)
     longer = np.zeros(crane.layout.n)
     longer[crane.layout.index("l")] = one["cable_error_m"]
     controller, start = plan.controller(), COMBINED.ends(crane)[0]
-    seen = sensed(
+    seen = with_sensor_model(
         crane,
         lambda t, state, setpoint: controller(t, State(state.q - longer, state.v), setpoint),
         delay=int(one["delay"]),
@@ -91,8 +91,7 @@ def test_a_drawn_case_is_the_move_of_that_crane_alone(strategy: str, drive: str)
         start=State(start.q + longer, start.v),
         duration=instant(setup, plan.arrives + AFTER),
         disturbance=gust,
-        drive=plan.drive,
-        converters=replace(typical, lags=one["lag"] * typical.lags) if drive != "ideal" else None,
+        drive=plan.drive if drive == "ideal" else replace(typical, lags=one["lag"] * typical.lags),
         validity="mark",
         engine="compiled",
         **COARSE,

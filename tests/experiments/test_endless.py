@@ -16,7 +16,7 @@ import pytest
 
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import QUANTITIES, Trajectory, join, read
-from cranedyn.references import ARTICLE_TOUR, itinerary
+from cranedyn.planning.itinerary import ARTICLE_TOUR, itinerary
 from experiments import demo, endless, harness
 from experiments.endless import Dwells, Record
 from experiments.scenarios.moves import residual

@@ -38,8 +38,7 @@ from cranedyn.interfaces import Setpoint
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
 from cranedyn.model.load import load_crane
-from cranedyn.simulation import simulate as simulation
-from cranedyn.simulation.log import Log
+from cranedyn.simulation.setting import Setting
 from cranedyn.simulation.simulate import simulate
 from experiments import a1, a1_identify, a2, a3, energy, harness, mass_ratio, report
 from experiments.harness import setup as world_room
@@ -662,11 +661,7 @@ def test_the_ledger_of_a_lowered_load_closes_and_does_not_if_the_work_forgets_th
     setup = harness.Setup(engine=FAST)
     left, rounding = energy.lowered(setup, 15.0)
     assert left <= rounding < 1e-8
-    monkeypatch.setattr(
-        simulation,
-        "Log",
-        lambda crane, since, period, rows, lead: Log(crane, since, period, rows, 0.0),
-    )
+    monkeypatch.setattr(Setting, "lead", 0.0)
     left, rounding = energy.lowered(setup, 15.0)
     # half a step at the largest speed of a quintic of 1.5 m in 6 s, 15/8 of the mean, against the
     # weight; the drive yields and is slower

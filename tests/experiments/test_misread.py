@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.controllers import hold_controller, lqr, mpc
-from cranedyn.controllers.affine import form
+from cranedyn.controllers import hold_controller, lqr
+from cranedyn.controllers.affine import affine_form
 from cranedyn.controllers.integral import HoistIntegral
+from cranedyn.estimation import mpc
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references import Motion, flat
 from cranedyn.simulation.simulate import simulate
@@ -84,7 +85,10 @@ def test_a_misread_cable_runs_in_code_as_it_does_step_by_step(
 def test_what_is_not_affine_is_not_when_it_misreads_either() -> None:
     times = 5e-3 * np.arange(3)
     inner = mpc(C, motion())
-    assert form(Misread(C, inner, SHARE, OFFSET), times, motion().at(times).position, 10) is None
+    assert (
+        affine_form(Misread(C, inner, SHARE, OFFSET), times, motion().at(times).position, 10)
+        is None
+    )
 
 
 @pytest.mark.skipif(FAST != "compiled", reason="needs the extra compiled")

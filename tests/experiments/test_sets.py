@@ -328,7 +328,7 @@ def test_a_live_recording_has_its_name_when_its_first_row_stands(tmp_path: Path)
             simulate(
                 crane(),
                 hold_controller(crane()),
-                since=float(run.t[-1]),
+                t_start=float(run.t[-1]),
                 start=run.state(-1),
                 duration=0.02,
             )

@@ -15,17 +15,18 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import follow
-from cranedyn.controllers.damped import damped
+from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import EngineName, State
-from cranedyn.references import ARTICLE_TOUR, Leg, hold, plumb, spline
+from cranedyn.planning.itinerary import ARTICLE_TOUR, Leg
+from cranedyn.planning.tour import tour
+from cranedyn.references import hanging_reference, hold, spline
 from cranedyn.references.flat import cruise, flat
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
-from cranedyn.references.tour import tour
 from cranedyn.simulation.simulate import simulate
 from experiments import demo, harness
 from experiments.scenarios.moves import TOUR_LIMITS as LIMITS
@@ -36,7 +37,9 @@ FREE = Limits((10.0, 100.0, 100.0), (10.0, 100.0, 100.0))
 
 
 def in_ten_seconds(start: State, goal: State) -> Motion:
-    return plumb(crane(), spline(crane(), start, [goal.q[crane().layout.drives]], [10.0]), 10.0)
+    return hanging_reference(
+        crane(), spline(crane(), start, [goal.q[crane().layout.drives]], [10.0]), 10.0
+    )
 
 
 def test_a_cruise_is_at_constant_speed_between_its_ramps_and_arrives() -> None:
@@ -93,7 +96,7 @@ def test_tours_that_cannot_be_are_refused(legs: list[Leg], dwell: float, words: 
 def test_drives_that_yield_damp_the_swing_as_much_as_asked() -> None:
     point = big_crane()
     start = point.state(x=30.0, l=20.0, phi=0.01, theta=0.01)
-    controller = damped(point, hold(point, start), ratio=0.2, limits=FREE)
+    controller = with_damping(point, hold(point, start), ratio=0.2, limits=FREE)
     run = quickly(point, controller, start=start, duration=40.0, drive="motion")
     for angle in ("phi_rad", "theta_rad"):
         swing = run[angle]
@@ -109,7 +112,7 @@ def test_drives_that_yield_damp_the_swing_as_much_as_asked() -> None:
 
 def test_drives_that_yield_keep_their_rates_and_accelerations() -> None:
     start = crane().state(phi=0.3)
-    controller = damped(
+    controller = with_damping(
         crane(), hold(crane(), start), limits=Limits((0.08, 0.1, 0.8), (0.02, 0.4, 0.4))
     )
     run = quickly(crane(), controller, start=start, duration=10.0, drive="motion")
@@ -120,7 +123,7 @@ def test_drives_that_yield_keep_their_rates_and_accelerations() -> None:
 @pytest.mark.parametrize("theta", [0.0, 0.1, -0.1])
 def test_at_the_slew_axis_the_slew_does_not_yield_and_every_command_is_finite(theta: float) -> None:
     reference = hold(crane(), crane().start)
-    controller = damped(crane(), reference, limits=FREE)
+    controller = with_damping(crane(), reference, limits=FREE)
     q = crane().start.q.copy()
     q[1:4] = 0.0, 0.05, theta
     command = controller(0.0, State(q, np.zeros(5)), reference(0.0))
@@ -136,7 +139,9 @@ def test_at_the_slew_axis_the_slew_does_not_yield_and_every_command_is_finite(th
     "made",
     [
         partial(follow, crane()),
-        lambda reference, period: damped(crane(), reference, limits=FREE, control_period=period),
+        lambda reference, period: with_damping(
+            crane(), reference, limits=FREE, control_period=period
+        ),
     ],
 )
 @pytest.mark.parametrize("engine", ["pinocchio", FAST])
@@ -167,7 +172,7 @@ def test_without_yielding_they_follow() -> None:
         quickly(crane(), controller, reference, start=start, duration=10.0, drive="motion")
         for controller in (
             follow(crane(), reference),
-            damped(crane(), reference, ratio=0.0, limits=FREE),
+            with_damping(crane(), reference, ratio=0.0, limits=FREE),
         )
     ]
     assert_allclose(runs[0].q, runs[1].q, atol=1e-12)  # rounding
@@ -176,7 +181,7 @@ def test_without_yielding_they_follow() -> None:
 @pytest.mark.parametrize("arguments", [{"ratio": -0.1}, {"ratio": 1.1}, {"recovery": -1.0}])
 def test_damping_that_cannot_be_is_refused(arguments: dict) -> None:
     with pytest.raises(OutOfRange):
-        damped(crane(), hold(crane(), crane().start), limits=FREE, **arguments)
+        with_damping(crane(), hold(crane(), crane().start), limits=FREE, **arguments)
 
 
 @pytest.mark.parametrize("control", ["paper", "lqr", "flat"])
@@ -227,7 +232,7 @@ def test_a_dwell_too_short_for_shaped_commands_is_refused(
 
 def test_a_load_heavier_than_planned_is_held_in_the_second_cycle_as_in_the_first() -> None:
     heavy, planned = crane(payload_mass=1300.0), crane()
-    still = plumb(planned, hold(planned, planned.start), 1.0, 1e-2)
+    still = hanging_reference(planned, hold(planned, planned.start), 1.0, 1e-2)
     controller = HoistIntegral(
         planned, lqr(planned, still, dt=1e-3), 4e3, float(planned.effort_limit[2])
     )

@@ -16,7 +16,7 @@ from cranedyn.identification import Estimate, Known, Model, Record, identify, lo
 from cranedyn.identification.motion import lagged
 from cranedyn.identification.noise import is_white
 from cranedyn.identification.search import jacobian
-from cranedyn.references import JoystickPulse, operator
+from cranedyn.planning.joystick import JoystickPulse, joystick
 from cranedyn.simulation.simulate import simulate
 from experiments.gazebo import RECORDINGS
 from experiments.identify_coverage import NAMES, NOISE, PLANTS, coverage, synthetic
@@ -35,7 +35,7 @@ def recorded() -> dict[str, np.ndarray]:
     start = crane.state(x=8.0, l=12.0 + TRUTH["l_offset"], phi=0.03)
     pulses = [JoystickPulse("x", 0.6, 2.0, 4.0), JoystickPulse("gamma", 0.08, 8.0, 4.0),
               JoystickPulse("l", 0.4, 16.0, 4.0), JoystickPulse("x", -0.5, 22.0, 4.0)]  # fmt: skip
-    aims = operator(crane, start, pulses, accelerations=(0.05, 0.3, 0.3))
+    aims = joystick(crane, start, pulses, accelerations=(0.05, 0.3, 0.3))
     run = simulate(
         crane,
         follow(crane, aims, 0.01),

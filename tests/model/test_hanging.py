@@ -18,7 +18,7 @@ from cranedyn.errors import ModelError
 from cranedyn.interfaces import EngineName
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from cranedyn.references import hold, plumb
+from cranedyn.references import hanging_reference, hold
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import FAST
@@ -131,7 +131,7 @@ def test_what_would_fall_does_not_hang_and_starts_where_its_description_says() -
 @pytest.mark.parametrize("engine", ["pinocchio", FAST])
 def test_an_lqr_about_rest_moves_no_load_that_hangs_at_rest(text: str, engine: EngineName) -> None:
     crane = loaded(text)
-    controller = lqr(crane, plumb(crane, hold(crane), 5.0))
+    controller = lqr(crane, hanging_reference(crane, hold(crane), 5.0))
     run = simulate(crane, controller, hold(crane), duration=5.0, engine=engine)
     # rounding of 30 m
     assert_allclose(
@@ -194,7 +194,7 @@ def test_the_swing_of_a_run_counts_from_where_the_load_hangs() -> None:
     from cranedyn.compiled.batch import simulate_batch
 
     crane = loaded(LUFFING)
-    controller = lqr(crane, plumb(crane, hold(crane), 1.0))
+    controller = lqr(crane, hanging_reference(crane, hold(crane), 1.0))
     batch = simulate_batch(crane, controller, hold(crane), start=[crane.start] * 2, duration=1.0)
     assert (batch.peak_swing < 1e-12).all()  # rounding; the joint is at -0.6 rad
     start = crane.state(luff=0.6, swing_out=-0.6 + 1.6, swing_side=0.0)

@@ -15,9 +15,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.analysis.swing import swing_amplitude
-from cranedyn.controllers.sensed import sensed
 from cranedyn.dynamics.pinocchio import payload_position
 from cranedyn.errors import CraneError, ModelError
+from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.load import load_crane
 from cranedyn.planning import search
@@ -411,7 +411,7 @@ def test_a_perturbed_lift_is_what_the_plain_loop_makes_of_it() -> None:
 
     q = made.states()[0].q.copy()
     q[made.clearance.joints.hoist] += cable
-    behind = sensed(
+    behind = with_sensor_model(
         made.crane, misread, delay=delay, noise=np.zeros(10), rng=np.random.default_rng(0)
     )
     duration = motion.arrival + 5.0

@@ -29,8 +29,7 @@ from tests.helpers import G, accelerations, big_crane, crane, quickly, states
 
 ca = pytest.importorskip("casadi", reason="CasADi is not installed")
 
-from cranedyn.dynamics import symbolic  # noqa: E402
-from cranedyn.planning import transcription  # noqa: E402
+from cranedyn.planning import symbolic, transcription  # noqa: E402
 from cranedyn.planning.optimal import optimal  # noqa: E402
 
 LIMITS = Limits((0.0838, 1.583, 1.0), (0.02, 0.4, 0.4))
@@ -136,9 +135,9 @@ def test_a_joint_of_several_coordinates_is_refused() -> None:
 
 def test_without_casadi_a_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "casadi", None)
-    monkeypatch.delitem(sys.modules, "cranedyn.dynamics.symbolic")
+    monkeypatch.delitem(sys.modules, "cranedyn.planning.symbolic")
     with pytest.raises(CraneError, match=r"pip install 'cranedyn\[optimal\]'"):
-        importlib.import_module("cranedyn.dynamics.symbolic")
+        importlib.import_module("cranedyn.planning.symbolic")
 
 
 # --- transcription --------------------------------------------------------------------------------

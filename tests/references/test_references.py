@@ -13,15 +13,14 @@ from hypothesis import strategies as st
 from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.load import load_crane
+from cranedyn.planning.itinerary import Leg, itinerary
+from cranedyn.planning.joystick import JoystickPulse, joystick
+from cranedyn.planning.tour import tour
 from cranedyn.references import (
-    JoystickPulse,
-    Leg,
     ei,
     flat,
+    hanging_reference,
     hold,
-    itinerary,
-    operator,
-    plumb,
     pulse,
     ramp,
     shaped,
@@ -33,7 +32,6 @@ from cranedyn.references.limits import Limits, fastest
 from cranedyn.references.motion import Motion
 from cranedyn.references.spline import PEAK_RATE, shortest
 from cranedyn.references.tabulated import tabulated
-from cranedyn.references.tour import tour
 from tests.helpers import crane
 
 CRANE = crane()
@@ -43,7 +41,7 @@ PLACE = [0.5, 12.0, 9.0]
 
 
 QUINTIC = spline(CRANE, START, [(0.0, 14.0, 7.0)], [3.0], at=1.0)
-PUSHES = operator(
+PUSHES = joystick(
     CRANE,
     START,
     [JoystickPulse("x", 0.5, 1.0, 3.0), JoystickPulse("l", -0.8, 2.0, 0.01)],
@@ -52,7 +50,7 @@ PUSHES = operator(
 
 
 def _plan(start: State, goal: State) -> Motion:
-    return plumb(CRANE, spline(CRANE, start, [goal.q[CRANE.layout.drives]], [2.0]), 2.0)
+    return hanging_reference(CRANE, spline(CRANE, start, [goal.q[CRANE.layout.drives]], [2.0]), 2.0)
 
 
 LEGS = tour(CRANE, [Leg("out", x=12.0), Leg("in", x=10.0)], _plan, dwell=0.5)
@@ -68,9 +66,9 @@ LEGS = tour(CRANE, [Leg("out", x=12.0), Leg("in", x=10.0)], _plan, dwell=0.5)
         ),
         ramp(CRANE, lambda t: BASE(t), "gamma", 0.1, rate=0.1, at=1.0),
         QUINTIC,
-        plumb(CRANE, QUINTIC, 5.0),
+        hanging_reference(CRANE, QUINTIC, 5.0),
         PUSHES,
-        operator(CRANE, START, [], accelerations=(0.02, 0.4, 0.4)),
+        joystick(CRANE, START, [], accelerations=(0.02, 0.4, 0.4)),
         shaped(PUSHES, ei(), 1.3),
         shaped_hoisting(CRANE, PUSHES, zv(), 5.0),
         LEGS,
@@ -108,7 +106,7 @@ def test_many_times_at_once_are_setpoint_as_each_by_itself(reference: Reference)
 
 
 LIMITS = (0.02, 0.4, 0.4)
-LEVEL = operator(
+LEVEL = joystick(
     CRANE,
     START,
     [JoystickPulse("x", 0.5, 0.0, 3.0), JoystickPulse("gamma", 0.05, 1.0, 4.0)],
@@ -125,7 +123,7 @@ RESTING: dict[str, tuple[Reference, float, float, float]] = {
     "shaped": (shaped(PUSHES, ei(), 1.3), 1.0, 6.55, 0.0),
     "shaped hoisting": (shaped_hoisting(CRANE, PUSHES, zv(), 5.25), 0.0, 10.0, 0.0),
     "shaped level": (shaped_hoisting(CRANE, LEVEL, zv(), 7.5), 0.0, 12.0, 0.0),
-    "motion": (plumb(CRANE, QUINTIC, 5.0, 0.02), 1.0, 5.0, 0.02),
+    "motion": (hanging_reference(CRANE, QUINTIC, 5.0, 0.02), 1.0, 5.0, 0.02),
     "flat": (
         flat(CRANE, CRANE.state(), CRANE.state(gamma=0.2, x=13.0, l=8.0), 8.0, period=0.02),
         0.0,
@@ -137,7 +135,7 @@ RESTING: dict[str, tuple[Reference, float, float, float]] = {
 and time between rows, 0 without [s]."""
 
 CUT_SHORT = (
-    plumb(CRANE, ramp(CRANE, BASE, "x", 0.5, rate=0.1, at=1.0), 3.0, 0.02),
+    hanging_reference(CRANE, ramp(CRANE, BASE, "x", 0.5, rate=0.1, at=1.0), 3.0, 0.02),
     0.98,
     3.0,
     0.02,
@@ -299,7 +297,7 @@ def test_the_rates_of_a_crane_narrow_the_limits_of_a_plan() -> None:
     )
     assert section == pytest.approx(PEAK_RATE * 10.0 / 0.5)
     with pytest.raises(OutOfRange, match=r"rate of a push of x is 0\.6 rad/s or m/s; .* 0\.5"):
-        operator(slow, start, [JoystickPulse("x", 0.6, 0.0, 1.0)], accelerations=(1, 1, 1))
+        joystick(slow, start, [JoystickPulse("x", 0.6, 0.0, 1.0)], accelerations=(1, 1, 1))
 
 
 def _pulse(**changes: Any) -> Reference:

@@ -20,10 +20,10 @@ from cranedyn.disturbances.wind import constant_force
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.errors import CraneError, DataError
 from cranedyn.model.load import load_crane
-from cranedyn.references import hold, plumb, pulse
+from cranedyn.references import hanging_reference, hold, pulse
 from cranedyn.references.hold import Still
 from cranedyn.references.pulse import Pulse
-from cranedyn.simulation.record import record_of, written_down
+from cranedyn.simulation.record import json_value, run_record
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane
 
@@ -108,7 +108,7 @@ def test_a_run_is_made_again_from_the_gains_and_the_reference_in_its_file(tmp_pa
 
 def test_the_record_says_what_there_is_in_numbers_or_by_a_checksum() -> None:
     start = crane().state(x=12.0)
-    motion = plumb(crane(), hold(crane(), start), 1.0)
+    motion = hanging_reference(crane(), hold(crane(), start), 1.0)
     record = simulate(crane(), lqr(crane(), motion), motion, start=start, duration=0.1).record
     assert (
         record["crane"]["gravity"] == crane().gravity
@@ -124,18 +124,18 @@ def test_the_record_says_what_there_is_in_numbers_or_by_a_checksum() -> None:
 
 
 def test_the_versions_of_a_record_are_those_that_are_installed() -> None:
-    found = record_of(crane())["versions"]
+    found = run_record(crane())["versions"]
     assert found.pop("python") == platform.python_version()
     assert found == {name: version(name) for name in found}
 
 
 def test_what_json_does_not_hold_is_written_by_its_name() -> None:
-    assert written_down(np.array([1.0, np.inf])) == [1.0, "inf"]
+    assert json_value(np.array([1.0, np.inf])) == [1.0, "inf"]
     assert (
-        written_down(lambda t: None)
+        json_value(lambda t: None)
         == f"{__name__}.test_what_json_does_not_hold_is_written_by_its_name.<locals>.<lambda>"
     )
-    assert written_down({"a": (1, 2.5)}) == {"a": [1, 2.5]}
+    assert json_value({"a": (1, 2.5)}) == {"a": [1, 2.5]}
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.references import hold
-from cranedyn.references.tabulated import Setpoints
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane
 
@@ -40,21 +39,14 @@ def test_an_answer_that_can_change_is_looked_at_every_time() -> None:
         simulate(crane(), hold_controller(crane()), reference, start=START, duration=0.1)
 
 
-def test_an_answer_that_cannot_change_is_looked_at_twice_only() -> None:
-    setpoints = Setpoints(hold(crane()), 3)
-    first = setpoints(0.0)
-    assert setpoints.steady is None
-    assert setpoints(0.1) is first is setpoints.steady is setpoints(0.2)
-
-
 def test_both_ends_of_a_long_run_are_those_of_a_run_in_two_parts() -> None:
-    def run(duration: float, since: float = 0.0, start: State = START) -> Trajectory:
+    def run(duration: float, t_start: float = 0.0, start: State = START) -> Trajectory:
         return simulate(
             crane(),
             hold_controller(crane()),
             hold(crane(), START),
             start=start,
-            since=since,
+            t_start=t_start,
             duration=duration,
         )
 

@@ -5,6 +5,7 @@ goes wrong.
 from __future__ import annotations
 
 import math
+import runpy
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, pulse, ramp
 from cranedyn.simulation.simulate import simulate
-from tests.helpers import G, big_crane, constant, crane, extrapolated, flow, locked, moved
+from tests.helpers import ROOT, G, big_crane, constant, crane, extrapolated, flow, locked, moved
 
 DAMPED = {"damp_slew": 3e4, "damp_trolley": 200.0, "damp_swing": 5e3, "damp_hoist": 700.0}
 
@@ -130,7 +131,7 @@ def test_the_controller_is_asked_once_per_period_at_the_instant_that_is_logged()
         duration=0.1,
         dt=5e-4,
         control_period=1e-2,
-        progress=ticks.append,
+        monitors=[lambda row, t, state: ticks.append(t)],
     )
     assert [t for t, *_ in seen] == ticks == found.t.tolist() == [k * 1e-2 for k in range(11)]
     assert np.array([z for _, z, _ in seen]).tolist() == np.hstack([found.q, found.v]).tolist()
@@ -585,23 +586,31 @@ def _interrupt(*_: object) -> Any:
     raise KeyboardInterrupt
 
 
-@pytest.mark.parametrize("where", ["controller", "reference", "progress"])
+@pytest.mark.parametrize("where", ["controller", "reference", "monitor"])
 def test_ctrl_c_keeps_what_was_recorded(where: str) -> None:
     c = crane()
-    start = c.start
-    arguments: dict[str, Any] = {
-        "controller": hold_controller(c, gravity=G),
-        "reference": hold(c, start),
-        "progress": lambda t: None,
-    }
-    usual = arguments[where]
-    arguments[where] = lambda t, *more: usual(t, *more) if t < 0.05 else _interrupt()
+    start, row = c.start, 10
+    controller, reference = hold_controller(c, gravity=G), hold(c, start)
+    calls = {name: iter(range(100)) for name in ("controller", "reference", "monitor")}
+
+    def interrupted(name: str, function: Any) -> Any:
+        def call(*arguments: Any) -> Any:
+            return function(*arguments) if next(calls[name]) < row else _interrupt()
+
+        return call if name == where else function
+
     with pytest.raises(RunError, match=r"Interrupted at t = 0.050 s") as caught:
-        simulate(c, **arguments, duration=1.0)
+        simulate(
+            c,
+            interrupted("controller", controller),
+            interrupted("reference", reference),
+            monitors=[interrupted("monitor", lambda row, t, state: None)],
+            duration=1.0,
+        )
     kept = caught.value.trajectory
     assert kept is not None
-    # Progress is told after the row is logged.
-    assert len(kept) == (11 if where == "progress" else 10)
+    # A monitor is called after the row is logged.
+    assert len(kept) == (11 if where == "monitor" else 10)
     assert_allclose(kept.q, start.q * np.ones((len(kept), 1)), atol=1e-12)  # it was at rest
 
 
@@ -615,3 +624,15 @@ def test_ctrl_c_at_once_keeps_an_empty_record() -> None:
     assert [getattr(kept, name).shape for name in QUANTITIES] == [
         (0,) if len(columns[name]) == 1 else (0, len(columns[name])) for name in QUANTITIES
     ]
+
+
+def test_the_plain_loop_of_the_example_does_the_same_to_round_off() -> None:
+    example = runpy.run_path(str(ROOT / "examples" / "plain_loop.py"))
+    run = simulate(
+        example["crane"],
+        example["controller"],
+        example["reference"],
+        start=example["start"],
+        duration=5.0,
+    )
+    assert np.abs(example["plain_loop"](5.0) - run.q).max() < 1e-14

@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import follow, hold_controller
-from cranedyn.controllers.rated import rated
+from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances import wind
 from cranedyn.dynamics.converters import converters
@@ -67,7 +67,7 @@ def test_both_engines_and_a_batch_record_the_same(
     rule: Integrator, strong: bool, blows: bool
 ) -> None:
     c = crane() if strong else crane(trolley_effort=400.0, slew_effort=2e4)
-    law = rated(c, hold_controller(c), drive="effort")
+    law = as_velocity_command(c, hold_controller(c), drive="effort")
     how: dict[str, Any] = {
         "start": start(),
         "duration": 1.0,
@@ -96,11 +96,13 @@ def test_both_engines_and_a_batch_record_the_same(
 def test_cranes_of_a_batch_may_have_converters_of_their_own() -> None:
     c = crane()
     made = [converters(c, lags={"x": lag, "gamma": lag}) for lag in (0.05, 0.1, 0.3)]
-    law = rated(c, hold_controller(c), drive="effort")
-    how: dict[str, Any] = {"duration": 1.0, "dt": 1e-3, "drive": "velocity"}
-    batch = simulate_batch(c, law, moved(c), start=[start()] * 3, converters=made, **how)
+    law = as_velocity_command(c, hold_controller(c), drive="effort")
+    how: dict[str, Any] = {"duration": 1.0, "dt": 1e-3}
+    batch = simulate_batch(
+        c, law, moved(c), start=[start()] * 3, drive="velocity", converters=made, **how
+    )
     alone = [
-        simulate(c, law, moved(c), start=start(), converters=one, engine="compiled", **how).q[-1]
+        simulate(c, law, moved(c), start=start(), drive=one, engine="compiled", **how).q[-1]
         for one in made
     ]
     assert_allclose(batch.end.q, alone, rtol=0.0, atol=1e-12)
@@ -109,7 +111,7 @@ def test_cranes_of_a_batch_may_have_converters_of_their_own() -> None:
 
 def test_a_batch_hears_with_one_delay_and_gets_as_many_converters_as_cranes() -> None:
     c = crane()
-    law = rated(c, hold_controller(c), drive="effort")
+    law = as_velocity_command(c, hold_controller(c), drive="effort")
     how: dict[str, Any] = {"start": [start()] * 2, "duration": 0.1, "drive": "velocity"}
     with pytest.raises(CraneError, match="delays of converters is 4 to 8 control periods"):
         simulate_batch(c, law, converters=[converters(c), converters(c, delay=0.04)], **how)
@@ -133,7 +135,7 @@ def test_a_stepper_makes_the_same_steps(engine: Any) -> None:
 
 def test_the_ledger_of_energy_closes_the_better_the_finer_the_step() -> None:
     c = crane()
-    law = rated(c, hold_controller(c), drive="effort")
+    law = as_velocity_command(c, hold_controller(c), drive="effort")
     left = [
         simulate(
             c,
@@ -214,7 +216,7 @@ def test_converters_that_are_told_more_than_their_rate_are_cut_and_marked(engine
 
 def test_a_batch_says_when_a_converter_was_first_told_more_than_its_rate() -> None:
     c = crane()
-    law = rated(c, hold_controller(c), drive="effort")  # 6 m/s for a jump of 1 m
+    law = as_velocity_command(c, hold_controller(c), drive="effort")  # 6 m/s for a jump of 1 m
     jump = pulse(c, hold(c), "x", 1.0, at=0.2, width=0.1)
     batch = simulate_batch(c, law, jump, start=[c.start] * 2, duration=0.5, drive="velocity")
     assert batch.valid_until.tolist() == [pytest.approx(0.2, abs=1e-12)] * 2

@@ -22,7 +22,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cranedyn.bridges.command import DOORS
+from cranedyn import plugins
 from tests.system.fuzz import api, files, lines
 from tests.system.fuzz.__main__ import main
 from tests.system.fuzz.core import Broken, Case, drawn, judged, listed, smallest
@@ -129,7 +129,7 @@ def test_enough_was_tried_of_each_and_both_ends_were_met() -> None:
         assert TRIED[f"api {group}, good"] > 0, group
     for what in ("Fleet", "Stepper", "TowerCraneEnv", "TowerCraneVectorEnv"):
         assert TRIED[f"loop {what}, good"] > 0 and TRIED[f"loop {what}, some refused"] > 0, what
-    for door in DOORS:
+    for door in plugins.names("exporter"):
         assert TRIED[f"export {door}, good"] > 0, door
 
 

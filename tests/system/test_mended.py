@@ -31,10 +31,10 @@ from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
 from cranedyn.interfaces import Setpoint
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
+from cranedyn.planning.itinerary import Leg, itinerary
 from cranedyn.plotting.figures import panels, save
 from cranedyn.recording import Live, Run, record
 from cranedyn.references import hold, pulse, ramp
-from cranedyn.references.itinerary import Leg, itinerary
 from cranedyn.references.tabulated import tabulated
 from cranedyn.simulation.simulate import simulate
 from cranedyn.sweep import grid, sampled, sweep

@@ -11,7 +11,7 @@ import pytest
 
 import cranedyn as cd
 from cranedyn import __main__ as face
-from experiments import catalogue
+from cranedyn import plugins
 from tests.helpers import ROOT
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -54,7 +54,7 @@ def test_every_command_of_ours_that_a_page_names_is_there(page: Path) -> None:
         assert path.with_suffix(".py").exists() or path.is_dir() or module.endswith("NAME"), module
     for word, name in re.findall(r"^cranedyn (\w+)(?: (\w+))?", text, re.MULTILINE):
         assert word in face.COMMANDS
-        assert word != "run" or name in {*catalogue.EXPERIMENTS, *catalogue.TOOLS}
+        assert word != "run" or name in plugins.names("experiment")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())

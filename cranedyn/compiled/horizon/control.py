@@ -26,10 +26,9 @@ from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.horizon import interior, model, planning, riccati
 from cranedyn.compiled.horizon.memory import Shape, element, pointer
 from cranedyn.compiled.horizon.planning import QUERY
-from cranedyn.dynamics.plant import Plant, Topology, plant
-from cranedyn.dynamics.rigid_body import array
-from cranedyn.dynamics.scalars import clipped
+from cranedyn.dynamics.scalars import array, clipped
 from cranedyn.model.layout import Layout
+from cranedyn.plant.plant import Plant, Topology, plant
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Programme:
 
     Attributes:
         topology: What its crane has in common with others.
-        numbers: Of the crane that it believes in, see `cranedyn.dynamics.plant.numbers`.
+        numbers: Of the crane that it believes in, see `cranedyn.plant.plant.numbers`.
         drive: What it commands, "effort", "motion" or "velocity".
         stages: Of the horizon.
         length: Of a stage [s].

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.dynamics.rigid_body import array
+from cranedyn.dynamics.scalars import array
 
 
 class Dual:

@@ -19,9 +19,9 @@ from llvmlite import ir
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.horizon.dual import constants, slopes, variables
 from cranedyn.compiled.horizon.memory import BLOCK, Other, Shape, Work
-from cranedyn.dynamics import rigid_body
-from cranedyn.dynamics.plant import Plant
-from cranedyn.dynamics.rigid_body import array
+from cranedyn.dynamics.scalars import array, solve
+from cranedyn.plant import rigid_body
+from cranedyn.plant.plant import Plant
 
 _ORDER = 4
 
@@ -66,7 +66,7 @@ def linear(plant: Plant, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> Linear:
     block = mass[np.ix_(passive, passive)]
     for j in range(2 * n + m):
         if any(not _zero(part) for part in by_all[passive, j]):
-            rates[passive, j] = rigid_body.solve(block, -by_all[passive, j])
+            rates[passive, j] = solve(block, -by_all[passive, j])
     efforts = by_all[drives] + mass[np.ix_(drives, passive)] @ rates[passive]
     return Linear(a, effort, rates, efforts)
 
@@ -92,7 +92,7 @@ def hanging(plant: Plant, drives: np.ndarray) -> np.ndarray:
     )
     stiffness = slopes(forces[swings], layout.n)[:, swings]
     pull = array([force.value for force in forces[swings]])
-    q[swings] = q[swings] - rigid_body.solve(stiffness, pull)
+    q[swings] = q[swings] - solve(stiffness, pull)
     return q
 
 

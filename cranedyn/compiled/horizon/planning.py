@@ -11,8 +11,8 @@ from llvmlite import ir
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.horizon.memory import REPORT, Other, Shape, Work, everywhere
 from cranedyn.compiled.horizon.riccati import call, mask, total
-from cranedyn.dynamics.plant import Plant
-from cranedyn.dynamics.rigid_body import array
+from cranedyn.dynamics.scalars import array
+from cranedyn.plant.plant import Plant
 
 _HUGE = 1e300
 """What no number of a plan exceeds."""

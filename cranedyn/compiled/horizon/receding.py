@@ -30,14 +30,14 @@ from cranedyn.compiled.machine import Machine, translated
 from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.dynamics.plant import Plant, Topology, numbers, plant
 from cranedyn.errors import CraneError, OutOfRange, number, whole, within
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
+from cranedyn.plant.plant import Plant, Topology, numbers, plant
+from cranedyn.references.interpolation import ROW_TOLERANCE
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion
-from cranedyn.references.rows import SAME
 
 PRICE = 1e6
 """Cost of exceeding a bound by as much as its own size, in one stage."""
@@ -244,8 +244,8 @@ class Receding(OneLine):
         ends = [first + (lane + 1) * size for lane in range(lanes)]
         return [Marks(*memory[end : end + len(MARKS)].tolist()) for end in ends]
 
-    def run_begins(self, t: float, control_period: float) -> None:
-        """See `cranedyn.clocks.Timed`.
+    def begin_run(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Clocked`.
 
         Raises:
             OutOfRange: If the run's control period is another than the controller's.
@@ -272,7 +272,7 @@ class Receding(OneLine):
         return self._instant(np.concatenate([*state, setpoint.position]), count, due)
 
     def _count(self, t: float) -> int:
-        return max(0, math.floor(t / self.programme.period + SAME))
+        return max(0, math.floor(t / self.programme.period + ROW_TOLERANCE))
 
     def _begin(self) -> None:
         self._memory[:], self._when = self.memory(1), None
@@ -340,7 +340,8 @@ def receding(
         limits: Of the rates and accelerations of the drives, beside the crane's own rate limits.
         motion: What to track; None to go to the setpoint of the reference.
         drive: What it commands: "effort", "motion", or "velocity", the rates at which frequency
-            converters accelerate the drives as planned, see `cranedyn.controllers.rated`.
+            converters accelerate the drives as planned, see
+            `cranedyn.controllers.velocity_command`.
         converters: Of drives that take velocities; None for typical ones.
         swing_limit: Largest size of each swing from where the load hangs [rad], below π/2.
         control_period: Of the run [s].

@@ -49,17 +49,20 @@ PUBLIC = {
     "crane": ("cranedyn.model.crane", "cranedyn.model.description", "cranedyn.model.load"),
     "controllers": (
         "cranedyn.controllers",
-        "cranedyn.controllers.damped",
+        "cranedyn.controllers.damping",
         "cranedyn.controllers.integral",
         "cranedyn.compiled.horizon.receding",
-        "cranedyn.controllers.rated",
+        "cranedyn.controllers.velocity_command",
         "cranedyn.dynamics.converters",
+        "cranedyn.estimation",
     ),
     "references": (
         "cranedyn.references",
         "cranedyn.references.limits",
         "cranedyn.planning.optimal",
-        "cranedyn.references.tour",
+        "cranedyn.planning.itinerary",
+        "cranedyn.planning.joystick",
+        "cranedyn.planning.tour",
     ),
     "linear": ("cranedyn.dynamics.linearisation", "cranedyn.analysis.prediction"),
     "analysis": ("cranedyn.analysis.swing", "cranedyn.dynamics.validity"),
@@ -91,8 +94,9 @@ INTERNAL = tuple(
         " model.layout model.shown model.springs model.urdf"
         " version planning.bim planning.bodies planning.clearance planning.curve planning.driven "
         "planning.fields planning.grid planning.half_spaces planning.ifc_shapes planning.move "
-        "planning.neighbour planning.proof"
-        " planning.search planning.site planning.solids planning.timing planning.transcription"
+        "planning.neighbour planning.proof plant"
+        " planning.search planning.site planning.solids planning.symbolic planning.timing"
+        " planning.transcription"
         " plotting processes simulation.engine simulation.log simulation.record startup bridges"
     ).split()
 )
@@ -110,13 +114,14 @@ WITHIN = (
     "bounds",
     "drive_bounds",
     "within_efforts",
-    "held_back",
+    "saturate_acceleration",
     "fitting",
     "hoisting",
+    "leg_target",
     "columns_of",
     "started",
-    "command_of",
-    "force_of",
+    "as_command",
+    "as_force",
     "diverged",
     "late",
     "made_otherwise",
@@ -180,11 +185,11 @@ RIGHT: dict[str, str] = {
     "free_swing.until": "3.0",
     "free_swing.start": "crane.state(phi=0.1)",
     "optimal.duration": "9.0",
-    "longer.by": "1.0",
-    "adapted.sensors": "'drives'",
-    "adapted.motion_of": "lambda by: longer(crane, motion, by)",
-    "adapted.disturbance": "np.full(5, 1e-2)",
-    "adapted.noise": "np.full(10, 1e-3)",
+    "with_longer_cable.by": "1.0",
+    "with_load_estimate.sensors": "'drives'",
+    "with_load_estimate.motion_of": "lambda by: with_longer_cable(crane, motion, by)",
+    "with_load_estimate.disturbance": "np.full(5, 1e-2)",
+    "with_load_estimate.noise": "np.full(10, 1e-3)",
     "optimal.interval": "0.5",
     "in_least_time.interval": "0.5",
     "spline.waypoints": "[(0.0, 12.0, 10.0)]",
@@ -193,11 +198,11 @@ RIGHT: dict[str, str] = {
     "shortest.rates": "(0.1, 1.0, 1.0)",
     "shortest.accelerations": "(0.1, 0.5, 0.5)",
     "itinerary.rates": "(0.1, 1.0, 1.0)",
-    "operator.accelerations": "(0.1, 0.5, 0.5)",
+    "joystick.accelerations": "(0.1, 0.5, 0.5)",
     "shaped_hoisting.duration": "4.0",
     "tour.plan": "lambda start, goal: flat(crane, start, goal, 6.0)",
     "tour.legs": "[Leg('out', x=12.0), Leg('back', x=float(start.q[1]))]",
-    "sensed.rng": "np.random.default_rng(1)",
+    "with_sensor_model.rng": "np.random.default_rng(1)",
     "grid.values": "{'x': [1.0, 2.0]}",
     "sampled.ranges": "{'x': (0.0, 1.0)}",
     "sampled.count": "4",
@@ -231,7 +236,7 @@ RIGHT: dict[str, str] = {
     },
     **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a", "drives")},
     "HoistIntegral.tracking": "tracking",
-    "rated.drive": "'effort'",
+    "as_velocity_command.drive": "'effort'",
     "converters.values": "{'lags': {'x': 0.2}}",
     "Shaper.fractions": "(0.0, 0.5)",
     "Shaper.amplitudes": "(0.5, 0.5)",
@@ -386,7 +391,7 @@ def raises(
 def writes(part: str) -> Callable[..., Any]:
     """A controller that writes into the state that it is shown."""
 
-    def controller(t: float, state: Any, checked_setpoint: object) -> np.ndarray:
+    def controller(t: float, state: Any, as_setpoint: object) -> np.ndarray:
         getattr(state, part)[...] = 1.0
         return np.zeros(3)
 
@@ -401,9 +406,9 @@ class Malformed:
     def __init__(self, **replaced: Any) -> None:
         self._replaced = replaced
 
-    def __call__(self, t: float, state: Any, checked_setpoint: Any) -> np.ndarray:
+    def __call__(self, t: float, state: Any, as_setpoint: Any) -> np.ndarray:
         """As a hold."""
-        return namespace()["law"](t, state, checked_setpoint)
+        return namespace()["law"](t, state, as_setpoint)
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine:
         """The form of a hold, less what is replaced."""
@@ -764,7 +769,7 @@ CALLABLES = [
         "follow(crane, None)",
         "tracking",
         "motion",
-        "observed(tracking, crane, short)",
+        "with_observer(tracking, crane, short)",
         "law.__class__",
         "mpc(crane, short)",
     ),
@@ -1149,16 +1154,14 @@ def _check(answer: Any, annotation: str) -> None:
     if annotation in ("Reference", "Motion") and callable(answer):
         for t in (0.0, 0.7, 3.0, 1e4):
             try:
-                checked_setpoint = answer(t)
+                as_setpoint = answer(t)
             except CraneError:  # of the reference beneath, which is refused when it is asked
                 return
-            if not all(
-                np.isfinite(part).all() and np.shape(part) == (3,) for part in checked_setpoint
-            ):
+            if not all(np.isfinite(part).all() and np.shape(part) == (3,) for part in as_setpoint):
                 raise Broken(
                     "a reference was accepted that says what is not finite, or not three numbers "
                     f"({type(answer).__name__})",
-                    f"t = {t}: {checked_setpoint}",
+                    f"t = {t}: {as_setpoint}",
                 )
     if (
         annotation == "Trajectory"

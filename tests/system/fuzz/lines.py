@@ -37,7 +37,9 @@ import experiments
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import read
 from cranedyn.errors import number
+from cranedyn.interfaces import State
 from cranedyn.model.description import Argument, arguments
+from cranedyn.simulation.monitors import Monitor
 from cranedyn.sweep.chunk import evaluate
 from cranedyn.sweep.pool import Cores
 from experiments import harness
@@ -428,19 +430,14 @@ class _Alone:
         pass
 
 
-def _cut_off(*given: Any, progress: Callable[[float], object] | None = None, **more: Any) -> Any:
-    """`simulate`, interrupted after some control instants."""
-    count = 0
+def _cut_off(*given: Any, monitors: Sequence[Monitor] = (), **more: Any) -> Any:
+    """Run `simulate`, interrupted after some control instants."""
 
-    def stop(t: float) -> None:
-        nonlocal count
-        count += 1
-        if progress is not None:
-            progress(t)
-        if count > _RUNS:
+    def stop(row: int, t: float, state: State) -> None:
+        if row >= _RUNS:
             raise KeyboardInterrupt
 
-    return _SIMULATE(*given, progress=stop, **more)
+    return _SIMULATE(*given, monitors=[*monitors, stop], **more)
 
 
 _SIMULATE = cranedyn.simulation.simulate.simulate

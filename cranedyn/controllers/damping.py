@@ -1,0 +1,121 @@
+"""Velocity commands with damping of the swing: the drives yield to the load."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cranedyn.arguments import checked
+from cranedyn.arrays import OneLine
+from cranedyn.clocks import soon_enough
+from cranedyn.errors import number
+from cranedyn.interfaces import Reference, Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.references.limits import Limits
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DampingController(OneLine):
+    """Drives that yield to the swing, see `with_damping`.
+
+    Attributes:
+        crane: The crane.
+        reference: Its velocity is the command, looked up one control period ahead.
+        ratio: ζ, the share of critical damping that the swing gets.
+        recovery: Share of the distance from the reference's position that is taken back per second
+            [1/s].
+        rates: Largest of the drives [rad/s or m/s], shape (m,).
+        accelerations: Largest of the drives [rad/s² or m/s²], shape (m,).
+        control_period: Time between control instants [s].
+    """
+
+    crane: Crane
+    reference: Reference
+    ratio: float
+    recovery: float
+    rates: np.ndarray
+    accelerations: np.ndarray
+    control_period: float
+
+    def begin_run(self, t: float, control_period: float) -> None:
+        """See `cranedyn.clocks.Clocked`."""
+        soon_enough(self.control_period, control_period)
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Return accelerations of the drives [rad/s² or m/s²], shape (m,)."""
+        return np.clip(
+            (self.velocity(t, state, setpoint) - state.v[self.crane.layout.drives])
+            / self.control_period,
+            -self.accelerations,
+            self.accelerations,
+        )
+
+    def velocity(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Return the rates of the drives to reach within a control period [rad/s or m/s], shape
+        (m,).
+        """
+        (_, *places), slewing, trolley = self._layout
+        x, phi, theta, length = state.q[places].tolist()
+        turned = theta / x if x != 0.0 else 0.0  # on the slew axis no slewing moves the pivot
+        yielding = (
+            2.0
+            * self.ratio
+            * np.sqrt(self.crane.gravity * length)
+            * (turned * slewing + phi * trolley)
+        )
+        back = self.recovery * (setpoint.position - state.q[self.crane.layout.drives])
+        return np.clip(
+            self.reference(t + self.control_period).velocity + back - yielding,
+            -self.rates,
+            self.rates,
+        )
+
+    @cached_property
+    def _layout(self) -> tuple[tuple[int, ...], np.ndarray, np.ndarray]:
+        """Where the joints of the tower crane are, and which drives slew and move the trolley."""
+        layout = self.crane.layout
+        joints = layout.tower("Drives that yield to the swing")
+        return joints, layout.along("gamma"), layout.along("x")
+
+
+@checked
+def with_damping(
+    crane: Crane,
+    reference: Reference,
+    *,
+    ratio: float = 0.2,
+    recovery: float = 0.0,
+    limits: Limits,
+    control_period: float = 5e-3,
+) -> DampingController:
+    """Return a controller that commands the reference's velocity less what damps the swing, for
+    `simulate(..., drive="motion")`.
+
+    With a pivot that moves at its commanded velocity less 2 ζ ω l φ the small swing obeys φ̈ + 2 ζ
+    ω φ̇ + ω² φ = ẍ/l, ω² = g/l. The position drifts by the integral of the correction, unless it is
+    taken back. On the slew axis, at radius 0, slewing does not move the pivot, so the slew does not
+    yield there.
+
+    Args:
+        crane: The crane.
+        reference: Its velocity is the command, looked up one control period ahead.
+        ratio: ζ, the share of critical damping that the swing gets.
+        recovery: Share of the distance from the reference's position that is taken back per second
+            [1/s].
+        limits: What the drives can do; the command is kept within.
+        control_period: Time between control instants [s], the same as in `simulate`; a run in which
+            they are further apart is refused.
+
+    Raises:
+        MissingRole: If it is not a tower crane.
+        OutOfRange: If the ratio is not between 0 and 1, or the recovery negative.
+    """
+    zeta = number("damping ratio", ratio, "", "0 to 1")
+    pull = number("recovery", recovery, "1/s", ">= 0")
+    number("control_period", control_period, "s", "> 0")
+    crane.layout.tower("Drives that yield to the swing")
+    kept = limits.for_crane(crane)
+    rates, accelerations = np.array(kept.rates), np.array(kept.accelerations)
+    return DampingController(crane, reference, zeta, pull, rates, accelerations, control_period)

@@ -1,0 +1,187 @@
+"""An extended Kalman filter for what a crane does and what hangs on it: its state, the mass of its
+load, and how its cable differs from what the hoist's encoder says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.dynamics.integrators import rk4
+from cranedyn.dynamics.joint_forces import JointForces
+from cranedyn.dynamics.pinocchio import by_state_and_force, full
+from cranedyn.estimation.observer import kalman_gain, load_lapack
+from cranedyn.interfaces import State
+from cranedyn.model.crane import Crane
+
+Sensors = Literal["drives", "swing", "imu"]
+"""What is measured: the encoders of the drives alone; besides them the angles of the
+swings; or besides them the rates at which a gyroscope on the load turns."""
+
+GYROSCOPE = 3e-3
+"""Standard deviation of a gyroscope on the load [rad/s], that of the rate of a swing in
+`cranedyn.estimation.sensor_model`."""
+
+LIGHTEST, HEAVIEST = 0.02, 50.0
+"""Loads that are thought possible, over the load believed in. What the filter infers beyond them
+is put at the end of this range."""
+
+_DRIFT = np.array([1e-3, 1e-3, 1e-5])
+"""How much inverse load, cable offset [m] and cable share may wander, per square root of a second,
+ours: so that the filter does not fall asleep."""
+
+
+class LoadFilter:
+    """The filter. Its unknowns are stacked as w = (coordinates, rates, 1/load, offset, share),
+    shape (2 n + 3,).
+
+    The mass of the load is `load` times that of the crane believed in; its inverse is estimated,
+    because the acceleration that an effort of the hoist causes is linear in it, so that a wrong
+    belief is mended in one step (Newton: l̈ = F/m + g). The cable is l = (1 + share) reading +
+    offset. The mean is predicted by RK4 on the full model, the covariance by its derivatives
+    (Jazwinski 1970, Stochastic Processes and Filtering Theory, §8.3), and kept in Joseph's form.
+
+    Attributes:
+        crane: The crane as it is believed at present, its load included.
+        mean: w, shape (2 n + 3,).
+        covariance: Of its error, shape (2 n + 3, 2 n + 3).
+        sensors: What is measured.
+    """
+
+    def __init__(
+        self,
+        crane: Crane,
+        period: float,
+        sensors: Sensors,
+        mean: np.ndarray,
+        covariance: np.ndarray,
+        disturbance: np.ndarray,
+        noise: np.ndarray,
+    ) -> None:
+        load_lapack()
+        self.crane = replace(crane, model=crane.model.copy())
+        self.mean, self.covariance, self.sensors = mean, covariance, sensors
+        self._period, self._noise = period, noise
+        self._n, self._joint = crane.layout.n, JointForces.of(crane)
+        self._data = self.crane.model.createData()
+        self._hoist = crane.layout.role("hoist", "An observer of the load")
+        self._body = crane.payload.body + 1
+        self._load = self.crane.model.inertias[self._body]  # a view: what it is given, it has
+        self._planned = self._load.mass
+        # of the planned load alone, as a point: efforts are linear in the mass of a body
+        self._alone = crane.model.copy()
+        for body in range(1, self._alone.njoints):
+            self._alone.inertias[body] = pin.Inertia.Zero()
+        self._alone.inertias[self._body] = pin.Inertia(
+            self._planned, self._load.lever, np.zeros((3, 3))
+        )
+        n = self._n
+        self._identity = np.eye(2 * n + 3)
+        reach = np.vstack([np.eye(n) * period**2 / 2.0, np.eye(n) * period])
+        self._added = np.zeros((2 * n + 3, 2 * n + 3))
+        self._added[: 2 * n, : 2 * n] = reach @ np.diag(disturbance) ** 2 @ reach.T
+        self._added[2 * n :, 2 * n :] = np.diag(_DRIFT) ** 2 * period
+        swings = crane.swings if sensors == "swing" else crane.swings[:0]
+        self._direct = np.concatenate([crane.layout.measured, swings])
+        self._believe()
+
+    @property
+    def state(self) -> State:
+        """Coordinates and rates, shape (n,) each, the cable as it is, not as it is read."""
+        return State(*self.mean[: 2 * self._n].reshape(2, -1).copy())
+
+    @property
+    def load(self) -> float:
+        """Mass of the load over that of the crane given."""
+        return float(1.0 / self.mean[-3])
+
+    @property
+    def cable(self) -> tuple[float, float]:
+        """Offset [m] and share of l = (1 + share) reading + offset."""
+        return float(self.mean[-2]), float(self.mean[-1])
+
+    def predict(self, effort: np.ndarray) -> None:
+        """Predict mean and covariance over one control period under efforts of the drives [N m or
+        N], shape (m,).
+        """
+        n, h = self._n, self._period
+        before, step = self.state, np.zeros_like(self.covariance)
+        by_state, inverse_mass = by_state_and_force(self.crane, before, effort)
+        step[:n, n : 2 * n] = h * self._identity[:n, :n]
+        step[n : 2 * n, : 2 * n] = h * by_state
+        step[n : 2 * n, -3] = h * (inverse_mass @ self._spared(before))
+        over = self._identity + step + step @ step / 2.0
+        self.mean = np.concatenate([*self.advanced(before, effort, h), self.mean[-3:]])
+        self.covariance = over @ self.covariance @ over.T + self._added
+
+    def advanced(self, state: State, effort: np.ndarray, time: float) -> State:
+        """Return the state after a time [s] under efforts, by one step of RK4 with the estimated
+        load.
+        """
+        model, data, (q, v) = self.crane.model, self._data, state
+        tau = full(self.crane, effort)
+
+        def acceleration(q: np.ndarray, u: np.ndarray) -> np.ndarray:
+            v = u / time
+            return time * time * pin.aba(model, data, q, v, tau + self._joint.effort(q, v))
+
+        q, u = rk4.rule(acceleration, np.add, np.add, q, time * v, 1)
+        return State(q, u / time)
+
+    def correct(self, reading: State) -> None:
+        """Correct mean and covariance by a reading; only the measured part of it is used."""
+        expected, by = self._expected(self.mean)
+        innovation = self._measured(reading) - expected
+        seen = by @ self.covariance
+        gain = kalman_gain(seen, seen @ by.T + self._noise)
+        left = self._identity - gain @ by
+        self.mean = self.mean + gain @ innovation
+        self.mean[-3] = min(max(self.mean[-3], 1.0 / HEAVIEST), 1.0 / LIGHTEST)
+        self.covariance = left @ self.covariance @ left.T + gain @ self._noise @ gain.T
+        self._believe()
+
+    def _measured(self, reading: State) -> np.ndarray:
+        found = np.concatenate(reading)[self._direct]
+        return np.concatenate([found, self._turning(reading)]) if self.sensors == "imu" else found
+
+    def _turning(self, state: State) -> np.ndarray:
+        """Return the rates at a gyroscope on the load [rad/s], shape (3,), in its frame."""
+        pin.forwardKinematics(self.crane.model, self._data, *state)
+        return np.array(self._data.v[self._body].angular)
+
+    def _expected(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the expected measurements and their derivatives by w."""
+        n, hoist = self._n, self._hoist
+        offset, scale = mean[-2], 1.0 + mean[-1]
+        values, by = mean[: 2 * n].copy(), self._identity[: 2 * n].copy()
+        values[hoist] -= offset
+        by[hoist, -2] = -1.0
+        read = slice(hoist, None, n)  # of the hoist: its position, and its rate n further on
+        values[read] /= scale
+        by[read] /= scale
+        by[read, -1] = -values[read] / scale
+        if self.sensors != "imu":
+            return values[self._direct], by[self._direct]
+        model, data, state = self.crane.model, self._data, State(*mean[: 2 * n].reshape(2, -1))
+        pin.computeForwardKinematicsDerivatives(model, data, *state, np.zeros(n))
+        frame = pin.ReferenceFrame.LOCAL
+        by_q, by_v = pin.getJointVelocityDerivatives(model, data, self._body, frame)
+        turning = np.hstack([by_q[3:], by_v[3:], np.zeros((3, 3))])
+        return (
+            np.concatenate([values[self._direct], self._turning(state)]),
+            np.vstack([by[self._direct], turning]),
+        )
+
+    def _spared(self, state: State) -> np.ndarray:
+        """Return the decrease of generalized force per unit of 1/load at the accelerations of
+        `by_state_and_force`, shape (n,); the force of the load alone is linear in its mass.
+        """
+        cost = pin.rnea(self._alone, self._data, *state, self.crane.data.ddq)
+        return cost / self.mean[-3] ** 2
+
+    def _believe(self) -> None:
+        """Set the load of the crane to that of the mean; its rotational inertia stays."""
+        self._load.mass = self._planned / self.mean[-3]

@@ -1,0 +1,277 @@
+"""Receding-horizon control: the LQR with the limits of the drives, and a bound on the swing, as
+constraints.
+
+The decision is c, by how much the efforts differ from those of the LQR: u = -K z + c. With
+Riccati's cost-to-go P at the end of the horizon, completing the square makes the quadratic cost of
+all that follows zᵀPz + Σ cᵀ(R + BᵀPB)c (Kouvaritakis & Cannon, Model Predictive Control, §2). So
+where no limit is met, c = 0; where one is, the efforts depart from the LQR's as little as they can.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from cranedyn.arguments import checked
+from cranedyn.arrays import OneLine
+from cranedyn.clocks import multiple
+from cranedyn.controllers.linearised import Linearised, linearised
+from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
+from cranedyn.controllers.riccati import Sweep, riccati
+from cranedyn.controllers.tracking import check_finite
+from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole, within
+from cranedyn.interfaces import Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.references.interpolation import ROW_TOLERANCE, interpolate, locate
+from cranedyn.references.motion import Motion
+
+PENALTY = 1e6
+"""Cost of exceeding a bound by as much as the bound itself: linear, and far more than what the LQR
+would pay, so that a bound is exceeded only where the efforts cannot keep it."""
+
+_FAILURES = {
+    -1: "its limits contradict each other",
+    -2: "it goes in circles",
+    -4: "it takes too many iterations",
+}
+
+
+class Solution(NamedTuple):
+    """What came of the last optimisation.
+
+    Attributes:
+        t: When [s].
+        flag: Of the solver; 1 is solved.
+        iterations: How many it took.
+        excess: By what share the bounds of the rates of the drives and of the swings are exceeded
+            over the horizon, shape (bounds,); zero where they are kept.
+    """
+
+    t: float
+    flag: int
+    iterations: int
+    excess: np.ndarray
+
+
+@dataclass(eq=False, repr=False)
+class PredictiveController(OneLine):
+    """Model predictive control about a motion; between its instants the correction of the efforts
+    is held, the feed-forward goes on.
+
+    Attributes:
+        model: The crane along the motion, one stretch for each period of the controller.
+        ratio: Control instants in one period.
+        horizon: How many periods it looks ahead.
+        sweep: LQR's gain for each stretch, and its cost-to-go.
+        root: Square root of the inverse of R + BᵀPB for each stretch, shape (stretches, m, m):
+            efforts of equal cost.
+        room: Least and largest correction that keeps the effort limits in each stretch, shape (2,
+            stretches, m).
+        bounded: What of coordinates and rates has a bound, by its place: rates of the drives, then
+            swings, shape (bounds,).
+        bound: The largest of these, shape (bounds,).
+        solve: The quadratic programme's solver.
+        last: The last optimisation, None before the first.
+    """
+
+    model: Linearised
+    ratio: int
+    horizon: int
+    sweep: Sweep
+    root: np.ndarray
+    room: np.ndarray
+    bounded: np.ndarray
+    bound: np.ndarray
+    solve: Callable[..., tuple[np.ndarray, float, int, dict]]
+    last: Solution | None = None
+    _instant: int = -1
+    _correction: np.ndarray = field(init=False)
+    _closed: np.ndarray = field(init=False)
+    _steered: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Compute the closed-loop matrices of each stretch."""
+        self._closed = self.model.a - self.model.b @ self.sweep.gain
+        self._steered = self.model.b @ self.root
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Return efforts [N m or N], shape (m,).
+
+        Raises:
+            RunError: If the optimisation fails.
+            OutOfRange: If a coordinate or rate is not finite.
+        """
+        row, share = locate(t, self.model.period, len(self.model.efforts))
+        instant = math.floor(t / self.model.period + ROW_TOLERANCE) // self.ratio
+        if instant != self._instant or self.last is None or t <= self.last.t:
+            check_finite(state)
+            self._correction = self._optimised(
+                t, instant, np.concatenate(state) - interpolate(self.model.setpoint, row, share)
+            )
+            self._instant = instant
+        return interpolate(self.model.efforts, row, share) + self._correction
+
+    def _optimised(self, t: float, instant: int, deviation: np.ndarray) -> np.ndarray:
+        """Return the first correction of the best sequence."""
+        stretches = np.minimum(np.arange(instant, instant + self.horizon), len(self.root) - 1)
+        efforts, ahead = self._predicted(stretches, deviation)
+        least, most = (side[stretches].ravel() - efforts[:, 0] for side in self.room)
+        after = np.minimum(
+            self.ratio * np.arange(instant + 1, instant + self.horizon + 1),
+            len(self.model.setpoint) - 1,
+        )
+        setpoint = self.model.setpoint[after[:, None], self.bounded]
+        away = (setpoint / self.bound).ravel() + ahead[:, 0]
+        count, m = len(self.bound), self.root.shape[1]
+        slack, none = np.tile(np.eye(count), (self.horizon, 1)), np.full(len(away), np.inf)
+        slacks = np.concatenate([np.zeros((len(efforts), count)), -slack, slack])
+        decided = np.concatenate([efforts[:, 1:], ahead[:, 1:], ahead[:, 1:]])
+        rows = np.concatenate([slacks, decided], axis=1)
+        size = rows.shape[1]
+        found, _, flag, about = self.solve(
+            np.eye(size),
+            np.concatenate([np.full(count, PENALTY), np.zeros(size - count)]),
+            rows,
+            np.concatenate([np.full(count, np.inf), most, 1.0 - away, none]),
+            np.concatenate([np.zeros(count), least, -none, -1.0 - away]),
+            np.zeros(count + len(rows), dtype=np.int32),
+        )
+        self.last = Solution(t, int(flag), int(about["iterations"]), found[:count])
+        if flag != 1:
+            why = _FAILURES.get(self.last.flag, "the solver gave up")
+            raise RunError(
+                f"At t = {t:.4g} s the optimisation of the MPC failed: {why} (flag {flag} of "
+                "DAQP).",
+                t=t,
+            )
+        k = stretches[0]
+        return self.root[k] @ found[count : count + m] - self.sweep.gain[k] @ deviation
+
+    def _predicted(
+        self, stretches: np.ndarray, deviation: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return corrections, and bounded quantities over their bounds, over the horizon: affine in
+        the decision, the constant first.
+        """
+        m, width = self.root.shape[1], self.root.shape[1] * self.horizon + 1
+        efforts, ahead = (
+            np.zeros((self.horizon, m, width)),
+            np.zeros((self.horizon, len(self.bound), width)),
+        )
+        z = deviation[:, None]  # it depends on no more of the decision than what came before
+        for j, k in enumerate(stretches.tolist()):
+            now, later = z.shape[1], z.shape[1] + m
+            efforts[j, :, :now] = -self.sweep.gain[k] @ z
+            efforts[j, :, now:later] = self.root[k]
+            z = np.concatenate([self._closed[k] @ z, self._steered[k]], axis=1)
+            ahead[j, :, :later] = z[self.bounded]
+        ahead /= self.bound[:, None]
+        return efforts.reshape(-1, width), ahead.reshape(-1, width)
+
+
+@checked
+def mpc(
+    crane: Crane,
+    motion: Motion,
+    *,
+    dt: float = 5e-4,
+    period: float = 0.05,
+    horizon: int = 40,
+    effort_limit: Sequence[float] | np.ndarray | None = None,
+    rate_limit: Sequence[float] | np.ndarray | None = None,
+    swing_limit: float = math.pi / 2.0,
+    state_weight: np.ndarray | None = None,
+    effort_weight: np.ndarray | None = None,
+) -> PredictiveController:
+    """Return model predictive control about a motion, with the efforts of inverse dynamics fed
+    forward.
+
+    Efforts are kept within their limits always. Rates and swing are kept within theirs at the
+    controller's instants, as far as the model goes and the efforts allow it: an initial swing
+    beyond the bound is no contradiction.
+
+    Args:
+        crane: The crane.
+        motion: What to track; its period is the control period, at which the feed-forward goes on.
+        dt: Physics step of the simulation [s].
+        period: Time between optimisations [s], a multiple of the control period.
+        horizon: How many of them it looks ahead.
+        effort_limit: Largest efforts of the drives [N m or N], shape (m,); by default those of the
+            crane.
+        rate_limit: Largest rates of the drives [rad/s or m/s], shape (m,), where they shall be less
+            than the crane's own.
+        swing_limit: Largest swing of each swing joint [rad], up to π/2.
+        state_weight: Q for coordinates and rates, shape (2 n, 2 n); None for that of `lqr`.
+        effort_weight: R for the drives, shape (m, m); None for that of `lqr`.
+
+    Raises:
+        CraneError: If the solver DAQP is not installed.
+        OutOfRange: If times do not divide, a limit is not positive, a weight not allowed, the
+            horizon not a whole number from 1 on, or the feed-forward changes within a period by
+            more than twice a limit.
+    """
+    solve = _solver()
+    whole("horizon", horizon, 1, "periods")
+    layout = crane.layout
+    efforts = layout.for_drives(
+        "effort limit", crane.effort_limit if effort_limit is None else effort_limit, None, "> 0"
+    )
+    rates = layout.for_drives(
+        "rate limit", crane.rate_limit if rate_limit is None else rate_limit, "/s", "> 0"
+    )
+    rates = np.minimum(rates, crane.rate_limit)
+    swing = within(
+        "swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, math.pi / 2.0, "rad"
+    )
+    ratio = multiple("period", period, "the motion's period", motion.period)
+    model = linearised(crane, motion, dt=dt, every=ratio, control_period=period)
+    state_weight = state_weight_of(crane) if state_weight is None else state_weight
+    effort_weight = effort_weight_of(crane) if effort_weight is None else effort_weight
+    sweep = riccati(model.a, model.b, state_weight, effort_weight)
+    square = effort_weight + np.swapaxes(model.b, 1, 2) @ sweep.cost[1:] @ model.b
+    root = np.array(
+        [
+            scipy.linalg.solve_triangular(scipy.linalg.cholesky(part), np.eye(layout.m))
+            for part in square
+        ]
+    )
+    bounded = np.concatenate([layout.n + layout.drives, crane.swings])
+    bound = np.concatenate([rates, np.full(len(crane.swings), swing)])
+    return PredictiveController(
+        model, ratio, int(horizon), sweep, root, _room(model, efforts), bounded, bound, solve
+    )
+
+
+def _room(model: Linearised, limit: np.ndarray) -> np.ndarray:
+    """Return the least and largest corrections that keep the effort limits in each stretch,
+    feed-forward included, shape (2, stretches, m).
+    """
+    parts = [model.efforts[model.stretch == k] for k in range(len(model.a))]
+    room = np.array(
+        [
+            [-limit - part.min(axis=0) for part in parts],
+            [limit - part.max(axis=0) for part in parts],
+        ]
+    )
+    if (room[0] > room[1]).any():
+        raise OutOfRange(
+            "effort limit",
+            limit.tolist(),
+            "at least half of what the feed-forward changes by within a period",
+        )
+    return room
+
+
+def _solver() -> Callable[..., tuple[np.ndarray, float, int, dict]]:
+    try:
+        from daqp import solve
+    except ImportError:
+        raise CraneError(
+            "The MPC needs the solver DAQP; install it with: pip install 'cranedyn[mpc]'"
+        ) from None
+    return solve

@@ -1,0 +1,394 @@
+"""A crane in any kind of number: what drives, gravity, joint forces, forces from outside and
+buffers make of a state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.dynamics.bodies import Bodies, blank, bodies, height
+from cranedyn.dynamics.converters import Response, saturate_acceleration
+from cranedyn.dynamics.joint_forces import JointForces, Stops, rope_tension
+from cranedyn.dynamics.scalars import array, clipped, solve
+from cranedyn.dynamics.validity import bounds, drive_bounds
+from cranedyn.model.crane import Crane
+from cranedyn.model.layout import Layout
+from cranedyn.model.springs import Rope, Springs
+from cranedyn.plant import rigid_body
+from cranedyn.plant.rigid_body import ExternalForce
+
+_NO_LIMIT = 1e9
+"""Stands for no limit of a rate: whatever is faster has diverged."""
+
+
+@dataclass(frozen=True)
+class Topology:
+    """What cranes have in common that differ in numbers only.
+
+    Attributes:
+        parents: Place of the joint before each joint among the coordinates, -1 for the world.
+        layout: The joints by name.
+        bodies: The joints that carry the points that forces act on.
+        swings: The joints that are swings, and whether the hoist hangs on each.
+        springs: Whether anything is elastic.
+        rope: Stretch and length of a rope that stretches; None if it does not.
+    """
+
+    parents: tuple[int, ...]
+    layout: Layout
+    bodies: tuple[int, ...]
+    swings: tuple[tuple[int, bool], ...]
+    springs: bool
+    rope: tuple[int, int] | None
+
+    @classmethod
+    def of(cls, crane: Crane) -> Topology:
+        """Return the topology of a crane."""
+        parents = tuple(int(parent) - 1 for parent in list(crane.model.parents)[1:])
+        hoist = crane.layout.role("hoist", "") if crane.layout.has("hoist") else None
+        swings = tuple(
+            (int(i), hoist is not None and int(i) in _above(parents, hoist)) for i in crane.swings
+        )
+        rope = crane.springs.rope
+        bodies = tuple(point.body for point in crane.points)
+        return cls(
+            parents,
+            crane.layout,
+            bodies,
+            swings,
+            crane.springs.any,
+            None if rope is None else (rope.stretch, rope.length),
+        )
+
+
+def _above(parents: Sequence[int], joint: int) -> list[int]:
+    """Return the joints between the world and a joint."""
+    found = []
+    while (joint := parents[joint]) >= 0:
+        found.append(joint)
+    return found
+
+
+class Units(NamedTuple):
+    """What is what for a plant that counts time and mass in units of its own.
+
+    Attributes:
+        time: Its unit of time [s].
+        command: How much it has of a unit of a command.
+        force: How much it has of a newton, from outside or of a drive.
+        work: What its unit of work is [J].
+    """
+
+    time: Any
+    command: Any
+    force: Any
+    work: Any
+
+
+SI = Units(1.0, 1.0, 1.0, 1.0)
+"""Seconds and kilograms."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A crane with n joints and m drives whose numbers are known, or stand for what is not known
+    yet.
+
+    Attributes:
+        topology: What it has in common with others.
+        tree: Its bodies.
+        joint: Damping and springs.
+        stops: Buffers at the ends of the ranges of the drives.
+        lower, upper: Ranges, shape (n,).
+        effort_limit, rate_limit: Of the drives, shape (m,).
+        levers: Where the points are in the frames of their joints [m], shape (points, 3).
+        arms: From each swing joint to the payload, but for the cable [m], shape (swings,).
+        rest: Where the swing joints hang, see `cranedyn.model.crane.Rest`: angle and slope.
+        drive: Whether commands are efforts, "effort", accelerations, "motion", or reference rates,
+            "velocity".
+        buffers: Whether there are buffers.
+        response: Of the drives' frequency converters; None if there are none.
+    """
+
+    topology: Topology
+    tree: Bodies
+    joint: JointForces
+    stops: Stops
+    lower: np.ndarray
+    upper: np.ndarray
+    effort_limit: np.ndarray
+    rate_limit: np.ndarray
+    levers: np.ndarray
+    arms: np.ndarray
+    rest: tuple[np.ndarray, np.ndarray]
+    drive: str
+    buffers: bool
+    response: Response | None = None
+
+    def in_steps(self, dt: Any) -> tuple[Plant, Units]:
+        """Return the same with time in units of `dt` [s] and mass in units of the load, unless that
+        is counted with another body: rates are v dt, accelerations a dt², and step and load drop
+        out of much arithmetic.
+
+        Returns:
+            The plant, and its units.
+        """
+        load = self.tree.mass[self.topology.bodies[0]]
+        mass = 1.0 if isinstance(load, float) and load == 0.0 else load
+        force, response = dt * dt / mass, self.response
+        made = replace(
+            self,
+            tree=self.tree.in_steps(dt, mass),
+            joint=self.joint.in_steps(dt, mass),
+            stops=self.stops.in_steps(dt, mass),
+            effort_limit=self.effort_limit * force,
+            response=None if response is None else response._replace(lags=response.lags / dt),
+        )
+        commands = {"effort": force, "motion": dt * dt, "velocity": dt}
+        return made, Units(dt, commands[self.drive], force, 1.0 / force)
+
+    def answer(
+        self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return accelerations and efforts under a command at a state.
+
+        Args:
+            q: Coordinates, shape (n,).
+            v: Their rates, shape (n,).
+            command: Efforts within the limits, accelerations, or reference rates of the drives,
+                shape (m,).
+            forces: From outside on the points in the world [N], shape (3 points,); None for none.
+
+        Returns:
+            Accelerations, shape (n,), and efforts of the drives, shape (m,).
+        """
+        return self.driven(q, v, command, forces)[:2]
+
+    def driven(
+        self, q: np.ndarray, v: np.ndarray, command: np.ndarray, forces: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what `answer` returns, and the efforts that the drives would need to follow the
+        command, shape (m,).
+        """
+        drives, passive = self.topology.layout.drives, self.topology.layout.passive
+        where = rigid_body.frames(self.tree, q)
+        acting = zip(
+            self.topology.bodies,
+            self.levers,
+            [] if forces is None else forces.reshape(-1, 3),
+            strict=forces is not None,
+        )
+        external = [ExternalForce(body, lever, force) for body, lever, force in acting]
+        effort = self.joint.effort(q, v)
+        if self.buffers:
+            effort[drives] = effort[drives] + self.stops.effort(q, v)
+        if self.drive == "effort":
+            effort[drives] = effort[drives] + command
+            a = rigid_body.forward_dynamics(self.tree, where, v, effort, external)
+            return a, command, command
+        resisting = rigid_body.inverse_dynamics(self.tree, where, v, external_forces=external)
+        resisting, mass = resisting - effort, rigid_body.mass_matrix(self.tree, where)
+        if self.response is not None:
+            wanted = array(self.response.accelerations_at(command, v[drives]))
+            return saturate_acceleration(
+                mass, resisting, wanted, self.effort_limit, self.topology.layout
+            )
+        a = array([0.0] * len(q))
+        a[drives] = command
+        a[passive] = solve(mass[np.ix_(passive, passive)], -(resisting + mass @ a)[passive])
+        effort = (mass @ a + resisting)[drives]
+        return a, effort, effort
+
+    def stop_force(self, q: np.ndarray, v: np.ndarray) -> Any:
+        """Return the force of the buffers at the ends of the cable [N], see
+        `cranedyn.dynamics.drives.cable_buffers`.
+        """
+        hoist = self.topology.layout.drive_of("hoist")
+        if hoist is None or not self.buffers:
+            return 0.0
+        joint = self.stops.drives[hoist]
+        return self.stops.effort_of(hoist, q[joint], v[joint])
+
+    def conditions(
+        self, q: np.ndarray, v: np.ndarray, hoist_force: Any, needed: np.ndarray
+    ) -> list[Any]:
+        """Return comparisons that must be true for the model to hold, given the force of the hoist
+        with that of the cable's buffers, and the efforts needed by drives that follow a motion or a
+        rate.
+        """
+        layout = self.topology.layout
+        tension = rope_tension(layout, self.joint.damping, self.joint.springs, q, v, hoist_force)
+        above = height(self.tree, q, self.topology.bodies[0], self.levers[0])
+        found = [
+            *bounds(
+                layout,
+                self.lower,
+                self.upper,
+                q,
+                self.swing_angles(q),
+                tension,
+                above,
+                buffers=self.buffers,
+            ),
+            *drive_bounds(
+                layout,
+                None if self.drive == "effort" else needed,
+                self.effort_limit,
+                v,
+                None if self.drive == "velocity" else self.rate_limit,
+            ),
+        ]
+        return [condition for bound in found for condition in bound.conditions]
+
+    def within(self, command: np.ndarray) -> np.ndarray:
+        """Return efforts cut to the limits of the drives, accelerations as they are, shape (m,)."""
+        if self.drive != "effort":
+            return command
+        return array(
+            [clipped(c, -limit, limit) for c, limit in zip(command, self.effort_limit, strict=True)]
+        )
+
+    def energy(self, q: np.ndarray, v: np.ndarray) -> Any:
+        """Return the mechanical energy with that of springs [J], zero of height at the ground."""
+        where = rigid_body.frames(self.tree, q)
+        rigid = 0.5 * (
+            v @ (rigid_body.mass_matrix(self.tree, where) @ v)
+        ) + rigid_body.potential_energy(self.tree, where)
+        return rigid if self.joint.springs is None else rigid + self.joint.springs.energy(q)
+
+    @property
+    def plumb_at_zero(self) -> bool:
+        """Whether the load hangs plumb where the swing joints are at zero."""
+        return not any(np.any(part) for part in self.rest)
+
+    def hanging_angles(self, drives: np.ndarray) -> np.ndarray:
+        """Return where the swing joints hang for coordinates of the drives, to first order about
+        the start [rad], shape (swings,).
+        """
+        angle, slope = self.rest
+        return angle + slope @ drives
+
+    def swing_angles(self, q: np.ndarray) -> dict[int, Any]:
+        """Return angles of the swing joints from where they hang [rad], by their place among the
+        coordinates.
+        """
+        hanging = self.hanging_angles(q[self.topology.layout.drives])
+        return {i: q[i] - at for (i, _), at in zip(self.topology.swings, hanging, strict=True)}
+
+    def swing(self, q: np.ndarray, v: np.ndarray) -> tuple[Any, Any]:
+        """Return the square of the swing, and that of its amplitude if the pendulums below each
+        joint swung alone [rad²].
+        """
+        swings = self.topology.swings
+        angle: Any = sum((one * one for one in self.swing_angles(q).values()), 0.0)
+        gravity = -self.tree.gravity[2]
+        rest: Any = 0.0
+        for (i, hangs), arm in zip(swings, self.arms, strict=True):
+            length = arm + q[self.topology.layout.role("hoist", "The cable")] if hangs else arm
+            rest = rest + v[i] * v[i] * length
+        return angle, angle + rest / gravity
+
+
+def numbers(crane: Crane) -> np.ndarray:
+    """Return all numbers of a crane in a row, in the order of `plant`."""
+    tree, springs, stops, rope = (
+        bodies(crane.model),
+        crane.springs,
+        Stops.of(crane),
+        crane.springs.rope,
+    )
+    levers = np.concatenate([point.lever for point in crane.points])
+    return np.concatenate(
+        [
+            tree.numbers(),
+            crane.damping,
+            springs.stiffness,
+            springs.rest,
+            [0.0 if rope is None else rope.stiffness],
+            crane.lower,
+            crane.upper,
+            crane.effort_limit,
+            np.minimum(crane.rate_limit, _NO_LIMIT),
+            levers,
+            _arms(crane),
+            crane.rest.angle,
+            crane.rest.slope.ravel(),
+            stops.stiffness,
+            stops.damping,
+        ]
+    )
+
+
+def _arms(crane: Crane) -> np.ndarray:
+    """Return the distance from each swing joint to the payload with all joints below it at zero
+    [m], shape (swings,).
+    """
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, np.zeros(crane.layout.n))
+    payload = data.oMi[crane.payload.body + 1].act(crane.payload.lever)
+    return np.array(
+        [
+            float(np.linalg.norm(payload - data.oMi[swing + 1].translation))
+            for swing in crane.swings.tolist()
+        ]
+    )
+
+
+def plant(topology: Topology, values: Sequence[Any], drive: str, buffers: bool) -> Plant:
+    """Return a plant from its topology and its numbers, in the order of `numbers`; with drive
+    "velocity" those of the frequency converters follow.
+    """
+    layout = topology.layout
+    n, m = layout.n, layout.m
+    response = None
+    if drive == "velocity":
+        count = m * len(Response._fields)
+        response = Response(*np.split(array(values[-count:]), len(Response._fields)))
+        values = values[:-count]
+    tree = blank(topology.parents)
+    count = len(tree.numbers())
+    swings = len(topology.swings)
+    counts = [n, n, n, 1, n, n, m, m, 3 * len(topology.bodies), swings, swings, swings * m, m, m]
+    parts = np.split(array(values[count:]), np.cumsum(counts)[:-1])
+    (
+        damping,
+        stiffness,
+        rest,
+        ea,
+        lower,
+        upper,
+        effort_limit,
+        rate_limit,
+        levers,
+        arms,
+        rest_angle,
+        rest_slope,
+        stop_stiffness,
+        stop_damping,
+    ) = parts
+    rope = None if topology.rope is None else Rope(*topology.rope, ea[0])
+    springs = Springs(stiffness, rest, rope) if topology.springs else None
+    stops = Stops(
+        layout.drives, lower[layout.drives], upper[layout.drives], stop_stiffness, stop_damping
+    )
+    return Plant(
+        topology,
+        rigid_body.regrouped(tree.with_numbers(values[:count])),
+        JointForces(damping, springs),
+        stops,
+        lower,
+        upper,
+        effort_limit,
+        rate_limit,
+        levers.reshape(-1, 3),
+        arms,
+        (rest_angle, rest_slope.reshape(swings, m)),
+        drive,
+        buffers,
+        response,
+    )

@@ -1,0 +1,353 @@
+"""Dynamics of a tree of bodies in any kind of numbers: the recursions behind Pinocchio's
+algorithms, for tracing.
+
+Arrays hold Python floats and, where something is not known yet, elements that add, subtract,
+multiply, divide and know `sin` and `cos`: symbols of CasADi, or values of a program under
+construction. They fold what is 0 or 1, so what is left is the arithmetic of that one crane. A
+motion or a force of a body is a pair, linear and angular, in the frame of its joint.
+
+Source: Featherstone, Rigid Body Dynamics Algorithms (2008), §5.3 (Newton-Euler), §6.2 (composite
+bodies), §6.5 (factorisation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cranedyn.dynamics.bodies import Bodies
+from cranedyn.dynamics.scalars import array, cross, is_zero, solve
+
+_AGREEMENT = 1e-11
+"""Relative difference of accelerations that is taken for round-off however well the mass matrix is
+conditioned."""
+
+
+def regrouped(tree: Bodies) -> Bodies:
+    """Return the same tree with less in its bodies: what a joint moves as its parent does anyway is
+    counted with the parent, which leaves dynamics and energy as they are.
+
+    That is the inertia about the centre of mass where the joint does not turn, and the mass where
+    the centre lies on an axis of the frame about which it turns.
+
+    Source: Gautier and Khalil, IEEE Trans. Robotics and Automation 6 (1990), 368-373.
+    """
+    mass, lever, inertia = tree.mass.copy(), tree.lever.copy(), tree.inertia.copy()
+    for i in range(len(tree) - 1, -1, -1):
+        parent, (_, about), turn = tree.parents[i], tree.axis[i], tree.rotation[i]
+        axes = [k for k, part in enumerate(about) if not is_zero(part)]
+        if parent < 0 or len(axes) > 1:
+            continue
+        if not axes:
+            inertia[parent] = inertia[parent] + turn @ inertia[i] @ turn.T
+            inertia[i] = 0.0
+        elif all(is_zero(part) for part in np.delete(lever[i], axes)):
+            _add_mass(mass, lever, inertia, parent, mass[i], tree.translation[i] + turn @ lever[i])
+            mass[i], lever[i] = 0.0, 0.0
+    return replace(tree, mass=mass, lever=lever, inertia=inertia)
+
+
+def _add_mass(
+    mass: np.ndarray, lever: np.ndarray, inertia: np.ndarray, i: int, more: Any, at: np.ndarray
+) -> None:
+    """Put a point mass [kg] somewhere on a body [m]."""
+    if is_zero(more):
+        return
+    whole = mass[i] + more
+    apart, share = at - lever[i], more / whole
+    arm = _skew(apart)
+    inertia[i] = inertia[i] - arm @ arm * (mass[i] * share)
+    mass[i], lever[i] = whole, lever[i] + apart * share
+
+
+class Frame(NamedTuple):
+    """A joint's frame in that of its parent: rotation, shape (3, 3), and origin [m], shape (3,)."""
+
+    rotation: np.ndarray
+    origin: np.ndarray
+
+
+class ExternalForce(NamedTuple):
+    """A force on a body.
+
+    Attributes:
+        body: Its row.
+        point: Where, in the joint's frame [m], shape (3,).
+        force: In the world [N], shape (3,).
+    """
+
+    body: int
+    point: np.ndarray
+    force: np.ndarray
+
+
+def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
+    """Return each joint's frame at coordinates q, shape (n,)."""
+    found = []
+    for i in range(len(tree)):
+        (along, about), rotation, coordinate = tree.axis[i], tree.rotation[i], q[i : i + 1]
+        if any(not is_zero(part) for part in about):
+            out = np.multiply.outer(about, about)
+            turn = (
+                np.cos(coordinate) * (np.eye(3).astype(object) - out)
+                + out
+                + np.sin(coordinate) * _skew(about)
+            )
+            rotation = rotation @ turn
+        found.append(Frame(rotation, tree.translation[i] + tree.rotation[i] @ (along * coordinate)))
+    return found
+
+
+def inverse_dynamics(
+    tree: Bodies,
+    where: Sequence[Frame],
+    v: np.ndarray,
+    a: np.ndarray | None = None,
+    external_forces: Sequence[ExternalForce] = (),
+    pulled: tuple[int, Any] | None = None,
+) -> np.ndarray:
+    """Return generalized forces that cause accelerations against gravity and pushes, as `pin.rnea`;
+    damping is not counted.
+
+    Args:
+        tree: The bodies.
+        where: Their frames.
+        v: Rates of the coordinates, shape (n,).
+        a: Their accelerations, shape (n,); None for zero.
+        external_forces: What pushes from outside.
+        pulled: A body that slides along an axis of its frame, and the effort that acts on it there,
+            which is what the others feel of it along the axis, whatever its acceleration.
+    """
+    n, zero = len(tree), array([0.0] * 3)
+    motions: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    forces, torques = [], []
+    for i in range(n):
+        (along, about), rate, (rotation, origin) = tree.axis[i], v[i : i + 1], where[i]
+        spin, turn, gain = (
+            motions[tree.parents[i]] if tree.parents[i] >= 0 else (zero, zero, -tree.gravity)
+        )
+        sliding = 2.0 * (tree.rotation[i] @ (along * rate))
+        gain = rotation.T @ (gain + _of_point(spin, turn, origin, sliding))
+        spin, turn = rotation.T @ spin, rotation.T @ turn
+        turn = turn + cross(spin, about * rate)
+        spin = spin + about * rate
+        if a is not None:
+            gain, turn = gain + along * a[i : i + 1], turn + about * a[i : i + 1]
+        motions.append((spin, turn, gain))
+        inertia, lever = tree.inertia[i], tree.lever[i]
+        force = tree.mass[i : i + 1] * (gain + _of_point(spin, turn, lever))
+        unequal = inertia - np.diag(inertia[[2], [2]].repeat(3))
+        forces.append(force)
+        torques.append(inertia @ turn + cross(spin, unequal @ spin) + cross(lever, force))
+    for body_row, point, external in external_forces:
+        local = into(tree, where, body_row, external)
+        forces[body_row], torques[body_row] = (
+            forces[body_row] - local,
+            torques[body_row] - cross(point, local),
+        )
+    effort = array([0.0] * n) if a is None else tree.armature * a
+    for i in range(n - 1, -1, -1):
+        effort[i] = effort[i] + tree.axis[i, 0] @ forces[i] + tree.axis[i, 1] @ torques[i]
+        if pulled is not None and i == pulled[0]:
+            sides = zip(tree.axis[i, 0], forces[i], strict=True)
+            force = array([f if is_zero(one) else one * pulled[1] for one, f in sides])
+            torques[i] = torques[i] + cross(tree.lever[i], force - forces[i])
+            forces[i] = force
+        if (parent := tree.parents[i]) >= 0:
+            force, torque = _to_parent(where[i], forces[i], torques[i])
+            forces[parent], torques[parent] = forces[parent] + force, torques[parent] + torque
+    return effort
+
+
+def mass_matrix(tree: Bodies, where: Sequence[Frame]) -> np.ndarray:
+    """Return the mass matrix, as `pin.crba`, both triangles, shape (n, n)."""
+    n = len(tree)
+    composites = [
+        _Body(tree.mass[i : i + 1], tree.mass[i : i + 1] * tree.lever[i], _about_origin(tree, i))
+        for i in range(n)
+    ]
+    mass = np.empty((n, n), dtype=object)
+    mass[:] = 0.0
+    for i in range(n - 1, -1, -1):
+        row = _exerted(tree, where, i, *composites[i].times(*tree.axis[i]))
+        row[i] = row[i] + tree.armature[i]
+        mass[i, : i + 1] = mass[: i + 1, i] = row[: i + 1]
+        if (parent := tree.parents[i]) >= 0:
+            composites[parent] = composites[parent].plus(composites[i].seen_from_parent(where[i]))
+    return mass
+
+
+def forward_dynamics(
+    tree: Bodies,
+    where: Sequence[Frame],
+    v: np.ndarray,
+    effort: np.ndarray,
+    external_forces: Sequence[ExternalForce] = (),
+) -> np.ndarray:
+    """Return accelerations that generalized forces cause, as `pin.aba`.
+
+    Of a load that hangs on nothing but its rope the others feel its mass across the rope, and along
+    it the effort of the rope: what is left to solve has one unknown less, and nothing that cancels.
+
+    Args:
+        tree: The bodies.
+        where: Their frames.
+        v: Rates of the coordinates, shape (n,).
+        effort: Generalized forces, damping and springs among them, shape (n,).
+        external_forces: What pushes from outside.
+    """
+    last = len(tree) - 1
+    if not _is_sliding_point(tree, last):
+        resisting = inverse_dynamics(tree, where, v, external_forces=external_forces)
+        return solve(mass_matrix(tree, where), effort - resisting)
+    resisting = inverse_dynamics(
+        tree, where, v, external_forces=external_forces, pulled=(last, effort[last])
+    )
+    others = tree.mass.copy()
+    others[last] = 0.0
+    mass = mass_matrix(replace(tree, mass=others), where)[:last, :last]
+    along = array([0.0] * last)
+    for side, one in zip(np.eye(3), tree.axis[last, 0], strict=True):
+        # What a unit force on the point exerts is how fast each coordinate moves it that way.
+        unit = array(side.tolist())
+        moved = _exerted(tree, where, last, unit, cross(tree.lever[last], unit))[:last]
+        if is_zero(one):
+            mass = mass + np.multiply.outer(moved, moved) * tree.mass[last]
+        else:
+            along = one * moved
+    free = effort - resisting
+    a = solve(mass, free[:last])
+    return array([*a, free[last] / tree.mass[last] - along @ a])
+
+
+def _is_sliding_point(tree: Bodies, i: int) -> bool:
+    """Return whether a body has nothing but mass, and slides along an axis of its frame."""
+    along, about = tree.axis[i]
+    nothing = np.concatenate([about, tree.inertia[i].ravel(), tree.armature[[i]]])
+    return (
+        tree.parents[i] >= 0
+        and all(map(is_zero, nothing))
+        and all(isinstance(part, float) for part in along)
+        and sorted(map(abs, along)) == [0.0, 0.0, 1.0]
+        and not is_zero(tree.mass[i])
+    )
+
+
+def _exerted(
+    tree: Bodies, where: Sequence[Frame], body: int, force: np.ndarray, torque: np.ndarray
+) -> np.ndarray:
+    """Return the generalized force of a force and a torque on a body, shape (n,)."""
+    found = array([0.0] * len(tree))
+    found[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
+    while (parent := tree.parents[body]) >= 0:
+        force, torque = _to_parent(where[body], force, torque)
+        body = parent
+        found[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
+    return found
+
+
+def lost_digits(mass: np.ndarray) -> float:
+    """Return the relative difference to expect between two solutions with a mass matrix: 1000
+    roundings for each unit of its condition number.
+
+    Args:
+        mass: The matrix, or its upper triangle, in numbers; it is scaled to a unit diagonal first.
+    """
+    whole = np.triu(mass) + np.triu(mass, 1).T
+    root = np.sqrt(np.diag(whole))
+    return float(1e3 * np.finfo(float).eps * np.linalg.cond(whole / root / root[:, None]))
+
+
+def disagreement(found: np.ndarray, expected: np.ndarray, mass: np.ndarray) -> float:
+    """Return the largest difference of accelerations from expected ones over the largest of these;
+    0 if it is round-off.
+
+    Args:
+        found: One state or the same in each row, shape (n,) or (m, n).
+        expected: By Pinocchio, shape (n,).
+        mass: The mass matrix there, or its upper triangle, shape (n, n).
+    """
+    off = float(np.abs(found - expected).max() / np.abs(expected).max())
+    return 0.0 if off <= _AGREEMENT or off <= lost_digits(mass) else off
+
+
+def potential_energy(tree: Bodies, where: Sequence[Frame]) -> Any:
+    """Return the potential energy in gravity [J], zero at the origin of the world."""
+    fallen: list[tuple[np.ndarray, Any]] = []
+    energy: Any = 0.0
+    for i, (rotation, origin) in enumerate(where):
+        gravity, depth = fallen[tree.parents[i]] if tree.parents[i] >= 0 else (tree.gravity, 0.0)
+        fallen.append((rotation.T @ gravity, depth + gravity @ origin))
+        energy = energy - tree.mass[i] * (fallen[i][1] + fallen[i][0] @ tree.lever[i])
+    return energy
+
+
+def into(tree: Bodies, where: Sequence[Frame], body: int, vector: np.ndarray) -> np.ndarray:
+    """Return a vector of the world in the frame of a joint, shape (3,)."""
+    chain = [body]
+    while (parent := tree.parents[chain[-1]]) >= 0:
+        chain.append(parent)
+    for i in reversed(chain):
+        vector = where[i].rotation.T @ vector
+    return vector
+
+
+def _of_point(
+    spin: np.ndarray, turn: np.ndarray, point: np.ndarray, sliding: np.ndarray | float = 0.0
+) -> np.ndarray:
+    """Return the acceleration of a point beyond that of the origin, in a frame that spins at a rate
+    and turns up at an acceleration; sliding is twice the rate at which the point moves in it.
+    """
+    return cross(turn, point) + cross(spin, cross(spin, point) + sliding)
+
+
+class _Body(NamedTuple):
+    """Mass, shape (1,), first moment and inertia about the origin of a frame."""
+
+    mass: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+
+    def times(self, linear: np.ndarray, angular: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the momentum of a velocity, or the force of an acceleration."""
+        return self.mass * linear + cross(angular, self.first), cross(
+            self.first, linear
+        ) + self.second @ angular
+
+    def plus(self, other: _Body) -> _Body:
+        return _Body(self.mass + other.mass, self.first + other.first, self.second + other.second)
+
+    def seen_from_parent(self, frame: Frame) -> _Body:
+        first = frame.rotation @ self.first
+        arm = _skew(frame.origin)
+        mixed = arm @ _skew(first)
+        # the part that is the same about every axis is the same in every frame
+        same = np.diag(self.second[[0], [0]].repeat(3))
+        second = (
+            frame.rotation @ (self.second - same) @ frame.rotation.T
+            + same
+            - mixed
+            - mixed.T
+            - arm @ arm * self.mass
+        )
+        second[[1, 2, 2], [0, 0, 1]] = second[[0, 0, 1], [1, 2, 2]]
+        return _Body(self.mass, first + self.mass * frame.origin, second)
+
+
+def _about_origin(tree: Bodies, i: int) -> np.ndarray:
+    arm = _skew(tree.lever[i])
+    return tree.inertia[i] - arm @ arm * tree.mass[i : i + 1]
+
+
+def _to_parent(
+    frame: Frame, force: np.ndarray, torque: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    turned = frame.rotation @ force
+    return turned, frame.rotation @ torque + cross(frame.origin, turned)
+
+
+def _skew(a: np.ndarray) -> np.ndarray:
+    return array([0.0, -a[2], a[1], a[2], 0.0, -a[0], -a[1], a[0], 0.0]).reshape(3, 3)

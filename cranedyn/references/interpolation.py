@@ -1,0 +1,57 @@
+"""Tables with a row at every multiple of a period, and straight lines between them; beyond their
+ends the first and the last row stand.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+ROW_TOLERANCE = 1e-6
+"""By how much of a period a time may miss a row and still be that of the row: what clocks round
+off."""
+
+
+def locate(t: float, period: float, rows: int) -> tuple[int, float]:
+    """Return the row at or before a time, and the share of the way to the next row, from 0 to less
+    than 1.
+
+    Args:
+        t: The time [s].
+        period: Time between rows [s].
+        rows: How many rows there are.
+    """
+    where = min(max(t / period, 0.0), rows - 1.0)
+    nearest = round(where)
+    if abs(where - nearest) <= ROW_TOLERANCE:
+        return nearest, 0.0
+    before = math.floor(where)
+    return before, where - before
+
+
+def locate_many(times: np.ndarray, period: float, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows and shares as `locate` for many times [s], shape (n,) each."""
+    where = np.clip(times / period, 0.0, rows - 1.0)
+    nearest = np.round(where)
+    where = np.where(np.abs(where - nearest) <= ROW_TOLERANCE, nearest, where)
+    before = np.floor(where)
+    return before.astype(int), where - before
+
+
+def interpolate(table: np.ndarray, row: int, share: float) -> np.ndarray:
+    """Return the values of a table, shape (rows, ...), at a row and a share of the way to the next;
+    with share 0 the row itself, whatever the next one holds.
+    """
+    here = table[row]
+    return here + share * (table[row + 1] - here) if share else here
+
+
+def interpolate_many(table: np.ndarray, row: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Return values as `interpolate` at many rows and shares, shape (n, ...)."""
+    found = table[row]
+    between = share > 0.0
+    if between.any():
+        before, way = row[between], share[between].reshape(-1, *[1] * (table.ndim - 1))
+        found[between] += way * (table[before + 1] - table[before])
+    return found

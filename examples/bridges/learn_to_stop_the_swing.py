@@ -1,0 +1,240 @@
+"""Learn to move a load without swing: PPO of Stable-Baselines3 on compiled cranes, then its place
+beside the strategies of `compare`.
+
+``python examples/bridges/learn_to_stop_the_swing.py --steps 3000000 --out FOLDER`` takes minutes on
+two cores. It needs ``pip install torch 'cranedyn[learning]'``; torch by itself first, so that you
+choose the build: the one for the processor will do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv
+
+from cranedyn.bridges.gymnasium import TowerCraneVectorEnv
+from cranedyn.bridges.task import Rules, Task
+from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.references import hold
+from experiments.harness import Setup
+from experiments.scenarios.moves import MOVES, SWINGING, Score
+from experiments.scenarios.perturbations import make
+from experiments.scenarios.strategies import STRATEGIES, Plan
+
+SCALE = np.array([1.0, 0.1, 0.1, 10.0, 1.0, 1.0, 5.0, 5.0, 5.0, 5.0, 0.05, 0.05], dtype=np.float32)
+"""Brings what is observed to numbers of about one."""
+
+STANDING, FACTOR, WORST = 0.3, 3.0, -10.0
+"""Reward of a step far from the goal, which is added; what rewards are multiplied by then; and the
+least, for an end by too much swing."""
+
+BESIDE = ("spline alone", "spline + PD", "flat + LQR", "operator")
+"""Strategies of `compare` that are shown beside what was learned."""
+
+
+def scaled(seen: np.ndarray) -> np.ndarray:
+    """Observations as the network takes them, shape (n, 19): ways to go and swings also by cube
+    roots, which tell small ones apart.
+    """
+    return np.hstack([seen * SCALE, np.cbrt(seen[:, :3]), np.cbrt(seen[:, 6:10])])
+
+
+class ForStableBaselines(VecEnv):
+    """Our environments as Stable-Baselines3 asks for them."""
+
+    def __init__(self, env: TowerCraneVectorEnv) -> None:
+        self.env, self.actions = env, np.zeros((env.num_envs, 3))
+        self.returns, self.finished = np.zeros(env.num_envs), list[float]()
+        seen = gym.spaces.Box(-np.inf, np.inf, (len(SCALE) + 7,), np.float32)
+        super().__init__(env.num_envs, seen, env.single_action_space)
+
+    def reset(self) -> np.ndarray:
+        return scaled(self.env.reset(seed=self._seeds[0])[0])
+
+    def step_async(self, actions: np.ndarray) -> None:
+        self.actions = actions
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        seen, reward, terminated, truncated, found = self.env.step(self.actions)
+        infos: list[dict[str, Any]] = [{} for _ in reward]
+        self.returns += reward
+        last = scaled(found["final_obs"]) if "final_obs" in found else seen
+        for i in np.flatnonzero(terminated | truncated):
+            infos[i] = {"terminal_observation": last[i], "TimeLimit.truncated": bool(truncated[i])}
+            self.finished.append(self.returns[i])
+            self.returns[i] = 0.0
+        shaped = np.maximum(FACTOR * (reward + STANDING), WORST).astype(np.float32)
+        return scaled(seen), shaped, terminated | truncated, infos
+
+    def close(self) -> None:
+        self.env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        return [getattr(self.env, attr_name)] * self.num_envs
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        setattr(self.env, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *arguments: Any, indices: Any = None, **named: Any
+    ) -> list[Any]:
+        return [getattr(self.env, method_name)(*arguments, **named)] * self.num_envs
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        return [False] * self.num_envs
+
+
+class Curve(BaseCallback):
+    """Keeps the learning curve: steps, seconds and the mean return of the episodes that have ended
+    since.
+    """
+
+    def __init__(self, many: ForStableBaselines) -> None:
+        super().__init__()
+        self.many, self.rows, self.began = (
+            many,
+            list[tuple[int, float, float]](),
+            time.perf_counter(),
+        )
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if self.many.finished:
+            self.rows.append(
+                (
+                    self.num_timesteps,
+                    time.perf_counter() - self.began,
+                    float(np.mean(self.many.finished)),
+                )
+            )
+            self.many.finished.clear()
+            print("{:>9} steps {:6.0f} s  return {:8.2f}".format(*self.rows[-1]), flush=True)
+
+
+class Learned(NamedTuple):
+    """What came of it."""
+
+    curve: np.ndarray
+    scores: dict[str, Score]
+
+
+def controller_of(model: PPO, task: Task, goal: np.ndarray) -> Controller:
+    """What was learned as a controller of ours, which commands accelerations and looks every 0.1
+    s.
+    """
+    known: dict[str, Any] = {"from": -np.inf, "command": np.zeros(3)}
+
+    def controller(t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        if t - known["from"] > task.fleet.control_period - 1e-6:
+            z = np.concatenate(state)[:, None]
+            action, _ = model.predict(scaled(task.observed(z, goal[:, None])), deterministic=True)
+            known.update(
+                {"from": t, "command": task.accelerations(action.T.astype(float), z)[:, 0]}
+            )
+        return known["command"]
+
+    return controller
+
+
+def main(arguments: Sequence[str] | None = None) -> Learned:
+    """Learn, draw the curve, and make the moves of `compare`."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--steps", type=int, default=3_000_000, help="steps of the environment to learn from"
+    )
+    parser.add_argument("--cranes", type=int, default=256, help="cranes at once")
+    parser.add_argument(
+        "--beside",
+        nargs="*",
+        default=BESIDE,
+        metavar="STRATEGY",
+        help="strategies of compare to show beside it",
+    )
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/learned"), help="folder for model, curve and figure"
+    )
+    options = parser.parse_args(arguments)
+    options.out.mkdir(parents=True, exist_ok=True)
+    torch.set_num_threads(1)  # networks this small gain nothing from more
+
+    env = ForStableBaselines(
+        TowerCraneVectorEnv(options.cranes, autoreset_mode="SameStep", max_episode_steps=300)
+    )
+    env.seed(options.seed)
+    model = PPO(
+        "MlpPolicy",
+        env,
+        n_steps=64,
+        batch_size=options.cranes * 8,
+        n_epochs=8,
+        learning_rate=lambda left: 1e-3 * left + 1e-5,
+        gamma=0.985,
+        ent_coef=0.0,
+        policy_kwargs={"net_arch": [64, 64], "log_std_init": -1.0},
+        seed=options.seed,
+        device="cpu",
+    )
+    curve = Curve(env)
+    model.learn(options.steps, callback=curve)
+    model.save(options.out / "model")
+    rows = np.array(curve.rows).reshape(-1, 3)
+    np.savetxt(
+        options.out / "curve.csv",
+        rows,
+        delimiter=",",
+        header="steps,seconds,mean_return",
+        comments="",
+    )
+    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+    axes.plot(1e-6 * rows[:, 0], rows[:, 2])
+    axes.set(
+        xlabel="steps of the environment [million]",
+        ylabel="mean return of an episode",
+        title="PPO on the tower crane",
+    )
+    figure.savefig(options.out / "curve.png", dpi=110)
+    plt.close(figure)
+    return Learned(rows, place(model, options.beside))
+
+
+def place(model: PPO, beside: Sequence[str]) -> dict[str, Score]:
+    """Its place in the table of `compare`, for the combined move."""
+    setup, move = Setup(engine="compiled"), MOVES[-1]
+    task = Task(setup.crane, 1, Rules(), 0.1, setup.dt, 1)
+    plans = {name: STRATEGIES[name](setup, move) for name in beside}
+    plans["learned"] = Plan(
+        lambda: controller_of(model, task, np.array(move.goal)),
+        hold(setup.crane, move.ends(setup.crane)[1]),
+        "motion",
+        move.duration,
+    )
+    scores = {name: make(setup, move, plan)[1] for name, plan in plans.items()}
+    scores["learned, swinging start"] = make(setup, SWINGING, plans["learned"])[1]
+    print(
+        "strategy                  peak [mrad]  at arrival [mrad]  20 s later [mrad]  settled [s]"
+    )
+    for name, score in scores.items():
+        print(
+            f"{name:24} {1e3 * score.peak:12.1f} {1e3 * score.arrival:18.3g} "
+            f"{1e3 * score.later:18.3g} {score.settled:12.2f}"
+        )
+    return scores
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,481 @@
+"""Imperfect sensors, a Kalman filter instead of a swing sensor, and states that are no states."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
+
+from cranedyn.analysis.swing import swing_amplitude
+from cranedyn.controllers import hold_controller, lqr
+from cranedyn.controllers.linearised import linearised
+from cranedyn.controllers.tracking import Tracking
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.linearisation import sampled
+from cranedyn.errors import CraneError
+from cranedyn.estimation import with_observer, with_sensor_model
+from cranedyn.estimation.observer import (
+    ObserverController,
+    disturbance_of,
+    initial_std_of,
+    kalman_gain,
+)
+from cranedyn.estimation.sensor_model import noise_of
+from cranedyn.interfaces import Controller, Setpoint, State
+from cranedyn.model.crane import Crane
+from cranedyn.references import Motion, flat, hanging_reference, spline
+from tests.helpers import G, crane, quickly
+
+MEASURED, NOISE = crane().layout.measured, noise_of(crane())
+DISTURBANCE, INITIAL_STD = disturbance_of(crane()), initial_std_of(crane())
+STILL = Setpoint(np.zeros(3), np.zeros(3), np.zeros(3))
+PERIOD = 5e-3
+
+
+def at_rest(crane: Crane, **where: float) -> Motion:
+    """A motion that is none."""
+    return Motion(
+        PERIOD,
+        crane.state(**where).q[None],
+        np.zeros((1, 5)),
+        np.zeros((1, 5)),
+        crane.layout.drives,
+    )
+
+
+@cache
+def combined(crane: Crane) -> Motion:
+    """Slew, trolley and hoist together, in 20 s."""
+    return flat(crane, crane.state(x=10.0, l=15.0), crane.state(gamma=0.6, x=20.0, l=10.0), 20.0)
+
+
+@cache
+def tracked() -> Tracking:
+    """The LQR about the combined move, which remembers nothing."""
+    return lqr(crane(), combined(crane()))
+
+
+def random_states(n: int) -> list[State]:
+    return [State(*row) for row in np.random.default_rng(3).normal(size=(n, 2, 5))]
+
+
+class Watched:
+    """A controller that keeps what it is shown."""
+
+    def __init__(self) -> None:
+        self.seen: list[np.ndarray] = []
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """Drives that do nothing."""
+        self.seen.append(np.concatenate(state))
+        return np.zeros(3)
+
+
+# --- sensors --------------------------------------------------------------------------------------
+
+
+def test_late_sensors_show_the_first_state_until_the_delay_has_passed_and_then_an_old_one() -> None:
+    inner = Watched()
+    late = with_sensor_model(
+        crane(), inner, delay=3, noise=np.zeros(10), rng=np.random.default_rng(1)
+    )
+    states = random_states(8)
+    for k, state in enumerate(states):
+        late(k * PERIOD, state, STILL)
+    np.testing.assert_array_equal(
+        inner.seen, [np.concatenate(states[max(k - 3, 0)]) for k in range(8)]
+    )
+
+
+@pytest.mark.parametrize("noise", [NOISE, NOISE.tolist(), (NOISE[:5], NOISE[5:])])
+def test_noise_is_white_and_has_the_deviations_asked_for(noise: object) -> None:
+    inner, n = Watched(), 20_000
+    noisy = with_sensor_model(crane(), inner, noise=noise, rng=np.random.default_rng(1))  # type: ignore[arg-type]
+    state = crane().state()
+    for k in range(n):
+        noisy(k * PERIOD, state, STILL)
+    found = (np.array(inner.seen) - np.concatenate(state)) / NOISE
+    # statistics of n draws: deviation of a mean 1/√n, of a standard deviation 1/√(2n), of a
+    # correlation 1/√n; four and a half of each
+    np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=4.5 / math.sqrt(n))
+    np.testing.assert_allclose(found.std(axis=0), 1.0, atol=4.5 / math.sqrt(2 * n))
+    np.testing.assert_allclose((found[1:] * found[:-1]).mean(axis=0), 0.0, atol=4.5 / math.sqrt(n))
+    np.testing.assert_allclose(np.corrcoef(found.T), np.eye(10), atol=4.5 / math.sqrt(n))
+
+
+def test_an_equal_seed_gives_an_equal_run_and_another_seed_another() -> None:
+    start, motion = crane().state(x=10.0, l=15.0), at_rest(crane(), x=10.0, l=15.0)
+
+    def run(seed: int) -> Trajectory:
+        controller = with_sensor_model(
+            crane(), lqr(crane(), motion), delay=2, rng=np.random.default_rng(seed)
+        )
+        return quickly(crane(), controller, motion, start=start, duration=0.5)
+
+    assert (run(1).command == run(1).command).all()
+    assert (run(1).command != run(2).command).any()
+
+
+def test_noise_shakes_the_regulated_crane_as_much_as_the_lyapunov_equation_says() -> None:
+    start, motion = crane().state(x=10.0, l=15.0), at_rest(crane(), x=10.0, l=15.0)
+    controller = lqr(crane(), motion)
+    run = quickly(
+        crane(),
+        with_sensor_model(crane(), controller, rng=np.random.default_rng(5)),
+        motion,
+        start=start,
+        duration=120.0,
+    )
+    model, gain = sampled(crane(), start), controller.gain[0]
+    by_noise = model.b @ gain
+    covariance = solve_discrete_lyapunov(
+        model.closed(gain), by_noise @ np.diag(NOISE**2) @ by_noise.T
+    )
+    found = run.since(10.0)
+    for i, values in ((2, found["phi_rad"]), (3, found["theta_rad"]), (1, found["x_m"] - 10.0)):
+        # The slowest time constant is 4.6 s, that of squares half of it: 110 s are 24 independent
+        # draws, of which a deviation is known to 1/√48.
+        assert values.std() == pytest.approx(math.sqrt(covariance[i, i]), rel=3.0 / math.sqrt(48.0))
+
+
+def test_sensors_of_one_run_are_refused_in_another() -> None:
+    used = with_sensor_model(crane(), hold_controller(crane()), rng=np.random.default_rng(1))
+    quickly(crane(), used, duration=0.1)
+    with pytest.raises(CraneError, match="make new ones for each run"):
+        quickly(crane(), used, duration=0.1)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (
+            {"delay": -1},
+            "delay of the sensors is -1 control periods; allowed is a whole number >= 0",
+        ),
+        ({"delay": 1.5}, "a whole number"),
+        ({"noise": np.ones(9)}, "10 numbers: 5 coordinates, 5 rates"),
+        ({"noise": [[1.0] * 5, [1.0] * 4]}, "10 numbers: 5 coordinates, 5 rates"),
+        ({"noise": [*NOISE[:9], -1.0]}, "noise of l_dot is -1.0; allowed is >= 0"),
+        ({"noise": [*NOISE[:9], math.nan]}, "noise of l_dot"),
+        ({"rng": 1}, "default_rng"),
+    ],
+)
+def test_sensors_that_cannot_be_are_refused(given: dict[str, object], words: str) -> None:
+    with pytest.raises(CraneError, match=words):
+        with_sensor_model(crane(), Watched(), **({"rng": np.random.default_rng(1)} | given))  # type: ignore[arg-type]
+
+
+# --- the observer ---------------------------------------------------------------------------------
+
+
+class Compared:
+    """An observer whose errors are kept; `outer` stands between it and the crane."""
+
+    def __init__(self, observer: ObserverController, outer: Controller | None = None) -> None:
+        self.observer, self.outer = observer, outer or observer
+        self.errors: list[np.ndarray] = []
+
+    def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
+        """What `outer` commands."""
+        command = self.outer(t, state, setpoint)
+        self.errors.append(np.subtract(self.observer.estimate, state).ravel())
+        return command
+
+    def swing(self, since: float) -> float:
+        """Largest error of the swing from a time on [rad]."""
+        return float(
+            np.linalg.norm(np.array(self.errors)[round(since / PERIOD) :, 2:4], axis=1).max()
+        )
+
+
+def process_noise() -> np.ndarray:
+    """Accelerations held over a period: half its square to positions, itself to rates (Bar-Shalom,
+    Li, Kirubarajan, §6.3.2).
+    """
+    reach = np.kron([[PERIOD**2 / 2.0], [PERIOD]], np.eye(5))
+    return reach @ np.diag(np.square(DISTURBANCE)) @ reach.T
+
+
+def residual(run: Trajectory) -> float:
+    """Amplitude of the swing at the end [rad]."""
+    return float(swing_amplitude(run.q[-1:, 2:4], run.v[-1:, 2:4], run.q[-1:, 4], G)[0])
+
+
+def test_the_filters_gain_tends_to_that_of_the_dual_riccati_equation() -> None:
+    motion = at_rest(crane(), x=10.0, l=15.0)
+    observer = with_observer(lqr(crane(), motion), crane(), motion)
+    model, state = sampled(crane(), crane().state(x=10.0, l=15.0)), crane().state(x=10.0, l=15.0)
+    for k in range(4000):
+        observer(k * PERIOD, state, STILL)
+    noise = np.diag(NOISE[MEASURED] ** 2)
+    p = solve_discrete_are(model.a.T, np.eye(10)[MEASURED].T, process_noise(), noise)
+    steady = p[:, MEASURED] @ np.linalg.inv(p[np.ix_(MEASURED, MEASURED)] + noise)
+    # after 20 s the slowest mode of the filter, 1/s, has left exp(-40); the algebraic solution is
+    # good to about 1e-8 of its largest entry
+    np.testing.assert_allclose(observer.gain, steady, rtol=1e-5, atol=1e-7 * np.abs(steady).max())
+
+
+def test_the_filter_errs_as_much_as_it_says() -> None:
+    motion, rng, runs = at_rest(crane(), x=10.0, l=15.0), np.random.default_rng(11), 30
+    model = sampled(crane(), crane().state(x=10.0, l=15.0))
+    shares, (values, vectors) = [], np.linalg.eigh(process_noise())
+    root = vectors * np.sqrt(values.clip(0.0))
+    for _ in range(runs):
+        observer = with_observer(lqr(crane(), motion), crane(), motion)
+        z = rng.normal(size=10) * INITIAL_STD
+        for k in range(100):
+            reading = np.concatenate([motion.q[0], np.zeros(5)]) + z
+            reading[MEASURED] += rng.normal(size=6) * NOISE[MEASURED]
+            command = observer(k * PERIOD, State(reading[:5], reading[5:]), STILL)
+            error = (
+                np.concatenate(observer.estimate) - np.concatenate([motion.q[0], np.zeros(5)]) - z
+            )  # type: ignore[arg-type]
+            z = (
+                model.a @ z
+                + model.b @ (command - observer.model.efforts[0])
+                + root @ rng.normal(size=10)
+            )
+        shares.append(error @ np.linalg.solve(observer.covariance, error))
+    # the errors squared over their covariance are χ² with ten degrees of freedom in each run: mean
+    # 10, deviation √20
+    assert np.mean(shares) == pytest.approx(10.0, abs=4.0 * math.sqrt(20.0 / runs))
+
+
+@pytest.mark.parametrize(
+    "motion_of", [lambda c: at_rest(c, x=10.0, l=15.0), combined], ids=["rest", "move"]
+)
+@pytest.mark.parametrize("swing", ["phi", "theta"])
+def test_a_swing_that_no_sensor_sees_is_known_to_a_hundredth_after_two_seconds(
+    motion_of: Callable[[Crane], Motion], swing: str
+) -> None:
+    motion = motion_of(crane())
+    compared = Compared(with_observer(lqr(crane(), motion), crane(), motion))
+    quickly(
+        crane(),
+        compared,
+        motion,
+        start=crane().state(x=10.0, l=15.0, **{swing: 0.05}),
+        duration=10.0,
+    )
+    # The first estimate is that it hangs plumb.
+    assert compared.swing(0.0) == pytest.approx(0.05, rel=0.1)
+    assert compared.swing(2.0) < 5e-4
+
+
+def test_without_a_swing_sensor_the_combined_move_ends_as_still_as_with_one() -> None:
+    motion, start = combined(crane()), crane().state(x=10.0, l=15.0)
+    run = quickly(
+        crane(), with_observer(tracked(), crane(), motion), motion, start=start, duration=40.0
+    )
+    # the plan is exact but to first order in the hoisting, which the filter takes for 1e-4 rad of
+    # swing; 20 s after it the LQR has brought that down by a hundred at least
+    assert residual(run) < 1e-6
+
+
+@pytest.mark.parametrize("swing", ["phi", "theta"])
+def test_an_initial_swing_is_damped_almost_as_well_as_with_a_sensor(swing: str) -> None:
+    motion, start = combined(crane()), crane().state(x=10.0, l=15.0, **{swing: 0.1})
+    controller = tracked()
+    left = [
+        residual(quickly(crane(), with_or_without, motion, start=start, duration=40.0))
+        for with_or_without in (with_observer(controller, crane(), motion), controller)
+    ]
+    # the swing grows known in half a second of the 40: what is left may differ by a quarter
+    assert left[0] < 1.25 * left[1]
+
+
+@pytest.mark.parametrize("delay", [0, 10])
+def test_noisy_and_late_sensors_of_the_drives_alone_still_end_the_move_below_a_milliradian(
+    delay: int,
+) -> None:
+    motion = combined(crane())
+    observer = with_observer(tracked(), crane(), motion, delay=delay)
+    compared = Compared(
+        observer, with_sensor_model(crane(), observer, delay=delay, rng=np.random.default_rng(2))
+    )
+    run = quickly(crane(), compared, motion, start=crane().state(x=10.0, l=15.0), duration=40.0)
+    # five deviations of the swing as the filter says them
+    assert compared.swing(2.0) < 5.0 * math.sqrt(np.trace(observer.covariance[2:4, 2:4]))
+    assert residual(run) < 1e-3
+
+
+@pytest.mark.parametrize(
+    "motion_of", [lambda c: at_rest(c, x=10.0, l=15.0), combined], ids=["rest", "move"]
+)
+def test_a_delay_known_to_the_observer_is_predicted_away(
+    motion_of: Callable[[Crane], Motion],
+) -> None:
+    motion = motion_of(crane())
+    observer = with_observer(lqr(crane(), motion), crane(), motion, delay=6)
+    compared = Compared(
+        observer,
+        with_sensor_model(
+            crane(), observer, delay=6, noise=np.zeros(10), rng=np.random.default_rng(1)
+        ),
+    )
+    run = quickly(
+        crane(), compared, motion, start=crane().state(x=10.0, l=15.0, phi=0.05), duration=5.0
+    )
+    assert np.abs(run.v[200:, 1]).max() * 6 * PERIOD > 5e-3  # so far the trolley runs meanwhile [m]
+    # as without a delay: a hundredth of the swing; and a fiftieth of that way
+    assert compared.swing(1.0) < 5e-4
+    assert np.abs(np.array(compared.errors)[200:, [0, 1, 4]]).max() < 1e-4
+
+
+def test_the_observer_looks_at_the_drives_only() -> None:
+    motion = at_rest(crane(), x=10.0, l=15.0)
+    one, other = (with_observer(lqr(crane(), motion), crane(), motion) for _ in range(2))
+    for k, state in enumerate(random_states(5)):
+        blind = State(
+            np.where([0, 0, 1, 1, 0], math.nan, state.q),
+            np.where([0, 0, 1, 1, 0], math.nan, state.v),
+        )
+        assert one(k * PERIOD, state, STILL).tolist() == other(k * PERIOD, blind, STILL).tolist()
+
+
+def test_the_observer_knows_what_the_drives_cannot_give() -> None:
+    weak = crane(trolley_effort=300.0)
+    motion = at_rest(weak, x=10.0, l=15.0)
+    compared = Compared(with_observer(lqr(weak, motion), weak, motion))
+    run = quickly(weak, compared, motion, start=weak.state(x=10.0, l=15.0, phi=0.05), duration=5.0)
+    assert np.abs(run.command[:, 1]).max() > 1000.0
+    assert compared.swing(2.0) < 5e-4
+
+
+def test_a_start_that_is_told_is_believed() -> None:
+    motion, start = (
+        at_rest(crane(), x=10.0, l=15.0),
+        crane().state(x=10.0, l=15.0, phi=0.05, theta=-0.03),
+    )
+    compared = Compared(with_observer(lqr(crane(), motion), crane(), motion, start=start))
+    quickly(crane(), compared, motion, start=start, duration=1.0)
+    # The linear model's: φ²/2 = 1e-3 of the load's pull, and cubes.
+    assert compared.swing(0.0) < 2e-3
+
+
+def test_an_observer_is_refused_in_a_second_run_and_where_a_call_is_left_out() -> None:
+    motion = at_rest(crane(), x=10.0, l=15.0)
+    used = with_observer(lqr(crane(), motion), crane(), motion)
+    quickly(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
+    with pytest.raises(CraneError, match="a new one for each run"):
+        quickly(crane(), used, motion, start=crane().state(x=10.0, l=15.0), duration=0.1)
+    with pytest.raises(CraneError, match=r"every 0\.005 s"):
+        quickly(
+            crane(),
+            with_observer(lqr(crane(), motion), crane(), motion),
+            motion,
+            duration=0.1,
+            control_period=0.01,
+        )
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"noise": np.zeros(6)}, "noise of the observer is 0.0; allowed is > 0"),
+        ({"noise": NOISE}, "6 standard deviations"),
+        ({"disturbance": [-1.0] * 5}, "disturbance of the observer is -1.0; allowed is >= 0"),
+        ({"initial_std": [math.inf] * 10}, "initial deviation of the observer"),
+        ({"delay": -1}, "delay of the observer"),
+        ({"every": 0}, "rows between linearisations"),
+        ({"dt": 3e-4}, "control period is 0.005 s; allowed is a multiple of dt = 0.0003 s"),
+    ],
+)
+def test_an_observer_that_cannot_be_is_refused(given: dict[str, object], words: str) -> None:
+    motion = at_rest(crane(), x=10.0, l=15.0)
+    with pytest.raises(CraneError, match=words):
+        with_observer(Watched(), crane(), motion, **given)  # type: ignore[arg-type]
+
+
+def test_what_an_observer_needs_is_loaded_before_its_first_control_instant() -> None:
+    program = """
+import sys
+from cranedyn.controllers import hold_controller
+from cranedyn.estimation import with_load_estimate, with_observer
+from cranedyn.model.load import load_crane
+from cranedyn.references import Motion
+crane = load_crane()
+start = crane.state(x=10.0, l=15.0)
+still = Motion(5e-3, start.q[None], 0.0 * start.q[None], 0.0 * start.q[None], crane.layout.drives)
+for observer in (with_observer, with_load_estimate):
+    for name in [name for name in sys.modules if name.startswith("scipy.linalg")]:
+        del sys.modules[name]
+    observer(hold_controller(crane), crane, still)
+    print("scipy.linalg.lapack" in sys.modules)
+"""
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, check=True
+        ).stdout.split()
+        == ["True"] * 2
+    )
+
+
+def test_errors_that_have_no_covariance_have_no_gain() -> None:
+    with pytest.raises(CraneError, match="no covariance any more"):
+        kalman_gain(np.ones((2, 3)), -np.eye(2))
+    # what is no number stays none, and is refused as a command
+    assert np.isnan(kalman_gain(np.ones((2, 3)), np.full((2, 2), math.nan))).all()
+
+
+# --- along a motion -------------------------------------------------------------------------------
+
+
+def test_the_last_row_of_a_motion_has_a_model_of_its_own_wherever_it_falls() -> None:
+    whole = combined(crane())
+    for n in (21, 24, 30):
+        motion = Motion(
+            PERIOD,
+            whole.q[2000 : 2000 + n],
+            whole.v[2000 : 2000 + n],
+            whole.a[2000 : 2000 + n],
+            whole.drives,
+        )
+        found = linearised(crane(), motion, dt=5e-4, every=10)
+        for k in (0, 7, 10, 19, n - 1):
+            row = k if k == n - 1 else k - k % 10
+            here = sampled(crane(), State(motion.q[row], motion.v[row]), found.efforts[row])
+            assert (found.a[found.stretch[k]] == here.a).all()
+            assert (found.b[found.stretch[k]] == here.b).all()
+
+
+# --- tracking -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("place", "name"),
+    [(0, "coordinate 1 of"), (3, "coordinate 4 of"), (5, "rate 1 of"), (9, "rate 5 of")],
+)
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_state_that_is_not_finite_is_named_and_gives_no_efforts(
+    place: int, name: str, value: float
+) -> None:
+    tracking = lqr(crane(), at_rest(crane(), x=10.0, l=15.0))
+    z = np.concatenate(crane().state(x=10.0, l=15.0))
+    z[place] = value
+    with (
+        np.errstate(invalid="ignore"),
+        pytest.raises(CraneError, match=f"{name} the state is {value}.*a finite number"),
+    ):
+        tracking(0.0, State(z[:5], z[5:]), STILL)
+
+
+def test_an_observer_is_asked_at_the_rows_of_its_motion_or_refuses() -> None:
+    motion = hanging_reference(
+        crane(), spline(crane(), crane().start, [(0.0, 11.0, 15.0)], [4.0]), 4.0
+    )
+    late = 1.0 + PERIOD / 2.0
+    with pytest.raises(
+        CraneError,
+        match=r"This observer is first asked for t = 1.0025 s; its motion has rows every 0.005 s "
+        r"only",
+    ):
+        with_observer(Watched(), crane(), motion)(late, crane().start, STILL)
+    # Wherever it stands still all rows are one.
+    with_observer(Watched(), crane(), at_rest(crane()))(late, crane().start, STILL)

@@ -1,0 +1,133 @@
+"""Thousands of cranes from the few that tell all others: each as if it had been loaded."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cranedyn.compiled.batch import simulate_batch
+from cranedyn.controllers import hold_controller
+from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
+from cranedyn.model.load import load_crane
+from cranedyn.plant.cranes import load_cranes
+from cranedyn.plant.plant import numbers
+from cranedyn.simulation.simulate import simulate
+from tests.helpers import ROOT, crane
+
+RNG = np.random.default_rng(0)
+COUNT = 40
+
+
+def some(low: float, high: float) -> np.ndarray:
+    return RNG.uniform(low, high, COUNT)
+
+
+CASES: dict[str, dict[str, Any]] = {
+    "loads and cables": {"payload_mass": some(500.0, 5000.0), "l": some(5.0, 25.0)},
+    "a hook": {
+        "hook_mass": some(100.0, 900.0),
+        "sling_length": some(2.0, 8.0),
+        "payload_mass": some(500.0, 5000.0),
+    },
+    "all that turns": {
+        "slewing_inertia": some(5e5, 2e6),
+        "trolley_mass": some(200.0, 900.0),
+        "trolley_init": some(5.0, 20.0),
+    },
+    "damping and limits": {
+        "damp_swing": some(0.0, 100.0),
+        "hoist_effort": some(5e4, 2e5),
+        "payload_izz": some(0.0, 800.0),
+    },
+    "lighter gravity": {
+        "gravity": 1.62,
+        "payload_inertia": some(0.0, 900.0),
+        "dummy_mass": some(0.0, 50.0),
+    },
+}
+
+
+@pytest.mark.parametrize("values", CASES.values(), ids=list(CASES))
+def test_every_crane_has_the_numbers_that_it_has_when_it_is_loaded(values: dict[str, Any]) -> None:
+    cranes = load_cranes(**values)
+    size = np.abs(cranes.numbers).max(axis=0)
+    for i in (0, 7, COUNT - 1):
+        own = numbers(cranes[i])
+        assert (np.abs(own - cranes.numbers[i]) <= 1e-13 * size).all()  # rounding of a polynomial
+        assert_allclose(
+            cranes.start.q[i, cranes.layout.drives[:2]],
+            cranes[i].start.q[cranes.layout.drives[:2]],
+            rtol=1e-13,
+        )
+
+
+def test_a_batch_of_them_moves_as_each_does_alone() -> None:
+    cranes = load_cranes(payload_mass=some(500.0, 5000.0), l=some(8.0, 20.0), phi=0.1)
+    controller = hold_controller(crane())
+    batch = simulate_batch(cranes, controller, start=cranes.start, duration=2.0)
+    # Where they start if nothing is said.
+    assert np.array_equal(batch.end.q, simulate_batch(cranes, controller, duration=2.0).end.q)
+    for i in (0, COUNT - 1):
+        start = cranes.start
+        alone = simulate(
+            cranes[i],
+            controller,
+            start=cranes[i].state(l=start.q[i, -1], phi=0.1),
+            duration=2.0,
+            validity="mark",
+        )
+        assert_allclose(batch.end.q[i], alone.q[-1], atol=1e-12)
+
+
+def test_ten_thousand_take_less_than_two_seconds() -> None:
+    load_crane()
+    began = time.process_time()
+    assert (
+        len(
+            load_cranes(
+                payload_mass=np.linspace(500.0, 5000.0, 10_000), l=np.linspace(5.0, 25.0, 10_000)
+            )
+        )
+        == 10_000
+    )
+    assert time.process_time() - began < 2.0  # some 0.5 s
+
+
+def test_an_overhead_crane_has_them_too() -> None:
+    cranes = load_cranes(
+        ROOT / "urdf" / "overhead_crane.urdf.xacro",
+        payload_mass=some(1000.0, 9000.0),
+        bridge_mass=some(5e3, 2e4),
+    )
+    assert len(cranes[3:5]) == 2 and cranes[3].payload_mass != cranes[4].payload_mass
+
+
+@pytest.mark.parametrize(
+    ("values", "error", "sentence"),
+    [
+        ({"payload_mass": [1.0, 2.0], "l": [5.0]}, OutOfRange, "payload_mass of shape"),
+        ({"payload_mass": 3.0}, OutOfRange, "arrays of values is none"),
+        ({"payload_mass": [1.0, np.nan]}, OutOfRange, "payload_mass"),
+        ({"payload_mass": [1000.0, -1.0]}, OutOfRange, "payload_mass"),
+        ({"payload_mass": [1000.0, 2000.0], "nowhere": 3.0}, UnknownName, "nowhere"),
+        (
+            {"payload_mass": [1000.0, 2000.0], "l": [5.0, 500.0]},
+            OutOfRange,
+            "l at the start is 500.0 m",
+        ),
+        (
+            {"payload_mass": [1000.0, 2000.0], "rope_stiffness": 2e7},
+            ModelError,
+            "elastic, each hangs otherwise; give",
+        ),
+    ],
+)
+def test_what_they_cannot_be_is_a_sentence(
+    values: dict[str, Any], error: type[CraneError], sentence: str
+) -> None:
+    with pytest.raises(error, match=sentence):
+        load_cranes(**values)

@@ -1,0 +1,221 @@
+"""The recursions in plain numbers against Pinocchio's algorithms, which have another derivation and
+another language.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from cranedyn.dynamics import pinocchio as dynamics
+from cranedyn.dynamics.bodies import Bodies, blank, bodies
+from cranedyn.dynamics.scalars import array, solve
+from cranedyn.interfaces import State
+from cranedyn.plant import rigid_body
+from cranedyn.plant.rigid_body import ExternalForce, Frame
+from tests.helpers import crane, states
+
+
+def _arm() -> pin.Model:
+    """Seven joints of all kinds on two branches, with armature, in gravity that is not vertical."""
+    model = pin.Model()
+    rng = np.random.default_rng(4)
+    axis = np.array([2.0, -1.0, 2.0]) / 3.0
+    kinds = [
+        pin.JointModelRZ(),
+        pin.JointModelPrismaticUnaligned(axis),
+        pin.JointModelHX(0.3),
+        pin.JointModelRevoluteUnaligned(axis),
+    ]
+    kinds += [pin.JointModelPY(), pin.JointModelHelicalUnaligned(axis, -0.2), pin.JointModelRX()]
+    for i, (kind, parent) in enumerate(zip(kinds, (0, 1, 2, 1, 4, 5, 5), strict=True)):
+        place = pin.SE3(
+            pin.Quaternion(rng.normal(size=4)).normalized().matrix(), rng.normal(size=3)
+        )
+        joint = model.addJoint(parent, kind, place, f"joint {i}")
+        body = pin.Inertia(1.0 + i, rng.normal(size=3), np.diag([1.0, 2.0, 2.5]) + 0.1)
+        model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    model.gravity.linear = np.array([1.0, -2.0, -9.0])
+    model.armature = rng.uniform(0.1, 2.0, 7)
+    return model
+
+
+ARM = _arm()
+
+vectors = st.lists(st.floats(-3.0, 3.0), min_size=7, max_size=7).map(np.array)
+
+
+def _tree(model: pin.Model) -> Bodies:
+    tree = bodies(model)
+    return tree.with_numbers(tree.numbers().tolist())
+
+
+def _at(q: np.ndarray) -> tuple[Bodies, list[Frame]]:
+    tree = _tree(ARM)
+    return tree, rigid_body.frames(tree, q)
+
+
+def _plain(values: np.ndarray) -> np.ndarray:
+    return np.array(values, dtype=float)
+
+
+# rounding of some hundred operations on numbers up to 1e3
+
+
+@given(vectors, vectors, vectors)
+def test_forces_that_cause_accelerations_are_those_of_pinocchio(
+    q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> None:
+    found = rigid_body.inverse_dynamics(*_at(q), v, a)
+    expected = pin.rnea(ARM, ARM.createData(), q, v, a)
+    assert_allclose(_plain(found), expected, atol=1e-12 * np.abs(expected).max() + 1e-10)
+
+
+@given(vectors)
+def test_inertia_of_the_coordinates_is_that_of_pinocchio(q: np.ndarray) -> None:
+    found = _plain(rigid_body.mass_matrix(*_at(q)))
+    upper = np.triu(pin.crba(ARM, ARM.createData(), q))
+    assert_allclose(found, upper + np.triu(upper, 1).T, atol=1e-12 * np.abs(upper).max())
+    assert not found[3, 1] and not found[6, 5]  # on different branches
+
+
+@given(vectors)
+def test_height_energy_and_its_slope_are_those_of_gravity(q: np.ndarray) -> None:
+    data = ARM.createData()
+    energy = rigid_body.potential_energy(*_at(q))
+    assert energy == pytest.approx(pin.computePotentialEnergy(ARM, data, q), abs=1e-11)
+    resting = rigid_body.inverse_dynamics(*_at(q), np.zeros(7))
+    h = 1e-5
+    slope = [
+        (rigid_body.potential_energy(*_at(q + d)) - rigid_body.potential_energy(*_at(q - d)))
+        / (2 * h)
+        for d in h * np.eye(7)
+    ]
+    # Truncation h² of third derivatives of 1e3 J, rounding 1e-13 / h.
+    assert_allclose(_plain(resting), slope, atol=1e-5)
+
+
+@given(vectors, st.integers(0, 6), st.floats(-50.0, 50.0))
+def test_a_push_does_the_work_of_its_point(q: np.ndarray, body: int, strength: float) -> None:
+    tree, where = _at(q)
+    point, force = np.array([0.3, -0.5, 0.7]), strength * np.array([0.5, 1.0, -2.0])
+    pushed, free = (
+        rigid_body.inverse_dynamics(tree, where, np.zeros(7), external_forces=external_forces)
+        for external_forces in ([ExternalForce(body, point, force)], [])
+    )
+    data = ARM.createData()
+    pin.computeJointJacobians(ARM, data, q)
+    jacobian = pin.getJointJacobian(ARM, data, body + 1, pin.LOCAL_WORLD_ALIGNED)
+    arm = data.oMi[body + 1].rotation @ point
+    expected = jacobian[:3].T @ force + jacobian[3:].T @ np.cross(arm, force)
+    assert_allclose(_plain(free - pushed), expected, atol=1e-10)
+
+
+@given(vectors, vectors)
+def test_solving_with_the_mass_matrix_leaves_nothing_over(q: np.ndarray, right: np.ndarray) -> None:
+    mass = rigid_body.mass_matrix(*_at(q))
+    before = mass.tolist()
+    x = solve(mass, array(right.tolist()))
+    assert mass.tolist() == before
+    # backward stable: what is left over is rounding of the sizes that go in
+    assert_allclose(
+        _plain(mass @ x),
+        right,
+        atol=1e-13 * np.abs(_plain(mass)).max() * (1.0 + np.abs(_plain(x)).max()),
+    )
+
+
+@given(vectors, vectors, vectors)
+def test_accelerations_are_those_of_pinocchio(
+    q: np.ndarray, v: np.ndarray, effort: np.ndarray
+) -> None:
+    found = _plain(rigid_body.forward_dynamics(*_at(q), v, array(effort.tolist())))
+    expected = pin.aba(ARM, ARM.createData(), q, v, effort)
+    mass = pin.crba(ARM, ARM.createData(), q)
+    assert not rigid_body.disagreement(found, expected, mass)
+
+
+@given(states)
+def test_a_load_on_its_rope_moves_as_in_pinocchio_wherever_its_centre_is(state: State) -> None:
+    c = crane(damp_swing=0)
+    model, data = c.model.copy(), c.model.createData()
+    model.inertias[5] = pin.Inertia(800.0, np.array([0.3, -0.2, 0.5]), np.zeros((3, 3)))
+    tree = _tree(model)
+    effort = np.array([1e4, -2e3, 30.0, -40.0, -9e3])
+    force = ExternalForce(4, np.array([0.1, 0.2, -0.3]), np.array([300.0, -200.0, 100.0]))
+    where = rigid_body.frames(tree, state.q)
+    assert rigid_body._is_sliding_point(tree, 4)
+    found = _plain(
+        rigid_body.forward_dynamics(tree, where, state.v, array(effort.tolist()), [force])
+    )
+    pushed, free = (
+        _plain(rigid_body.inverse_dynamics(tree, where, np.zeros(5), external_forces=some))
+        for some in ([force], [])
+    )
+    expected = pin.aba(model, data, state.q, state.v, effort + free - pushed)
+    assert not rigid_body.disagreement(found, expected, pin.crba(model, data, state.q))
+
+
+@given(states)
+def test_a_payload_that_turns_is_pushed_at_its_centre(state: State) -> None:
+    c = crane(damp_swing=0)
+    tree = _tree(c.model)
+    where = rigid_body.frames(tree, state.q)
+    force = np.array([[300.0, -200.0, 100.0], [-50.0, 20.0, 70.0]])
+    external_forces = [
+        ExternalForce(4, tree.lever[4], force[0]),
+        ExternalForce(2, np.zeros(3), force[1]),
+    ]
+    pushed, free = (
+        rigid_body.inverse_dynamics(tree, where, np.zeros(5), external_forces=some)
+        for some in (external_forces, [])
+    )
+    expected = dynamics.outside_effort(c.points, c.model, c.data, state.q, force)
+    assert_allclose(_plain(free - pushed), expected, atol=1e-8)  # differences of 1e5 N m
+
+
+def test_numbers_go_out_and_come_back_in_one_order() -> None:
+    tree = bodies(ARM)
+    again = blank(tree.parents).with_numbers(tree.numbers().tolist())
+    assert again.numbers().tolist() == tree.numbers().tolist()
+    assert _plain(again.inertia).tolist() == tree.inertia.tolist()
+    assert len(again) == 7
+
+
+def test_two_ways_to_solve_may_differ_by_the_condition_of_a_matrix_whatever_the_units() -> None:
+    assert rigid_body.lost_digits(np.diag([1.0, 1e12])) == pytest.approx(1e3 * 2.0**-52)
+    near = 1.0 - 1e-6  # eigenvalues 2 - 1e-6 and 1e-6
+    assert rigid_body.lost_digits(np.array([[1.0, 1e3 * near], [0.0, 1e6]])) == pytest.approx(
+        1e3 * 2.0**-52 * 2e6, rel=1e-3
+    )
+
+
+@given(q=vectors, v=vectors)
+def test_counting_with_the_parent_what_moves_with_it_anyway_changes_nothing(
+    q: np.ndarray, v: np.ndarray
+) -> None:
+    for model in (ARM, crane().model):
+        tree, n = _tree(model), model.nv
+        less = rigid_body.regrouped(tree)
+        where = rigid_body.frames(tree, q[:n])
+        assert_allclose(
+            _plain(rigid_body.mass_matrix(less, where)),
+            _plain(rigid_body.mass_matrix(tree, where)),
+            rtol=1e-12,
+            atol=1e-9,
+        )
+        expected = _plain(rigid_body.inverse_dynamics(tree, where, v[:n]))
+        found = _plain(rigid_body.inverse_dynamics(less, where, v[:n]))
+        assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+        energies = [float(rigid_body.potential_energy(one, where)) for one in (tree, less)]
+        assert_allclose(*energies, rtol=1e-12, atol=1e-9)
+
+
+def test_a_crane_keeps_no_mass_in_its_universal_joint() -> None:
+    tree = rigid_body.regrouped(_tree(crane().model))
+    assert tree.mass[crane().layout.passive].tolist() == [0.0, 0.0]
+    assert sum(tree.mass) == sum(_tree(crane().model).mass)

@@ -1,0 +1,126 @@
+"""Engines, exporters and experiments of another package are found as ours are."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from cranedyn import plugins
+from cranedyn.errors import CraneError, UnknownName
+from tests.helpers import ROOT, python
+
+PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+PACKAGE = {
+    "lab_export.py": PAGE.partition("## An exporter")[2].split("```")[1].removeprefix("python\n"),
+    "lab_sway.py": '''
+"""Sway of a lab crane."""
+
+
+def main(argv):
+    print("sways", argv)
+    return 1
+''',
+    "lab_engine.py": """
+from cranedyn.simulation.engine import Engine
+
+
+class Counted(Engine):
+    def advance(self):
+        print("period", end=" ")
+        return super().advance()
+""",
+    "lab-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: lab\nVersion: 1.0\n",
+    "lab-1.0.dist-info/entry_points.txt": """
+[cranedyn.exporters]
+table = lab_export
+mjcf = lab_export
+[cranedyn.experiments]
+sway = lab_sway
+gone = lab_gone
+[cranedyn.engines]
+counted = lab_engine:Counted
+""",
+}
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> dict[str, str]:
+    """The environment of a Python in which another package is installed."""
+    for name, text in PACKAGE.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    paths = [str(tmp_path), str(ROOT), os.environ.get("PYTHONPATH", "")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+
+
+def cranedyn(lab: dict[str, str], *words: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "cranedyn", *map(str, words)]
+    return subprocess.run(command, env=lab, capture_output=True, text=True, check=False)
+
+
+def test_an_experiment_of_another_package_is_listed_and_run(lab: dict[str, str]) -> None:
+    lines = cranedyn(lab, "list").stdout.splitlines()
+    assert f"{'sway':15} Sway of a lab crane." in lines
+    assert f"{'gone':15} cannot be loaded" in lines
+    assert lines[0].startswith("a1 ")  # ours come first
+    run = cranedyn(lab, "run", "sway", "--length", "3")
+    assert (run.returncode, run.stdout) == (1, "sways ['--length', '3']\n")
+    gone = cranedyn(lab, "run", "gone")
+    assert gone.returncode == 2
+    assert gone.stderr.startswith("error: The experiment gone (lab_gone) cannot be loaded: No mod")
+
+
+def test_an_exporter_of_another_package_writes_what_it_says_and_replaces_none_of_ours(
+    lab: dict[str, str], tmp_path: Path
+) -> None:
+    help_text = " ".join(cranedyn(lab, "export", "--help").stdout.split())
+    assert "table Joint table: a CSV file with a row for each joint." in help_text
+    words = ("--delimiter", ";", "--set", "payload_mass:=700")
+    written = cranedyn(lab, "export", "table", tmp_path / "joints.csv", *words)
+    assert (written.returncode, written.stderr) == (0, "")
+    rows = (tmp_path / "joints.csv").read_text().splitlines()
+    assert len(rows) == 6 and rows[-1].startswith("hoist_joint;")
+    assert cranedyn(lab, "export", "mjcf", tmp_path / "crane.xml").returncode == 0
+    assert "<mujoco" in (tmp_path / "crane.xml").read_text()
+
+
+def test_an_engine_of_another_package_steps_a_run(lab: dict[str, str]) -> None:
+    script = (
+        "import cranedyn as cd; from cranedyn.controllers import hold_controller; "
+        "c = cd.load_crane(); cd.simulate(c, hold_controller(c), duration=0.01, engine='counted')"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", script], env=lab, capture_output=True, text=True, check=True
+    )
+    assert run.stdout == "period period "
+
+
+def test_entry_points_are_read_only_where_a_plugin_is_asked_for() -> None:
+    script = (
+        "import importlib.metadata as m; m.entry_points = None\n"
+        "import cranedyn as cd; from cranedyn.controllers import hold_controller\n"
+        "c = cd.load_crane(); cd.simulate(c, hold_controller(c), duration=0.01)"
+    )
+    assert python(script).returncode == 0
+
+
+def test_every_plugin_of_ours_can_be_loaded_and_has_a_description() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    kinds: tuple[plugins.Kind, ...] = ("engine", "exporter", "experiment")
+    for kind in kinds:
+        declared = project["entry-points"][f"cranedyn.{kind}s"]
+        assert plugins.names(kind)[: len(declared)] == [*declared]
+        assert all(plugins.description(kind, name).endswith(".") for name in declared)
+    assert all(plugins.load("exporter", name).TARGET for name in plugins.names("exporter"))
+    assert all(callable(plugins.load("experiment", name).main) for name in declared)
+
+
+def test_a_plugin_that_does_not_exist_is_refused_by_name() -> None:
+    with pytest.raises(UnknownName, match="There is no exporter 'unity'; there are fmu, gazebo"):
+        plugins.load("exporter", "unity")
+    assert issubclass(UnknownName, CraneError)
