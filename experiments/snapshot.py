@@ -15,9 +15,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
+from cranedyn.checks import number
 from cranedyn.command import Parser, command
 from cranedyn.data.files import reserved, together
-from cranedyn.errors import number
 from cranedyn.recording.snapshot import animate, film, snapshot
 from experiments.harness.arguments import called
 

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked
 from cranedyn.bridges.mcap import check_installed
 from cranedyn.data.files import opened
 from cranedyn.data.tables import LARGEST
@@ -60,7 +59,6 @@ Raw = tuple[str, int, bytes]
 """Topic, time of logging [ns], message."""
 
 
-@checked
 def read_columns(
     path: str | Path, columns: Sequence[str], names: Mapping[str, str] | None = None
 ) -> dict[str, np.ndarray]:
@@ -88,7 +86,6 @@ def read_columns(
         return _columns(Path(path), columns, {**NAMES, **(names or {})})
 
 
-@checked
 def columns(path: str | Path, names: Mapping[str, str] | None = None) -> list[str]:
     """Names of the columns that a recording has, by its first message of joint states.
 

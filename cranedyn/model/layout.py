@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import taken
-from cranedyn.errors import MissingRole, ModelError, OutOfRange, UnknownName, number
+from cranedyn.checks import finite, number, read_only
+from cranedyn.errors import MissingRole, ModelError, OutOfRange, UnknownName
+from cranedyn.interfaces import State
 
 _COUNTS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 
@@ -219,6 +220,25 @@ class Layout:
             ]
         )
 
+    def as_state(self, name: str, state: State) -> State:
+        """Return a read-only copy of a state of such a crane.
+
+        Args:
+            name: Name of the state for the error message.
+            state: Coordinates and rates, shape (n,) each.
+
+        Raises:
+            OutOfRange: If there is not one finite coordinate and one finite rate for each joint.
+        """
+        q, v = (
+            finite(f"{kind} at the {name}", part, ("n",))
+            for kind, part in zip(("coordinates", "rates"), state, strict=True)
+        )
+        if q.shape != (self.n,) or v.shape != (self.n,):
+            given = f"a state of {q.size} coordinates and {v.size} rates"
+            raise OutOfRange(name, given, f"{self.n} of each: {', '.join(self.symbols)}")
+        return State(read_only(q.copy()), read_only(v.copy()))
+
     def has(self, *roles: str) -> bool:
         """Whether there are joints that play all of these parts."""
         return {*roles} <= {joint.role for joint in self.joints}
@@ -317,7 +337,7 @@ def roles_of(names: Iterable[str], given: Mapping[str, str] | None) -> dict[str,
     if given is None:
         return {role.joint: part for part, role in ROLES.items() if role.joint in there}
     found: dict[str, str] = {}
-    for part, joint in taken("joints", given, Mapping[str, str]).items():
+    for part, joint in given.items():
         if part not in ROLES:
             raise UnknownName("role", part, ROLES)
         if joint not in there:

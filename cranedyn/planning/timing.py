@@ -18,8 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from cranedyn.checks import number
 from cranedyn.command import held_back
-from cranedyn.errors import CraneError, OutOfRange, number
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import Path
 from cranedyn.references.flat import recover

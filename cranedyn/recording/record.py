@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from cranedyn.arguments import checked
 from cranedyn.data.files import written
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, DataError, OutOfRange, printable, quoted
@@ -36,7 +35,6 @@ def check_enabled() -> None:
         )
 
 
-@checked
 def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "") -> Path:
     """Write runs into one ``.rrd`` file on one clock, with the layout inside.
 

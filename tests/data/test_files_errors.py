@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cranedyn.checks import number, within
 from cranedyn.data.files import digest, read_text, reserved, together, write_text, written
-from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, UnknownName, number, within
+from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, UnknownName
 from cranedyn.plotting.figures import panels, save
 from tests.helpers import files
 

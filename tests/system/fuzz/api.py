@@ -86,7 +86,7 @@ PUBLIC = {
 INTERNAL = tuple(
     f"cranedyn.{name}"
     for name in (
-        "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown "
+        "__main__ checks clocks command compiled data.elsewhere data.files data.shown "
         "data.tables dynamics errors interfaces lifting lifting.wrench"
         " model.layout model.shown model.springs model.urdf"
         " version planning.bim planning.bodies planning.clearance planning.curve planning.driven "
