@@ -156,7 +156,7 @@ class ShortRepr:
 
 class _Short(reprlib.Repr):
     def repr_ndarray(self, array: np.ndarray, level: int) -> str:
-        return str(array.tolist()) if array.size <= 9 else f"array of shape {array.shape}"
+        return str(array.tolist()) if 0 < array.size <= 9 else f"array of shape {array.shape}"
 
     def repr_instance(self, value: object, level: int) -> str:
         line = repr(value).partition("\n")[0]

@@ -60,7 +60,7 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     ),
     (
         lambda: simulate(C, BRAKE, duration=0.1, start=State(REST.q, np.full(5, math.inf))),
-        "rates at the start is inf; allowed is finite.",
+        "gamma_dot at the start is inf rad/s; allowed is a finite number.",
     ),
     (lambda: Stepper(C, start=FOUR), "start is a state of 4 coordinates and 4 rates"),
     (

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.checks import finite, number, read_only
+from cranedyn.checks import as_array, number, read_only
 from cranedyn.errors import MissingRole, ModelError, OutOfRange, UnknownName
 from cranedyn.interfaces import State
 
@@ -231,12 +231,15 @@ class Layout:
             OutOfRange: If there is not one finite coordinate and one finite rate for each joint.
         """
         q, v = (
-            finite(f"{kind} at the {name}", part, ("n",))
+            as_array(f"{kind} at the {name}", part, ("n",))
             for kind, part in zip(("coordinates", "rates"), state, strict=True)
         )
         if q.shape != (self.n,) or v.shape != (self.n,):
             given = f"a state of {q.size} coordinates and {v.size} rates"
             raise OutOfRange(name, given, f"{self.n} of each: {', '.join(self.symbols)}")
+        for joint, position, rate in zip(self.joints, q.tolist(), v.tolist(), strict=True):
+            number(f"{joint.symbol} at the {name}", position, joint.unit)
+            number(f"{joint.symbol}_dot at the {name}", rate, f"{joint.unit}/s")
         return State(read_only(q.copy()), read_only(v.copy()))
 
     def has(self, *roles: str) -> bool:

@@ -203,5 +203,6 @@ def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> n
     except (TypeError, ValueError, OverflowError):
         array = None
     if array is None or array.shape != shape:
-        raise OutOfRange(name, short_repr(answer if array is None else array), allowed)
+        given = short_repr(answer) if array is None else f"an array of shape {array.shape}"
+        raise OutOfRange(name, given, allowed)
     return array
