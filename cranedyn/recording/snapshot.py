@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image, ImageOps
 
 from cranedyn.checks import number
-from cranedyn.data.files import check_writable, make_folder, written
+from cranedyn.data.files import atomic_write, check_writable, make_folder
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.recording.headless import headless
 
@@ -120,7 +120,7 @@ def _write(path: Path, picture: Image.Image, kind: str, **more: Any) -> None:
     """
     whole = io.BytesIO()
     picture.save(whole, kind, **more)
-    with written(path) as draft:
+    with atomic_write(path) as draft:
         draft.write_bytes(whole.getvalue())
 
 

@@ -12,7 +12,7 @@ from urllib.parse import quote
 import rerun as rr
 
 from cranedyn.checks import whole
-from cranedyn.data.files import opened
+from cranedyn.data.files import open_file
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.recording.page import Page
 from cranedyn.recording.process import HOST, await_ready, end, free, free_port, start
@@ -28,7 +28,7 @@ def check(path: str | Path) -> Path:
     """
     path = Path(path)
     try:
-        with opened(path) as file:
+        with open_file(path) as file:
             head = file.read(8)
     except (OSError, ValueError) as error:
         raise DataError(

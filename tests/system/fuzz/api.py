@@ -93,7 +93,7 @@ INTERNAL = tuple(
         "planning.fields planning.grid planning.half_spaces planning.ifc_shapes planning.move "
         "planning.neighbour planning.proof"
         " planning.search planning.site planning.solids planning.timing planning.transcription"
-        " plotting processes simulation.engine simulation.log simulation.record startup bridges"
+        " plotting processes simulation.engine simulation.log simulation.record bridges"
     ).split()
 )
 """What only our own code calls, in inner loops or with what was checked before; of the packages
