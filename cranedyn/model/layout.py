@@ -204,7 +204,7 @@ class Layout:
             values: The numbers.
             per: What follows the unit of the coordinate, for example "/s"; None where the numbers
                 are efforts.
-            allowed: As `cranedyn.errors.number`.
+            allowed: As `cranedyn.checks.number`.
 
         Raises:
             OutOfRange: If there are not m numbers, or one is not allowed.
