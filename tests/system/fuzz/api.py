@@ -360,7 +360,7 @@ _ARRAYS = [
     *("np.ma.masked_all(3)", "np.zeros((1,) * 32)", "np.broadcast_to(1.0, (3,))", "[1, 2, 3]"),
     *("np.full(3, 1e300)", "np.full(3, 5e-324)", "-np.ones(3)", "np.ones(3) * 1e-9", "[1] * 1200"),
     *("np.zeros((4, 5))", "np.zeros((1200, 2))", "np.zeros(1200)", "np.arange(1200.0)[::-1]"),
-    *("[[1.0] * 5] * 2", "np.full((3, 3), np.nan)", "np.ones((10, 10)) * np.nan", "[[1, 2], [3]]"),
+    *("[[1.0] * 5] * 2", "np.full((3, 3), np.nan)", "np.ones((10, 10)) * np.nan"),
 ]
 
 _SEQUENCES = ["()", "(1.0, 2.0)", "(np.nan,) * 3", "(1e300,) * 3", "(-1.0,) * 3", "(0, 0, 0)"]
