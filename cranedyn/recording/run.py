@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from cranedyn.arguments import checked
+from cranedyn.checks import finite
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.runs import run_colour
@@ -22,7 +22,6 @@ SCENE = "Crane"
 """Name of the view that shows all of the scene."""
 
 
-@checked
 @dataclass(frozen=True, eq=False)
 class Run:
     """One crane and what happened to it.
@@ -49,7 +48,8 @@ class Run:
     scenery: Scenery | None = None
 
     def __post_init__(self) -> None:
-        """Have a name that can be written."""
+        """Have a name that can be written and an offset of three finite numbers."""
+        finite("offset of a run", self.offset, (3,), unit="m")
         object.__setattr__(self, "name", utf8(self.name))
 
     def entity(self, *parts: str) -> str:
