@@ -16,9 +16,9 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
+from cranedyn.checks import number
 from cranedyn.command import Parser, command
-from cranedyn.data.files import reserved, together
-from cranedyn.errors import number
+from cranedyn.data.files import atomic_write_set, lock_folder
 from cranedyn.recording.snapshot import animate, snapshot
 from experiments.harness.arguments import called
 
@@ -80,7 +80,7 @@ def main(arguments: list[str] | None = None) -> int:
         if not options.times and not options.gif:
             parser.error("nothing to do: give times with -t or a span with --gif")
         # All pictures are written, or none.
-        with reserved(options.out) if options.times else nullcontext(), together():
+        with lock_folder(options.out) if options.times else nullcontext(), atomic_write_set():
             paths = _write(options)
         print(*paths, sep="\n")
         return 0

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.arrays import fixed
+from cranedyn.checks import read_only
 from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop, Rows
@@ -234,7 +234,7 @@ class CompiledEngine(Engine):
             return
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
         while first <= periods:
-            times = fixed(
+            times = read_only(
                 t_start + clocks.period * np.arange(first, min(first + ahead, periods + 1))
             )
             try:

@@ -7,17 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import OneLine
+from cranedyn.checks import ShortRepr, number
 from cranedyn.clocks import soon_enough
-from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DampingController(OneLine):
+class DampingController(ShortRepr):
     """Drives that yield to the swing, see `with_damping`.
 
     Attributes:
@@ -80,7 +78,6 @@ class DampingController(OneLine):
         return joints, layout.along("gamma"), layout.along("x")
 
 
-@checked
 def with_damping(
     crane: Crane,
     reference: Reference,

@@ -21,8 +21,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from cranedyn.arguments import check_word, checked
-from cranedyn.arrays import OneLine
+from cranedyn.checks import ShortRepr, check_choice, number
 from cranedyn.clocks import Clocked, soon_enough
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.damping import DampingController
@@ -33,7 +32,6 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.dynamics.pinocchio import acceleration, linearise
-from cranedyn.errors import number
 from cranedyn.interfaces import Controller, DirectDrive, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.interpolation import interpolate_many, locate_many
@@ -72,7 +70,7 @@ class _LagCompensation:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FollowVelocityCommand(OneLine):
+class FollowVelocityCommand(ShortRepr):
     """The rates of a reference, made up for what converters lag, and a share of the distance from
     it.
 
@@ -130,7 +128,7 @@ class DampingVelocityCommand(DampingController):
 
 
 @dataclass(eq=False, repr=False)
-class VelocityCommand(OneLine):
+class VelocityCommand(ShortRepr):
     """The rates v + τ a that efforts, or accelerations, of another controller would give.
 
     Attributes:
@@ -158,7 +156,6 @@ class VelocityCommand(OneLine):
         return state.v[drives] + self.lead * answer
 
 
-@checked
 def as_velocity_command(
     crane: Crane,
     controller: Controller,
@@ -180,7 +177,7 @@ def as_velocity_command(
     Raises:
         OutOfRange: If a brake has no damping, or a number is out of range.
     """
-    check_word("drive", drive, DirectDrive)
+    check_choice("drive", drive, DirectDrive)
     period = number("control_period", control_period, "s", "> 0")
     made = fitting(crane, "velocity", converters)
     assert made is not None

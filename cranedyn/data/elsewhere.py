@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked, described
+from cranedyn.checks import short_repr
 from cranedyn.data.trajectory import read_columns
 from cranedyn.errors import DataError, OutOfRange, UnknownName, printable, quoted
 
@@ -44,7 +44,6 @@ class Source(NamedTuple):
     unit: str = ""
 
 
-@checked
 def parse_sources(words: Iterable[str]) -> dict[str, Source]:
     """Sources from words such as ``phi_rad=Swing[deg]`` or ``l_m=rope``, by the name of our column.
 
@@ -66,7 +65,6 @@ def parse_sources(words: Iterable[str]) -> dict[str, Source]:
     return found
 
 
-@checked
 def read_elsewhere(
     path: str | Path, columns: Sequence[str], sources: Mapping[str, Source] | None = None
 ) -> dict[str, np.ndarray]:
@@ -94,7 +92,7 @@ def read_elsewhere(
             raise UnknownName("needed column", ours, columns)
     for ours, source in sources.items():
         if not isinstance(source, Source):
-            raise OutOfRange(f"source of {ours}", described(source), "a Source")
+            raise OutOfRange(f"source of {ours}", short_repr(source), "a Source")
     each = {ours: sources.get(ours, Source(ours)) for ours in columns}
     found = read_columns(path, list(dict.fromkeys(source.name for source in each.values())))
     data = {ours: found[source.name] * _factor(ours, source) for ours, source in each.items()}

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cranedyn.arguments import checked, described
+from cranedyn.checks import short_repr
 from cranedyn.data.files import parse_json, read_text
 from cranedyn.data.shown import Shown
 from cranedyn.errors import DataError, OutOfRange, UnknownColumn, UnknownName
@@ -232,21 +232,18 @@ class Trajectory(Shown):
             q, v = self.q[operator.index(row)], self.v[operator.index(row)]
         except (IndexError, OverflowError, TypeError):
             raise OutOfRange(
-                "row", described(row), f"a whole number from {-len(self)} to {len(self) - 1}"
+                "row", short_repr(row), f"a whole number from {-len(self)} to {len(self) - 1}"
             ) from None
         return State(q, v)
 
-    @checked
     def since(self, t: float) -> Trajectory:
         """The rows from a time on [s]."""
         return self._rows(self.t >= t)
 
-    @checked
     def before(self, t: float) -> Trajectory:
         """The rows before a time [s]."""
         return self._rows(self.t < t)
 
-    @checked
     def between(self, first: float, last: float) -> Trajectory:
         """The rows from one time to another [s], both included."""
         return self._rows((self.t >= first - 1e-9) & (self.t <= last + 1e-9))
@@ -279,7 +276,6 @@ class Trajectory(Shown):
             },
         )
 
-    @checked
     def write(self, path: str | Path) -> Path:
         """Write to a ``.csv`` or ``.parquet`` file; both hold every number to the bit, Parquet the
         parameters too.
@@ -292,7 +288,6 @@ class Trajectory(Shown):
         return write_table(path, self.table())
 
 
-@checked
 def read(path: str | Path) -> Trajectory:
     """Read a whole trajectory back from what `Trajectory.write` wrote.
 
@@ -321,7 +316,6 @@ def read(path: str | Path) -> Trajectory:
     )
 
 
-@checked
 def read_columns(path: str | Path, columns: Sequence[str]) -> dict[str, np.ndarray]:
     """Read some columns of a ``.csv`` or ``.parquet`` file, ours or recorded elsewhere.
 
@@ -359,7 +353,6 @@ def _record(metadata: Mapping[bytes, bytes], path: str | Path) -> dict[str, Any]
     return found
 
 
-@checked
 def read_record(path: str | Path) -> dict[str, Any]:
     """What a Parquet file says of what moved and what moved it, see `Trajectory.record`; empty if
     it says nothing. A ``.json`` file is such a record by itself.
@@ -374,7 +367,6 @@ def read_record(path: str | Path) -> dict[str, Any]:
     return _record(metadata_of(path), path)
 
 
-@checked
 def join(pieces: Sequence[Trajectory]) -> Trajectory:
     """One trajectory from pieces of a run, each beginning at the time and state at which the one
     before ended.

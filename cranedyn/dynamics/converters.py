@@ -18,10 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import finite
+from cranedyn.checks import finite, number, within
 from cranedyn.dynamics.scalars import array, chosen, clipped, flag, magnitude, root, rounded, solve
-from cranedyn.errors import OutOfRange, UnknownName, number, within
+from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 
@@ -205,7 +204,6 @@ def saturate_acceleration(
     return a, effort, needed
 
 
-@checked
 @dataclass(frozen=True, eq=False)
 class Converters:
     """Frequency converters of a crane with m drives; `converters` returns typical ones.
@@ -283,7 +281,6 @@ class Converters:
         return self
 
 
-@checked
 def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, float]) -> Converters:
     """Return typical frequency converters for a crane.
 

@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import check_word, checked
-from cranedyn.arrays import OneLine
+from cranedyn.checks import ShortRepr, check_choice, number, whole
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import inverse_dynamics
-from cranedyn.errors import CraneError, OutOfRange, number, whole
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.estimation.load_filter import GYROSCOPE, LoadFilter, Sensors
 from cranedyn.estimation.longer_cable import with_longer_cable
 from cranedyn.estimation.observer import initial_std_of
@@ -88,7 +87,7 @@ class CableFamily:
 
 
 @dataclass(eq=False, repr=False)
-class LoadEstimateController(OneLine):
+class LoadEstimateController(ShortRepr):
     """A controller behind a filter that estimates state, load and cable. It remembers: make a new
     one for each run.
 
@@ -159,7 +158,6 @@ class LoadEstimateController(OneLine):
             )
 
 
-@checked
 def with_load_estimate(
     controller: Controller,
     crane: Crane,
@@ -202,9 +200,10 @@ def with_load_estimate(
         OutOfRange: If a standard deviation or the delay is none, or a motion has other rows than
             planned.
     """
-    check_word("sensors", sensors, Sensors)
+    check_choice("sensors", sensors, Sensors)
     late = whole("delay of the observer", delay, 0, "control periods")
     layout, hoist = crane.layout, crane.layout.role("hoist", "An observer of the load")
+    motion.check_fits("motion", layout)
     n = layout.n
     length = float(motion.q[0, hoist])
     offset = number("cable_std", cable_std, "", ">= 0") * abs(length)
@@ -215,7 +214,7 @@ def with_load_estimate(
     seen = _numbers(
         "noise of the observer", noise_of(crane) if noise is None else noise, 2 * n, "> 0"
     )
-    begins = State(motion.q[0], motion.v[0]) if start is None else start
+    begins = State(motion.q[0], motion.v[0]) if start is None else layout.as_state("start", start)
     covariance = np.diag(
         np.square([*initial_std_of(crane), number("load_std", load_std, "", ">= 0"), offset, share])
     )
@@ -260,8 +259,9 @@ def _family(
         q[:, hoist] += by
         return Motion(motion.period, q, motion.v, motion.a, motion.drives)
 
-    outer = [Motion.checked("motion on another cable", on_cable(by)) for by in (-spread, spread)]
+    outer = [on_cable(by) for by in (-spread, spread)]
     for other in outer:
+        other.check_fits("motion on another cable", crane.layout)
         if other.q.shape != motion.q.shape or other.period != motion.period:
             raise OutOfRange(
                 "motion on another cable",

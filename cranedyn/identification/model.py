@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cranedyn.arguments import check_word, checked
+from cranedyn.checks import check_choice
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import DataError, OutOfRange
@@ -52,7 +52,6 @@ class Model:
     drives: Drives
 
     @classmethod
-    @checked
     def of(
         cls,
         known: Known,
@@ -80,7 +79,7 @@ class Model:
         if not records:
             raise DataError("There is no record to identify a crane from; give one or more.")
         way = _way(records) if drives is None else drives
-        check_word("drives", way, Drives)
+        check_choice("drives", way, Drives)
         chosen = usual(known, records, way) if names is None else list(dict.fromkeys(names))
         if not chosen:
             raise DataError("There is nothing to find; give names of parameters.")

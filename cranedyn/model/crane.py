@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import finite, shaped
-from cranedyn.errors import Misshapen, ModelError, UnknownName, number, within
+from cranedyn.checks import as_array, finite, number, within
+from cranedyn.errors import Misshapen, ModelError, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.model.layout import Layout
 from cranedyn.model.shown import ShownCrane
@@ -71,7 +70,6 @@ class _Scratch(threading.local):
         return type(self), (self.model,)
 
 
-@checked
 @dataclass(frozen=True, eq=False, repr=False)
 class Crane(ShownCrane):
     """A crane as loaded, with n joints and m drives: parameters that do not change during a run,
@@ -118,7 +116,7 @@ class Crane(ShownCrane):
             ("upper", self.layout.n),
             ("effort_limit", len(self.layout.drives)),
         ):
-            shaped(name, getattr(self, name), (count,))
+            object.__setattr__(self, name, as_array(name, getattr(self, name), (count,)))
         object.__setattr__(self, "_scratch", _Scratch(self.model))
 
     @property
@@ -203,7 +201,6 @@ class Crane(ShownCrane):
             dtype=int,
         )
 
-    @checked
     def swing_angles(self, q: np.ndarray) -> np.ndarray:
         """Return the angles of the swing joints from where they hang [rad], shape (..., swings), of
         coordinates of shape (..., n).
@@ -211,6 +208,7 @@ class Crane(ShownCrane):
         Raises:
             OutOfRange: If q is not n numbers in each row.
         """
+        q = np.asarray(q, dtype=float)
         if q.shape[-1:] != (self.layout.n,):
             shape = f"one of shape (..., {self.layout.n})"
             raise Misshapen("coordinates", f"an array of shape {q.shape}", shape)

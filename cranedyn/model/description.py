@@ -20,10 +20,10 @@ from xml.dom import Node, minidom
 
 import xacro
 
-from cranedyn.arguments import checked
+from cranedyn.checks import number
 from cranedyn.command import Parser, command, interrupted
-from cranedyn.data.files import parse_json, read_text, written
-from cranedyn.errors import DataError, ModelError, UnknownName, number, quoted
+from cranedyn.data.files import atomic_write, parse_json, read_text
+from cranedyn.errors import DataError, ModelError, UnknownName, quoted
 from cranedyn.model.urdf import parse
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -57,7 +57,6 @@ class Argument:
     meaning: str = ""
 
 
-@checked
 def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
     """The arguments that a xacro file declares, by name, with the unit and range that the comment
     behind each one gives.
@@ -85,7 +84,6 @@ def arguments(path: str | Path = XACRO) -> dict[str, Argument]:
     return found
 
 
-@checked
 def describe(
     path: str | Path = XACRO, values: Mapping[str, object] | None = None, *, visuals: bool = True
 ) -> str:
@@ -170,7 +168,6 @@ def add_values(made: argparse.ArgumentParser, text: str) -> None:
     )
 
 
-@checked
 def parse_values(pairs: Sequence[str]) -> dict[str, str]:
     """Values by name from words like ``payload_mass:=2000``, or from a ``.json`` file of a twin
     that was identified, which says its arguments.
@@ -252,7 +249,7 @@ def run(options: argparse.Namespace) -> int:
         return 0
     urdf = describe(values=parse_values(options.values))
     if options.output:
-        with written(options.output) as file:
+        with atomic_write(options.output) as file:
             file.write_text(urdf, encoding="utf-8")
     else:
         sys.stdout.write(urdf)

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import taken
-from cranedyn.errors import MissingRole, ModelError, OutOfRange, UnknownName, number
+from cranedyn.checks import as_array, number, read_only
+from cranedyn.errors import MissingRole, ModelError, OutOfRange, UnknownName
+from cranedyn.interfaces import State
 
 _COUNTS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 
@@ -203,7 +204,7 @@ class Layout:
             values: The numbers.
             per: What follows the unit of the coordinate, for example "/s"; None where the numbers
                 are efforts.
-            allowed: As `cranedyn.errors.number`.
+            allowed: As `cranedyn.checks.number`.
 
         Raises:
             OutOfRange: If there are not m numbers, or one is not allowed.
@@ -218,6 +219,28 @@ class Layout:
                 for joint, value, unit in each
             ]
         )
+
+    def as_state(self, name: str, state: State) -> State:
+        """Return a read-only copy of a state of such a crane.
+
+        Args:
+            name: Name of the state for the error message.
+            state: Coordinates and rates, shape (n,) each.
+
+        Raises:
+            OutOfRange: If there is not one finite coordinate and one finite rate for each joint.
+        """
+        q, v = (
+            as_array(f"{kind} at the {name}", part, ("n",))
+            for kind, part in zip(("coordinates", "rates"), state, strict=True)
+        )
+        if q.shape != (self.n,) or v.shape != (self.n,):
+            given = f"a state of {q.size} coordinates and {v.size} rates"
+            raise OutOfRange(name, given, f"{self.n} of each: {', '.join(self.symbols)}")
+        for joint, position, rate in zip(self.joints, q.tolist(), v.tolist(), strict=True):
+            number(f"{joint.symbol} at the {name}", position, joint.unit)
+            number(f"{joint.symbol}_dot at the {name}", rate, f"{joint.unit}/s")
+        return State(read_only(q.copy()), read_only(v.copy()))
 
     def has(self, *roles: str) -> bool:
         """Whether there are joints that play all of these parts."""
@@ -317,7 +340,7 @@ def roles_of(names: Iterable[str], given: Mapping[str, str] | None) -> dict[str,
     if given is None:
         return {role.joint: part for part, role in ROLES.items() if role.joint in there}
     found: dict[str, str] = {}
-    for part, joint in taken("joints", given, Mapping[str, str]).items():
+    for part, joint in given.items():
         if part not in ROLES:
             raise UnknownName("role", part, ROLES)
         if joint not in there:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.arguments import taken
+from cranedyn.checks import number, within
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import read_record
 from cranedyn.errors import (
@@ -23,10 +23,8 @@ from cranedyn.errors import (
     ModelError,
     OutOfRange,
     UnknownName,
-    number,
     printable,
     quoted,
-    within,
 )
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane, Point
@@ -83,7 +81,6 @@ def load_crane(
             role.
         DataError: If the file cannot be read.
     """
-    taken("check_axes", check_axes, bool)
     if from_record is not None:
         others = {
             "urdf": urdf,
@@ -97,14 +94,13 @@ def load_crane(
             raise OutOfRange(
                 given[0], "given beside from_record", "left out: the record says all of the crane"
             )
-        source = taken("from_record", from_record, str | Path | Mapping[str, Any])
         return (
-            _recorded(source, Path("the record"))
-            if isinstance(source, Mapping)
-            else _recorded(read_record(source), Path(source))
+            _recorded(from_record, Path("the record"))
+            if isinstance(from_record, Mapping)
+            else _recorded(read_record(from_record), Path(from_record))
         )
     g = STANDARD_GRAVITY if gravity is None else number("gravity", gravity, "m/s²", "> 0")
-    path = XACRO if urdf is None else Path(taken("urdf", urdf, str | Path))
+    path = XACRO if urdf is None else Path(urdf)
     if path.suffix == ".xacro":
         text = describe(path, values, visuals=urdf is not None)
     elif values:
@@ -276,7 +272,7 @@ def _armature(robot: ET.Element, names: Sequence[str]) -> np.ndarray:
 
 def _payload(model: pin.Model, name: str | None, path: Path) -> int:
     """The joint that carries the payload, by its place among the coordinates."""
-    names, name = _names(model), taken("payload", name, str | None)
+    names = _names(model)
     if name is not None:
         if name not in names:
             raise UnknownName("moving joint", name, names)
@@ -295,7 +291,6 @@ def _driven(
     robot: ET.Element, names: Sequence[str], given: Sequence[str] | None, path: Path
 ) -> set[str]:
     """Names of the joints that drives move."""
-    given = taken("driven", given, Sequence[str] | None)
     own = {
         joint.get("name", "")
         for joint in robot.iterfind("ros2_control/joint")

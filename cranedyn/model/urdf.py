@@ -10,7 +10,8 @@ from copy import deepcopy
 
 import numpy as np
 
-from cranedyn.errors import ModelError, OutOfRange, number, printable, quoted
+from cranedyn.checks import number
+from cranedyn.errors import ModelError, OutOfRange, printable, quoted
 
 _DEEPEST, _MOST_PARTS, _LARGEST = 50, 2000, 1e30
 _ROUNDED, _FLAT = 1e-9, 0.99

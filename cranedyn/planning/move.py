@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BPoly
 
-from cranedyn.arguments import checked
+from cranedyn.checks import number
 from cranedyn.dynamics.linearisation import free_modes
 from cranedyn.dynamics.pinocchio import holding_effort, payload_position
-from cranedyn.errors import number
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning import symbolic, transcription
@@ -38,7 +37,6 @@ _WITHIN = 0.02
 """By which share less the rope leans than the site allows, for what it does between points."""
 
 
-@checked
 @dataclass(frozen=True)
 class Preference:
     """What decides among motions that are nearly as fast as each other.

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from cranedyn.data.files import Draft, check_writable, sync_folder, written
+from cranedyn.data.files import Draft, atomic_write, check_writable, sync_folder
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, DataError, OutOfRange, printable, quoted
@@ -72,7 +72,7 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
             log_series(recording, run, columns)
     finally:  # also after Ctrl-C, or Rerun prints that it drops data
         content = memory.drain_as_bytes()
-    with written(path) as draft:
+    with atomic_write(path) as draft:
         draft.write_bytes(content)
     return path
 

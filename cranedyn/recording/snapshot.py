@@ -14,8 +14,9 @@ import numpy as np
 from PIL import Image, ImageOps
 from rerun.experimental import ViewerClient
 
-from cranedyn.data.files import check_writable, make_folder, written
-from cranedyn.errors import CraneError, DataError, OutOfRange, number
+from cranedyn.checks import number
+from cranedyn.data.files import atomic_write, check_writable, make_folder
+from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.recording.process import end, free_port, start
 from cranedyn.recording.run import SCENE, TIMELINE
 from cranedyn.recording.viewer import check, data_address
@@ -224,5 +225,5 @@ def _write(path: Path, picture: Image.Image, kind: str, **options: Any) -> None:
     """Write a picture through memory: PIL leaves a file open when Ctrl-C comes while it writes."""
     content = io.BytesIO()
     picture.save(content, kind, **options)
-    with written(path) as draft:
+    with atomic_write(path) as draft:
         draft.write_bytes(content.getvalue())

@@ -17,9 +17,10 @@ from urllib.parse import quote
 
 import rerun as rr
 
-from cranedyn.data.files import opened
+from cranedyn.checks import whole
+from cranedyn.data.files import open_file
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.errors import CraneError, DataError, OutOfRange, whole
+from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.recording.process import HOST, end, free_port, is_free, start
@@ -76,7 +77,7 @@ def check(path: str | Path) -> Path:
     """
     path = Path(path)
     try:
-        with opened(path) as file:
+        with open_file(path) as file:
             head = file.read(8)
     except OSError as error:
         raise DataError(f"Cannot read {path}: {error.strerror}.") from error

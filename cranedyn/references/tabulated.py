@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import described, told
-from cranedyn.arrays import finite
-from cranedyn.errors import CraneError, Misshapen
+from cranedyn.checks import finite, short_repr
+from cranedyn.errors import CraneError, Misshapen, format_error
 from cranedyn.interfaces import Reference, Setpoint
 
 _PARTS = ("position", "velocity", "acceleration")
@@ -34,7 +33,7 @@ def as_setpoint(answer: Any, shape: tuple[int | str, ...] = ("m",)) -> Setpoint:
     if not isinstance(answer, Setpoint):
         raise Misshapen(
             "answer of the reference",
-            described(answer),
+            short_repr(answer),
             "a cranedyn.Setpoint: position, velocity, acceleration",
         )
     parts = []
@@ -101,7 +100,7 @@ def owned(whose: str) -> Iterator[None]:
     except CraneError:
         raise
     except Exception as error:
-        raise CraneError(f"The {whose} raised {told(error)}") from error
+        raise CraneError(f"The {whose} raised {format_error(error)}") from error
 
 
 class Tabulating(ABC):

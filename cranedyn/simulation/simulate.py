@@ -7,12 +7,12 @@ from typing import NoReturn, TypedDict, Unpack
 
 import numpy as np
 
-from cranedyn.arguments import told
+from cranedyn.checks import number
 from cranedyn.clocks import Clocked, clocks
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.errors import CraneError, OutOfRange, RunError, number
+from cranedyn.errors import CraneError, OutOfRange, RunError, format_error
 from cranedyn.interfaces import (
     Controller,
     Disturbance,
@@ -24,6 +24,7 @@ from cranedyn.interfaces import (
 )
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold
+from cranedyn.references.motion import Motion
 from cranedyn.references.tabulated import as_setpoint
 from cranedyn.simulation.log import Log
 from cranedyn.simulation.monitors import Monitor, ValidityMonitor
@@ -131,6 +132,8 @@ def simulate(
     )
     moving, state = stepper.engine, stepper.state
     reference = hold(crane, state) if reference is None else reference
+    if isinstance(reference, Motion):
+        reference.check_fits("reference", crane.layout)
     log = Log(stepper.setting, t_start, clock.periods + 1)
     record = RunRecord(stepper.setting, engine, validity, controller, reference, disturbance)
     watch = ValidityMonitor(log, validity)
@@ -197,5 +200,5 @@ def _end_early(
     if isinstance(error, RunError):
         error.trajectory = trajectory()
         raise error
-    message = f"At t = {t:.4g} s: {told(error)}"  # type: ignore[arg-type]
+    message = f"At t = {t:.4g} s: {format_error(error)}"  # type: ignore[arg-type]
     raise RunError(message, t=t, trajectory=trajectory()) from error

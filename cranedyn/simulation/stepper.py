@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cranedyn import plugins
-from cranedyn.arguments import check_word, described
-from cranedyn.arrays import DOUBLE, masked
+from cranedyn.checks import check_choice, short_repr
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
@@ -69,7 +68,7 @@ class Stepper:
             UnknownName: If there is no such engine.
         """
         kind: Drive = "velocity" if isinstance(drive, Converters) else drive
-        check_word("drive", kind, Drive)
+        check_choice("drive", kind, Drive)
         if buffers and kind != "effort":
             raise OutOfRange("buffers", "True", "False where the drives take no efforts")
         converters = fitting(crane, kind, drive if isinstance(drive, Converters) else None)
@@ -135,14 +134,7 @@ def initial_state(crane: Crane, start: State | None) -> State:
     Raises:
         OutOfRange: If it is not as many finite coordinates and rates as the crane has joints.
     """
-    state, layout = State.checked("start", crane.start if start is None else start), crane.layout
-    if state.q.shape != (layout.n,):
-        raise OutOfRange(
-            "start",
-            f"a state of {state.q.size} coordinates",
-            f"one of {layout.n}: {', '.join(layout.symbols)}",
-        )
-    return state
+    return crane.layout.as_state("start", crane.start if start is None else start)
 
 
 def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
@@ -152,7 +144,7 @@ def as_command(answer: object, t: float, layout: Layout) -> np.ndarray:
         OutOfRange: If it is not one number for each drive.
         RunError: If a number is not finite.
     """
-    if type(answer) is np.ndarray and answer.dtype is DOUBLE and answer.shape == (layout.m,):
+    if type(answer) is np.ndarray and answer.dtype == float and answer.shape == (layout.m,):
         command = answer.copy()
     else:
         command = _array(answer, "command of the controller", (layout.m,), layout.drives_in_words)
@@ -207,11 +199,13 @@ def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> n
     try:
         array = (
             None
-            if isinstance(answer, np.ndarray) and (np.iscomplexobj(answer) or masked(answer))
+            if isinstance(answer, np.ndarray)
+            and (np.iscomplexobj(answer) or np.ma.is_masked(answer))
             else np.array(answer, dtype=float)
         )
     except (TypeError, ValueError, OverflowError):
         array = None
     if array is None or array.shape != shape:
-        raise OutOfRange(name, described(answer if array is None else array), allowed)
+        given = short_repr(answer) if array is None else f"an array of shape {array.shape}"
+        raise OutOfRange(name, given, allowed)
     return array

@@ -34,9 +34,9 @@ import cranedyn.recording
 import cranedyn.recording.snapshot
 import cranedyn.simulation.simulate
 import experiments
+from cranedyn.checks import number
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import read
-from cranedyn.errors import number
 from cranedyn.interfaces import State
 from cranedyn.model.description import Argument, arguments
 from cranedyn.simulation.monitors import Monitor
@@ -391,11 +391,11 @@ def _tree(folder: Path) -> dict[str, tuple[int, int, int]]:
 
 @contextmanager
 def _streams() -> Iterator[Callable[[], str]]:
-    """Streams as a terminal gives them: UTF-8, standard output strict about it; yields what tells
+    """Streams as a terminal gives them, in UTF-8; yields what tells
     standard error.
     """
     raw = io.BytesIO()
-    out = io.TextIOWrapper(io.BytesIO(), "utf-8", "strict")
+    out = io.TextIOWrapper(io.BytesIO(), "utf-8", "surrogateescape")
     err = io.TextIOWrapper(raw, "utf-8", "backslashreplace")
 
     def said() -> str:
