@@ -102,7 +102,7 @@ def _view(parser: _Parser) -> None:
             ) as served,
             contextlib.suppress(KeyboardInterrupt),
         ):
-            print(served.words, flush=True)
+            print(served.message, flush=True)
             served.wait()
         return 0
 

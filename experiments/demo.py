@@ -1,6 +1,4 @@
-"""The demo: seven legs at limited rates, again and again, and the swing that is left while the
-drives stand still.
-"""
+"""The demo: seven legs at limited rates, again and again, and the residual swing in the dwells."""
 
 from __future__ import annotations
 
@@ -37,165 +35,143 @@ PIECE = 0.5
 """Length of the pieces in which the demo is simulated, shown and written [s]."""
 
 RECORDED = 3600.0
-"""How much is recorded live into one file [s]."""
+"""Longest time in one file of the live recording [s]."""
 
-MOST_ROWS = 70
+MAX_ROWS = 70
 """Dwells in a table: those of ten cycles."""
 
 PACES = "0.001 to 1e6"
-"""How many times real time the demo may go: slower, a piece would not end in minutes."""
+"""Range of the pace, in times real time; slower, a piece would not end in minutes."""
 
 
 def pieces(
     setup: harness.Setup, tour: Timetable, controller: Controller, until: float
 ) -> Iterator[Trajectory]:
     """Simulate the tour piece by piece up to a time [s], which may be infinite."""
-    crane, state, now = setup.crane, setup.crane.start, 0.0
-    while until - now > setup.control_period / 2.0:
-        stage, cycle = tour.stage(now + setup.control_period / 2.0)
-        length = setup.control_period * max(
-            1,
-            math.ceil(
-                min(PIECE, until - now, cycle + stage.end - now) / setup.control_period - 1e-6
-            ),
-        )
+    crane, state, t, period = setup.crane, setup.crane.start, 0.0, setup.control_period
+    while until - t > period / 2.0:
+        stage, cycle = tour.stage(t + period / 2.0)
+        steps = math.ceil(min(PIECE, until - t, cycle + stage.end - t) / period - 1e-6)
+        length = period * max(1, steps)
         piece = setup.simulate(
-            crane, controller, tour, start=state, t_start=now, duration=length, label=""
+            crane, controller, tour, start=state, t_start=t, duration=length, label=""
         )
-        state, now = piece.state(-1), float(piece.t[-1])
+        state, t = piece.state(-1), float(piece.t[-1])
         yield piece
 
 
 def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
-    """Run until the cycles are done or the user interrupts; either way everything so far is
-    kept.
-    """
+    """Run until the cycles are done or the user interrupts; both keep all that was recorded."""
     from cranedyn.recording import Run
 
-    setup = replace(setup, reporter=harness.ProgressReporter(None))
-    if options.payload_mass is not None:
-        if "payload_mass" in setup.values:
-            raise CraneError(
-                "payload_mass is given twice, by --payload-mass and by --set; leave one out."
-            )
-        setup = replace(setup, values={**setup.values, "payload_mass": options.payload_mass})
-    pace = (
-        options.pace
-        if options.pace is not None
-        else (1.0 if options.view or options.serve else None)
-    )
-    rates = setup.crane.layout.for_drives(
-        "rate limit", (options.rate_slew, options.rate_x, options.rate_hoist), "/s", "> 0"
-    )
-    limits = Limits(rates.tolist(), TOUR_LIMITS.accelerations)
-    tour, controller = CONTROLS[options.control](
-        setup, limits, number("dwell", options.dwell, "s", "> 0")
-    )
-    until = (
-        math.inf
-        if options.cycles is None
-        else number("cycles", options.cycles, "", "> 0") * tour.duration
-    )
+    setup = _setup(options, setup)
+    rates = (options.rate_slew, options.rate_x, options.rate_hoist)
+    rates = setup.crane.layout.for_drives("rate limit", rates, "/s", "> 0").tolist()
+    limits = Limits(rates, TOUR_LIMITS.accelerations)
+    dwell = number("dwell", options.dwell, "s", "> 0")
+    tour, controller = CONTROLS[options.control](setup, limits, dwell)
+    until = math.inf
+    if options.cycles is not None:
+        until = number("cycles", options.cycles, "", "> 0") * tour.duration
     if until < setup.control_period:
-        raise OutOfRange(
-            "cycles",
-            options.cycles,
-            f"{setup.control_period / tour.duration:.3g} or more, one control period",
-        )
+        least = f"{setup.control_period / tour.duration:.3g} or more, one control period"
+        raise OutOfRange("cycles", options.cycles, least)
     bare = None if options.control == "none" else Bare(setup, limits, options.dwell, tour)
-    show = _Show(
-        options, setup, tour, bare, None if pace is None else number("pace", pace, "", PACES)
-    )
+    show = _Show(options, setup, tour, bare)
     run = show.run(pieces(setup, tour, controller, until))
     rows, parts = show.dwells.rows, [part.name for part in show.record.parts]
     tables = [_table(rows, options.control, float(run.t[0]), parts)]
     claims = _bare(setup, tour, show.dwells) if rows and options.control == "none" else []
-    runs, kept = {"demo" if bare is None else f"with {options.control}": run}, {"demo": run}
-    if bare is not None and (other := bare.run(float(run.t[-1]))) is not None:
-        kept["demo_before"] = other
+    runs = {"demo" if bare is None else f"with {options.control}": run}
+    trajectories = {"demo": run}
+    if bare is not None and (before := bare.run(float(run.t[-1]))) is not None:
+        trajectories["demo_before"] = before
         if not parts:
-            runs["without control"] = other
-        before = bare.dwells.rows
-        tables.append(_table(before, "none"))
+            runs["without control"] = before
+        tables.append(_table(bare.dwells.rows, "none"))
         if options.control == "flat":
             claims = [_nothing(setup, show.dwells)] if rows else []
-        else:
-            claims = [_better(rows, before, options.control)] if rows and before else []
+        elif rows and bare.dwells.rows:
+            claims = [_better(rows, bare.dwells.rows, options.control)]
+    parameters = {
+        "rates": list(limits.rates),
+        "accelerations": list(limits.accelerations),
+        "dwell_s": options.dwell,
+        "control": options.control,
+    }
     return harness.Outcome(
         tables=tables,
         claims=claims,
-        parameters=setup.parameters()
-        | {
-            "rates": list(limits.rates),
-            "accelerations": list(limits.accelerations),
-            "dwell_s": options.dwell,
-            "control": options.control,
-        }
-        | ({"earlier_parts": parts} if parts else {}),
-        trajectories=kept,
+        parameters=setup.parameters() | parameters | ({"earlier_parts": parts} if parts else {}),
+        trajectories=trajectories,
         figures={"swing": _figure(tour, run)},
-        recording=[Run(name, setup.crane, what) for name, what in runs.items()],
+        recording=[Run(name, setup.crane, trajectory) for name, trajectory in runs.items()],
     )
+
+
+def _setup(options: argparse.Namespace, setup: harness.Setup) -> harness.Setup:
+    """Return the setup with the payload of the options, and without progress of its own."""
+    values = dict(setup.values)
+    if options.payload_mass is not None:
+        if "payload_mass" in values:
+            raise CraneError(
+                "payload_mass is given twice, by --payload-mass and by --set; leave one out."
+            )
+        values["payload_mass"] = options.payload_mass
+    return replace(setup, reporter=harness.ProgressReporter(None), values=values)
 
 
 def in_step(tour: Timetable, leader: Timetable) -> Timetable:
-    """A tour at full rate whose legs begin when those of another begin; it waits for the other,
-    which cannot be faster.
-    """
-    pairs = zip(tour.stages, leader.stages, strict=True)
-    return replace(
-        tour,
-        stages=tuple(
-            one._replace(begin=o.begin, arrival=o.begin + one.arrival - one.begin, end=o.end)
-            for one, o in pairs
-        ),
+    """Return a tour at full rate whose legs begin when those of a slower leader begin."""
+    stages = tuple(
+        stage._replace(
+            begin=led.begin, arrival=led.begin + stage.arrival - stage.begin, end=led.end
+        )
+        for stage, led in zip(tour.stages, leader.stages, strict=True)
     )
+    return replace(tour, stages=stages)
 
 
 class Bare:
-    """The same tour without swing control, leg by leg with the other, simulated alongside for as
-    long as all of it is kept.
+    """The same tour without swing control, simulated alongside, leg by leg in step with the leader,
+    for as long as it is kept in memory.
     """
 
     def __init__(
         self, setup: harness.Setup, limits: Limits, dwell: float, leader: Timetable
     ) -> None:
         """Begin at the start of the tour."""
-        tour, brake = CONTROLS["none"](setup, limits, dwell)
+        tour, controller = CONTROLS["none"](setup, limits, dwell)
         tour = in_step(tour, leader)
-        self._coming, self._done, self._broken = (
-            pieces(setup, tour, brake, 2.0 * PART),
-            list[Trajectory](),
-            False,
-        )
+        self._pieces = pieces(setup, tour, controller, 2.0 * PART)
+        self._past: list[Trajectory] = []
+        self._failed = False
         self.dwells = Dwells(tour, setup.control_period)
 
     def follow(self, t: float) -> None:
-        """Simulate up to a time [s], the end of what is kept, or where it breaks off, which is
-        said.
-        """
-        while not self._broken and (not self._done or self._done[-1].t[-1] < t - 1e-9):
+        """Simulate up to a time [s], the end of what is kept, or an error, which is printed."""
+        while not self._failed and (not self._past or self._past[-1].t[-1] < t - 1e-9):
             try:
-                piece = next(self._coming, None)
+                piece = next(self._pieces, None)
             except RunError as error:
                 if interrupted(error):
                     raise KeyboardInterrupt from None
                 print(f"There is no run without control to compare with: {error}", file=sys.stderr)
-                self._broken = True
+                self._failed = True
                 return
             if piece is None:
                 return
-            self._done.append(piece)
+            self._past.append(piece)
             self.dwells.add(piece)
 
     def run(self, t: float) -> Trajectory | None:
-        """What happened up to a time [s] or the end of what is kept; None if it broke off."""
+        """Return the run up to a time [s] or the end of what is kept; None after an error."""
         self.follow(t)
-        return join(self._done).before(t + 1e-9) if self._done and not self._broken else None
+        return None if self._failed or not self._past else join(self._past).before(t + 1e-9)
 
 
 def _table(
-    rows: Sequence[Dwell], control: str, begin: float = 0.0, parts: Sequence[str] = ()
+    rows: Sequence[Dwell], control: str, t_start: float = 0.0, parts: Sequence[str] = ()
 ) -> harness.Table:
     columns = [
         ("leg", ""),
@@ -203,29 +179,25 @@ def _table(
         ("residual swing [mrad]", ".4g"),
         ("at the hook [mm]", ".4g"),
     ]
-    title = "Swing that is left in the dwells, " + (
-        "without swing control" if control == "none" else f"control {control}"
-    )
+    how = "without swing control" if control == "none" else f"control {control}"
     note = "Half the way across, radial and tangential together."
-    if len(rows) > MOST_ROWS:
-        note += f" The last {MOST_ROWS} of {len(rows)} dwells."
+    if len(rows) > MAX_ROWS:
+        note += f" The last {MAX_ROWS} of {len(rows)} dwells."
     if parts:
-        note += (
-            f" What happened before t = {begin:.0f} s is in "
-            f"{', '.join(parts if len(parts) < 3 else [parts[0], '…', parts[-1]])}."
-        )
-    return harness.Table(title, columns, rows[-MOST_ROWS:], note)
+        names = ", ".join(parts if len(parts) < 3 else [parts[0], "…", parts[-1]])
+        note += f" What happened before t = {t_start:.0f} s is in {names}."
+    title = f"Swing that is left in the dwells, {how}"
+    return harness.Table(title, columns, rows[-MAX_ROWS:], note)
 
 
 def _bare(setup: harness.Setup, tour: Timetable, dwells: Dwells) -> list[harness.Claim]:
-    """Without swing control: it keeps swinging, and after the first leg as the closed form says."""
+    """Claim that without swing control the load swings on, after the first leg as the closed form
+    predicts.
+    """
     least, hook = min(row.swing for row in dwells.rows), min(row.deviation for row in dwells.rows)
-    left, length = dwells.first, dwells.first["l_m"]
-    found = float(
-        swing_amplitude(
-            left.coordinates("phi", "theta"), left.rates("phi", "theta"), length, setup.gravity
-        )[0]
-    )
+    row, length = dwells.first, dwells.first["l_m"]
+    angles, rates = row.coordinates("phi", "theta"), row.rates("phi", "theta")
+    amplitude = float(swing_amplitude(angles, rates, length, setup.gravity)[0])
     closed, allowed = started_and_stopped(setup, tour.stages[0], float(length[0]))
     limited = bool((dwells.effort >= setup.crane.effort_limit).any())
     return [
@@ -236,18 +208,18 @@ def _bare(setup: harness.Setup, tour: Timetable, dwells: Dwells) -> list[harness
             hook > 1000.0 * CLOSE,
         ),
         harness.Claim(
-            f"After the first leg it swings {1000 * found:.1f} mrad; a trolley that starts and "
+            f"After the first leg it swings {1000 * amplitude:.1f} mrad; a trolley that starts and "
             "stops at once leaves "
             f"{1000 * closed:.1f} mrad by closed form, to which a finite swing adds or takes "
             f"{1000 * allowed:.1f} mrad at most.",
-            None if limited else abs(found - closed) < allowed,
+            None if limited else abs(amplitude - closed) < allowed,
         ),
     ]
 
 
 def started_and_stopped(setup: harness.Setup, stage: Stage, length: float) -> tuple[float, float]:
-    """Swing left by a leg of the trolley at a constant rate v in a time T on a cable [m], and what
-    finite swing may change of it [rad].
+    """Return the residual swing of a leg of the trolley at a constant rate v in a time T on a cable
+    [m], and by how much finite swing may change it [rad].
 
     Start and stop leave A = 2 v/√(g l) at most, and A |sin ωT/2| together. The drive lags by
     k_d/k_p, which takes √(1 + (ω k_d/k_p)²) off a swing of the frequency ω, and gives way a little.
@@ -257,10 +229,12 @@ def started_and_stopped(setup: harness.Setup, stage: Stage, length: float) -> tu
     reduced = length + (crane.payload_inertia[0, 0] + crane.dummy_inertia[0]) / (
         crane.payload_mass * length
     )
-    give = theory.pivot_compliance(
+    compliance = theory.pivot_compliance(
         reduced, setup.gravity, crane.payload_mass, STIFFNESS["trolley"]
     )[0]
-    omega = 2.0 * math.pi / (float(theory.point_period(reduced, setup.gravity)) * (1.0 + give))
+    omega = (
+        2.0 * math.pi / (float(theory.point_period(reduced, setup.gravity)) * (1.0 + compliance))
+    )
     rate = abs(float((stage.target - stage.origin) @ crane.layout.along("x"))) / duration
     most = (
         2.0
@@ -272,11 +246,8 @@ def started_and_stopped(setup: harness.Setup, stage: Stage, length: float) -> tu
 
 
 def _better(after: Sequence[Dwell], before: Sequence[Dwell], control: str) -> harness.Claim:
-    """Dwell by dwell: each leaves a quarter of what the same dwell leaves without control, or
-    less.
-    """
-    pairs = [(row.swing, other.swing) for row, other in zip(after, before, strict=False)]
-    worst = max(with_control / without for with_control, without in pairs)
+    """Claim that control leaves a quarter of the swing, or less, in each dwell."""
+    worst = max(row.swing / bare.swing for row, bare in zip(after, before, strict=False))
     return harness.Claim(
         f"With {control} every dwell has at most a quarter of its swing without control (worst: "
         f"1/{1 / worst:.0f}).",
@@ -285,9 +256,7 @@ def _better(after: Sequence[Dwell], before: Sequence[Dwell], control: str) -> ha
 
 
 def _nothing(setup: harness.Setup, dwells: Dwells) -> harness.Claim:
-    """Flat paths leave nothing: what is left is what the sampling of the efforts makes of the swing
-    on the way.
-    """
+    """Claim that flat paths leave no more swing than the sampling of the efforts explains."""
     left, peak = max(row.swing for row in dwells.rows), dwells.peak
     allowed = 1000.0 * of_sampling(setup.gravity, dwells.shortest, setup.control_period, peak)
     return harness.Claim(
@@ -299,25 +268,20 @@ def _nothing(setup: harness.Setup, dwells: Dwells) -> harness.Claim:
 
 
 def _figure(tour: Timetable, run: Trajectory) -> Figure:
-    """Swing over time, the dwells shaded: the drives stand still there, the load does not."""
+    """Draw drives and swing over time, with the dwells shaded."""
     figure, (drives, swing) = panels(2, height=2.4, sharex=True)
     drives.plot(run.t, run["x_m"], color=COLOURS["x"], label="x [m]")
     drives.plot(run.t, run["l_m"], color=COLOURS["l"], label="l [m]")
     drives.plot(run.t, np.degrees(run["gamma_rad"]), color=COLOURS["gamma"], label="γ [°]")
     swing.plot(run.t, np.degrees(run["phi_rad"]), color=COLOURS["phi"], label="φ radial")
     swing.plot(run.t, np.degrees(run["theta_rad"]), color=COLOURS["theta"], label="θ tangential")
-    for cycle in tour.duration * np.arange(
-        run.t[0] // tour.duration, math.ceil(run.t[-1] / tour.duration)
-    ):
+    first, last = float(run.t[0]), float(run.t[-1])
+    cycles = np.arange(first // tour.duration, math.ceil(last / tour.duration))
+    for cycle in tour.duration * cycles:
         for stage in tour.stages:
-            if run.t[0] < cycle + stage.end and cycle + stage.arrival < run.t[-1]:
-                swing.axvspan(
-                    max(cycle + stage.arrival, run.t[0]),
-                    min(cycle + stage.end, run.t[-1]),
-                    color=COLOURS["setpoint"],
-                    alpha=0.25,
-                    linewidth=0,
-                )
+            start, end = max(cycle + stage.arrival, first), min(cycle + stage.end, last)
+            if start < last and first < end:
+                swing.axvspan(start, end, color=COLOURS["setpoint"], alpha=0.25, linewidth=0)
     swing.set(xlabel="time [s], dwells shaded", ylabel="swing [°]")
     drives.legend(ncols=3, loc="upper left")
     swing.legend(ncols=2, loc="upper left")
@@ -325,7 +289,7 @@ def _figure(tour: Timetable, run: Trajectory) -> Figure:
 
 
 class _Show:
-    """Simulates, announces, streams; keeps what happened until the end or the interruption."""
+    """Simulates, prints and streams the pieces, and keeps them until the end or an interruption."""
 
     def __init__(
         self,
@@ -333,41 +297,30 @@ class _Show:
         setup: harness.Setup,
         tour: Timetable,
         bare: Bare | None,
-        pace: float | None,
     ) -> None:
-        self._options, self._world, self._tour, self._bare, self._pace = (
-            options,
-            setup,
-            tour,
-            bare,
-            pace,
-        )
+        self._options, self._setup, self._bare = options, setup, bare
+        self._pace = 1.0 if options.view or options.serve else None
+        if options.pace is not None:
+            self._pace = number("pace", options.pace, "", PACES)
         self._console = Console(highlight=False)
-        self.record, self.dwells = (
-            Record(options.folder / "demo.parquet"),
-            Dwells(tour, setup.control_period),
-        )
+        self.record = Record(options.folder / "demo.parquet")
+        self.dwells = Dwells(tour, setup.control_period)
 
     def run(self, pieces: Iterator[Trajectory]) -> Trajectory:
-        """What is kept in memory of the pieces, the last minutes."""
+        """Return the last minutes of the run, which are in memory."""
         with ExitStack() as stack:
             try:
                 for piece in pieces:
-                    if not self.record:  # what would be refused has been by now
-                        sinks, began = _Sinks(self._options, self._world, stack), time.monotonic()
+                    if not self.record:  # all that can be refused has been by now
+                        sinks, t_begin = _Sinks(self._options, self._setup, stack), time.monotonic()
                     sinks.append(piece)  # first: until the scene is drawn there is nothing to keep
                     self._add(piece)
                     if self._pace:
-                        time.sleep(
-                            max(0.0, float(piece.t[-1]) / self._pace - (time.monotonic() - began))
-                        )
+                        due = t_begin + float(piece.t[-1]) / self._pace
+                        time.sleep(max(0.0, due - time.monotonic()))
             except (KeyboardInterrupt, RunError) as error:
                 if not interrupted(error):
-                    if (
-                        isinstance(error, RunError)
-                        and error.trajectory is not None
-                        and len(error.trajectory)
-                    ):
+                    if isinstance(error, RunError) and error.trajectory:
                         error.trajectory = self.record.last(error.trajectory)
                     raise
                 self._console.print("Interrupted; what was recorded so far is kept.")
@@ -378,29 +331,28 @@ class _Show:
         return self.record.last()
 
     def _add(self, piece: Trajectory) -> None:
-        """Keep a piece and say what there is to say."""
+        """Keep a piece and print the leg that begins or the dwell that ends with it."""
         if (stage := self.dwells.begins(piece)) is not None:
             self._console.print(f"{piece.t[0]:8.1f} s  {stage.leg.name}")
         self.record.append(piece)
         if self._bare is not None:
             self._bare.follow(float(piece.t[-1]))
-        if (left := self.dwells.add(piece)) is not None:
+        if (dwell := self.dwells.add(piece)) is not None:
             self._console.print(
-                f"            the load still swings {left.swing:.1f} mrad, {left.deviation:.0f} mm "
-                "at the hook"
+                f"            the load still swings {dwell.swing:.1f} mrad, "
+                f"{dwell.deviation:.0f} mm at the hook"
             )
 
 
 class _Sinks:
-    """Where the pieces go while the run is under way: the recording's file, readable at any time,
-    and a viewer if one is asked for.
+    """The recordings of the pieces under way: a file that can be opened at any time, and a viewer.
 
     Rerun keeps some 40 kB for each second in memory until a file is closed, so a long one comes in
-    parts. What a viewer is shown has none.
+    parts. The viewer gets one recording.
     """
 
     def __init__(self, options: argparse.Namespace, setup: harness.Setup, stack: ExitStack) -> None:
-        """Open what the options ask for, until the stack is left."""
+        """Open the recordings until the stack is left."""
         from cranedyn import recording
 
         viewer = ""
@@ -409,7 +361,7 @@ class _Sinks:
         elif options.serve:
             server = stack.enter_context(recording.serve(port=options.port))
             viewer = server.data
-            print(server.words)
+            print(server.message)
         self._live = partial(recording.Live, setup.crane, "demo", title="The demo under way")
         self._path, self._begin = options.recording, 0.0
         self._shown = [stack.enter_context(self._live(viewer=viewer))] if viewer else []
@@ -417,7 +369,7 @@ class _Sinks:
         stack.callback(lambda: self._file.close())
 
     def append(self, piece: Trajectory) -> None:
-        """Add what happened since the last piece."""
+        """Add the rows since the last piece."""
         if piece.t[0] - self._begin >= RECORDED:
             self.put_aside()
             self._file, self._begin = self._live(file=self._path), float(piece.t[0])
@@ -425,25 +377,25 @@ class _Sinks:
             live.append(piece)
 
     def put_aside(self) -> None:
-        """Finish the file and name it after its begin, so that another can take its name."""
+        """Finish the file and rename it after its begin, so that another can take its name."""
         self._file.close()
-        aside = part_of(self._path, self._begin)
+        part = part_of(self._path, self._begin)
         try:
-            self._path.replace(aside)
+            self._path.replace(part)
         except OSError as error:
-            raise DataError(f"Cannot rename {self._path} to {aside}: {error.strerror}.") from error
+            raise DataError(f"Cannot rename {self._path} to {part}: {error.strerror}.") from error
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    made = harness.parser(
+    parser = harness.parser(
         "demo",
         "The seven legs of the article's demonstration, until Ctrl-C, and the swing that is left "
         "in every dwell.",
     )
-    harness.add_setup(made)
-    made.set_defaults(live=True)
-    made.add_argument(
+    harness.add_setup(parser)
+    parser.set_defaults(live=True)
+    parser.add_argument(
         "--control",
         choices=CONTROLS,
         default="none",
@@ -452,47 +404,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         "full-model LQR; flat: paths of the payload. All but none are recorded over the same tour "
         "without control",
     )
-    made.add_argument("--cycles", type=float, metavar="N", help="stop after so many cycles")
-    made.add_argument(
-        "--rate-x",
-        type=float,
-        default=TOUR_LIMITS.rates[1],
-        metavar="V",
-        help="rate of the trolley [m/s]",
-    )
-    made.add_argument(
-        "--rate-slew",
-        type=float,
-        default=TOUR_LIMITS.rates[0],
-        metavar="W",
-        help="rate of the slew [rad/s]",
-    )
-    made.add_argument(
-        "--rate-hoist",
-        type=float,
-        default=TOUR_LIMITS.rates[2],
-        metavar="V",
-        help="rate of the hoist [m/s]",
-    )
-    made.add_argument(
-        "--dwell", type=float, default=DWELL, metavar="T", help="time at rest after each leg [s]"
-    )
-    made.add_argument(
-        "--pace",
-        type=float,
-        default=None,
-        metavar="FACTOR",
-        help=f"times real time, {PACES}; 1 with --view or --serve if not given, else as fast as it "
-        "goes",
-    )
-    made.add_argument(
-        "--payload-mass",
-        type=float,
-        default=None,
-        metavar="M",
-        help="payload [kg], short for --set payload_mass:=M",
-    )
-    return harness.conduct(made, experiment, argv)
+    slew, trolley, hoist = TOUR_LIMITS.rates
+    for name, default, metavar, text in (
+        ("--cycles", None, "N", "stop after so many cycles"),
+        ("--rate-x", trolley, "V", "rate of the trolley [m/s]"),
+        ("--rate-slew", slew, "W", "rate of the slew [rad/s]"),
+        ("--rate-hoist", hoist, "V", "rate of the hoist [m/s]"),
+        ("--dwell", DWELL, "T", "time at rest after each leg [s]"),
+        (
+            "--pace",
+            None,
+            "FACTOR",
+            f"times real time, {PACES}; 1 with --view or --serve if not given, else as fast as it "
+            "goes",
+        ),
+        ("--payload-mass", None, "M", "payload [kg], short for --set payload_mass:=M"),
+    ):
+        parser.add_argument(name, type=float, default=default, metavar=metavar, help=text)
+    return harness.conduct(parser, experiment, argv)
 
 
 if __name__ == "__main__":

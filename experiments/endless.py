@@ -1,6 +1,4 @@
-"""A run without end in bounded memory: its last minutes, files of what came before, and what was
-left in each dwell.
-"""
+"""A run without end in bounded memory: its last minutes, files of its past, and its dwells."""
 
 from __future__ import annotations
 
@@ -14,33 +12,34 @@ from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.planning.itinerary import Stage, Timetable
 
 PART = 300.0
-"""How long each part of a long run is [s]; one to two of them are kept in memory."""
+"""Length of each part of a long run [s]; one to two of them are kept in memory."""
 
 
 def part_of(file: Path, begin: float) -> Path:
-    """Where the part of a file stands that begins at a time [s]."""
+    """Return the file of the part that begins at a time [s]."""
     return file.with_name(f"{file.stem}_from_{begin:.0f}s{file.suffix}")
 
 
 class Record:
-    """The pieces of a run as they come.
+    """The pieces of a run in their order.
 
     Attributes:
-        parts: The files in which earlier parts stand, in order; no row stands twice, and the sums
-            of each begin at zero.
+        parts: The files of the earlier parts, in their order. No row stands twice, and the sums of
+            each begin at zero.
     """
 
     def __init__(self, file: Path) -> None:
-        """Begin without a piece; parts are called after this file, which is not written itself."""
-        self._file, self._pieces = file, list[Trajectory]()
+        """Begin without a piece; the names of the parts derive from the file."""
+        self._file = file
+        self._pieces: list[Trajectory] = []
         self.parts: list[Path] = []
 
     def __bool__(self) -> bool:
-        """Whether anything was appended."""
+        """Whether there is a piece."""
         return bool(self._pieces)
 
     def append(self, piece: Trajectory) -> None:
-        """Add what follows; when it makes two parts, put the older into a file of its own.
+        """Add a piece; with two parts in memory, write the older one to its file.
 
         Raises:
             DataError: If that file cannot be written.
@@ -49,13 +48,13 @@ class Record:
         begin = float(self._pieces[0].t[0])
         if float(piece.t[-1]) - begin < 2.0 * PART - 1e-6:
             return
-        whole, file = join(self._pieces), part_of(self._file, begin)
-        whole.before(begin + PART - 1e-6).write(file)
-        self._pieces = [_anew(whole.since(begin + PART - 1e-6))]
+        run, file, end = join(self._pieces), part_of(self._file, begin), begin + PART - 1e-6
+        run.before(end).write(file)
+        self._pieces = [_with_sums_from_zero(run.since(end))]
         self.parts.append(file)
 
     def last(self, *more: Trajectory) -> Trajectory:
-        """What is not in a part, and perhaps more that follows.
+        """Return the pieces in memory, followed by more.
 
         Raises:
             DataError: If there is nothing.
@@ -63,21 +62,13 @@ class Record:
         return join([*self._pieces, *more])
 
 
-def _anew(run: Trajectory) -> Trajectory:
-    """The same with all sums from its first row on."""
-    return replace(
-        run,
-        **{
-            name: getattr(run, name) - getattr(run, name)[0]
-            for name in ("work", "dissipated", "outside")
-        },
-    )
+def _with_sums_from_zero(run: Trajectory) -> Trajectory:
+    sums = {name: getattr(run, name) for name in ("work", "dissipated", "outside")}
+    return replace(run, **{name: values - values[0] for name, values in sums.items()})
 
 
 class Dwell(NamedTuple):
-    """What is left after a leg: its name, when it ended [s], swing [mrad] and deviation at the hook
-    [mm].
-    """
+    """A dwell after a leg: name, arrival [s], swing [mrad] and deviation at the hook [mm]."""
 
     leg: str
     arrival: float
@@ -86,64 +77,55 @@ class Dwell(NamedTuple):
 
 
 class Dwells:
-    """What is left in the dwells of a tour, from the pieces of its run as they come.
+    """The residual swing in the dwells of a tour, from the pieces of its run in their order.
 
     Attributes:
         rows: The dwells that are over.
-        peak: The most swing on the way [rad], radial and tangential together.
-        shortest: The shortest cable [m].
-        first: The last row of the first dwell; there is none before that is over.
-        effort: The largest of each drive up to then [N m or N], shape (m,).
+        peak: Largest swing [rad], radial and tangential together.
+        shortest: Shortest cable [m].
+        first: Last row of the first dwell; not set before that is over.
+        effort: Largest effort of each drive up to then [N m or N], shape (m,).
     """
 
     def __init__(self, tour: Timetable, period: float) -> None:
-        """Begin without a piece of a tour; the control period [s] is how near a piece may be to the
-        end of its leg.
-        """
+        """Begin without a piece; pieces end within a control period [s] of the end of their leg."""
         self._tour, self._period = tour, period
         self._begin = -np.inf
-        self._low, self._high, self._count = np.full(2, np.inf), np.full(2, -np.inf), 0
+        self._extremes, self._count = np.zeros((0, 2)), 0
         self.rows: list[Dwell] = []
         self.peak, self.shortest = 0.0, np.inf
         self.first: Trajectory
         self.effort: np.ndarray | float = 0.0
 
     def begins(self, piece: Trajectory) -> Stage | None:
-        """The leg that begins with a piece, None if it goes on."""
+        """Return the leg that begins with a piece, None if it goes on."""
         stage, cycle = self._stage(piece)
         return None if cycle + stage.begin == self._begin else stage
 
     def add(self, piece: Trajectory) -> Dwell | None:
-        """Look at a piece, which lies within one leg and its dwell; what is left, if the dwell is
-        over with it.
-        """
+        """Add a piece, which lies within one leg and its dwell; return the dwell if it is over."""
         stage, cycle = self._stage(piece)
         if cycle + stage.begin != self._begin:
             self._begin = cycle + stage.begin
-            self._low, self._high, self._count = np.full(2, np.inf), np.full(2, -np.inf), 0
-        self.peak = max(
-            self.peak, float(np.linalg.norm(piece.coordinates("phi", "theta"), axis=1).max())
-        )
+            self._extremes, self._count = np.zeros((0, 2)), 0
+        swing = np.linalg.norm(piece.coordinates("phi", "theta"), axis=1)
+        self.peak = max(self.peak, float(swing.max()))
         self.shortest = min(self.shortest, float(piece["l_m"].min()))
         if not self.rows:
             self.effort = np.maximum(self.effort, np.abs(piece.effort).max(axis=0))
         end = cycle + stage.end
-        rest = piece.between(cycle + stage.arrival, end)
-        if len(rest):
-            swing = rest.coordinates("phi", "theta")
-            self._low, self._high = (
-                np.minimum(self._low, swing.min(axis=0)),
-                np.maximum(self._high, swing.max(axis=0)),
-            )
-            self._count += len(rest)
+        dwell = piece.between(cycle + stage.arrival, end)
+        if len(dwell):
+            angles = np.concatenate([self._extremes, dwell.coordinates("phi", "theta")])
+            self._extremes = np.array([angles.min(axis=0), angles.max(axis=0)])
+            self._count += len(dwell)
         if piece.t[-1] < end - 1e-6 or self._count < 2:
             return None
-        left = 1000.0 * float(np.hypot(*((self._high - self._low) / 2.0)))
+        residual = 1000.0 * float(np.hypot(*(np.ptp(self._extremes, axis=0) / 2.0)))
         if not self.rows:
             self.first = piece.between(float(piece.t[-1]), float(piece.t[-1]))
-        self.rows.append(
-            Dwell(stage.leg.name, cycle + stage.arrival, left, left * float(rest["l_m"][-1]))
-        )
+        deviation = residual * float(dwell["l_m"][-1])
+        self.rows.append(Dwell(stage.leg.name, cycle + stage.arrival, residual, deviation))
         return self.rows[-1]
 
     def _stage(self, piece: Trajectory) -> tuple[Stage, float]:

@@ -15,7 +15,7 @@ from cranedyn.planning.certificate import Certificate
 from cranedyn.planning.lift import Lift
 from cranedyn.planning.solids import Solid
 from cranedyn.plotting.figures import COLOURS, panels
-from cranedyn.recording.scenery import Obstacle, Scenery
+from cranedyn.recording import Obstacle, Scenery
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,6 +11,7 @@ import argparse
 import sys
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress
@@ -18,7 +19,7 @@ from rich.progress import Progress
 from cranedyn.checks import number
 from cranedyn.command import Parser, command
 from cranedyn.data.files import atomic_write_set, lock_folder
-from cranedyn.recording.snapshot import animate, film, snapshot
+from cranedyn.recording.snapshot import animate, snapshot
 from experiments.harness.arguments import called
 
 
@@ -75,46 +76,38 @@ def main(arguments: list[str] | None = None) -> int:
     )
 
     def run() -> int:
-        given = parser.parse_args(arguments)
-        if not given.times and not given.gif:
+        options = parser.parse_args(arguments)
+        if not options.times and not options.gif:
             parser.error("nothing to do: give times with -t or a span with --gif")
-        # All of them, or none.
-        with lock_folder(given.out) if given.times else nullcontext(), atomic_write_set():
-            paths = _pictures(given)
+        # All pictures are written, or none.
+        with lock_folder(options.out) if options.times else nullcontext(), atomic_write_set():
+            paths = _write(options)
         print(*paths, sep="\n")
         return 0
 
     return command(run)
 
 
-def _pictures(given: argparse.Namespace) -> list[Path]:
-    size, whole, paths = tuple(given.size), given.view == "dashboard", []
-    if given.gif:
-        span = number("START", given.gif[0], "s"), number("END", given.gif[1], "s")
-        film(span, given.gif[2], fps=given.fps, size=size)  # judged before a picture is taken
+def _write(options: argparse.Namespace) -> list[Path]:
+    """Write the pictures, the moving one first, and return their paths."""
+    paths: list[Path] = []
+    more: Any = {"size": tuple(options.size), "dashboard": options.view == "dashboard"}
     with Progress(
         console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()
     ) as bar:
         task = bar.add_task("pictures", total=None)
 
-        def progress(done: int) -> None:
-            bar.update(task, completed=done, description=f"{done} pictures")
+        def progress(count: int) -> None:
+            bar.update(task, completed=count, description=f"{count} pictures")
 
-        if given.times:
-            paths += snapshot(
-                given.recording, given.times, given.out, size=size, whole=whole, progress=progress
-            )
-        if given.gif:
-            paths.append(
-                animate(
-                    given.recording,
-                    span,
-                    given.gif[2],
-                    fps=given.fps,
-                    size=size,
-                    whole=whole,
-                    progress=progress,
-                )
+        if options.gif:
+            start, end, file = options.gif
+            span = number("START", start, "s"), number("END", end, "s")
+            gif = animate(options.recording, span, file, fps=options.fps, progress=progress, **more)
+            paths.append(gif)
+        if options.times:
+            paths[:0] = snapshot(
+                options.recording, options.times, options.out, progress=progress, **more
             )
     return paths
 

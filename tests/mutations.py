@@ -797,10 +797,10 @@ MUTATIONS = (
     ),
     Mutation(
         "a mesh may lie anywhere",
-        "cranedyn/recording/meshes.py",
+        "cranedyn/recording/shapes.py",
         "if not path.is_relative_to(folder.resolve()):",
         "if False:",
-        "meshes::a_mesh_that_cannot_be_drawn_is_a_sentence",
+        "meshes::a_mesh_that_cannot_be_drawn_is_refused",
     ),
     Mutation(
         "the drives of an environment brake as if steps had no length",

@@ -97,7 +97,7 @@ class Shown:
                 a CSV file.
             CraneError: If there is no display; the recording is written all the same.
         """
-        path: Path = importlib.import_module("cranedyn.recording.show").view(
+        path: Path = importlib.import_module("cranedyn.recording.viewer").view(
             self, crane, name, file
         )
         return path

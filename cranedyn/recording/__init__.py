@@ -1,15 +1,41 @@
-"""What a run looks like: Rerun recordings with a finished dashboard. Nothing outside of this folder
-imports Rerun.
+"""Rerun recordings: a crane in 3D beside plots of all its numbers, in one ``.rrd`` file.
+
+Nothing outside of this room imports Rerun. Begin with `record`:
+
+    from cranedyn.recording import Run, open_viewer, record
+
+    record("run.rrd", [Run("hold", crane, run)], title="A run")
+    open_viewer("run.rrd")
+
+- `Run`: a crane and its trajectory, with place, colour, mesh folder and `Scenery` of a site.
+- `record`: writes one or several runs, on one timeline and with the layout inside.
+- `Live`: streams a run that is under way into a file, a viewer, or both.
+- `open_viewer`, `serve`: show a recording in a window, or in a browser on this machine alone.
+- `view`: records a run and opens it, in one step.
+- `cranedyn.recording.snapshot`: pictures and GIFs without a display.
+- `cranedyn.recording.sketch`: a crane from the side, as a matplotlib figure.
+
+To read: `record` (what is written), `scene` (what moves in 3D; `shapes` reads the looks from the
+URDF), `series` (tables and plots), `dashboard` (layout and eyes), `viewer` and `process` (windows,
+pages and their processes).
 """
 
-from cranedyn.recording.live import Live
-from cranedyn.recording.record import check_enabled, record
-from cranedyn.recording.run import Run
-from cranedyn.recording.viewer import Server, check_display, check_port, open_viewer, serve
+from cranedyn.recording.record import Live, check_enabled, record
+from cranedyn.recording.run import Obstacle, Run, Scenery
+from cranedyn.recording.viewer import (
+    Server,
+    check_display,
+    check_port,
+    open_viewer,
+    serve,
+    view,
+)
 
 __all__ = [
     "Live",
+    "Obstacle",
     "Run",
+    "Scenery",
     "Server",
     "check_display",
     "check_enabled",
@@ -17,4 +43,5 @@ __all__ = [
     "open_viewer",
     "record",
     "serve",
+    "view",
 ]

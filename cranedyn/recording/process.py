@@ -1,5 +1,6 @@
-"""The process of Rerun's viewer: where the program is, how it starts and ends, and the ports it
-takes.
+"""The process of Rerun's viewer and the ports it takes.
+
+Rerun's own `spawn` and `serve_web_viewer` listen on all interfaces and send analytics.
 """
 
 from __future__ import annotations
@@ -10,156 +11,112 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from cranedyn.errors import CraneError
 
 HOST = "127.0.0.1"
-"""This machine alone; Rerun itself would listen to all."""
+"""The only interface that viewers listen on."""
 
-_PATIENCE = 30.0
-
-_QUIET: dict[str, Any] = {
-    "stdin": subprocess.DEVNULL,
-    "stdout": subprocess.DEVNULL,
-    "stderr": subprocess.DEVNULL,
-}
-
-_GUARD = """
-import os, signal, sys, time
-parent, child = map(int, sys.argv[1:])
-try:
-    while os.getppid() == parent:
-        os.kill(child, 0)
-        time.sleep(0.5)
-    os.kill(child, signal.SIGKILL)
-except ProcessLookupError:
-    pass
-"""
+_START_SECONDS = 30.0
+_QUIET: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+_GUARD = "import os, sys; sys.stdin.read(); os.kill(int(sys.argv[1]), 9)"
 _GUARDS: dict[int, subprocess.Popen[bytes]] = {}
-"""The guard of each process that has one, by the number of the process."""
+"""The guard of each guarded process, by process id."""
 
 
-def start(*arguments: str, own_session: bool = False) -> subprocess.Popen[bytes]:
-    """Start the viewer, silent: it prints nothing, and its analytics are off whatever the user's
-    own setting is, which stays as it is.
+def start(
+    *arguments: str, ports: Sequence[int], hint: str, detached: bool = False
+) -> subprocess.Popen[bytes]:
+    """Start the viewer without output and analytics, and return when its ports answer.
 
     Args:
-        arguments: Of its command line.
-        own_session: Whether it outlives the program and the terminal that it is started from; else
-            it ends with the program, even if that is killed.
+        arguments: Arguments of its command line.
+        ports: Ports on which it listens.
+        hint: Advice for the error message.
+        detached: Whether it outlives this program; else it ends with it, even if that is killed.
 
     Raises:
-        CraneError: If it is not installed or does not start.
+        CraneError: If the viewer is not installed, or is not ready within half a minute.
     """
-    # Where CI is set, Rerun sends nothing ...
-    environment = {"RUST_LOG": "error"} | dict(os.environ) | {"CI": "true"}
-    environment.pop("FORCE_RERUN_ANALYTICS", None)  # ... but where this is
-    software = sorted(Path("/usr/share/vulkan/icd.d").glob("lvp_icd.*.json"))
-    if (
-        "--headless" in arguments
-        and software
-        and not {"VK_ICD_FILENAMES", "VK_DRIVER_FILES"} & environment.keys()
-    ):
-        environment["VK_ICD_FILENAMES"] = str(software[0])
+    # Rerun sends no analytics where CI is set, whatever the user's own setting, which stays.
+    environment = {"RUST_LOG": "error", **os.environ, "CI": "true"}
+    environment.pop("FORCE_RERUN_ANALYTICS", None)
+    drivers = sorted(Path("/usr/share/vulkan/icd.d").glob("lvp_icd.*.json"))
+    chosen = {"VK_ICD_FILENAMES", "VK_DRIVER_FILES"} & environment.keys()
+    if "--headless" in arguments and drivers and not chosen:
+        environment["VK_ICD_FILENAMES"] = str(drivers[0])
+    command = [str(_program()), "--bind", HOST, *arguments]
+    null = subprocess.DEVNULL
     try:
         process = subprocess.Popen(
-            [program(), *arguments], env=environment, start_new_session=own_session, **_QUIET
+            command, env=environment, start_new_session=detached, stdin=null, **_QUIET
         )
-        try:
-            if not own_session:
-                guard(process)
-        except BaseException:
-            end(process)
-            raise
     except OSError as error:
         raise CraneError(f"Rerun's viewer cannot be started: {error.strerror}.") from error
+    try:
+        if not detached:
+            guard(process)
+        deadline = time.monotonic() + _START_SECONDS
+        while any(map(is_free, ports)):
+            if process.poll() is not None:
+                code = process.returncode
+                raise CraneError(f"Rerun's viewer ended with exit code {code}. {hint}")
+            if time.monotonic() > deadline:
+                raise CraneError(f"Rerun's viewer did not start in {_START_SECONDS:g} s. {hint}")
+            time.sleep(0.05)
+    except BaseException:
+        end(process)
+        raise
     return process
 
 
 def guard(process: subprocess.Popen[bytes]) -> None:
-    """Have a process that was started here killed within a second after this program has ended,
-    however it did.
+    """Have a process killed when this program ends, even by a kill.
 
-    A small process of its own looks twice a second whether both are there; it ends with the one or
-    the other, or by `end`.
+    A small process waits for the end of a pipe that this program holds open; `end` ends it, too.
     """
-    command = [sys.executable, "-I", "-S", "-c", _GUARD, str(os.getpid()), str(process.pid)]
-    _GUARDS[process.pid] = subprocess.Popen(command, start_new_session=True, **_QUIET)
-
-
-def await_ready(process: subprocess.Popen[bytes], ready: Callable[[], bool], hint: str) -> None:
-    """Return when the viewer is ready; if it does not become so, end it.
-
-    Raises:
-        CraneError: If it ends before it is ready, or is not ready in half a minute; the hint says
-            what may help.
-    """
-    try:
-        for _ in range(round(_PATIENCE / 0.05)):
-            if process.poll() is not None:
-                raise CraneError(
-                    f"Rerun's viewer ended with exit code {process.returncode}. {hint}"
-                )
-            if ready():
-                return
-            time.sleep(0.05)
-        raise CraneError(f"Rerun's viewer did not start within {_PATIENCE:g} s. {hint}")
-    except BaseException:
-        end(process)
-        raise
-
-
-def ended(process: subprocess.Popen[bytes]) -> bool:
-    """Whether it has ended by itself, or does within a second."""
-    try:
-        process.wait(timeout=1.0)
-    except subprocess.TimeoutExpired:
-        return False
-    return True
+    command = [sys.executable, "-I", "-S", "-c", _GUARD, str(process.pid)]
+    _GUARDS[process.pid] = subprocess.Popen(
+        command, stdin=subprocess.PIPE, start_new_session=True, **_QUIET
+    )
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
-    """End it, by force if it does not listen, and its guard."""
+    """End a process, by force after five seconds, and its guard."""
     process.terminate()
     try:
         process.wait(timeout=5.0)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-    if watching := _GUARDS.pop(process.pid, None):
-        watching.kill()
-        watching.wait()
+    if watcher := _GUARDS.pop(process.pid, None):
+        with watcher:
+            watcher.kill()
 
 
-def free(port: int) -> bool:
-    """Whether nobody listens at a port of this machine."""
+def is_free(port: int) -> bool:
+    """Return whether nobody listens at a port of this machine."""
     with socket.socket() as probe:
         return probe.connect_ex((HOST, port)) != 0
 
 
 def free_port() -> int:
-    """A port of this machine at which nobody listens."""
+    """Return a port of this machine at which nobody listens."""
     with socket.socket() as probe:
         probe.bind((HOST, 0))
-        return probe.getsockname()[1]
+        return int(probe.getsockname()[1])
 
 
-def program() -> Path:
-    """The viewer that comes with the Python package; the ``rerun`` command is a script around it,
-    which would have to be ended too.
-    """
+def _program() -> Path:
+    """Return the viewer's binary; the command ``rerun`` is a script that starts it as its child."""
     spec = importlib.util.find_spec("rerun_cli")
-    folders = [Path(folder) for folder in (spec.submodule_search_locations or [])] if spec else []
-    for file in (
-        folder / name
-        for folder in folders
-        for name in ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun")
-    ):
-        if file.is_file():
-            return file
+    for folder in (spec.submodule_search_locations or []) if spec else []:
+        for name in ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun"):
+            if (file := Path(folder, name)).is_file():
+                return file
     raise CraneError(
         "Rerun's viewer is not installed; install it with: pip install --force-reinstall rerun-sdk"
     )

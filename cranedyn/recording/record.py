@@ -1,6 +1,4 @@
-"""Trajectories into one Rerun file: the moving crane, every number as a time series, and the layout
-that shows them.
-"""
+"""Trajectories into a Rerun file: at once by `record`, piece by piece by `Live`."""
 
 from __future__ import annotations
 
@@ -13,20 +11,24 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from cranedyn.data.files import atomic_write
+from cranedyn.data.files import Draft, atomic_write, check_writable, sync_folder
+from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, DataError, OutOfRange, printable, quoted
+from cranedyn.model.crane import Crane
 from cranedyn.recording.dashboard import dashboard
 from cranedyn.recording.run import Run, utf8
 from cranedyn.recording.scene import PATH_SECONDS, Scene, looks
 from cranedyn.recording.series import Table, log_series, table
 
+_FLUSH_SECONDS = 10.0
+
 
 def check_enabled() -> None:
-    """Return if Rerun records; to ask Rerun itself would make it print lines of its own.
+    """Return if Rerun records; its own function for this prints lines.
 
     Raises:
-        CraneError: If it is switched off in the environment.
+        CraneError: If the environment switches it off.
     """
     if os.environ.get("RERUN", "").lower() in ("off", "false", "0"):
         raise CraneError(
@@ -36,133 +38,206 @@ def check_enabled() -> None:
 
 
 def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "") -> Path:
-    """Write runs into one ``.rrd`` file on one clock, with the layout inside.
+    """Write runs into one ``.rrd`` file with its layout.
 
-    The scene is drawn at 50 Hz in single precision. The numbers stand in it at full rate and to the
-    bit, angles in degrees, energy since the start: see `cranedyn.recording.series.table`.
+    The scene has 50 rows a second in single precision. The numbers have all rows in double
+    precision, angles in degrees, energy since the start: see `cranedyn.recording.series.table`.
 
     Args:
         path: The file, ending in ``.rrd``.
-        runs: One or several.
+        runs: One or several, on one timeline.
         title: Heading of the recording.
-        text: What the recording shows, in Markdown.
+        text: Description in Markdown.
 
     Raises:
-        OutOfRange: If there is no run, one has no rows or holds a value that is not finite, or two
-            share a name.
+        OutOfRange: If there is no run, two share a name, or one has no rows or a value that is not
+            finite.
         DataError: If the file cannot be written.
         CraneError: If Rerun is switched off in the environment.
     """
-    path, title, text = Path(path), utf8(title), utf8(text)
-    _check(path, runs)
-    check_enabled()
-    tables = [_finite_table(run) for run in runs]
-    recording = rr.RecordingStream(_application(title, runs), send_properties=False)
-    memory = recording.memory_recording()
-    try:
-        recording.send_blueprint(dashboard(runs, tables), make_active=True, make_default=True)
-        recording.send_recording_name(title)
-        recording.log(
-            "text",
-            rr.TextDocument(describe(runs, title, text), media_type="text/markdown"),
-            static=True,
-        )
-        recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        for run, look, columns in zip(runs, looks(runs), tables, strict=True):
-            Scene(recording, run, look).move(run)
-            log_series(recording, run, columns)
-    finally:  # also after Ctrl-C, or Rerun says on standard error that it drops data
-        data = memory.drain_as_bytes()
-    with atomic_write(path) as draft:
-        draft.write_bytes(data)
-    return path
-
-
-def describe(runs: Sequence[Run], title: str, text: str) -> str:
-    """The words beside the pictures, in Markdown: title, text, parameters of the runs, and how to
-    read the scene.
-    """
-    names = dict.fromkeys(name for run in runs for name in run.trajectory.parameters)
-    rows = [
-        [_shown(name), *(_shown(run.trajectory.parameters.get(name, "")) for run in runs)]
-        for name in names
-    ]
-    lines = [["parameter", *(_shown(run.name) for run in runs)], ["---"] * (len(runs) + 1), *rows]
-    scene = (
-        f"**How to read the scene.** Dots: where the payload was in the last {PATH_SECONDS:g} s. "
-        "Wire box and grey line: the payload and "
-        "the cable at the setpoint of the drives. Arrows under the trolley: where the payload "
-        "hangs off the plumb line, orange along the "
-        f"jib and blue across it, {looks(runs)[0].arrow:g} m for a degree. The tab *Payload* "
-        "follows the payload."
-    )
-    if any("<mesh" in run.crane.urdf and run.meshes is None for run in runs):
-        scene += " Meshes of the URDF are not drawn."
-    beyond = "\n".join(
-        f"- {printable(run.name)}, {at:.3f} s: {words}"
-        for run in runs
-        for at, words in _beyond(run)
-    )
-    warning = f"**Where the model does not hold:**\n\n{beyond}" if beyond else ""
-    parts = (
-        f"## {title}",
-        text,
-        warning,
-        "\n".join(f"| {' | '.join(line)} |" for line in lines),
-        scene,
-    )
-    return "\n\n".join(part for part in parts if part)
-
-
-def _beyond(run: Run) -> list[tuple[float, str]]:
-    """When and why a run leaves what the model holds for."""
-    if run.trajectory.valid.all():
-        return []
-    return [
-        (float(run.trajectory.t[event.row]), event.words)
-        for event in events(run.crane, run.trajectory)
-    ]
-
-
-def _shown(value: float | str) -> str:
-    return f"{value:g}" if isinstance(value, float) else printable(value).replace("|", "\\|")
-
-
-def _check(path: Path, runs: Sequence[Run]) -> None:
+    path, title = Path(path), utf8(title)
     if path.suffix != ".rrd":
         raise DataError(f"Cannot write {path}: the ending must be .rrd.")
     names = [run.name for run in runs]
     if not names or not all(names) or len(set(names)) < len(names):
         raise OutOfRange("names of the runs", names, "one name or more, each different")
-    for run in runs:
-        if not len(run.trajectory):
-            raise OutOfRange(f"number of rows of run {quoted(run.name)}", 0, ">= 1")
+    check_enabled()
+    tables = [_finite_table(run) for run in runs]
+    recording = rr.RecordingStream(_application(title, runs), send_properties=False)
+    memory = recording.memory_recording()
+    try:
+        scenes = _log_static(recording, runs, tables, title, utf8(text))
+        for run, scene, columns in zip(runs, scenes, tables, strict=True):
+            scene.move(run.trajectory)
+            log_series(recording, run, columns)
+    finally:  # also after Ctrl-C, or Rerun prints that it drops data
+        content = memory.drain_as_bytes()
+    with atomic_write(path) as draft:
+        draft.write_bytes(content)
+    return path
+
+
+class Live:
+    """A recording that grows while a run goes on, in a file, in a viewer, or in both.
+
+    All appended pieces are in the file even if the program is killed. The file gets its name with
+    the first piece; until then an earlier file of that name stays.
+    """
+
+    def __init__(
+        self,
+        crane: Crane,
+        name: str,
+        *,
+        title: str,
+        text: str = "",
+        file: str | Path | None = None,
+        viewer: str = "",
+    ) -> None:
+        """Open the recording.
+
+        Args:
+            crane: The crane.
+            name: Name of the run.
+            title: Heading of the recording.
+            text: Description in Markdown.
+            file: The file; None for none.
+            viewer: Address of a running viewer, from `open_viewer` or `Server.data`; empty for
+                none.
+
+        Raises:
+            DataError: If the file cannot be written.
+            CraneError: If Rerun is switched off in the environment.
+        """
+        self._crane, self._name, self._title, self._text = crane, name, utf8(title), utf8(text)
+        check_enabled()
+        self._recording = rr.RecordingStream("cranedyn-live", send_properties=False)
+        self._file = None if file is None else Path(file)
+        if self._file:
+            check_writable(self._file)  # Rerun waits for ever where it cannot write its first bytes
+        self._draft = Draft(self._file) if self._file else None
+        try:
+            sinks = [rr.FileSink(self._draft.path)] if self._draft else []
+            self._recording.set_sinks(*sinks, *([rr.GrpcSink(viewer)] if viewer else []))
+        except (OSError, RuntimeError, ValueError) as error:
+            self.close()
+            raise DataError(f"Cannot write {file}: {error}.") from error
+        self._scene: Scene | None = None
+        self._past: Trajectory | None = None
+        self._start_energy = 0.0
+
+    def append(self, piece: Trajectory) -> None:
+        """Add the rows since the last piece.
+
+        Raises:
+            DataError: If they cannot be written within ten seconds.
+        """
+        t_start = float(piece.t[0])
+        recent = piece if self._past is None else join([self._past, piece])
+        run = Run(self._name, self._crane, recent.since(t_start))
+        if self._scene is None:
+            (self._scene,) = _log_static(self._recording, [run], [], self._title, self._text)
+            self._start_energy = float(piece.energy[0])
+        self._scene.move(recent, t_start)
+        log_series(self._recording, run, table(run, self._start_energy))
+        self._past = recent.since(float(piece.t[-1]) - PATH_SECONDS)
+        try:
+            self._recording.flush(timeout_sec=_FLUSH_SECONDS)
+        except (RuntimeError, ValueError) as error:
+            file = f" {self._file}" if self._file else ""
+            raise DataError(f"The recording{file} could not be written: {error}.") from error
+        if self._draft:
+            self._draft.sync()
+            self._draft.name()
+            sync_folder(self._draft.final.parent)
+            self._draft = None
+
+    def close(self) -> None:
+        """Finish the file and disconnect from the viewer."""
+        self._recording.disconnect()
+        if self._draft:
+            self._draft.drop()
+
+    def __enter__(self) -> Live:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def describe(runs: Sequence[Run], title: str, text: str) -> str:
+    """Return the text beside the scene, in Markdown: title, description, where the model does not
+    hold, parameters of the runs, and how to read the scene.
+    """
+    violations = "\n".join(
+        f"- {printable(run.name)}, {run.trajectory.t[event.row]:.3f} s: {event.words}"
+        for run in runs
+        if not run.trajectory.valid.all()
+        for event in events(run.crane, run.trajectory)
+    )
+    names = dict.fromkeys(name for run in runs for name in run.trajectory.parameters)
+    rows = [
+        ["parameter", *(_cell(run.name) for run in runs)],
+        ["---"] * (len(runs) + 1),
+        *(
+            [_cell(name), *(_cell(run.trajectory.parameters.get(name, "")) for run in runs)]
+            for name in names
+        ),
+    ]
+    scene = (
+        "**How to read the scene.** Dots: the payload in the last "
+        f"{PATH_SECONDS:g} s. Wire box and grey line: payload and cable at the setpoint of the "
+        "drives. Arrows under the trolley: the payload's deviation from the plumb line, orange "
+        f"along the jib and blue across it, {looks(runs)[0].arrow:g} m for a degree. The tab "
+        "*Payload* follows the payload."
+    )
+    if any("<mesh" in run.crane.urdf and run.meshes is None for run in runs):
+        scene += " Meshes of the URDF are not drawn."
+    sections = (
+        f"## {title}",
+        text,
+        f"**Where the model does not hold:**\n\n{violations}" if violations else "",
+        "\n".join(f"| {' | '.join(row)} |" for row in rows),
+        scene,
+    )
+    return "\n\n".join(section for section in sections if section)
+
+
+def _log_static(
+    recording: rr.RecordingStream,
+    runs: Sequence[Run],
+    tables: Sequence[Table],
+    title: str,
+    text: str,
+) -> list[Scene]:
+    """Log layout, text and all that does not move; return the scene of each run."""
+    recording.send_blueprint(dashboard(runs, tables), make_active=True, make_default=True)
+    recording.send_recording_name(title)
+    document = rr.TextDocument(describe(runs, title, text), media_type="text/markdown")
+    recording.log("text", document, static=True)
+    recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    return [Scene(recording, run, look) for run, look in zip(runs, looks(runs), strict=True)]
+
+
+def _cell(value: float | str) -> str:
+    return f"{value:g}" if isinstance(value, float) else printable(value).replace("|", "\\|")
 
 
 def _finite_table(run: Run) -> Table:
+    if not len(run.trajectory):
+        raise OutOfRange(f"number of rows of run {quoted(run.name)}", 0, ">= 1")
     columns = table(run)
     for name, values in columns.items():
         if not np.isfinite(values).all():
-            raise OutOfRange(
-                f"{name} of run {quoted(run.name)}",
-                values[~np.isfinite(values)][0],
-                "a finite number",
-            )
+            value = values[~np.isfinite(values)][0]
+            raise OutOfRange(f"{name} of run {quoted(run.name)}", value, "a finite number")
     return columns
 
 
 def _application(title: str, runs: Sequence[Run]) -> str:
-    """A name for the viewer, which keeps one layout per application: another for every other title
-    or set of runs.
-    """
-    key = repr(
-        [
-            title,
-            *(
-                (run.name, run.offset, len(run.trajectory), run.trajectory.q[-1].tolist())
-                for run in runs
-            ),
-        ]
-    )
-    words = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40]
-    return f"cranedyn-{words}-{zlib.crc32(key.encode()):08x}"
+    """Return an application id for the title and the runs; the viewer keeps one layout for each."""
+    key = [
+        (run.name, run.offset, len(run.trajectory), run.trajectory.q[-1].tolist()) for run in runs
+    ]
+    slug = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")[:40]
+    return f"cranedyn-{slug}-{zlib.crc32(repr([title, key]).encode()):08x}"

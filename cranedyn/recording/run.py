@@ -1,9 +1,9 @@
-"""What a recording is made of, and how its parts are named."""
+"""What a recording is made of: runs, the scenery around their cranes, and how both are named."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -13,30 +13,65 @@ from cranedyn.checks import finite
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.runs import run_colour
-from cranedyn.recording.scenery import Scenery
 
 TIMELINE = "sim_time"
-"""The one clock of a recording."""
+"""The only timeline of a recording."""
 
 SCENE = "Crane"
-"""Name of the view that shows all of the scene."""
+"""Name of the view that shows the whole scene."""
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """An obstacle in the frame of the crane.
+
+    Attributes:
+        name: Its name.
+        vertices: Vertices of its surface [m], shape (n, 3).
+        triangles: Indices of the three vertices of each triangle, shape (m, 3).
+        zone: Whether it is a zone to keep out of, which is drawn transparent.
+        near: Times [s] at which the load comes near and leaves again, in turn; meanwhile the
+            obstacle is drawn red.
+    """
+
+    name: str
+    vertices: np.ndarray
+    triangles: np.ndarray
+    zone: bool = False
+    near: Sequence[float] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Scenery:
+    """The surroundings of a crane and the space that its load sweeps.
+
+    Attributes:
+        obstacles: The obstacles.
+        path: Path of the centre of the load [m], shape (n, 3).
+        swept: Boxes around the load on its path, enlarged by its swing: "centres" and "sizes" [m],
+            shape (k, 3), "yaw" [rad], shape (k,).
+    """
+
+    obstacles: Sequence[Obstacle]
+    path: np.ndarray
+    swept: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One crane and what happened to it.
+    """A crane, its trajectory, and how both are drawn.
 
     Attributes:
-        name: What the run is called; no two runs of a recording share a name.
+        name: Name of the run, unique in its recording.
         crane: The crane.
-        trajectory: What it did.
-        offset: Where its foot stands in the scene [m]; cranes with the same offset are drawn into
-            each other.
-        meshes: Folder in which the files of the meshes of its URDF lie, and which none of them
-            leaves; None draws no meshes.
-        colour: Hex colour of its payload, path and curves; empty for the next one of
+        trajectory: Its trajectory.
+        offset: Position of the foot of the crane in the scene [m]. Cranes with the same offset
+            overlap; all but the first are drawn transparent.
+        meshes: Folder of the mesh files of the URDF. Files outside of it are refused. None draws no
+            meshes.
+        colour: Hex colour of payload, path and curves; empty for the next one of
             `cranedyn.plotting.runs`.
-        scenery: What stands about it; None for nothing.
+        scenery: The surroundings; None for none.
     """
 
     name: str
@@ -48,31 +83,29 @@ class Run:
     scenery: Scenery | None = None
 
     def __post_init__(self) -> None:
-        """Have a name that can be written and an offset of three finite numbers."""
+        """Check the offset and escape what UTF-8 cannot encode in the name."""
         finite("offset of a run", self.offset, (3,), unit="m")
         object.__setattr__(self, "name", utf8(self.name))
 
     def entity(self, *parts: str) -> str:
-        """Path of an entity of this run."""
+        """Return the path of an entity of this run."""
         return rr.new_entity_path([self.name, *parts])
 
-    def frame(self, name: str) -> str:
-        """Name of a coordinate frame of this run, from the name of a link."""
-        return f"{self.name}: {name}"
+    def frame(self, link: str) -> str:
+        """Return the name of the coordinate frame of a link of this run."""
+        return f"{self.name}: {link}"
 
 
 def utf8(text: str) -> str:
-    """A text with what UTF-8 cannot write escaped, as in names of files that are not text."""
+    """Return a text with escapes for what UTF-8 cannot encode, such as names of odd files."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def colours(runs: Sequence[Run]) -> list[str]:
-    """The hex colour of each run."""
+    """Return the hex colour of each run."""
     return [run.colour or run_colour(i) for i, run in enumerate(runs)]
 
 
 def clock(t: np.ndarray) -> list[rr.TimeColumn]:
-    """Times [s] on the clock of a recording, to the nearest nanosecond (Rerun itself would cut the
-    rest off).
-    """
+    """Return times [s] as a column of the timeline, rounded to nanoseconds (Rerun truncates)."""
     return [rr.TimeColumn(TIMELINE, duration=np.round(1e9 * t).astype("timedelta64[ns]"))]

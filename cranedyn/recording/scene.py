@@ -1,5 +1,8 @@
-"""The crane in three dimensions: structure, cable, payload and its path, the setpoint of the
-payload, and the swing as arrows.
+"""The 3D scene of a recording: structure, cable, payload and its path, setpoint, swing arrows, and
+scenery.
+
+`rerun.urdf.UrdfTree` computes the transforms of the joints; the cable of changing length, which no
+URDF can describe, is a line between points of the crane.
 """
 
 from __future__ import annotations
@@ -9,332 +12,305 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 import rerun as rr
 from rerun.urdf import UrdfTree
 from scipy.spatial.transform import Rotation
 
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import payload_orientation, point_positions
 from cranedyn.errors import printable
+from cranedyn.model.crane import Crane
 from cranedyn.model.urdf import parse, skeleton
 from cranedyn.plotting.style import COLOURS, mixed, rgb
-from cranedyn.recording.run import Run, clock, colours
-from cranedyn.recording.scenery import log_scenery
-from cranedyn.recording.shapes import Shape, log_shapes, shapes
+from cranedyn.recording.run import Run, Scenery, clock, colours
+from cranedyn.recording.shapes import Shape, shapes
 
 BACKGROUND = "#E1E8F0"
 """Colour behind the scene, into which the path of the payload fades."""
 
 PATH_SECONDS = 4.0
-"""How long the path of the payload stays [s]."""
+"""Duration of the path of the payload [s]."""
 
-_PICTURES_PER_SECOND, _PATH_POINTS_PER_SECOND = 50.0, 10.0
-_PATH_POINTS = round(PATH_SECONDS * _PATH_POINTS_PER_SECOND)
+_FRAME_PERIOD, _PATH_PERIOD = 0.02, 0.1
+_PATH_POINTS = round(PATH_SECONDS / _PATH_PERIOD)
 _CABLE, _GREY = "#202020", "#8C8C8C"
 _CABLE_RADIUS, _PATH_RADIUS, _ARROW_RADIUS = 0.05, 0.16, 0.12
-_ARROWS_BELOW_PIVOT = 1.5
-_LONGEST_ARROW = 5.0
+_ARROWS_BELOW_TROLLEY = 1.5
+_MAX_ARROW = 5.0
+_SOLID, _ZONE, _NEAR, _SWEPT = "#B9AE9B", "#CC3311", "#F22B05", "#0072B2"
+_WIREFRAME: Any = "transparentfillmajorwireframe"
+_ARCHETYPES: dict[str, Any] = {
+    "box": rr.Boxes3D,
+    "cylinder": rr.Cylinders3D,
+    "sphere": rr.Ellipsoids3D,
+}
 
 
 class Look(NamedTuple):
-    """How one run is told from the others.
+    """Appearance of one run among the others.
 
     Attributes:
         colour: Hex colour of payload and path.
-        alpha: Opacity of the structure; a crane that stands where another stands already is seen
-            through.
-        label: Words below the payload, empty for none.
-        label_depth: How far below [m].
+        overlaps: Number of earlier cranes at the same offset; after the first the structure is
+            transparent, and labels stand below each other.
+        label: Text below the payload, empty for none.
         arrow: Length of the swing arrows [m/°], the same for all runs.
     """
 
     colour: str
-    alpha: float
+    overlaps: int
     label: str
-    label_depth: float
     arrow: float
 
 
-class _Times(NamedTuple):
-    """The rows of a run that become pictures, and the frame of the ground in which they are
-    drawn.
-    """
-
-    t: np.ndarray
-    q: np.ndarray
-    setpoint: np.ndarray
-    ground: str
-
-
 def looks(runs: Sequence[Run]) -> list[Look]:
-    """The look of each run."""
-    widest = max(
-        np.degrees(np.abs(run.trajectory.q[:, run.crane.swings])).max(initial=0.0) for run in runs
-    )
-    arrow = next((scale for scale in (0.5, 0.2, 0.1) if scale * widest <= _LONGEST_ARROW), 0.05)
-    found = []
-    for i, (run, colour) in enumerate(zip(runs, colours(runs), strict=True)):
-        here = sum(other.offset == run.offset for other in runs[:i])
-        label = printable(run.name) if len(runs) > 1 else ""
-        found.append(Look(colour, 0.25 if here else 1.0, label, 1.5 + 2.6 * here, arrow))
-    return found
+    """Return the appearance of each run."""
+    swings = [np.degrees(run.trajectory.q[:, run.crane.swings]) for run in runs]
+    swing = max(np.abs(angles).max(initial=0.0) for angles in swings)
+    arrow = next((scale for scale in (0.5, 0.2, 0.1) if scale * swing <= _MAX_ARROW), 0.05)
+    offsets = [tuple(run.offset) for run in runs]
+    labels = [printable(run.name) if len(runs) > 1 else "" for run in runs]
+    overlaps = [offsets[:i].count(offset) for i, offset in enumerate(offsets)]
+    return [Look(*look, arrow) for look in zip(colours(runs), overlaps, labels, strict=True)]
+
+
+def payload_entity(run: Run) -> str:
+    """Return the entity with the body of the payload, which the eye of a view can follow."""
+    link = _payload_link(run.crane)
+    link_shapes = shapes(run.crane.urdf, run.meshes)[link]
+    body = _largest(link_shapes)
+    meshes = [shape for shape in link_shapes if shape.kind == "mesh"]
+    number = [str(meshes.index(body))] if body.kind == "mesh" else []
+    return run.entity("scene", link, body.kind, *number)
 
 
 class Scene:
-    """One crane in a recording: what stands still is drawn at once, what moves with every call of
-    `move`.
-    """
+    """The scene of one run: the constructor logs what is static, `move` logs what moves."""
 
     def __init__(self, recording: rr.RecordingStream, run: Run, look: Look) -> None:
-        self._recording, self._look, self._tree = recording, look, _tree(run)
+        """Log links, styles and scenery."""
+        self._recording, self._run, self._look, self._crane = recording, run, look, run.crane
+        self._tree = _urdf_tree(run)
         self._ground = run.frame(self._tree.root_link().name)
-        foot = rr.Transform3D(translation=run.offset, parent_frame="tf#/", child_frame=self._ground)
-        recording.log(run.entity("joints", "ground"), foot, static=True)
-        self._body = _log_links(recording, run, self._tree, look)
-        _log_styles(recording, run, look, self._ground, _above_swing(run, self._tree), self._body)
+        layout = run.crane.layout
+        self._has_arrows = layout.has("trolley", "radial_swing", "tangential_swing")
+        self._log_links()
+        self._log_styles()
         if run.scenery is not None:
-            log_scenery(
-                recording,
-                run.entity("scene"),
-                self._ground,
-                run.scenery,
-                float(run.trajectory.t[0]),
-                clock,
+            self._log_scenery(run.scenery, float(run.trajectory.t[0]))
+
+    def move(self, trajectory: Trajectory, t_start: float = -math.inf) -> None:
+        """Log the rows from a time on [s], 50 a second; the path also shows earlier rows."""
+        crane, rows = self._crane, _rows_every(trajectory.t, _FRAME_PERIOD)
+        rows = rows[trajectory.t[rows] >= t_start]
+        t, q = trajectory.t[rows], trajectory.q[rows]
+        for joint, values in zip(crane.layout.joints, q.T, strict=True):
+            urdf_joint = self._tree.get_joint_by_name(joint.name)
+            assert urdf_joint is not None
+            columns = urdf_joint.compute_transform_columns(values.tolist(), clamp=False)
+            self._send(t, columns, "joints", joint.name)
+        self._send(t, rr.LineStrips3D.columns(strips=_cable(crane, q)), "scene", "cable")
+        self._move_path(trajectory, t_start)
+        self._move_setpoint(t, trajectory.setpoint[rows])
+        if self._has_arrows:
+            self._move_arrows(t, q)
+
+    def _log(self, frame: str, body: rr.AsComponents, *parts: str) -> None:
+        entity = self._run.entity("scene", *parts)
+        self._recording.log(entity, rr.CoordinateFrame(frame), body, static=True)
+
+    def _send(self, t: np.ndarray, columns: Any, *parts: str) -> None:
+        self._recording.send_columns(self._run.entity(*parts), clock(t), columns)
+
+    def _log_links(self) -> None:
+        """Log the fixed joints and the shapes of all links, those of the payload in its colour."""
+        run, look, log = self._run, self._look, self._recording.log
+        foot = rr.Transform3D(translation=run.offset, parent_frame="tf#/", child_frame=self._ground)
+        log(run.entity("joints", "ground"), foot, static=True)
+        moving = {joint.name for joint in self._crane.layout.joints}
+        for joint in self._tree.joints():
+            if joint.name not in moving:
+                fixed = joint.compute_transform(0.0, clamp=False)
+                log(run.entity("joints", joint.name), fixed, static=True)
+        payload = _payload_link(self._crane)
+        by_link = shapes(self._crane.urdf, run.meshes)
+        body = _largest(by_link[payload])
+        by_link[payload] = by_link[payload] or [body]
+        colour = (*np.divide(rgb(look.colour), 255), 1.0)
+        alpha = 0.25 if look.overlaps else 1.0
+        for link, link_shapes in by_link.items():
+            painted = []
+            for shape in link_shapes:
+                paint = (*shape.colour[:3], alpha * shape.colour[3])
+                if link == payload:
+                    paint = colour if shape.colour == body.colour else shape.colour
+                painted.append(replace(shape, colour=paint))
+            self._log_shapes(painted, run.frame(link), link)
+        kind = "box" if body.mesh else body.kind
+        outline = replace(body, kind=kind, mesh=None, colour=(0.3, 0.3, 0.3, 0.5))
+        self._log_shapes([outline], run.frame("setpoint"), "setpoint", fill_mode=_WIREFRAME)
+        if look.label:
+            label = rr.Points3D(
+                [[0.0, 0.0, -1.5 - 2.6 * look.overlaps]],
+                radii=0.0,
+                labels=[look.label],
+                colors=rgb(mixed(look.colour, "#FFFFFF", 0.5)),
+                show_labels=True,
             )
+            self._log(run.frame(payload), label, "label")
 
-    def move(self, run: Run, since: float = -math.inf) -> None:
-        """Draw the rows of a run from a time on [s], 50 pictures a second; earlier rows are the
-        past that the path shows.
-        """
-        t = run.trajectory.t
-        rows = _every(t, 1 / _PICTURES_PER_SECOND)
-        fresh = rows[t[rows] >= since]
-        times = _Times(
-            t[fresh], run.trajectory.q[fresh], run.trajectory.setpoint[fresh], self._ground
+    def _log_shapes(
+        self, link_shapes: Sequence[Shape], frame: str, *parts: str, fill_mode: Any = "solid"
+    ) -> None:
+        """Log shapes in a frame, those of one kind as one entity, but each mesh as its own."""
+        for i, shape in enumerate(shape for shape in link_shapes if shape.mesh is not None):
+            mesh = rr.Mesh3D(
+                vertex_positions=shape.mesh.vertices,
+                triangle_indices=shape.mesh.faces,
+                vertex_normals=shape.mesh.vertex_normals,
+                albedo_factor=[round(255 * c) for c in shape.colour],
+            )
+            self._log(frame, mesh, *parts, "mesh", str(i))
+        for kind in dict.fromkeys(shape.kind for shape in link_shapes if shape.mesh is None):
+            group = [shape for shape in link_shapes if shape.kind == kind]
+            size = np.array([shape.size for shape in group])
+            edges = {
+                "box": {"sizes": size},
+                "cylinder": {"radii": size[:, 0], "lengths": size[:, -1]},
+                "sphere": {"radii": size[:, 0]},
+            }
+            body = _ARCHETYPES[kind](
+                **edges[kind],
+                centers=np.array([shape.centre for shape in group]),
+                quaternions=Rotation.from_euler("xyz", [shape.rpy for shape in group]).as_quat(),
+                colors=np.array([shape.colour for shape in group]),
+                fill_mode=fill_mode,
+            )
+            self._log(frame, body, *parts, kind)
+
+    def _log_styles(self) -> None:
+        """Log frames, colours and radii of the cables, the path and the swing arrows."""
+        age = np.linspace(0.0, 1.0, _PATH_POINTS, endpoint=False)
+        fading = [rgb(mixed(self._look.colour, BACKGROUND, share)) for share in age]
+        path = rr.Points3D.from_fields(colors=fading, radii=_PATH_RADIUS * (1.0 - age))
+        cable = rr.LineStrips3D.from_fields(colors=rgb(_CABLE), radii=_CABLE_RADIUS)
+        setpoint = rr.LineStrips3D.from_fields(colors=rgb(_GREY), radii=_CABLE_RADIUS / 2)
+        self._log(self._ground, cable, "cable")
+        self._log(self._ground, path, "path")
+        self._log(self._ground, setpoint, "setpoint", "cable")
+        if self._has_arrows:
+            arrows = rr.Arrows3D.from_fields(
+                origins=[[0.0, 0.0, -_ARROWS_BELOW_TROLLEY]] * 2,
+                colors=[rgb(COLOURS["phi"]), rgb(COLOURS["theta"])],
+                radii=_ARROW_RADIUS,
+            )
+            trolley = _child_link(self._crane, self._crane.layout.role("trolley", "The arrows"))
+            self._log(self._run.frame(trolley), arrows, "swing")
+
+    def _move_path(self, trajectory: Trajectory, t_start: float) -> None:
+        """Log the last positions of the payload, the newest first."""
+        rows = _rows_every(trajectory.t, _PATH_PERIOD)
+        payload = _cable(self._crane, trajectory.q[rows])[:, -1]
+        new = np.flatnonzero(trajectory.t[rows] >= t_start)
+        past = payload[np.clip(new[:, None] - np.arange(_PATH_POINTS), 0, None)]
+        columns = rr.Points3D.columns(positions=past.reshape(-1, 3))
+        lengths = np.full(len(new), _PATH_POINTS)
+        self._send(trajectory.t[rows][new], columns.partition(lengths), "scene", "path")
+
+    def _move_setpoint(self, t: np.ndarray, setpoint: np.ndarray) -> None:
+        """Log the payload at rest at the setpoint of the drives, only where that changes."""
+        changes = np.append(True, np.any(np.diff(setpoint, axis=0) != 0, axis=1))
+        crane, n = self._crane, int(np.count_nonzero(changes))
+        q = np.tile(crane.start.q, (n, 1))
+        q[:, crane.layout.drives] = setpoint[changes]
+        cable = _cable(crane, q)
+        orientation = np.array([payload_orientation(crane, row) for row in q])
+        origin = cable[:, -1] - Rotation.from_quat(orientation).apply(crane.payload.lever)
+        columns = rr.Transform3D.columns(
+            translation=origin,
+            quaternion=orientation,
+            parent_frame=[self._ground] * n,
+            child_frame=[self._run.frame("setpoint")] * n,
         )
-        _move_joints(self._recording, run, self._tree, times)
-        _move_load(self._recording, run, times)
-        _move_path(self._recording, run, since)
-        _move_setpoint(self._recording, run, times)
-        _move_swing(self._recording, run, times, self._look)
+        self._send(t[changes], columns, "joints", "setpoint")
+        strips = rr.LineStrips3D.columns(strips=cable)
+        self._send(t[changes], strips, "scene", "setpoint", "cable")
+
+    def _move_arrows(self, t: np.ndarray, q: np.ndarray) -> None:
+        """Log two arrows from the trolley to where the load hangs, along the jib and across it."""
+        roles = ("radial_swing", "tangential_swing")
+        swings = [self._crane.layout.role(role, "The arrows") for role in roles]
+        phi, theta = self._look.arrow * np.degrees(q[:, swings]).T
+        vectors = np.zeros((len(t), 2, 3))
+        vectors[:, 0, 1], vectors[:, 1, 0] = phi, -theta
+        columns = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3))
+        self._send(t, columns.partition(np.full(len(t), 2)), "scene", "swing")
+
+    def _log_scenery(self, scenery: Scenery, t_start: float) -> None:
+        """Log obstacles, red while the load is near, the path of the load and the swept space."""
+        for i, obstacle in enumerate(scenery.obstacles):
+            corners = obstacle.vertices[obstacle.triangles]
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+            mesh = rr.Mesh3D.from_fields(
+                vertex_positions=corners.reshape(-1, 3),
+                vertex_normals=np.repeat(normals, 3, axis=0),
+            )
+            self._log(self._ground, mesh, "site", str(i))
+            colour, alpha = (_ZONE, 60) if obstacle.zone else (_SOLID, 255)
+            times = np.array([t_start, *obstacle.near])
+            rgba = [[*rgb(_NEAR if k % 2 else colour), alpha] for k in range(len(times))]
+            columns = rr.Mesh3D.columns(albedo_factor=rgba)
+            self._send(times, columns, "scene", "site", str(i))
+        path = rr.LineStrips3D([scenery.path], colors=rgb(_SWEPT), radii=0.06)
+        self._log(self._ground, path, "planned")
+        if scenery.swept:
+            boxes = rr.Boxes3D(
+                centers=scenery.swept["centres"],
+                sizes=scenery.swept["sizes"],
+                quaternions=Rotation.from_euler("z", scenery.swept["yaw"]).as_quat(),
+                colors=[*rgb(_SWEPT), 25],
+                fill_mode=_WIREFRAME,
+            )
+            self._log(self._ground, boxes, "swept")
 
 
-def _tree(run: Run) -> UrdfTree:
+def _urdf_tree(run: Run) -> UrdfTree:
+    """Load the checked skeleton of the URDF, which names no files; Rerun reads files only."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "crane.urdf")
         file.write_text(skeleton(parse(run.crane.urdf, "the crane")), encoding="utf-8")
         return UrdfTree.from_file_path(file, frame_prefix=run.frame(""))
 
 
-def _child(tree: UrdfTree, joint: str) -> str:
-    found = tree.get_joint_by_name(joint)
-    assert found is not None
-    return found.child_link
+def _child_link(crane: Crane, index: int) -> str:
+    """Return the link that a joint moves."""
+    joint = crane.model.getFrameId(crane.layout.joints[index].name, pin.JOINT)
+    bodies = (frame for frame in crane.model.frames if frame.type == pin.BODY)
+    return next(str(body.name) for body in bodies if body.parentFrame == joint)
 
 
-def _above_swing(run: Run, tree: UrdfTree) -> str | None:
-    """The link from which the load swings along the jib and across it; None if the crane is
-    another.
-    """
-    layout = run.crane.layout
-    return (
-        _child(tree, layout.joints[layout.role("trolley", "The arrows")].name)
-        if layout.has("trolley", "radial_swing", "tangential_swing")
-        else None
-    )
+def _payload_link(crane: Crane) -> str:
+    return _child_link(crane, crane.payload.body)
 
 
-def payload_entity(run: Run) -> str:
-    """The entity with the body of the payload; an eye can follow one that has a shape."""
-    link = _payload_link(run, _tree(run))
-    of_link = shapes(run.crane.urdf, run.meshes)[link]
-    body = _body(of_link)
-    meshes = [
-        i
-        for i, shape in enumerate(shape for shape in of_link if shape.mesh is not None)
-        if shape is body
-    ]
-    return run.entity("scene", link, *(["mesh", str(meshes[0])] if meshes else [body.kind]))
+def _largest(link_shapes: Sequence[Shape]) -> Shape:
+    """Return the largest shape of the payload, its body; a cube where there is none."""
+    default = Shape("box", (1.0, 1.0, 1.0))
+    return max(link_shapes, key=lambda shape: math.prod(shape.size), default=default)
 
 
-def _payload_link(run: Run, tree: UrdfTree) -> str:
-    return _child(tree, run.crane.layout.joints[run.crane.payload.body].name)
+def _rows_every(t: np.ndarray, period: float) -> np.ndarray:
+    """Return indices of rows a period apart, the first and the last row included."""
+    times = np.append(np.arange(t[0], t[-1], period), t[-1])
+    return np.unique(np.searchsorted(t, times - 1e-9))
 
 
-def _body(of_payload: list[Shape]) -> Shape:
-    """The body of the payload, its largest shape; a cube where nothing is drawn."""
-    return max(
-        of_payload or [Shape("box", (1.0, 1.0, 1.0))], key=lambda shape: math.prod(shape.size)
-    )
-
-
-def _every(t: np.ndarray, seconds: float) -> np.ndarray:
-    """Rows a time apart, first and last among them."""
-    return np.unique(np.searchsorted(t, np.append(np.arange(t[0], t[-1], seconds), t[-1]) - 1e-9))
-
-
-def _move_joints(recording: rr.RecordingStream, run: Run, tree: UrdfTree, times: _Times) -> None:
-    moving = [joint.name for joint in run.crane.layout.joints]
-    for joint in tree.joints():
-        if joint.name in moving:
-            columns = joint.compute_transform_columns(
-                times.q[:, moving.index(joint.name)].tolist(), clamp=False
-            )
-            recording.send_columns(run.entity("joints", joint.name), clock(times.t), columns)
-
-
-def _log_links(recording: rr.RecordingStream, run: Run, tree: UrdfTree, look: Look) -> Shape:
-    """The links as they look, on their fixed joints; returns the body of the payload, its largest
-    shape.
-    """
-    moving = [joint.name for joint in run.crane.layout.joints]
-    for joint in tree.joints():
-        if joint.name not in moving:
-            recording.log(
-                run.entity("joints", joint.name),
-                joint.compute_transform(0.0, clamp=False),
-                static=True,
-            )
-    payload = _payload_link(run, tree)
-    by_link = shapes(run.crane.urdf, run.meshes)
-    by_link[payload] = by_link[payload] or [_body([])]
-    body = _body(by_link[payload])
-    painted = (*(c / 255 for c in rgb(look.colour)), 1.0)
-    for link, of_link in by_link.items():
-        if link == payload:
-            of_link = [
-                replace(shape, colour=painted) if shape.colour == body.colour else shape
-                for shape in of_link
-            ]
-        else:
-            of_link = [
-                replace(shape, colour=(*shape.colour[:3], look.alpha * shape.colour[3]))
-                for shape in of_link
-            ]
-        log_shapes(recording, run.entity("scene", link), run.frame(link), of_link)
-    if look.label:
-        colour = rgb(mixed(look.colour, "#FFFFFF", 0.5))
-        label = rr.Points3D(
-            [[0.0, 0.0, -look.label_depth]],
-            radii=0.0,
-            labels=[look.label],
-            colors=colour,
-            show_labels=True,
-        )
-        recording.log(
-            run.entity("scene", "label"), rr.CoordinateFrame(run.frame(payload)), label, static=True
-        )
-    return body
-
-
-def _log_styles(
-    recording: rr.RecordingStream,
-    run: Run,
-    look: Look,
-    ground: str,
-    trolley: str | None,
-    body: Shape,
-) -> None:
-    """Frames, colours and sizes of what moves: cable, path, the outline of the setpoint of the
-    payload, swing arrows.
-    """
-    age = np.linspace(0.0, 1.0, _PATH_POINTS, endpoint=False)
-    faded = [rgb(mixed(look.colour, BACKGROUND, a)) for a in age]
-    arrows = rr.Arrows3D.from_fields(
-        origins=[[0.0, 0.0, -_ARROWS_BELOW_PIVOT]] * 2,
-        colors=[rgb(COLOURS["phi"]), rgb(COLOURS["theta"])],
-        radii=_ARROW_RADIUS,
-    )
-    styles = {
-        "cable": (ground, rr.LineStrips3D.from_fields(colors=rgb(_CABLE), radii=_CABLE_RADIUS)),
-        "path": (ground, rr.Points3D.from_fields(colors=faded, radii=_PATH_RADIUS * (1 - age))),
-        "setpoint/cable": (
-            ground,
-            rr.LineStrips3D.from_fields(colors=rgb(_GREY), radii=_CABLE_RADIUS / 2),
-        ),
-    } | ({} if trolley is None else {"swing": (run.frame(trolley), arrows)})
-    for name, (frame, style) in styles.items():
-        recording.log(
-            f"{run.entity('scene')}/{name}", rr.CoordinateFrame(frame), style, static=True
-        )
-    outline = replace(
-        body, kind="box" if body.mesh else body.kind, mesh=None, colour=(0.3, 0.3, 0.3, 0.5)
-    )
-    log_shapes(
-        recording,
-        run.entity("scene", "setpoint"),
-        run.frame("setpoint"),
-        [outline],
-        "transparentfillmajorwireframe",
-    )
-
-
-def _ends(run: Run, q: np.ndarray) -> np.ndarray:
-    """Pivot, hook if there is one, and payload in the world [m], shape (rows, points, 3)."""
-    down = [*range(1, len(run.crane.points)), 0]
-    return np.array([point_positions(run.crane, row)[down] for row in q]).reshape(-1, len(down), 3)
-
-
-def _move_load(recording: rr.RecordingStream, run: Run, times: _Times) -> None:
-    """The cable from the pivot to the payload."""
-    recording.send_columns(
-        run.entity("scene", "cable"),
-        clock(times.t),
-        rr.LineStrips3D.columns(strips=_ends(run, times.q)),
-    )
-
-
-def _move_path(recording: rr.RecordingStream, run: Run, since: float) -> None:
-    """The path of the payload: as many points at any time, older ones paler and smaller."""
-    t = run.trajectory.t
-    some = _every(t, 1 / _PATH_POINTS_PER_SECOND)
-    fresh = np.flatnonzero(t[some] >= since)
-    payload = _ends(run, run.trajectory.q[some])[:, -1]
-    past = payload[np.clip(fresh[:, None] - np.arange(_PATH_POINTS), 0, None)]
-    columns = rr.Points3D.columns(positions=past.reshape(-1, 3)).partition(
-        np.full(len(fresh), _PATH_POINTS)
-    )
-    recording.send_columns(run.entity("scene", "path"), clock(t[some][fresh]), columns)
-
-
-def _move_setpoint(recording: rr.RecordingStream, run: Run, times: _Times) -> None:
-    """An outline of the payload hanging at rest below the trolley at the setpoint of the drives;
-    rows only where that changes.
-    """
-    rows = np.append(True, np.any(np.diff(times.setpoint, axis=0) != 0, axis=1))
-    crane = run.crane
-    q = np.tile(crane.start.q, (int(np.count_nonzero(rows)), 1))
-    q[:, crane.layout.drives] = times.setpoint[rows]
-    ends, n = _ends(run, q), len(q)
-    turned = np.array([payload_orientation(crane, row) for row in q])
-    # The shape stands in the frame of the link.
-    foot = ends[:, -1] - Rotation.from_quat(turned).apply(crane.payload.lever)
-    moved = rr.Transform3D.columns(
-        translation=foot,
-        quaternion=turned,
-        parent_frame=[times.ground] * n,
-        child_frame=[run.frame("setpoint")] * n,
-    )
-    recording.send_columns(run.entity("joints", "setpoint"), clock(times.t[rows]), moved)
-    recording.send_columns(
-        run.entity("scene", "setpoint", "cable"),
-        clock(times.t[rows]),
-        rr.LineStrips3D.columns(strips=ends),
-    )
-
-
-def _move_swing(recording: rr.RecordingStream, run: Run, times: _Times, look: Look) -> None:
-    """Two arrows below the trolley that point where the load hangs off the plumb line: along the
-    jib, and across it.
-    """
-    layout = run.crane.layout
-    if not layout.has("trolley", "radial_swing", "tangential_swing"):
-        return
-    swings = [layout.role(role, "The arrows") for role in ("radial_swing", "tangential_swing")]
-    phi, theta = look.arrow * np.degrees(times.q[:, swings]).T
-    vectors = np.zeros((len(phi), 2, 3))
-    vectors[:, 0, 1], vectors[:, 1, 0] = phi, -theta
-    columns = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3)).partition(np.full(len(phi), 2))
-    recording.send_columns(run.entity("scene", "swing"), clock(times.t), columns)
+def _cable(crane: Crane, q: np.ndarray) -> np.ndarray:
+    """Return pivot, hook if there is one, and payload in the world [m], shape (rows, points, 3)."""
+    order = [*range(1, len(crane.points)), 0]
+    return np.array([point_positions(crane, row)[order] for row in q]).reshape(-1, len(order), 3)

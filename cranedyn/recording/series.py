@@ -1,7 +1,7 @@
-"""Every number of a run as time series: one table for each run, and the plots of its columns.
+"""The numbers of a run: one table of columns for each run, and the plots that show them.
 
-All columns stand in one component of one entity: an entity for each plot makes a recording 40 %
-larger.
+All columns are fields of one component of one entity; an entity for each plot makes a recording
+40 % larger.
 """
 
 from __future__ import annotations
@@ -16,22 +16,18 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import VisualizerComponentMapping
 
-from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.layout import Joint, Layout
 from cranedyn.plotting.style import colour_of, mixed, rgb
 from cranedyn.recording.run import Run, clock, colours
 
-_RADIANS = re.compile(r"_rad(?=$|_s$)")
-"""The unit at the end of a column's name; a joint may be called radial."""
+_RADIANS = re.compile(r"_rad(?=$|_s$)")  # the unit at the end only: a joint may be called radial
 
 Table = dict[str, np.ndarray]
 """Columns by name, shape (n,) each."""
 
 
 class Curve(NamedTuple):
-    """One curve of a plot: its label, the quantity that gives its colour, and the column it
-    shows.
-    """
+    """One curve of a plot: its label, the quantity that gives its colour, and its column."""
 
     label: str
     quantity: str
@@ -39,71 +35,58 @@ class Curve(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """What a plot shows: its title with the unit, the smallest span of its axis in that unit, and
-    its curves, the last on top.
-    """
+    """A plot: title with unit, least span of its axis in that unit, curves, the last on top."""
 
     title: str
-    least: float
+    least_span: float
     curves: tuple[Curve, ...]
 
 
 _TITLES = {"gamma": "Slew", "x": "Trolley", "l": "Cable"}
 _LABELS = {"gamma": "γ", "phi": "φ", "theta": "θ"}
-_WORDS = {"phi": "φ radial", "theta": "θ tangential"}
+_SWINGS = {"phi": "φ radial", "theta": "θ tangential"}
 _DRIVES = {"gamma": "slew", "x": "trolley", "l": "hoist"}
 
 
 def plots(layout: Layout) -> dict[str, Plot]:
-    """The plots of a crane by name: a drive's by its symbol, its effort's by its column without the
-    unit.
+    """Return the plots of a crane by name.
+
+    The plot of a drive has the symbol of its coordinate as name, that of its effort the name of the
+    effort.
     """
-    found = {joint.symbol: _position(joint) for joint in layout.driven}
-    passive = [joint for joint in layout.joints if not joint.driven]
-    for name, title, kind in (("swing", "Swing", "revolute"), ("stretch", "Stretch", "prismatic")):
-        if some := [joint for joint in reversed(passive) if joint.kind == kind]:
-            curves = tuple(
-                Curve(
-                    _WORDS.get(joint.symbol, joint.symbol),
-                    joint.symbol,
-                    f"{joint.symbol}_{_shown(joint)[1]}",
-                )
-                for joint in some
-            )
-            found[name] = Plot(f"{title} [{_shown(some[0])[0]}]", _shown(some[0])[2], curves)
-    for name, kind in (("speeds", "prismatic"), ("angular speeds", "revolute")):
-        order = (
-            [*(joint for joint in layout.driven), *reversed(passive)]
-            if kind == "revolute"
-            else [*reversed(layout.driven), *passive]
-        )
-        if some := [joint for joint in order if joint.kind == kind]:
-            unit, ending, least = _shown(some[0])
-            curves = tuple(
-                Curve(f"d{_label(joint)}/dt", joint.symbol, f"{joint.symbol}_dot_{ending}_s")
-                for joint in some
-            )
-            found[name] = Plot(f"Speed [{unit}/s]", least, curves)
-    for joint, column in zip(layout.driven, layout.columns()["effort"], strict=True):
-        found[column.rpartition("_")[0]] = _effort(joint, column)
-    work = [
-        Curve(
-            f"work of {_DRIVES.get(joint.symbol, joint.symbol)}",
-            joint.symbol,
-            f"W_{joint.symbol}_J",
-        )
-        for joint in layout.driven
-    ]
-    taken = (
-        Curve("dissipated", "dissipated", "dissipated_J"),
-        Curve("unexplained", "unexplained", "unexplained_J"),
-        Curve("gained", "energy", "energy_J"),
-    )
-    return found | {"energy": Plot("Energy [J]", 20.0, (*work, *taken))}
+    by_name: dict[str, Plot] = {}
+    for joint in layout.driven:
+        unit, suffix, least_span = _unit(joint)
+        setpoint = Curve("setpoint", "setpoint", f"{joint.symbol}_setpoint_{suffix}")
+        position = Curve(_label(joint), joint.symbol, f"{joint.symbol}_{suffix}")
+        title = f"{_TITLES.get(joint.symbol, joint.symbol)} [{unit}]"
+        by_name[joint.symbol] = Plot(title, least_span, (setpoint, position))
+    passive = [joint for joint in reversed(layout.joints) if not joint.driven]
+    for name, joints, kind in (
+        ("swing", passive, "revolute"),
+        ("stretch", passive, "prismatic"),
+        ("speeds", [*layout.driven, *passive], "prismatic"),
+        ("angular speeds", [*layout.driven, *passive], "revolute"),
+    ):
+        if same_unit := [joint for joint in joints if joint.kind == kind]:
+            by_name[name] = _joint_plot(name, same_unit)
+    work = []
+    for joint in layout.driven:
+        column, drive = joint.effort_column, _DRIVES.get(joint.symbol, joint.symbol)
+        kind = "torque" if joint.kind == "revolute" else "force"
+        limits = [Curve("limit", "limit", f"{column}_{end}") for end in ("lower", "upper")]
+        effort = Curve(f"{column[0]}_{_label(joint)}", joint.symbol, column)
+        title = f"{drive[:1].upper()}{drive[1:]} {kind} [{joint.effort_unit}]"
+        by_name[joint.effort_name] = Plot(title, 20.0, (*limits, effort))
+        work.append(Curve(f"work of {drive}", joint.symbol, f"W_{joint.symbol}_J"))
+    energy = [("dissipated",) * 2, ("unexplained",) * 2, ("gained", "energy")]
+    curves = [Curve(label, quantity, f"{quantity}_J") for label, quantity in energy]
+    by_name["energy"] = Plot("Energy [J]", 20.0, (*work, *curves))
+    return by_name
 
 
-def _shown(joint: Joint) -> tuple[str, str, float]:
-    """Unit of a coordinate before people and in columns, and the smallest span of its axis."""
+def _unit(joint: Joint) -> tuple[str, str, float]:
+    """Return the unit of a coordinate in titles and in columns, and the least span of its axis."""
     return ("°", "deg", 0.2) if joint.kind == "revolute" else ("m", "m", 0.02)
 
 
@@ -111,62 +94,45 @@ def _label(joint: Joint) -> str:
     return _LABELS.get(joint.symbol, joint.symbol)
 
 
-def _position(joint: Joint) -> Plot:
-    unit, ending, least = _shown(joint)
-    curves = (
-        Curve("setpoint", "setpoint", f"{joint.symbol}_setpoint_{ending}"),
-        Curve(_label(joint), joint.symbol, f"{joint.symbol}_{ending}"),
-    )
-    return Plot(f"{_TITLES.get(joint.symbol, joint.symbol)} [{unit}]", least, curves)
-
-
-def _effort(joint: Joint, column: str) -> Plot:
-    limits = (
-        Curve("limit", "limit", f"{column}_lower"),
-        Curve("limit", "limit", f"{column}_upper"),
-    )
-    drive, what = (
-        _DRIVES.get(joint.symbol, joint.symbol),
-        "torque" if joint.kind == "revolute" else "force",
-    )
-    title = f"{drive[:1].upper()}{drive[1:]} {what} [{joint.effort_unit}]"
-    return Plot(title, 20.0, (*limits, Curve(f"{column[0]}_{_label(joint)}", joint.symbol, column)))
+def _joint_plot(name: str, joints: Sequence[Joint]) -> Plot:
+    """Return a plot of the coordinates of joints with one unit, or of their rates."""
+    unit, suffix, least_span = _unit(joints[0])
+    if "speeds" not in name:
+        curves = [
+            Curve(_SWINGS.get(j.symbol, j.symbol), j.symbol, f"{j.symbol}_{suffix}") for j in joints
+        ]
+        return Plot(f"{name.capitalize()} [{unit}]", least_span, tuple(curves))
+    curves = [Curve(f"d{_label(j)}/dt", j.symbol, f"{j.symbol}_dot_{suffix}_s") for j in joints]
+    return Plot(f"Speed [{unit}/s]", least_span, tuple(curves))
 
 
 def table(run: Run, start_energy: float | None = None) -> Table:
-    """What is recorded of a run: its columns with angles in degrees and energy since the start, and
-    the limits of the drives.
+    """Return the recorded columns of a run: angles in degrees, energy since the start, limits.
 
-    Where the trajectory goes on from earlier pieces, the energy at their start [J] is given.
+    Args:
+        run: The run.
+        start_energy: Energy at the start [J], where the trajectory continues earlier pieces.
     """
-    trajectory, columns, names = run.trajectory, {}, run.trajectory.columns
-    start = trajectory.energy[0] if start_energy is None else start_energy
-    for name in (
-        name
-        for key in ("q", "v", "setpoint", "effort", "work", "dissipated", *_outside(trajectory))
-        for name in names[key]
-    ):
+    trajectory, names = run.trajectory, run.trajectory.columns
+    keys = ["q", "v", "setpoint", "effort", "work", "dissipated"]
+    if trajectory.force.any() or trajectory.outside.any():
+        keys += ["force", "outside"]
+    columns: Table = {}
+    for name in (name for key in keys for name in names[key]):
         degrees = _RADIANS.sub("_deg", name)
         columns[degrees] = trajectory[name] if degrees == name else np.degrees(trajectory[name])
+    start = trajectory.energy[0] if start_energy is None else start_energy
     columns |= {"energy_J": trajectory.energy - start, "unexplained_J": trajectory.ledger - start}
     for name, limit in zip(names["effort"], run.crane.effort_limit, strict=True):
-        columns |= {
-            f"{name}_lower": np.full(len(trajectory), -limit),
-            f"{name}_upper": np.full(len(trajectory), limit),
-        }
+        columns[f"{name}_lower"] = np.full(len(trajectory), -limit)
+        columns[f"{name}_upper"] = np.full(len(trajectory), limit)
     return columns
 
 
-def _outside(trajectory: Trajectory) -> tuple[str, ...]:
-    """The columns of what acts from outside, where anything does."""
-    return ("force", "outside") if trajectory.force.any() or trajectory.outside.any() else ()
-
-
 def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
-    """Write the table of one run, all its rows."""
-    rows = pa.StructArray.from_arrays(
-        [pa.array(np.ascontiguousarray(values)) for values in columns.values()], names=list(columns)
-    )
+    """Log the table of one run, all rows at once."""
+    arrays = [pa.array(np.ascontiguousarray(values)) for values in columns.values()]
+    rows = pa.StructArray.from_arrays(arrays, names=list(columns))
     component = rr.DynamicArchetype.columns(archetype="Run", components={"row": rows})
     recording.send_columns(run.entity("numbers"), clock(run.trajectory.t), component)
 
@@ -174,66 +140,56 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
 def plot(
     name: str, runs: Sequence[Run], tables: Sequence[Table], title: str = ""
 ) -> rrb.TimeSeriesView:
-    """The view of one plot: its curves of each run whose crane has it.
+    """Return the view of one plot, with the curves of each run whose crane has it.
 
-    One run has a colour for each quantity, of several each has its own colour; the legend names
-    every curve. Where several runs show two angles, the radial one is the broad line and the
-    tangential one the fine line.
+    The curves of a single run have a colour for each quantity, those of several a colour for each
+    run. Rerun has no dashes: of several runs, φ is a broad line and θ a fine one.
 
-    Without tables the axes find their own ranges, as they must while a run is under way.
+    Args:
+        name: Name of the plot, see `plots`.
+        runs: The runs.
+        tables: Their tables; empty while the run goes on, and the axes find their own ranges.
+        title: Title of the view; empty for that of the plot.
     """
-    kinds = [plots(run.crane.layout).get(name) for run in runs]
-    columns = [
-        (kind, of_run) for kind, of_run in zip(kinds, tables, strict=False) if kind is not None
-    ]
-    overrides: dict[Any, Any] = {}
+    by_run = [plots(run.crane.layout).get(name) for run in runs]
     several = len(runs) > 1 and not title
-    for run, kind, colour in zip(runs, kinds, colours(runs), strict=True):
-        if kind is not None:
-            overrides[run.entity("numbers")] = [
-                _line(
-                    curve,
-                    f"{curve.label} · {run.name}" if several else curve.label,
-                    _ink(curve, colour, several),
-                    _width(curve, several),
-                )
-                for curve in kind.curves
-            ]
+    overrides: dict[Any, Any] = {
+        run.entity("numbers"): [
+            _line(curve, run.name if several else "", colour) for curve in run_plot.curves
+        ]
+        for run, run_plot, colour in zip(runs, by_run, colours(runs), strict=True)
+        if run_plot is not None
+    }
+    first = next(run_plot for run_plot in by_run if run_plot is not None)
+    curves = [
+        columns[curve.column]
+        for run_plot, columns in zip(by_run, tables, strict=False)
+        for curve in (run_plot.curves if run_plot else ())
+        if curve.quantity != "limit"
+    ]
     return rrb.TimeSeriesView(
-        name=title or next(kind.title for kind in kinds if kind is not None),
+        name=title or first.title,
         origin="/",
         contents=[f"+ {path}" for path in overrides],
         overrides=overrides,
-        axis_x=rrb.TimeAxis(view_range=_whole_time(runs)) if tables else None,
-        axis_y=rrb.ScalarAxis(range=_span(columns)) if tables else None,
+        axis_x=rrb.TimeAxis(view_range=_time_range(runs)) if tables else None,
+        axis_y=rrb.ScalarAxis(range=_axis_range(curves, first.least_span)) if tables else None,
         plot_legend=rrb.PlotLegend(corner="RightTop"),
     )
 
 
-def _ink(curve: Curve, colour: str, several: bool) -> str:
-    """The hex colour of a curve: of its quantity where there is one run, of its run where there are
-    several; limits and setpoints grey.
+def _line(curve: Curve, run: str, run_colour: str) -> rrb.visualizers.Visualizer:
+    """Return a curve, named after its run and in its colour where there are several runs.
+
+    Where many rows share a pixel, efforts and energies show their extremes, the others their mean.
     """
-    if several and curve.quantity not in ("limit", "setpoint"):
-        return colour
-    ink = colour_of(curve.quantity).replace("#000000", "#9A9A9A")
-    return mixed(ink, colour, 0.3) if several else ink
-
-
-def _width(curve: Curve, several: bool) -> float:
-    """Of a line [points]: Rerun has no dashes, so that of several runs the tangential swing is
-    finer.
-    """
-    return {"phi": 2.2, "theta": 1.0}.get(curve.quantity, 1.5) if several else 1.5
-
-
-def _line(curve: Curve, label: str, ink: str, width: float) -> rrb.visualizers.Visualizer:
-    """A curve; where many rows fall on one pixel, efforts and energies show their extremes, all
-    else the mean.
-    """
-    policy: Literal["MinMax", "Average"] = (
-        "MinMax" if curve.column.split("_")[0] in ("T", "F", "W", "energy") else "Average"
-    )
+    colour, width = colour_of(curve.quantity).replace("#000000", "#9A9A9A"), 1.5
+    if run:
+        grey = curve.quantity in ("limit", "setpoint")
+        colour = mixed(colour, run_colour, 0.3) if grey else run_colour
+        width = {"phi": 2.2, "theta": 1.0}.get(curve.quantity, 1.5)
+    has_peaks = curve.column.split("_")[0] in ("T", "F", "W", "energy")
+    policy: Literal["MinMax", "Average"] = "MinMax" if has_peaks else "Average"
     source = VisualizerComponentMapping(
         "Scalars:scalars",
         "SourceComponent",
@@ -241,40 +197,31 @@ def _line(curve: Curve, label: str, ink: str, width: float) -> rrb.visualizers.V
         selector=f".{curve.column}",
     )
     return rr.SeriesLines(
-        colors=[rgb(ink)], names=[label], widths=[width], aggregation_policy=policy
+        colors=[rgb(colour)],
+        names=[f"{curve.label} · {run}" if run else curve.label],
+        widths=[width],
+        aggregation_policy=policy,
     ).visualizer(mappings=[source])
 
 
-def _whole_time(runs: Sequence[Run]) -> rr.TimeRange:
-    """From the first to the last row of all runs; of a long run Rerun would show a minute."""
-    first, last = (
-        min(run.trajectory.t[0] for run in runs),
-        max(run.trajectory.t[-1] for run in runs),
-    )
+def _time_range(runs: Sequence[Run]) -> rr.TimeRange:
+    """Return the time from the first to the last row; by default Rerun shows a minute."""
+    first = min(run.trajectory.t[0] for run in runs)
+    last = max(run.trajectory.t[-1] for run in runs)
     boundary = rrb.TimeRangeBoundary.absolute
     return rr.TimeRange(start=boundary(seconds=float(first)), end=boundary(seconds=float(last)))
 
 
-def _span(columns: Sequence[tuple[Plot, Table]]) -> tuple[float, float]:
-    """Range of the axis: what the drives and the load do, out to a round number that the axis names
-    if one is near, and a margin.
+def _axis_range(curves: Sequence[np.ndarray], least_span: float) -> tuple[float, float]:
+    """Return the range of an axis: that of the curves, out to a round number nearby, and a margin.
 
-    The limit of a drive appears in the margin when an effort comes near it.
+    Limits of drives do not count; one appears when an effort comes near it.
     """
-    values = [
-        of_run[curve.column]
-        for shown, of_run in columns
-        for curve in shown.curves
-        if curve.quantity != "limit"
-    ]
-    low, high = float(min(v.min() for v in values)), float(max(v.max() for v in values))
-    least = columns[0][0].least
-    span = max(high - low, least)
+    low, high = float(min(v.min() for v in curves)), float(max(v.max() for v in curves))
+    span = max(high - low, least_span)
     step = 10.0 ** np.floor(np.log10(span))
     below, above = step * np.floor(low / step), step * np.ceil(high / step)
-    low, high = (
-        (below if low - below < 0.2 * span else low),
-        (above if above - high < 0.2 * span else high),
-    )
-    margin = max(0.05 * span, (least - (high - low)) / 2)
+    low = below if low - below < 0.2 * span else low
+    high = above if above - high < 0.2 * span else high
+    margin = max(0.05 * span, (least_span - (high - low)) / 2)
     return low - margin, high + margin

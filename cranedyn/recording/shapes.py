@@ -1,37 +1,45 @@
-"""The boxes, cylinders and spheres of a URDF, many to an entity: tens of kilobytes, where an entity
-for each takes 1.7 megabytes.
+"""Visuals of a URDF as shapes: boxes, cylinders, spheres, and meshes from a folder that is given.
 
-Meshes, one to an entity, only where a folder is given in which their files lie.
+`rerun.urdf.UrdfTree` would log each visual as an entity of its own (1.7 MB for the shipped crane
+instead of tens of kB) and would read mesh files from anywhere.
 """
 
 from __future__ import annotations
 
+import io
+import re
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rerun as rr
+import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from cranedyn.recording.meshes import Mesh, meshes
+from cranedyn.data.files import read_bytes
+from cranedyn.errors import DataError, quoted
+from cranedyn.model.crane import Crane
 
 _SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+_MESH_KINDS = ("stl", "obj", "ply", "dae", "glb")
+_MAX_MESH_BYTES = 20_000_000
+_CIRCLE_POINTS = 12
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shape:
     """One visual of a link.
 
     Attributes:
         kind: "box", "cylinder", "sphere" or "mesh".
-        size: Three edges, or radius and length, or radius [m]; of a mesh the edges of the box about
-            it.
+        size: Three edges, or radius and length, or radius [m]; of a mesh the edges of its bounding
+            box.
         centre: In the frame of the link [m].
         rpy: Roll, pitch and yaw in that frame [rad].
         colour: Red, green, blue and alpha, 0 to 1.
-        mesh: Its triangles, if it is one.
+        mesh: The `trimesh.Trimesh` of a mesh, in the frame of the link.
     """
 
     kind: str
@@ -39,111 +47,131 @@ class Shape:
     centre: tuple[float, ...] = (0.0, 0.0, 0.0)
     rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
     colour: tuple[float, ...] = (0.5, 0.5, 0.5, 1.0)
-    mesh: Mesh | None = None
+    mesh: Any = None
+
+    def hull_points(self) -> np.ndarray:
+        """Return points in the frame of the link [m] with the shape as convex hull, shape (n, 3).
+
+        Circles have 12 corners.
+        """
+        if self.mesh is not None:
+            return np.asarray(self.mesh.vertices)
+        if self.kind == "box":
+            points = np.array(np.meshgrid(*([-0.5, 0.5],) * 3)).reshape(3, -1).T * self.size
+        else:
+            angle = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_POINTS, endpoint=False)
+            circle = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+            if self.kind == "cylinder":
+                rings = [circle * self.size[0] + [0.0, 0.0, s * self.size[1]] for s in (-0.5, 0.5)]
+            else:
+                latitudes = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _CIRCLE_POINTS // 2 + 1)
+                rings = [
+                    self.size[0] * (np.cos(a) * circle + [0.0, 0.0, np.sin(a)]) for a in latitudes
+                ]
+            points = np.concatenate(rings)
+        return np.asarray(Rotation.from_euler("xyz", self.rpy).apply(points) + self.centre)
 
 
-def shapes(urdf: str, folder: Path | None = None) -> dict[str, list[Shape]]:
-    """The visuals of each link of a plain URDF, by name of the link; with meshes if there is a
-    folder for them.
+def shapes(urdf: str, folder: str | Path | None = None) -> dict[str, list[Shape]]:
+    """Return the visuals of each link of a plain URDF, by name of the link.
+
+    Args:
+        urdf: The URDF, its numbers and names checked.
+        folder: Folder of the mesh files; None leaves meshes out. Of ``package://NAME/FILE`` the
+            file is FILE.
 
     Raises:
-        DataError: If a mesh cannot be drawn, see `cranedyn.recording.meshes.meshes`.
+        DataError: If a mesh file is outside of the folder, missing, larger than 20 MB, of an
+            unknown kind, or not readable as a mesh.
     """
     robot = ET.fromstring(urdf)
-    colours = {
-        m.get("name"): color.get("rgba", "")
-        for m in robot.iter("material")
-        if (color := m.find("color")) is not None
+    materials = {
+        material.get("name"): color.get("rgba", "")
+        for material in robot.iter("material")
+        if (color := material.find("color")) is not None
     }
-    found = {
+    return {
         link.get("name", ""): [
-            shape for visual in link.iterfind("visual") if (shape := _shape(visual, colours))
+            shape
+            for visual in link.iterfind("visual")
+            if (shape := _shape(visual, materials, folder)) is not None
         ]
         for link in robot.iterfind("link")
     }
-    if folder is not None and robot.find("link/visual/geometry/mesh") is not None:
-        for name, mesh in meshes(urdf, folder):
-            low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-            found[name].append(
-                Shape(
-                    "mesh",
-                    (*(high - low),),
-                    (*((low + high) / 2.0),),
-                    colour=mesh.colour,
-                    mesh=mesh,
-                )
-            )
-    return found
 
 
-def log_shapes(
-    recording: rr.RecordingStream,
-    path: str,
-    frame: str,
-    of_link: list[Shape],
-    fill_mode: str = "solid",
-) -> None:
-    """Draw shapes in a frame, one entity below the path for each kind of shape.
-
-    Args:
-        recording: Where to.
-        path: The entity.
-        frame: The coordinate frame of the link.
-        of_link: The shapes.
-        fill_mode: "solid", or another way in which Rerun draws a body.
-    """
-    for i, shape in enumerate(shape for shape in of_link if shape.mesh is not None):
-        vertices, triangles, normals, _ = shape.mesh  # type: ignore[misc]
-        triangulated = rr.Mesh3D(
-            vertex_positions=vertices,
-            triangle_indices=triangles,
-            vertex_normals=normals,
-            albedo_factor=[round(255 * c) for c in shape.colour],
-        )
-        recording.log(f"{path}/mesh/{i}", rr.CoordinateFrame(frame), triangulated, static=True)
-    of_link = [shape for shape in of_link if shape.mesh is None]
-    for kind in dict.fromkeys(shape.kind for shape in of_link):
-        some = [shape for shape in of_link if shape.kind == kind]
-        size = np.array([shape.size for shape in some])
-        common: dict[str, Any] = {
-            "centers": np.array([shape.centre for shape in some]),
-            "quaternions": Rotation.from_euler("xyz", [shape.rpy for shape in some]).as_quat(),
-            "colors": np.array([shape.colour for shape in some]),
-            "fill_mode": fill_mode,
-        }
-        body: rr.AsComponents
-        if kind == "box":
-            body = rr.Boxes3D(sizes=size, **common)
-        elif kind == "cylinder":
-            body = rr.Cylinders3D(radii=size[:, 0], lengths=size[:, 1], **common)
-        else:
-            body = rr.Ellipsoids3D(radii=size[:, 0], **common)
-        recording.log(f"{path}/{kind}", rr.CoordinateFrame(frame), body, static=True)
+def visible_points(
+    crane: Crane, q: np.ndarray, folder: str | Path | None = None
+) -> Iterator[tuple[Shape, np.ndarray]]:
+    """Yield each shape of a crane at coordinates q with its hull points in the world [m]."""
+    data = crane.model.createData()
+    pin.framesForwardKinematics(crane.model, data, q)
+    for link, link_shapes in shapes(crane.urdf, folder).items():
+        pose = data.oMf[crane.model.getFrameId(link, pin.BODY)]
+        for shape in link_shapes:
+            yield shape, shape.hull_points() @ pose.rotation.T + pose.translation
 
 
-def _shape(visual: ET.Element, colours: dict[str | None, str]) -> Shape | None:
-    geometry, origin, material = (
-        visual.find("geometry/*"),
-        visual.find("origin"),
-        visual.find("material"),
-    )
-    if geometry is None or geometry.tag not in _SIZES:
+def _shape(
+    visual: ET.Element, materials: Mapping[str | None, str], folder: str | Path | None
+) -> Shape | None:
+    geometry, origin = visual.find("geometry/*"), visual.find("origin")
+    if geometry is None or geometry.tag not in (*_SIZES, "mesh"):
         return None
-    given: dict[str, Any] = {}
-    if origin is not None:
-        given |= {
-            "centre": _floats(origin.get("xyz", "0 0 0")),
-            "rpy": _floats(origin.get("rpy", "0 0 0")),
-        }
-    if material is not None:
-        color = material.find("color")
-        rgba = colours.get(material.get("name"), "") if color is None else color.get("rgba", "")
-        given |= {"colour": _floats(rgba)} if rgba else {}
-    return Shape(
-        geometry.tag,
-        _floats(" ".join(geometry.get(name, "") for name in _SIZES[geometry.tag])),
-        **given,
-    )
+    pose = ET.Element("origin") if origin is None else origin
+    centre, rpy = (_floats(pose.get(name, "0 0 0")) for name in ("xyz", "rpy"))
+    material, color = visual.find("material"), visual.find("material/color")
+    if color is not None:
+        rgba = color.get("rgba", "")
+    else:
+        rgba = "" if material is None else materials.get(material.get("name"), "")
+    colour = _floats(rgba or "0.5 0.5 0.5 1")
+    if geometry.tag != "mesh":
+        size = _floats(" ".join(geometry.get(name, "") for name in _SIZES[geometry.tag]))
+        return Shape(geometry.tag, size, centre, rpy, colour)
+    if folder is None:
+        return None
+    transform = np.eye(4)
+    scale = _floats(geometry.get("scale", "1 1 1"))
+    transform[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix() * scale
+    transform[:3, 3] = centre
+    mesh = _load_mesh(geometry.get("filename", ""), Path(folder), transform)
+    low, high = mesh.bounds
+    return Shape("mesh", (*(high - low),), (*((low + high) / 2.0),), colour=colour, mesh=mesh)
+
+
+def _load_mesh(name: str, folder: Path, transform: np.ndarray) -> Any:
+    import trimesh  # slow, and needed for meshes only
+
+    path = _mesh_path(name, folder)
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in _MESH_KINDS:
+        raise DataError(
+            f"The mesh {quoted(name)} is of the kind {quoted(kind)}; allowed are "
+            f"{', '.join(_MESH_KINDS)}."
+        )
+    content = io.BytesIO(read_bytes(path, _MAX_MESH_BYTES))
+    try:
+        mesh: Any = trimesh.load(content, file_type=kind, force="mesh", skip_materials=True)
+        mesh.apply_transform(transform)
+        arrays = np.asarray(mesh.vertices), np.asarray(mesh.vertex_normals)
+    except Exception as error:  # parsers of mesh files raise anything
+        raise DataError(
+            f"The mesh {quoted(name)} cannot be read: {type(error).__name__}."
+        ) from error
+    if not (len(mesh.faces) and all(np.isfinite(array).all() for array in arrays)):
+        raise DataError(f"The mesh {quoted(name)} has no triangles, or values that are not finite.")
+    return mesh
+
+
+def _mesh_path(name: str, folder: Path) -> Path:
+    path = (folder / re.sub(r"^package://[^/]*/|^file://", "", name)).resolve()
+    if not path.is_relative_to(folder.resolve()):
+        raise DataError(
+            f"The mesh {quoted(name)} is outside of the folder {folder}; meshes are read from "
+            "there alone."
+        )
+    return path
 
 
 def _floats(text: str) -> tuple[float, ...]:

@@ -1,8 +1,10 @@
-"""Pictures of a recording at chosen times, and moving ones, without a display."""
+"""Pictures of a recording, still and moving, by a viewer without a window."""
 
 from __future__ import annotations
 
 import io
+import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,16 +12,27 @@ from typing import Any
 
 import numpy as np
 from PIL import Image, ImageOps
+from rerun.experimental import ViewerClient
 
 from cranedyn.checks import number
 from cranedyn.data.files import atomic_write, check_writable, make_folder
-from cranedyn.errors import DataError, OutOfRange
-from cranedyn.recording.headless import headless
+from cranedyn.errors import CraneError, DataError, OutOfRange
+from cranedyn.recording.process import end, free_port, start
+from cranedyn.recording.run import SCENE, TIMELINE
+from cranedyn.recording.viewer import check, data_address
 
-_MOST_PIXELS = 5e8
+_BARS = {True: (0, 36), False: (7, 71)}
+"""Width and height [pixels] of the viewer's own bars, for the dashboard and for a single view."""
+
+_LOAD_SECONDS = 60.0
+_MAX_PIXELS = 5e8
+_DRIVER = (
+    "It needs a graphics driver with Vulkan; where there is no graphics card, install "
+    "Debian's mesa-vulkan-drivers."
+)
 
 Progress = Callable[[int], object]
-"""Told after each picture how many are done."""
+"""Callback with the number of pictures so far."""
 
 
 def snapshot(
@@ -28,37 +41,39 @@ def snapshot(
     folder: str | Path,
     *,
     size: tuple[int, int] = (1280, 720),
-    whole: bool = True,
+    dashboard: bool = True,
     progress: Progress | None = None,
 ) -> list[Path]:
-    """Write one PNG for each time, named after the recording and the time.
+    """Write a PNG for each time, named after the recording and the time.
 
     Args:
         recording: The ``.rrd`` file.
-        times: When [s].
-        folder: Where to; made if it is not there, once it is clear that the pictures can be taken.
-        size: Width and height [pixels].
-        whole: The dashboard, or the scene alone.
-        progress: Told how many pictures are done.
+        times: Times of the pictures [s].
+        folder: Folder of the pictures, made with the first of them.
+        size: Width and height [pixels], 200 to 4000.
+        dashboard: Whether to show the dashboard or the scene alone.
+        progress: Called after each picture.
+
+    Returns:
+        The pictures.
 
     Raises:
-        OutOfRange: For a time outside of the recording, two times of one name, or a size that is
-            not allowed.
+        OutOfRange: For a time outside of the recording, two times with the same name, or a size
+            that is not allowed.
         DataError: If the recording cannot be read or a picture cannot be written.
         CraneError: If there is no viewer, or no driver for it.
     """
-    recording, found = Path(recording), []
-    names = [f"{recording.stem}-{t:g}s.png" for t in times]
+    names = [f"{Path(recording).stem}-{t:g}s.png" for t in times]
     if len(set(names)) < len(names):
         raise OutOfRange("times", list(times), "each time once, as far as six digits tell", "s")
-    with _pictures(recording, times, size, whole) as pictures:
-        for name, picture in zip(names, pictures, strict=True):
-            path = make_folder(Path(folder)) / name
+    paths, size = [Path(folder) / name for name in names], _check_size(size)
+    with _pictures(Path(recording), times, size, dashboard) as pictures:
+        for i, (path, picture) in enumerate(zip(paths, pictures, strict=True)):
+            make_folder(path.parent)
             _write(path, picture, "PNG")
-            found.append(path)
             if progress is not None:
-                progress(len(found))
-    return found
+                progress(i + 1)
+    return paths
 
 
 def animate(
@@ -68,21 +83,20 @@ def animate(
     *,
     fps: float = 10.0,
     size: tuple[int, int] = (640, 480),
-    whole: bool = False,
+    dashboard: bool = False,
     progress: Progress | None = None,
 ) -> Path:
-    """Write a GIF of a span of time at the speed at which it happened.
+    """Write a GIF of a span of time in real time.
 
     Args:
         recording: The ``.rrd`` file.
-        span: From when to when [s].
+        span: First and last time [s].
         path: The ``.gif`` file.
-        fps: Pictures per second. A GIF counts in hundredths of a second, so that at 30 pictures per
-            second some stay for 0.03 s and some for 0.04 s; together they take the time of the
-            span.
-        size: Width and height [pixels].
-        whole: The dashboard, or the scene alone.
-        progress: Told how many pictures are done.
+        fps: Pictures per second, 1 to 50. A GIF counts in hundredths of a second: at 30 pictures
+            per second some stay for 0.03 s and some for 0.04 s.
+        size: Width and height [pixels], 200 to 4000.
+        dashboard: Whether to show the dashboard or the scene alone.
+        progress: Called after each picture.
 
     Raises:
         OutOfRange: For a span that is empty or outside of the recording, a rate or a size that is
@@ -90,103 +104,126 @@ def animate(
         DataError: If the recording cannot be read or the GIF cannot be written.
         CraneError: If there is no viewer, or no driver for it.
     """
-    path, times = Path(path), film(span, path, fps=fps, size=size)
-    shown = np.diff(np.round(100 * np.append(times - times[0], span[1] - span[0] + 1 / fps)))
+    path, size = Path(path), _check_size(size)
+    if path.suffix != ".gif":
+        raise DataError(f"Cannot write {path}: the ending must be .gif.")
+    times, durations = _frame_times(span, fps, size)
+    check_writable(path)
     frames: list[Image.Image] = []
-    with _pictures(Path(recording), times.tolist(), size, whole) as pictures:
+    with _pictures(Path(recording), times.tolist(), size, dashboard) as pictures:
         for picture in pictures:
-            frames.append(
-                picture.quantize(palette=frames[0], dither=Image.Dither.NONE)
-                if frames
-                else picture.quantize(128)
-            )
+            palette: Any = {"palette": frames[0], "dither": Image.Dither.NONE} if frames else {}
+            frames.append(picture.quantize(128, **palette))
             if progress is not None:
                 progress(len(frames))
-    _write(
-        path,
-        frames[0],
-        "GIF",
-        save_all=True,
-        append_images=frames[1:],
-        duration=(10 * shown).astype(int).tolist(),
-        loop=0,
-    )
+    options = {"save_all": True, "append_images": frames[1:], "loop": 0}
+    _write(path, frames[0], "GIF", duration=durations, **options)
     return path
 
 
-def _write(path: Path, picture: Image.Image, kind: str, **more: Any) -> None:
-    """Write a picture; given a path itself, the library leaves the file open where Ctrl-C comes
-    meanwhile.
-    """
-    whole = io.BytesIO()
-    picture.save(whole, kind, **more)
-    with atomic_write(path) as draft:
-        draft.write_bytes(whole.getvalue())
-
-
-def film(
-    span: tuple[float, float],
-    path: str | Path,
-    *,
-    fps: float = 10.0,
-    size: tuple[int, int] = (640, 480),
-) -> np.ndarray:
-    """When the pictures of a GIF are taken [s], shape (n,), judged before any is: what `animate` is
-    given must make one.
-
-    Raises:
-        OutOfRange: For a span that is empty, a rate or a size that is not allowed, or too many
-            pictures.
-        DataError: If the GIF cannot be written there.
-    """
-    path = Path(path)
-    if path.suffix != ".gif":
-        raise DataError(f"Cannot write {path}: the ending must be .gif.")
+def _frame_times(
+    span: tuple[float, float], fps: float, size: tuple[int, int]
+) -> tuple[np.ndarray, list[int]]:
+    """Return the times [s] of the pictures of a GIF and how long each is shown [ms]."""
     rate = number("pictures per second", fps, "1/s", "1 to 50")
     start, end = number("start of the span", span[0], "s"), number("end of the span", span[1], "s")
     if not end - start >= (1.0 - 1e-9) / rate:
-        raise OutOfRange(
-            "span",
-            f"{start:g} to {end:g}",
-            f"{1 / rate:g} s or more from start to end, the time of one picture",
-            "s",
-        )
-    count, (width, height) = np.floor((end - start) * rate + 1e-9) + 1.0, _checked(size)
-    if count * width * height > _MOST_PIXELS:
-        raise OutOfRange(
-            "number of pictures",
-            f"{count:.0f}",
-            f"{_MOST_PIXELS // (width * height):.0f} or fewer of {width} x {height} pixels",
-        )
-    check_writable(path)
-    return np.linspace(start, end, int(count))
+        allowed = f"{1 / rate:g} s or more from start to end, the time of one picture"
+        raise OutOfRange("span", f"{start:g} to {end:g}", allowed, "s")
+    count, (width, height) = np.floor((end - start) * rate + 1e-9) + 1.0, size
+    if count * width * height > _MAX_PIXELS:
+        allowed = f"{_MAX_PIXELS // (width * height):.0f} or fewer of {width} x {height} pixels"
+        raise OutOfRange("number of pictures", f"{count:.0f}", allowed)
+    times = np.linspace(start, end, int(count))
+    ends = np.append(times - start, end - start + 1.0 / rate)
+    return times, (10 * np.diff(np.round(100 * ends)).astype(int)).tolist()
 
 
 @contextmanager
 def _pictures(
-    recording: Path, times: Sequence[float], size: tuple[int, int], whole: bool
+    recording: Path, times: Sequence[float], size: tuple[int, int], dashboard: bool
 ) -> Iterator[Iterator[Image.Image]]:
-    width, height = _checked(size)
-    asked = [number("time of a picture", t, "s") for t in times]
-    with headless(recording, (width, height), whole) as (picture, first, last):
-        for t in asked:
+    """Open a recording in a viewer without a window and yield its pictures, one by one."""
+    for t in times:
+        number("time of a picture", t, "s")
+    path, port = check(recording), free_port()
+    width, height = (pixels + bar for pixels, bar in zip(size, _BARS[dashboard], strict=True))
+    window = ["--headless", "--hide-welcome-screen", "--window-size", f"{width}x{height}"]
+    renderer = ["--renderer", "vulkan"] if sys.platform == "linux" else []
+    process = start(*window, *renderer, "--port", str(port), ports=[port], hint=_DRIVER)
+    try:
+        client = ViewerClient.connect(data_address(port))
+        first, last = _open(client, path)
+        for t in times:
             number("time of a picture", t, "s", f"{first:g} to {last:g}")
-        yield (_cut(picture(t), (width, height), whole) for t in asked)
+        view = None if dashboard else _maximise_scene(client)
+
+        def picture(t: float) -> bytes:
+            client.set_time(TIMELINE, duration=t, play_state="paused")
+            return client.take_screenshot(view)
+
+        _await_steady(lambda: picture(first))
+        yield (_crop(picture(t), size, dashboard) for t in times)
+    except (RuntimeError, ConnectionError) as error:
+        raise CraneError(f"Rerun's viewer failed: {error}. {_DRIVER}") from error
+    finally:
+        end(process)
 
 
-def _checked(size: tuple[int, int]) -> tuple[int, int]:
-    width, height = (
-        int(number(f"{name} of the picture", value, "pixels", "200 to 4000"))
-        for name, value in zip(("width", "height"), size, strict=True)
-    )
-    return width, height
+def _open(client: ViewerClient, path: Path) -> tuple[float, float]:
+    """Open a recording and return its first and last time [s]."""
+    client.open(str(path.resolve()))
+    deadline = time.monotonic() + _LOAD_SECONDS
+    while client.get_state().loading and time.monotonic() < deadline:
+        time.sleep(0.1)
+    for recording in client.get_state().recordings:
+        for timeline in recording.timelines:
+            start, end = timeline.start, timeline.end
+            if timeline.name == TIMELINE and start is not None and end is not None:
+                return start / 1e9, end / 1e9
+    raise DataError(f"{path} holds nothing on the timeline {TIMELINE}.")
 
 
-def _cut(png: bytes, size: tuple[int, int], whole: bool) -> Image.Image:
-    """The part of a picture that was asked for: of the window its lower part, below the bar of the
-    viewer.
-    """
+def _maximise_scene(client: ViewerClient) -> str:
+    """Show the scene alone and return the id of its view."""
+    views = [view for view in client.get_state().views if view.view_class == "3D"]
+    if not views:
+        raise CraneError("The recording shows no scene.")
+    scene = min(views, key=lambda view: view.name != SCENE).view_id
+    layout = client.get_blueprint().blueprint
+    layout["/viewport"]["ViewportBlueprint"]["maximized"] = scene
+    layout["/time_panel"] = {"TimePanelBlueprint": {"state": "Hidden"}}
+    client.set_blueprint(layout, of="recording")
+    return scene
+
+
+def _await_steady(picture: Callable[[], bytes]) -> None:
+    """Take pictures until two are the same: the viewer's messages at its start fade slowly."""
+    before, now = b"", picture()
+    for _ in range(20):
+        if now == before:
+            return
+        before, now = now, picture()
+
+
+def _check_size(size: tuple[int, int]) -> tuple[int, int]:
+    width, height = size
+    for name, pixels in (("width", width), ("height", height)):
+        number(f"{name} of the picture", pixels, "pixels", "200 to 4000")
+    return int(width), int(height)
+
+
+def _crop(png: bytes, size: tuple[int, int], dashboard: bool) -> Image.Image:
+    """Return a picture in its size, of the dashboard without the viewer's bar on top."""
     image = Image.open(io.BytesIO(png)).convert("RGB")
-    if whole:
+    if dashboard:
         image = image.crop((0, image.height - size[1], image.width, image.height))
     return image if image.size == size else ImageOps.fit(image, size)
+
+
+def _write(path: Path, picture: Image.Image, kind: str, **options: Any) -> None:
+    """Write a picture through memory: PIL leaves a file open when Ctrl-C comes while it writes."""
+    content = io.BytesIO()
+    picture.save(content, kind, **options)
+    with atomic_write(path) as draft:
+        draft.write_bytes(content.getvalue())

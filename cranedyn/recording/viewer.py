@@ -1,11 +1,17 @@
-"""A recording to look at: in a window, or in a browser on this machine."""
+"""Look at a recording: in a window, or in a browser on this machine."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
+import threading
+from contextlib import closing, suppress
 from dataclasses import dataclass
+from http.client import HTTPConnection, HTTPException
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import quote
 
@@ -13,27 +19,68 @@ import rerun as rr
 
 from cranedyn.checks import whole
 from cranedyn.data.files import open_file
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import CraneError, DataError, OutOfRange
-from cranedyn.recording.page import Page
-from cranedyn.recording.process import HOST, await_ready, end, free, free_port, start
+from cranedyn.model.crane import Crane
+from cranedyn.model.load import load_crane
+from cranedyn.recording.process import HOST, end, free_port, is_free, start
+from cranedyn.recording.record import record
+from cranedyn.recording.run import Run
 
 _INSTEAD = "write the recording with --save, or look at it in a browser with --serve"
 
+_POLICY = (
+    "default-src 'self' data: blob:; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; "
+    "style-src 'self' 'unsafe-inline'; "
+    "connect-src 'self' data: blob: http://{host}:{data}; object-src 'none'; form-action 'none'; "
+    "base-uri 'none'"
+)
+"""Rerun's page without it sends analytics, asks for its newest version, and fetches examples."""
 
-def check(path: str | Path) -> Path:
-    """The path, if a recording stands there that this version of Rerun shows.
+
+def view(
+    run: Trajectory, crane: Crane | None = None, name: str = "run", file: str | Path | None = None
+) -> Path:
+    """Record a run and open the recording in a window.
+
+    Args:
+        run: The run.
+        crane: Its crane; None for the crane that its record names.
+        name: Name of the run.
+        file: The recording; None for a temporary file.
+
+    Returns:
+        The recording.
 
     Raises:
-        DataError: If the file cannot be read, is no recording, or was written by another version.
+        DataError: If the recording cannot be written, or the record names no crane.
+        CraneError: If there is no display; the recording is kept.
+    """
+    if crane is None:
+        if not run.record:
+            raise DataError(
+                "This record names no crane, as none of a CSV file does; say which it was: "
+                "run.view(crane)."
+            )
+        crane = load_crane(from_record=run.record)
+    path = Path(tempfile.mkdtemp(prefix="cranedyn-"), "run.rrd") if file is None else Path(file)
+    record(path, [Run(name, crane, run)], title=name)
+    open_viewer(path)
+    return path
+
+
+def check(path: str | Path) -> Path:
+    """Return the path of a recording that this version of Rerun shows.
+
+    Raises:
+        DataError: If the file cannot be read, is no recording, or is of another version of Rerun.
     """
     path = Path(path)
     try:
         with open_file(path) as file:
             head = file.read(8)
-    except (OSError, ValueError) as error:
-        raise DataError(
-            f"Cannot read {path}: {getattr(error, 'strerror', None) or error}."
-        ) from error
+    except OSError as error:
+        raise DataError(f"Cannot read {path}: {error.strerror}.") from error
     if len(head) < 8 or head[:4] != b"RRF2":
         raise DataError(f"{path} is not a Rerun recording.")
     theirs, ours = f"{head[4]}.{head[5]}", ".".join(rr.__version__.split(".")[:2])
@@ -50,83 +97,9 @@ def check_display() -> None:
     Raises:
         CraneError: If there is no display.
     """
-    if sys.platform == "linux" and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
+    displays = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform == "linux" and not displays:
         raise CraneError(f"There is no display to open a window on; {_INSTEAD}.")
-
-
-def open_viewer(path: str | Path | None = None) -> str:
-    """Show a recording in a window, which stays open when the program ends.
-
-    Args:
-        path: The recording; None for a window that waits for a live one.
-
-    Returns:
-        Where the window takes live data.
-
-    Raises:
-        DataError: If there is no recording there.
-        CraneError: If there is no display, or the viewer cannot be started.
-    """
-    shown = [] if path is None else [str(check(path).resolve())]
-    check_display()
-    port = free_port()
-    process = start(*shown, "--bind", HOST, "--port", str(port), own_session=True)
-    await_ready(process, lambda: not free(port), f"Instead, {_INSTEAD}.")
-    return _data(port)
-
-
-def _data(port: int) -> str:
-    return f"rerun+http://{HOST}:{port}/proxy"
-
-
-@dataclass(frozen=True)
-class Server:
-    """A recording being served, until the context is left, `stop` is called, or the program is
-    interrupted while it waits.
-
-    Attributes:
-        address: What to open in a browser on this machine.
-        data: Where it takes live data.
-        process: The viewer behind it.
-        page: What browsers are handed.
-    """
-
-    address: str
-    data: str
-    process: subprocess.Popen[bytes]
-    page: Page
-
-    @property
-    def words(self) -> str:
-        """What to tell the user."""
-        return (
-            f"Serving at {self.address} until Ctrl-C. Every program on this machine can read "
-            "what is served, and add to it."
-        )
-
-    def __enter__(self) -> Server:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.stop()
-
-    def wait(self) -> None:
-        """Return when the server has ended; Ctrl-C or SIGTERM, which serving was asked for until,
-        ends it.
-        """
-        try:
-            self.process.wait()
-        except KeyboardInterrupt:
-            pass
-        finally:
-            self.stop()
-
-    def stop(self) -> None:
-        """End the server."""
-        self.page.stop()
-        end(self.process)
 
 
 def check_port(port: int) -> None:
@@ -138,48 +111,135 @@ def check_port(port: int) -> None:
     """
     if not 1 <= whole("port", port, 1) <= 65534:
         raise OutOfRange("port", port, "1 to 65534")
-    for taken in (port, port + 1):
-        if not free(taken):
+    for number in (port, port + 1):
+        if not is_free(number):
             raise CraneError(
-                f"Port {taken} of {HOST} is in use; serving takes {port} and {port + 1}: choose "
+                f"Port {number} of {HOST} is in use; serving takes {port} and {port + 1}: choose "
                 "another first port with --port."
             )
 
 
+def open_viewer(path: str | Path | None = None) -> str:
+    """Show a recording in a window, which stays open when the program ends.
+
+    Args:
+        path: The recording; None for a window that waits for a live one.
+
+    Returns:
+        The address at which the window takes live data.
+
+    Raises:
+        DataError: If the path is no recording.
+        CraneError: If there is no display, or the viewer cannot be started.
+    """
+    files = [] if path is None else [str(check(path).resolve())]
+    check_display()
+    port = free_port()
+    hint = f"Instead, {_INSTEAD}."
+    start(*files, "--port", str(port), ports=[port], hint=hint, detached=True)
+    return data_address(port)
+
+
 def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
-    """Serve a recording with its viewer to browsers on this machine alone; the page talks to nobody
-    else.
+    """Serve a recording to browsers on this machine; the page connects to nothing else.
 
     Args:
         path: The recording; None for a page that waits for a live one.
-        port: Where the page is; the data is at the next port.
+        port: Port of the page; the data is at the next port.
 
     Raises:
-        DataError: If there is no recording there.
+        DataError: If the path is no recording.
         OutOfRange: If there is no such port.
         CraneError: If a port is in use, or the viewer cannot be started.
     """
-    shown = [] if path is None else [str(check(path).resolve())]
+    files = [] if path is None else [str(check(path).resolve())]
     check_port(port)
-    inner, data = free_port(), _data(port + 1)
-    process = start(
-        "--serve-web",
-        "--bind",
-        HOST,
-        "--web-viewer-port",
-        str(inner),
-        "--port",
-        str(port + 1),
-        *shown,
-    )
-    await_ready(
-        process, lambda: not free(inner) and not free(port + 1), "It could not serve the recording."
-    )
+    web_port, data_port = free_port(), port + 1
+    options = ["--serve-web", "--web-viewer-port", str(web_port), "--port", str(data_port)]
+    hint = "It could not serve the recording."
+    process = start(*options, *files, ports=[web_port, data_port], hint=hint)
     try:
-        page = Page(port, inner, port + 1)
+        page = _serve_page(port, web_port, data_port)
     except OSError as error:
         end(process)
         raise CraneError(
             f"The page cannot be served at port {port} of {HOST}: {error.strerror}."
         ) from error
+    data = data_address(data_port)
     return Server(f"http://{HOST}:{port}/?url={quote(data, safe='')}", data, process, page)
+
+
+def data_address(port: int) -> str:
+    """Return the address at which a viewer takes data."""
+    return f"rerun+http://{HOST}:{port}/proxy"
+
+
+def _serve_page(port: int, web_port: int, data_port: int) -> ThreadingHTTPServer:
+    """Serve the page of the viewer's own web server at another port, with `_POLICY`."""
+    policy = _POLICY.format(host=HOST, data=data_port)
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            with (
+                suppress(OSError, HTTPException, ValueError),
+                closing(HTTPConnection(HOST, web_port, timeout=30.0)) as source,
+            ):
+                encoding = self.headers.get("Accept-Encoding", "identity")
+                source.request("GET", self.path, headers={"Accept-Encoding": encoding})
+                response = source.getresponse()
+                self.send_response(response.status)
+                for name, value in response.getheaders():
+                    if name.lower() not in ("server", "date", "connection", "transfer-encoding"):
+                        self.send_header(name, value)
+                self.send_header("Content-Security-Policy", policy)
+                self.end_headers()
+                shutil.copyfileobj(response, self.wfile)
+
+        def log_message(self, *arguments: object) -> None:
+            pass
+
+    page = ThreadingHTTPServer((HOST, port), Handler)
+    threading.Thread(target=page.serve_forever, daemon=True).start()
+    return page
+
+
+@dataclass(frozen=True)
+class Server:
+    """A recording being served until `stop`, the end of the context, or Ctrl-C during `wait`.
+
+    Attributes:
+        address: Address for a browser on this machine.
+        data: Address at which it takes live data.
+        process: The viewer's process.
+        page: The server of the page.
+    """
+
+    address: str
+    data: str
+    process: subprocess.Popen[bytes]
+    page: ThreadingHTTPServer
+
+    @property
+    def message(self) -> str:
+        """Where it serves, until when, and who can connect."""
+        return (
+            f"Serving at {self.address} until Ctrl-C. Every program on this machine can read "
+            "what is served, and add to it."
+        )
+
+    def wait(self) -> None:
+        """Return when the server has ended; Ctrl-C or SIGTERM ends it."""
+        with self, suppress(KeyboardInterrupt):
+            self.process.wait()
+
+    def stop(self) -> None:
+        """End the server."""
+        self.page.shutdown()
+        self.page.server_close()
+        end(self.process)
+
+    def __enter__(self) -> Server:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.stop()

@@ -175,7 +175,7 @@ def _look(options: argparse.Namespace) -> None:
             recording.serve(options.recording, port=options.port) as served,
             suppress(KeyboardInterrupt),
         ):
-            print(served.words)
+            print(served.message)
             served.wait()
 
 

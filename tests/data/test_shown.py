@@ -177,7 +177,7 @@ def test_a_run_is_recorded_and_opened_in_one_step(
     run: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[Path] = []
-    monkeypatch.setattr("cranedyn.recording.show.open_viewer", opened.append)
+    monkeypatch.setattr("cranedyn.recording.viewer.open_viewer", opened.append)
     assert run.view(crane(), file=tmp_path / "a.rrd") == tmp_path / "a.rrd"
     assert opened == [tmp_path / "a.rrd"] and (tmp_path / "a.rrd").stat().st_size > 10_000
     assert recording.Run is not None
@@ -186,7 +186,7 @@ def test_a_run_is_recorded_and_opened_in_one_step(
 def test_a_run_is_looked_at_without_its_crane_which_its_record_names(
     run: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cranedyn.recording.show.open_viewer", lambda path: None)
+    monkeypatch.setattr("cranedyn.recording.viewer.open_viewer", lambda path: None)
     with_crane = run.view(crane(), file=tmp_path / "a.rrd").stat().st_size
     # Looks and all.
     assert run.view(file=tmp_path / "b.rrd").stat().st_size == pytest.approx(with_crane, rel=0.01)
@@ -201,7 +201,7 @@ def test_a_run_is_looked_at_without_its_crane_which_its_record_names(
 def test_a_crane_of_any_topology_shows_itself_and_its_runs(
     relative: Relative, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cranedyn.recording.show.open_viewer", lambda path: None)
+    monkeypatch.setattr("cranedyn.recording.viewer.open_viewer", lambda path: None)
     made = crane_of(relative)
     run = cd.simulate(made, hold_controller(made), start=made.start, duration=0.05)
     rows = [line.split() for line in repr(made).splitlines()[2:]]

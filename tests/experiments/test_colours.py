@@ -14,7 +14,7 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting.runs import RUN_COLOURS, run_colour
 from cranedyn.plotting.style import rgb
 from cranedyn.recording import Run
-from cranedyn.recording.dashboard import _eye, _payload
+from cranedyn.recording.dashboard import payload_view, scene_view
 from cranedyn.recording.run import colours
 from cranedyn.recording.scene import looks, payload_entity
 from cranedyn.recording.series import plot, plots, table
@@ -83,7 +83,7 @@ def test_every_curve_of_several_runs_is_named_with_its_run(moving: Trajectory) -
 
 
 def test_the_eye_is_level_so_that_plumb_looks_plumb(moving: Trajectory) -> None:
-    eye = _eye([Run("one", crane(), moving)])
+    eye = scene_view([Run("one", crane(), moving)]).properties["EyeControls3D"]
     position, target = (
         np.array(part.as_arrow_array()[0].as_py()) for part in (eye.position, eye.look_target)
     )
@@ -92,7 +92,7 @@ def test_the_eye_is_level_so_that_plumb_looks_plumb(moving: Trajectory) -> None:
 
 def test_the_second_view_follows_the_payload(moving: Trajectory) -> None:
     run = Run("one", crane(), moving)
-    view = _payload([run])
+    view = payload_view([run])
     eye = view.properties["EyeControls3D"]
     assert (
         eye.tracking_entity.as_arrow_array()[0].as_py()

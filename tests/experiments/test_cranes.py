@@ -30,7 +30,7 @@ from cranedyn.estimation.observer import disturbance_of, initial_std_of
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY
 from cranedyn.recording import Run, record
-from cranedyn.recording.extent import extent
+from cranedyn.recording.dashboard import extent
 from cranedyn.references import hold, ramp
 from cranedyn.references.shaped import zv
 from cranedyn.simulation.simulate import simulate

@@ -305,7 +305,7 @@ def test_a_demo_interrupted_while_its_scene_is_drawn_draws_it_no_second_time(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("cranedyn.recording.live.dashboard", interrupted)
+    monkeypatch.setattr(sys.modules["cranedyn.recording.record"], "dashboard", interrupted)
     code, err = said(lambda: demo.main(["--engine", FAST, "--out", str(tmp_path)]))
     assert (code, err) == (130, "Interrupted before the first half second was over.\n")
     assert not files(tmp_path)

@@ -62,7 +62,9 @@ def file(crane: Crane, moving: Trajectory, tmp_path_factory: pytest.TempPathFact
 @pytest.fixture(scope="module")
 def scenes(file: Path, tmp_path_factory: pytest.TempPathFactory) -> list[np.ndarray]:
     """The scene at 0 and at 3 s, shape (height, width, 3)."""
-    paths = snapshot(file, [0.0, 3.0], tmp_path_factory.mktemp("scenes"), size=SIZE, whole=False)
+    paths = snapshot(
+        file, [0.0, 3.0], tmp_path_factory.mktemp("scenes"), size=SIZE, dashboard=False
+    )
     assert [path.name for path in paths] == ["out-0s.png", "out-3s.png"]
     return [pixels(path) for path in paths]
 
@@ -138,7 +140,7 @@ def test_a_second_crane_in_the_same_place_has_a_load_of_another_colour(
     path = record(
         tmp_path / "two.rrd", [Run("out", crane, moving), Run("still", crane, still)], title="Two"
     )
-    picture = pixels(snapshot(path, [3.0], tmp_path, size=SIZE, whole=False)[0])
+    picture = pixels(snapshot(path, [3.0], tmp_path, size=SIZE, dashboard=False)[0])
     red, _, blue = np.moveaxis(picture, -1, 0)
     second = (blue > 80) & (red < 0.3 * blue)
     assert np.count_nonzero(load(picture)) > 200 and np.count_nonzero(second) > 200

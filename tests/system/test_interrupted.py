@@ -22,7 +22,7 @@ from cranedyn.data.files import atomic_write
 from cranedyn.errors import DataError, RunError
 from cranedyn.model.description import describe
 from cranedyn.recording import Live
-from cranedyn.recording.process import free
+from cranedyn.recording.process import is_free
 from cranedyn.simulation.simulate import simulate
 from experiments import harness
 from tests.helpers import ROOT, crane, files, python
@@ -144,10 +144,10 @@ def test_a_fault_of_ours_is_not_taken_for_an_interruption() -> None:
 
 
 _SERVED = f"""{_TRIAL}
-from cranedyn.recording.process import free, start
+from cranedyn.recording.process import is_free, start
 import cranedyn.recording.viewer as viewer
 first = 21000 + 2 * (os.getpid() % 4000)  # whoever else looks for ports begins elsewhere
-port = next(p for p in range(first, 30000, 2) if free(p) and free(p + 1))
+port = next(p for p in range(first, 30000, 2) if is_free(p) and is_free(p + 1))
 def telling(*words, **more):
     made = start(*words, **more)
     print("viewer", made.pid, flush=True)
@@ -196,11 +196,11 @@ def test_a_viewer_ends_within_two_seconds_of_a_program_that_is_killed(tmp_path: 
     assert process.stdout is not None
     said = next(line for line in process.stdout if line.startswith("Serving at "))
     ports = [int(port) for port in re.findall(r"127\.0\.0\.1(?::|%3A)(\d+)", said)]
-    assert len(ports) == 2 and not any(map(free, ports))
+    assert len(ports) == 2 and not any(map(is_free, ports))
     process.kill()
     process.wait()
     killed = time.monotonic()
-    while not all(map(free, ports)) and time.monotonic() < killed + 10.0:
+    while not all(map(is_free, ports)) and time.monotonic() < killed + 10.0:
         time.sleep(0.05)
     assert time.monotonic() < killed + 2.0
 

@@ -100,7 +100,7 @@ INTERNAL = tuple(
 """What only our own code calls, in inner loops or with what was checked before; of the packages
 above, what they do not name as theirs."""
 
-NOT_CALLED = ("main", "open_viewer", "serve", "check_display")
+NOT_CALLED = ("main", "open_viewer", "serve", "view", "check_display")
 """What would open a window or a port; their arguments are tried on the command line."""
 
 WITHIN = (
@@ -195,8 +195,8 @@ parse_values.pairs: ['payload_mass:=900']; read.path: 'good.csv';
 read_record.path: 'good.parquet'; read_columns.path: 'good.parquet';
 read_columns.columns: ('t_s', 'phi_rad'); write.path: 'new.csv'; record.path: 'new.rrd';
 snapshot.recording: 'good.rrd'; animate.recording: 'good.rrd'; snapshot.folder: 'pictures';
-animate.path: 'new.gif'; snapshot.times: [0.01]; animate.span: (0.0, 0.1); film.span: (0.0, 0.1);
-film.path: 'new.gif'; check_port.port: 28431; __getitem__.column: 't_s';
+animate.path: 'new.gif'; snapshot.times: [0.01]; animate.span: (0.0, 0.1);
+check_port.port: 28431; __getitem__.column: 't_s';
 step_gust.base: steady(8.0); cosine_gust.base: steady(8.0); turbulence.base: steady(8.0);
 wind.direction: 0.3; cross.a: design; cross.b: grid(y=[1.0, 2.0]); trolley_plane.gravity: 9.81;
 bending_tower.stiffness: 1e9; read_site.path: SITE; read_chart.path: CHARTS / 'laboratory.toml';

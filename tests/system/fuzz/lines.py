@@ -34,6 +34,7 @@ import cranedyn.recording
 import cranedyn.recording.snapshot
 import cranedyn.simulation.simulate
 import experiments
+from cranedyn.checks import number
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import read
 from cranedyn.interfaces import State
@@ -444,13 +445,13 @@ _SIMULATE = cranedyn.simulation.simulate.simulate
 
 @contextmanager
 def _pictures(
-    path: str | Path, size: tuple[int, int], whole: bool
-) -> Iterator[tuple[Callable[[float], bytes], float, float]]:
+    path: str | Path, times: Sequence[float], size: tuple[int, int], dashboard: bool
+) -> Iterator[Iterator[Image.Image]]:
     """In the place of a viewer without a window."""
     cranedyn.recording.viewer.check(path)
-    shown = io.BytesIO()
-    Image.new("RGB", size).save(shown, "PNG")
-    yield lambda t: shown.getvalue(), 0.0, 10.0
+    for t in times:
+        number("time of a picture", t, "s", "0 to 10")
+    yield (Image.new("RGB", size) for _ in times)
 
 
 class _Inline:
@@ -524,7 +525,7 @@ def cheap(cut: bool = False) -> Iterator[None]:
             for module, name in _places(old, len(sys.modules)):
                 stack.enter_context(patch.object(module, name, new))
         stack.enter_context(inline_sweeps())
-        stack.enter_context(patch.object(cranedyn.recording.snapshot, "headless", _pictures))
+        stack.enter_context(patch.object(cranedyn.recording.snapshot, "_pictures", _pictures))
         stack.enter_context(patch.object(cranedyn.recording, "open_viewer", lambda path=None: ""))
         stack.enter_context(
             patch.object(cranedyn.recording, "serve", lambda path=None, port=0: _Served())
