@@ -49,7 +49,7 @@ class Clocks(NamedTuple):
 
 @runtime_checkable
 class Clocked(Protocol):
-    """A controller that is told how a run is divided before it begins."""
+    """A controller that needs the control period of a run before it begins."""
 
     def begin_run(self, t: float, control_period: float) -> None:
         """Prepare for a run by its first control instant [s] and the time between control instants
