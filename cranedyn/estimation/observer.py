@@ -30,8 +30,8 @@ DISTURBANCE = {
     ("prismatic", False): 0.1,
 }
 """Standard deviations of accelerations that the model lacks [rad/s² or m/s²], white from one
-control instant to the next, by kind of joint and whether it is driven; ours. For the drives of the tower
-crane they are about 2 kN m, 100 N and 200 N."""
+control instant to the next, by kind of joint and whether it is driven; ours. For the drives of the
+tower crane they are about 2 kN m, 100 N and 200 N."""
 
 INITIAL_STD = {
     ("revolute", True): 1e-3,
