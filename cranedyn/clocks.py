@@ -50,7 +50,7 @@ class Clocks(NamedTuple):
 
 @runtime_checkable
 class Clocked(Protocol):
-    """A controller that learns the clocks of a run before it begins."""
+    """A controller that needs the control period of a run before it begins."""
 
     def begin_run(self, t: float, control_period: float) -> None:
         """Prepare for a run from its first control instant [s] and its control period [s].

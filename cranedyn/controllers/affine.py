@@ -1,4 +1,4 @@
-"""The common form of controllers that are affine in the state, so that a closed loop can be
+"""The affine form of controllers that are affine in the state, so that a closed loop can be
 compiled.
 """
 
@@ -20,17 +20,19 @@ class Affine:
     with z = (coordinates, rates).
 
     Row k is for control instant k; beyond the end of an array its last row holds. The error at a
-    control instant counts for one control period of the run. At the limit a drive integrates back
-    only.
+    control instant counts for one control period of the run. At the limit of a drive its integral
+    only decreases.
 
     Attributes:
-        feed_forward: Shape (rows, m), of as many rows as the controller was asked for at most.
-        gain: Shape (rows, m, 2 n).
-        setpoint: The motion that it is about, shape (rows, 2 n), of as many rows as it likes.
-        target: Where the integrals take the drives, shape (rows, m), of as many rows as it likes.
-        integral_gain: Of the drives, per second, shape (m,).
+        feed_forward: Commands at the setpoint, shape (rows, m), with one row a control instant at
+            most.
+        gain: Gains, shape (rows, m, 2 n).
+        setpoint: The motion to track, shape (rows, 2 n), with any number of rows.
+        target: Positions to which the integrals take the drives, shape (rows, m), with any number
+            of rows.
+        integral_gain: Gains of the integrals, per second, shape (m,).
         limit: Largest command with which the integrals grow, shape (m,).
-        integral: What has been integrated before, shape (m,).
+        integral: Integrals at the first row, shape (m,).
     """
 
     feed_forward: np.ndarray
@@ -91,7 +93,7 @@ class Affine:
 
 @runtime_checkable
 class AffineController(Protocol):
-    """A controller that can say itself in the common form."""
+    """A controller that has an affine form."""
 
     def affine(self, times: np.ndarray, positions: np.ndarray) -> Affine | None:
         """Return the affine form at control instants [s], shape (n,), with the setpoint of the
@@ -103,7 +105,7 @@ class AffineController(Protocol):
 
 @runtime_checkable
 class Stateful(Protocol):
-    """An affine controller that integrates and goes on where it stopped."""
+    """An affine controller that integrates, and can continue from an integral."""
 
     def resume(self, t: float, integral: np.ndarray) -> None:
         """Continue from an integral, shape (m,), that includes a control instant [s]."""

@@ -1,4 +1,4 @@
-"""Velocity commands with damping of the swing: the drives yield to the load."""
+"""Damping of the swing by drives that yield to the load."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class DampingController(ShortRepr):
         crane: The crane.
         reference: Its velocity is the command, looked up one control period ahead.
         ratio: ζ, the share of critical damping that the swing gets.
-        recovery: Share of the distance from the reference's position that is taken back per second
+        recovery: Share of the distance from the reference's position that is corrected per second
             [1/s].
         rates: Largest of the drives [rad/s or m/s], shape (m,).
         accelerations: Largest of the drives [rad/s² or m/s²], shape (m,).
@@ -99,11 +99,11 @@ def with_damping(
         crane: The crane.
         reference: Its velocity is the command, looked up one control period ahead.
         ratio: ζ, the share of critical damping that the swing gets.
-        recovery: Share of the distance from the reference's position that is taken back per second
+        recovery: Share of the distance from the reference's position that is corrected per second
             [1/s].
-        limits: What the drives can do; the command is kept within.
-        control_period: Time between control instants [s], the same as in `simulate`; a run in which
-            they are further apart is refused.
+        limits: Limits of the drives; the command is kept within.
+        control_period: Time between control instants [s], the same as in `simulate`; a run with a
+            longer one is refused.
 
     Raises:
         MissingRole: If it is not a tower crane.

@@ -1,5 +1,5 @@
-"""The brake: proportional-derivative control of each drive about its reference, with the load's
-weight fed forward.
+"""The hold controller: proportional-derivative control of each drive about its reference, with the
+load's weight fed forward.
 """
 
 from __future__ import annotations

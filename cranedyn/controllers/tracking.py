@@ -1,6 +1,4 @@
-"""The common form of controllers that are affine in the state: a table of feed-forward, setpoint
-and gain.
-"""
+"""Tracking of a motion by a table of feed-forward, setpoint and gain."""
 
 from __future__ import annotations
 

@@ -1,17 +1,17 @@
-"""Any strategy as rates, for drives with frequency converters.
+"""Any controller as one that commands rates, for drives with frequency converters.
 
-A converter gives a drive the acceleration (r - v)/T where T is its lag and r its reference rate. So
-what a strategy wants the drives to accelerate by, a, becomes the rate v + τ a, with v the rate of
-the drive and τ the lag together with the time by which commands are late.
+A converter gives a drive the acceleration (r - v)/T, with its lag T and its reference rate r. So a
+desired acceleration a becomes the rate v + τ a, with the rate v of the drive and τ the sum of the
+lag and the delay of commands.
 
-* A brake (`Hold`) asks for the rate at which its damping would take up its stiffness.
-* Gains about a motion (`Tracking`, `HoistIntegral`) ask for the rate that their efforts would give:
-  the crane's accelerations under these, linearised along the motion.
-* Motions that are followed (`Follow`) ask for their own rates, and for a share of the distance.
-* Drives that yield (`DampingController`) ask for the rate that they compute anyway.
-* Whatever else answers efforts, or accelerations, asks for v + τ a.
+* A hold controller (`Hold`) commands the rate at which its damping balances its stiffness.
+* Gains about a motion (`Tracking`, `HoistIntegral`) command the rate that their efforts would give:
+  the crane's accelerations under these efforts, linearised along the motion.
+* `Follow` commands the rates of its reference and a share of the distance from it.
+* `DampingController` commands the rate that it computes anyway.
+* Any other controller of efforts or accelerations commands v + τ a.
 
-What is known beforehand is asked for early enough and with the lag undone. All but the last two are
+Feed-forward is commanded early by the delay, and compensated for the lag. All but the last two are
 affine in the state.
 """
 
@@ -38,16 +38,16 @@ from cranedyn.references.interpolation import interpolate_many, locate_many
 from cranedyn.references.tabulated import tabulated
 
 RECOVERY = 1.0
-"""Share of the distance from its reference that a drive takes back per second [1/s], ours."""
+"""Share of a drive's distance from its reference that is corrected per second [1/s], ours."""
 
 
 @dataclass(frozen=True, eq=False)
 class _LagCompensation:
-    """What makes up for converters.
+    """Compensation of the delay and lag of converters.
 
     Attributes:
-        converters: These.
-        ahead: From a command to the middle of the time for which it holds [s].
+        converters: The converters.
+        ahead: Time from a command to the middle of the time for which it holds [s].
         period: Time between control instants [s].
     """
 
@@ -57,7 +57,7 @@ class _LagCompensation:
 
     @property
     def total(self) -> np.ndarray:
-        """The same and the lag, for each drive [s], shape (m,)."""
+        """Delay and lag of each drive [s], shape (m,)."""
         return self.converters.lags + self.ahead
 
     def undone(self, now: np.ndarray, later: np.ndarray) -> np.ndarray:
@@ -71,14 +71,14 @@ class _LagCompensation:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FollowVelocityCommand(ShortRepr):
-    """The rates of a reference, made up for what converters lag, and a share of the distance from
-    it.
+    """The rates of a reference, compensated for the lag of converters, and a share of the distance
+    from it.
 
     Attributes:
         crane: The crane.
         reference: The reference to follow.
-        lead: What makes up for the converters.
-        recovery: Share of the distance that is taken back per second [1/s].
+        lead: Compensation of the converters.
+        recovery: Share of the distance that is corrected per second [1/s].
     """
 
     crane: Crane
@@ -120,7 +120,7 @@ class FollowVelocityCommand(ShortRepr):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DampingVelocityCommand(DampingController):
-    """Drives that yield to the swing, told by rates."""
+    """A damping controller that commands rates."""
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return rates of the drives [rad/s or m/s], shape (m,)."""
@@ -129,12 +129,12 @@ class DampingVelocityCommand(DampingController):
 
 @dataclass(eq=False, repr=False)
 class VelocityCommand(ShortRepr):
-    """The rates v + τ a that efforts, or accelerations, of another controller would give.
+    """The rates v + τ a for the efforts or accelerations of another controller.
 
     Attributes:
-        crane: The crane, as far as it is known.
-        controller: The other.
-        drive: What that one answers.
+        crane: The crane that the controller assumes.
+        controller: The other controller.
+        drive: Kind of its commands.
         lead: τ for each drive [s], shape (m,).
     """
 
@@ -168,14 +168,14 @@ def as_velocity_command(
     accelerations.
 
     Args:
-        crane: The crane, as far as the controller knows it.
-        controller: What it does.
-        drive: What it answers: efforts, or with "motion" accelerations.
+        crane: The crane that the controller assumes.
+        controller: The controller.
+        drive: Kind of its commands: efforts, or with "motion" accelerations.
         converters: Frequency converters of the drives; None for typical ones.
         control_period: Time between control instants [s], the same as in `simulate`.
 
     Raises:
-        OutOfRange: If a brake has no damping, or a number is out of range.
+        OutOfRange: If a hold controller has no damping, or a number is out of range.
     """
     check_choice("drive", drive, DirectDrive)
     period = number("control_period", control_period, "s", "> 0")
@@ -184,7 +184,7 @@ def as_velocity_command(
     lead = _LagCompensation(made, made.ahead(period), period)
     if isinstance(controller, Hold):
         for damping in controller.damping.tolist():
-            number("damping of a brake that is told by rates", damping, "", "> 0")
+            number("damping of a hold controller for velocity drives", damping, "", "> 0")
         none = np.zeros(crane.layout.m)
         return Hold(crane, controller.stiffness / controller.damping, none, none)
     if isinstance(controller, Tracking):

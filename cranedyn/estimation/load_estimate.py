@@ -1,5 +1,7 @@
-"""A controller for loads and cables that nobody told it: it is shown the crane that it was made
-for, and what the real one needs besides is added to its command.
+"""Adaptation of a controller to unknown loads and cables.
+
+The controller gets the state of the crane for which it was designed; the additional efforts that
+the real crane needs are added to its command.
 """
 
 from __future__ import annotations
@@ -31,13 +33,13 @@ CALM = {
     ("revolute", False): 3e-3,
     ("prismatic", False): 3e-3,
 }
-"""Standard deviations of accelerations that the model does not know [rad/s² or m/s²], as
-`cranedyn.estimation.observer.DISTURBANCE`, ours: less, because the length of the cable is in how
-fast the load swings, which can be seen only where little else moves it."""
+"""Standard deviations of accelerations that the model lacks [rad/s² or m/s²], by the keys of
+`cranedyn.estimation.observer.DISTURBANCE`; ours. They are smaller: the length of the cable shows in
+the frequency of the swing alone, which larger disturbances would hide."""
 
 LOAD_STD, CABLE_STD = 0.5, 0.1
-"""What is not known at the start, ours: half of the load; a tenth of the cable, once as an offset
-and once as a share of what is read."""
+"""Standard deviations at the start, ours: half of the load; a tenth of the cable, once as an offset
+and once as a share of the reading."""
 
 
 class Row(NamedTuple):
@@ -49,11 +51,10 @@ class Row(NamedTuple):
 
 
 class CableFamily:
-    """The same move on cables that are longer than planned by so much: three motions, and a
-    parabola through them.
+    """The same move on cables of three lengths, and a parabola through the three motions.
 
     Attributes:
-        spread: By how much the cables of the outer two differ from the plan [m].
+        spread: Difference of the outer two lengths from the planned one [m].
     """
 
     def __init__(self, motions: Sequence[Motion], spread: float, hoist: int) -> None:
@@ -91,20 +92,20 @@ class LoadEstimateController(ShortRepr):
     """A controller behind a filter that estimates state, load and cable. It remembers: make a new
     one for each run.
 
-    The controller is shown the state less what the motion on the cable believed in differs from
-    the planned one, and to its command is added what the motion costs more with the load believed
-    in, by inverse dynamics. So it may be any controller about the motion, made for the crane as
-    planned.
+    From the estimated state is subtracted how the motion on the estimated cable differs from the
+    planned one; the controller gets the result. To its command are added the efforts that the
+    estimated load needs more, by inverse dynamics. So it may be any controller about the motion
+    that was designed for the planned crane.
 
     Attributes:
-        controller: What it does with the crane it was made for.
-        filter: What is known of state, load and cable.
+        controller: The controller designed for the planned crane.
+        filter: Estimate of state, load and cable.
         family: The motion on other cables.
-        efforts: That the motion as planned costs, shape (rows, m).
-        effort_limit: What the drives give at most [N m or N], shape (m,).
+        efforts: Efforts of the planned motion, shape (rows, m).
+        effort_limit: Largest efforts of the drives [N m or N], shape (m,).
         period: Time between control instants [s].
-        delay: How many control periods the measurements are late.
-        estimate: The state as last estimated, None before the first call.
+        delay: Delay of the measurements [control periods].
+        estimate: The last estimate of the state, None before the first call.
     """
 
     controller: Controller
@@ -175,30 +176,29 @@ def with_load_estimate(
     """Return a controller that adapts one made for another load and cable; make one for each run.
 
     Args:
-        controller: The controller, made for `crane` and `motion`; its command are efforts.
-        crane: The crane as planned for; it must have a hoist.
-        motion: The motion as planned; its period is the control period.
-        motion_of: The same move on a cable that is longer by so much [m] at every reading of the
+        controller: The controller, designed for `crane` and `motion`; its commands are efforts.
+        crane: The planned crane; it must have a hoist.
+        motion: The planned motion; its period is the control period.
+        motion_of: The same move on a cable that is longer by a length [m] at every reading of the
             hoist. None for `with_longer_cable`; for a crane that is no tower crane, None adds the
             length to the hoist alone, and the controller answers for the different swing.
-        sensors: What is measured: "drives", the encoders of the drives alone; "swing", besides
-            them the angles of the swings; "imu", besides them the rates of a gyroscope on the
-            load. An accelerometer there would say nothing of the swing: what a load on a rope
-            feels is the pull of its rope, whatever the swing.
-        load_std: Standard deviation of the load over the one planned.
-        cable_std: The same of the cable over its length at the start, once as an offset and once
-            as a share of what is read; 0 for a cable that is as it is read.
-        disturbance: Standard deviations of the accelerations that the model does not know, shape
-            (n,); None for `CALM`.
-        noise: Standard deviations of coordinates [rad or m] and rates [per second] as measured,
-            shape (2 n,); None for `cranedyn.estimation.sensor_model.noise_of`.
-        delay: How many control periods the measurements are late.
-        start: Where it is believed to start; None for where the motion is, the load plumb.
+        sensors: "drives" for encoders of the drives alone; "swing" adds the angles of the swings;
+            "imu" adds the rates of a gyroscope on the load. An accelerometer on the load would not
+            measure the swing: it measures the pull of the rope, whatever the swing.
+        load_std: Standard deviation of the load over the planned one.
+        cable_std: Standard deviation of the cable over its length at the start, once as an offset
+            and once as a share of the reading; 0 for a cable of exactly the length that is read.
+        disturbance: Standard deviations of the accelerations that the model lacks, shape (n,); None
+            for `CALM`.
+        noise: Standard deviations of measured coordinates [rad or m] and rates [per second], shape
+            (2 n,); None for `cranedyn.estimation.sensor_model.noise_of`.
+        delay: Delay of the measurements [control periods].
+        start: Expected start; None for the start of the motion, with the load plumb.
 
     Raises:
         MissingRole: If no joint is a hoist.
-        OutOfRange: If a standard deviation or the delay is none, or a motion has other rows than
-            planned.
+        OutOfRange: If a standard deviation or the delay is out of range, or a motion has other rows
+            than planned.
     """
     check_choice("sensors", sensors, Sensors)
     late = whole("delay of the observer", delay, 0, "control periods")

@@ -1,5 +1,5 @@
-"""An extended Kalman filter for what a crane does and what hangs on it: its state, the mass of its
-load, and how its cable differs from what the hoist's encoder says.
+"""An extended Kalman filter for the state of a crane, the mass of its load, and the difference of
+its cable from the reading of the hoist's encoder.
 """
 
 from __future__ import annotations
@@ -18,37 +18,36 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
 Sensors = Literal["drives", "swing", "imu"]
-"""What is measured: the encoders of the drives alone; besides them the angles of the
-swings; or besides them the rates at which a gyroscope on the load turns."""
+"""Sensors: encoders of the drives alone; with the angles of the swings; or with the rates of a
+gyroscope on the load."""
 
 GYROSCOPE = 3e-3
 """Standard deviation of a gyroscope on the load [rad/s], that of the rate of a swing in
 `cranedyn.estimation.sensor_model`."""
 
 LIGHTEST, HEAVIEST = 0.02, 50.0
-"""Loads that are thought possible, over the load believed in. What the filter infers beyond them
-is put at the end of this range."""
+"""Range of the load over the planned load, to which the estimate is cut."""
 
 _DRIFT = np.array([1e-3, 1e-3, 1e-5])
-"""How much inverse load, cable offset [m] and cable share may wander, per square root of a second,
-ours: so that the filter does not fall asleep."""
+"""Random walk of inverse load, cable offset [m] and cable share, per square root of a second; ours.
+It keeps their gains above zero."""
 
 
 class LoadFilter:
     """The filter. Its unknowns are stacked as w = (coordinates, rates, 1/load, offset, share),
     shape (2 n + 3,).
 
-    The mass of the load is `load` times that of the crane believed in; its inverse is estimated,
-    because the acceleration that an effort of the hoist causes is linear in it, so that a wrong
-    belief is mended in one step (Newton: l̈ = F/m + g). The cable is l = (1 + share) reading +
+    The mass of the load is `load` times the planned one; its inverse is estimated, because the
+    acceleration that an effort of the hoist causes is linear in it, so that one step corrects a
+    wrong estimate (Newton: l̈ = F/m + g). The cable is l = (1 + share) reading +
     offset. The mean is predicted by RK4 on the full model, the covariance by its derivatives
     (Jazwinski 1970, Stochastic Processes and Filtering Theory, §8.3), and kept in Joseph's form.
 
     Attributes:
-        crane: The crane as it is believed at present, its load included.
-        mean: w, shape (2 n + 3,).
-        covariance: Of its error, shape (2 n + 3, 2 n + 3).
-        sensors: What is measured.
+        crane: The crane with the estimated load.
+        mean: Estimate of w, shape (2 n + 3,).
+        covariance: Covariance of its error, shape (2 n + 3, 2 n + 3).
+        sensors: The sensors.
     """
 
     def __init__(
@@ -69,9 +68,9 @@ class LoadFilter:
         self._data = self.crane.model.createData()
         self._hoist = crane.layout.role("hoist", "An observer of the load")
         self._body = crane.payload.body + 1
-        self._load = self.crane.model.inertias[self._body]  # a view: what it is given, it has
+        self._load = self.crane.model.inertias[self._body]  # a view into the model
         self._planned = self._load.mass
-        # of the planned load alone, as a point: efforts are linear in the mass of a body
+        # Model of the planned load alone, as a point: efforts are linear in the mass of a body.
         self._alone = crane.model.copy()
         for body in range(1, self._alone.njoints):
             self._alone.inertias[body] = pin.Inertia.Zero()
@@ -90,12 +89,12 @@ class LoadFilter:
 
     @property
     def state(self) -> State:
-        """Coordinates and rates, shape (n,) each, the cable as it is, not as it is read."""
+        """Coordinates and rates, shape (n,) each, with the length of the cable, not its reading."""
         return State(*self.mean[: 2 * self._n].reshape(2, -1).copy())
 
     @property
     def load(self) -> float:
-        """Mass of the load over that of the crane given."""
+        """Mass of the load over the planned one."""
         return float(1.0 / self.mean[-3])
 
     @property
@@ -159,7 +158,7 @@ class LoadFilter:
         values, by = mean[: 2 * n].copy(), self._identity[: 2 * n].copy()
         values[hoist] -= offset
         by[hoist, -2] = -1.0
-        read = slice(hoist, None, n)  # of the hoist: its position, and its rate n further on
+        read = slice(hoist, None, n)  # position of the hoist, and its rate n further on
         values[read] /= scale
         by[read] /= scale
         by[read, -1] = -values[read] / scale

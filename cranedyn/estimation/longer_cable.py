@@ -9,23 +9,21 @@ from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 
 _ASIDE = 0.02
-"""How far before and after a row derivatives are taken from [s]: truncation and rounding are alike
-there for swings that take seconds."""
+"""Step of the differences [s], at which truncation and rounding are alike for swings of seconds."""
 
 
 def with_longer_cable(crane: Crane, motion: Motion, by: float) -> Motion:
     """Return a motion of a tower crane whose payload follows the same path lower down, on a longer
     cable.
 
-    The rope points along p̈ + g ẑ (see `cranedyn.references.flat`), of which a constant drop of the
-    payload changes nothing: swing stays what it is in the world, and the pivot goes further out
-    along the rope. A load that hangs plumb all the way is just lower. What rotational inertia makes
-    of another length, the share I/(m l²) of it, is left out.
+    The rope points along p̈ + g ẑ (see `cranedyn.references.flat`), which a constant drop of the
+    payload does not change: the swing in the world stays the same, and the pivot moves out along
+    the rope. The share I/(m l²) of rotational inertia is neglected.
 
     Args:
         crane: A tower crane.
         motion: The motion.
-        by: By how much the payload hangs lower at rest [m].
+        by: Additional length of the cable at rest [m].
 
     Raises:
         MissingRole: If it is not a tower crane.
@@ -42,7 +40,7 @@ def with_longer_cable(crane: Crane, motion: Motion, by: float) -> Motion:
         found[:, parts] = _beyond(q[:, parts], by)
         return found
 
-    # along q + s v + s² a/2 to both sides of each row, which needs no neighbours and ends at rest
+    # Differences along q + s v + s² a/2 about each row need no neighbouring rows.
     here, behind, ahead = (
         beyond(motion.q + s * motion.v + s**2 / 2.0 * motion.a) for s in (0.0, -_ASIDE, _ASIDE)
     )

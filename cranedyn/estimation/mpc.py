@@ -1,10 +1,10 @@
-"""Receding-horizon control: the LQR with the limits of the drives, and a bound on the swing, as
+"""Linear model predictive control: the LQR with limits of the drives and of the swing as
 constraints.
 
-The decision is c, by how much the efforts differ from those of the LQR: u = -K z + c. With
-Riccati's cost-to-go P at the end of the horizon, completing the square makes the quadratic cost of
-all that follows zᵀPz + Σ cᵀ(R + BᵀPB)c (Kouvaritakis & Cannon, Model Predictive Control, §2). So
-where no limit is met, c = 0; where one is, the efforts depart from the LQR's as little as they can.
+The decision is the difference c of the efforts from those of the LQR: u = -K z + c. With Riccati's
+cost-to-go P at the end of the horizon, completing the square makes the quadratic cost of the future
+zᵀPz + Σ cᵀ(R + BᵀPB)c (Kouvaritakis & Cannon, Model Predictive Control, §2). So c = 0 where no
+limit is active; elsewhere the efforts depart from the LQR's as little as possible.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from cranedyn.references.interpolation import ROW_TOLERANCE, interpolate, locate
 from cranedyn.references.motion import Motion
 
 PENALTY = 1e6
-"""Cost of exceeding a bound by as much as the bound itself: linear, and far more than what the LQR
-would pay, so that a bound is exceeded only where the efforts cannot keep it."""
+"""Cost of exceeding a bound by the bound itself: linear, and far above the cost of the LQR, so that
+a bound is exceeded only where the efforts cannot keep it."""
 
 _FAILURES = {
     -1: "its limits contradict each other",
@@ -41,14 +41,14 @@ _FAILURES = {
 
 
 class Solution(NamedTuple):
-    """What came of the last optimisation.
+    """The last optimisation.
 
     Attributes:
-        t: When [s].
-        flag: Of the solver; 1 is solved.
-        iterations: How many it took.
-        excess: By what share the bounds of the rates of the drives and of the swings are exceeded
-            over the horizon, shape (bounds,); zero where they are kept.
+        t: Its time [s].
+        flag: Flag of the solver; 1 is solved.
+        iterations: Number of iterations.
+        excess: Excess over the bounds of drive rates and swings over the horizon, as a share of the
+            bound, shape (bounds,); zero where they are kept.
     """
 
     t: float
@@ -59,22 +59,22 @@ class Solution(NamedTuple):
 
 @dataclass(eq=False, repr=False)
 class PredictiveController(ShortRepr):
-    """Model predictive control about a motion; between its instants the correction of the efforts
-    is held, the feed-forward goes on.
+    """Model predictive control about a motion. Between optimisations the correction of the efforts
+    is held, while the feed-forward follows the motion.
 
     Attributes:
         model: The crane along the motion, one stretch for each period of the controller.
         ratio: Control instants in one period.
-        horizon: How many periods it looks ahead.
-        sweep: LQR's gain for each stretch, and its cost-to-go.
+        horizon: Length of the horizon [periods].
+        sweep: Gain of the LQR for each stretch, and its cost-to-go.
         root: Square root of the inverse of R + BᵀPB for each stretch, shape (stretches, m, m):
             efforts of equal cost.
-        room: Least and largest correction that keeps the effort limits in each stretch, shape (2,
-            stretches, m).
-        bounded: What of coordinates and rates has a bound, by its place: rates of the drives, then
-            swings, shape (bounds,).
-        bound: The largest of these, shape (bounds,).
-        solve: The quadratic programme's solver.
+        correction_limits: Least and largest correction that keeps the effort limits in each
+            stretch, shape (2, stretches, m).
+        bounded: Indices of the bounded coordinates and rates: rates of the drives, then swings,
+            shape (bounds,).
+        bound: Their largest values, shape (bounds,).
+        solve: Solver of the quadratic programme.
         last: The last optimisation, None before the first.
     """
 
@@ -83,7 +83,7 @@ class PredictiveController(ShortRepr):
     horizon: int
     sweep: Sweep
     root: np.ndarray
-    room: np.ndarray
+    correction_limits: np.ndarray
     bounded: np.ndarray
     bound: np.ndarray
     solve: Callable[..., tuple[np.ndarray, float, int, dict]]
@@ -119,7 +119,7 @@ class PredictiveController(ShortRepr):
         """Return the first correction of the best sequence."""
         stretches = np.minimum(np.arange(instant, instant + self.horizon), len(self.root) - 1)
         efforts, ahead = self._predicted(stretches, deviation)
-        least, most = (side[stretches].ravel() - efforts[:, 0] for side in self.room)
+        least, most = (side[stretches].ravel() - efforts[:, 0] for side in self.correction_limits)
         after = np.minimum(
             self.ratio * np.arange(instant + 1, instant + self.horizon + 1),
             len(self.model.setpoint) - 1,
@@ -189,16 +189,15 @@ def mpc(
     """Return model predictive control about a motion, with the efforts of inverse dynamics fed
     forward.
 
-    Efforts are kept within their limits always. Rates and swing are kept within theirs at the
-    controller's instants, as far as the model goes and the efforts allow it: an initial swing
-    beyond the bound is no contradiction.
+    Efforts always keep their limits. Rates and swing keep theirs at the optimisations, within the
+    accuracy of the model, if the efforts allow it; an initial swing may exceed its bound.
 
     Args:
         crane: The crane.
-        motion: What to track; its period is the control period, at which the feed-forward goes on.
+        motion: The motion to track; its period is the control period of the feed-forward.
         dt: Physics step of the simulation [s].
         period: Time between optimisations [s], a multiple of the control period.
-        horizon: How many of them it looks ahead.
+        horizon: Length of the horizon, in optimisations.
         effort_limit: Largest efforts of the drives [N m or N], shape (m,); by default those of the
             crane.
         rate_limit: Largest rates of the drives [rad/s or m/s], shape (m,), where they shall be less
@@ -241,28 +240,36 @@ def mpc(
     bounded = np.concatenate([layout.n + layout.drives, crane.swings])
     bound = np.concatenate([rates, np.full(len(crane.swings), swing)])
     return PredictiveController(
-        model, ratio, int(horizon), sweep, root, _room(model, efforts), bounded, bound, solve
+        model,
+        ratio,
+        int(horizon),
+        sweep,
+        root,
+        _correction_limits(model, efforts),
+        bounded,
+        bound,
+        solve,
     )
 
 
-def _room(model: Linearised, limit: np.ndarray) -> np.ndarray:
+def _correction_limits(model: Linearised, limit: np.ndarray) -> np.ndarray:
     """Return the least and largest corrections that keep the effort limits in each stretch,
     feed-forward included, shape (2, stretches, m).
     """
     parts = [model.efforts[model.stretch == k] for k in range(len(model.a))]
-    room = np.array(
+    limits = np.array(
         [
             [-limit - part.min(axis=0) for part in parts],
             [limit - part.max(axis=0) for part in parts],
         ]
     )
-    if (room[0] > room[1]).any():
+    if (limits[0] > limits[1]).any():
         raise OutOfRange(
             "effort limit",
             limit.tolist(),
             "at least half of what the feed-forward changes by within a period",
         )
-    return room
+    return limits
 
 
 def _solver() -> Callable[..., tuple[np.ndarray, float, int, dict]]:

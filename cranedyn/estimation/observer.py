@@ -1,7 +1,7 @@
-"""No swing sensor: a Kalman filter sees the swing in how the drives, whose efforts are known, move.
+"""Control without a swing sensor: a Kalman filter estimates it from the motion of the drives.
 
-The load pulls at trolley, jib and hoist. What that pull does is in the model; so the swing is
-observable from the drives alone.
+The load pulls at trolley, jib and hoist. The model contains this pull, and the efforts of the
+drives are known; so the swing is observable from the drives alone.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ DISTURBANCE = {
     ("revolute", False): 0.1,
     ("prismatic", False): 0.1,
 }
-"""Standard deviations of accelerations that the model does not know [rad/s² or m/s²], white from
-one control instant to the next, by kind of joint and whether it is driven; ours. For the drives of
-the tower crane they are about 2 kN m, 100 N and 200 N."""
+"""Standard deviations of accelerations that the model lacks [rad/s² or m/s²], white from one
+control instant to the next, by kind of joint and whether it is driven; ours. For the drives of the
+tower crane they are about 2 kN m, 100 N and 200 N."""
 
 INITIAL_STD = {
     ("revolute", True): 1e-3,
@@ -38,8 +38,8 @@ INITIAL_STD = {
     ("revolute", False): 0.1,
     ("prismatic", False): 0.1,
 }
-"""Standard deviations of coordinates and of rates at the start, likewise, ours: the load may swing
-by 0.1 rad."""
+"""Standard deviations of coordinates and of rates at the start, by the same keys; ours: the load
+may swing by 0.1 rad."""
 
 
 def disturbance_of(crane: Crane) -> np.ndarray:
@@ -69,13 +69,13 @@ def kalman_gain(seen: np.ndarray, spread: np.ndarray) -> np.ndarray:
     """Return the gain of a correction, shape (unknowns, measured).
 
     Args:
-        seen: Covariance of what is measured with the unknowns, shape (measured, unknowns).
-        spread: Covariance of what is measured, noise included, shape (measured, measured).
+        seen: Covariance of measurements and unknowns, shape (measured, unknowns).
+        spread: Covariance of the measurements, noise included, shape (measured, measured).
 
     Raises:
-        CraneError: If that is not positive definite.
+        CraneError: If the covariance of the measurements is not positive definite.
     """
-    # LAPACK itself: for so few numbers NumPy's way there takes longer than the solution
+    # LAPACK itself: for so few numbers NumPy's checks take longer than the solution
     from scipy.linalg.lapack import dposv
 
     _, solution, failed = dposv(spread, seen)
@@ -93,28 +93,25 @@ def load_lapack() -> None:
 
 @dataclass(eq=False, repr=False)
 class ObserverController(ShortRepr):
-    """A controller that is told an estimate of the state. It remembers: make a new one for each
-    run.
+    """A controller that acts on an estimate of the state. It remembers: make one for each run.
 
     Predictor and corrector of Kalman (1960) for the deviation from the motion; the covariance is
-    kept in Joseph's form.
+    kept in Joseph's form. A queue holds the commands since the last measurement, by row of the
+    motion and effort beyond the feed-forward.
 
     Attributes:
-        controller: What acts on the estimate.
+        controller: The controller that gets the estimate.
         model: The crane along the motion.
-        measured: Where positions and rates of the drives stand among coordinates and rates, shape
+        measured: Indices of positions and rates of the drives among coordinates and rates, shape
             (2 m,).
-        effort_limit: What the drives give at most [N m or N], shape (m,).
+        effort_limit: Largest efforts of the drives [N m or N], shape (m,).
         disturbance: Covariance added in each control period, shape (2 n, 2 n).
         noise: Covariance of the measurements, shape (2 m, 2 m).
-        covariance: Of the estimate's error, shape (2 n, 2 n).
-        delay: How many control periods the measurements are late.
-        start: Where it is believed to start, shape (2 n,); None for where the motion is.
-        estimate: The state as last estimated, None before the first call.
-        gain: That of the last correction, shape (2 n, 2 m).
-
-    What it has commanded since the last measurement was true waits in a queue, by row of the motion
-    and effort beyond the feed-forward.
+        covariance: Covariance of the estimate's error, shape (2 n, 2 n).
+        delay: Delay of the measurements [control periods].
+        start: Expected start, shape (2 n,); None for the start of the motion.
+        estimate: The last estimate of the state, None before the first call.
+        gain: Gain of the last correction, shape (2 n, 2 m).
     """
 
     controller: Controller
@@ -227,23 +224,23 @@ def with_observer(
 
     Args:
         controller: The controller.
-        crane: The crane that the filter believes in.
-        motion: What the model is linearised about; its period is the control period.
+        crane: The crane that the filter assumes.
+        motion: The motion about which the model is linearised; its period is the control period.
         dt: Physics step of the simulation [s].
-        disturbance: Standard deviations of the accelerations that the model does not know, shape
-            (n,); more makes the filter trust its measurements more. None for `disturbance_of`.
+        disturbance: Standard deviations of the accelerations that the model lacks, shape (n,); a
+            larger one makes the filter trust its measurements more. None for `disturbance_of`.
         noise: Standard deviations of the measured drives [rad or m] and their rates [per second],
             shape (2 m,); None for `noise_of`.
         delay: Delay of the measurements [control periods], as in `with_sensor_model`; the
             estimate is predicted over it.
-        start: Where it is believed to start; by default where the motion is, the load plumb.
-        initial_std: Standard deviations of that belief in coordinates and rates, shape (2 n,); None
+        start: Expected start; None for the start of the motion, with the load plumb.
+        initial_std: Standard deviations of the start in coordinates and rates, shape (2 n,); None
             for `initial_std_of`.
         every: Control instants between linearisations.
 
     Raises:
         OutOfRange: If a standard deviation is negative or not finite, that of a measurement not
-            positive, their number not as asked, or the delay not a whole number from 0 on.
+            positive, their number another, or the delay not a whole number from 0 on.
     """
     late = whole("delay of the observer", delay, 0, "control periods")
     period, layout = motion.period, crane.layout

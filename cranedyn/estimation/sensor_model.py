@@ -1,4 +1,4 @@
-"""Imperfect sensors: a controller that sees the state late and with noise."""
+"""Sensor models: a controller that gets the state with delay and noise."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 
 ENCODER, ENCODER_RATE = {"rad": 1e-4, "m": 1e-3}, {"rad": 1e-4, "m": 2e-3}
-"""Standard deviations of the encoders of drives as cranes have them, ours: 0.1 mrad and 1 mm; of
-their rates, per second."""
+"""Standard deviations of encoders of drives and of their rates, per second; ours: 0.1 mrad and
+1 mm."""
 
 GYROSCOPE, GYROSCOPE_RATE = {"rad": 1e-3, "m": 1e-3}, {"rad": 3e-3, "m": 3e-3}
-"""The same of passive joints, whose swing is seen by a camera or a gyroscope, if at all: 1 mrad, 3
-mrad/s."""
+"""Standard deviations for passive joints, whose swing a camera or a gyroscope measures: 1 mrad,
+3 mrad/s."""
 
 
 def noise_of(crane: Crane) -> np.ndarray:
@@ -40,10 +40,10 @@ class SensorModelController(ShortRepr):
     """A controller behind sensors. It remembers readings: make a new one for each run.
 
     Attributes:
-        controller: What acts on the readings.
+        controller: The controller that gets the readings.
         noise: Standard deviations of coordinates and rates, shape (2 n,).
-        rng: Where the noise comes from.
-        readings: The latest ones, oldest first; the oldest is what the controller sees.
+        rng: Random generator of the noise.
+        readings: The latest readings, oldest first; the controller gets the oldest.
     """
 
     controller: Controller
@@ -56,7 +56,7 @@ class SensorModelController(ShortRepr):
         """Return the command of the controller, shape (m,).
 
         Raises:
-            CraneError: If time does not go on, as in a second run.
+            CraneError: If time does not increase, as in a second run.
         """
         if t <= self._t:
             raise CraneError(
@@ -86,13 +86,13 @@ def with_sensor_model(
     run.
 
     Args:
-        crane: The crane that they measure.
+        crane: The crane that the sensors measure.
         controller: The controller.
-        delay: How many control periods late it sees a state. Until as many have passed it sees the
-            first reading.
+        delay: Delay of the readings [control periods]; before the first delay has passed, the
+            controller gets the first reading.
         noise: Standard deviations of the coordinates [rad or m] and of their rates [per second], 2
             n numbers or n and n; None for `noise_of`.
-        rng: Where the noise comes from; an equal seed gives an equal run.
+        rng: Random generator of the noise; an equal seed gives an equal run.
 
     Raises:
         OutOfRange: If the delay is not a whole number from 0 on, the noise not 2 n numbers from 0

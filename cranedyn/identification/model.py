@@ -68,8 +68,8 @@ class Model:
             names: Of what is to be found, see `cranedyn.identification.parameters.parameter`; None
                 for whatever the columns could tell.
             drives: "motion" prescribes the recorded motion, "effort" lets the recorded efforts act,
-                "hold" holds the drives at their setpoints by a brake; None for the motion where a
-                record has one, else the efforts.
+                "hold" holds the drives at their setpoints by a hold controller; None for the motion
+                where a record has one, else the efforts.
 
         Raises:
             DataError: If there is no record, it lacks what this needs, or a column never moves that

@@ -17,7 +17,7 @@ from cranedyn.model.layout import Joint
 
 Drives = Literal["motion", "effort", "hold"]
 """How the drives of a record are made again: their motion is prescribed, their recorded efforts
-act, or a brake holds them at their setpoints."""
+act, or a hold controller holds them at their setpoints."""
 
 Kind = Literal[
     "argument",
@@ -39,8 +39,8 @@ MEANINGS = {
     "delay": "how late the swing is recorded, beside the drives",
     "bias": "what the swing sensor adds",
     "friction": "dry friction of the drive",
-    "stiffness": "k_p of the brake that holds the drive",
-    "damping": "k_d of the brake that holds the drive",
+    "stiffness": "k_p of the hold controller of the drive",
+    "damping": "k_d of the hold controller of the drive",
 }
 
 EARLY, LATE = -0.5, 1.0

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 PERIODS = {"motion": 0.01, "effort": 5e-3, "hold": 5e-3}
 """Time between control instants, which is that between steps [s]: drives that are prescribed are
-smooth, a brake holds its command for one."""
+smooth, a hold controller keeps its command for one."""
 
 _STANDING = {"rad": 1e-4, "m": 1e-3}
 """Rate below which a drive stands rather than moves [per second]: a hundredth of usual rates. No
@@ -103,7 +103,9 @@ class Variants:
         if self.model.drives == "motion":
             rows = [Rows(self.period, *one) for one in zip(*self.motion, strict=True)]
             return [follow(cranes[0], one, self.period) for one in rows], still
-        return ([self._efforts()], still) if self.model.drives == "effort" else self._brakes()
+        if self.model.drives == "effort":
+            return [self._efforts()], still
+        return self._hold_controllers()
 
     @property
     def duration(self) -> float:
@@ -167,7 +169,7 @@ class Variants:
         gain = np.zeros((len(rows), self.layout.m, width))
         return Tracking(self.period, efforts, gain, np.zeros((len(rows), width)))
 
-    def _brakes(self) -> tuple[list[Any], list[Any]]:
+    def _hold_controllers(self) -> tuple[list[Any], list[Any]]:
         usual, crane = hold_controller(self.model.known.crane), self.model.known.crane
         gains = {
             kind: np.stack(

@@ -1,5 +1,5 @@
-"""Tables with a row at every multiple of a period, and straight lines between them; beyond their
-ends the first and the last row stand.
+"""Linear interpolation in tables with a row at every multiple of a period. Beyond their ends the
+first and the last row hold.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ import math
 import numpy as np
 
 ROW_TOLERANCE = 1e-6
-"""By how much of a period a time may miss a row and still be that of the row: what clocks round
-off."""
+"""Largest distance of a time from a row at which it counts as the time of that row, as a share of
+the period: the rounding of clocks."""
 
 
 def locate(t: float, period: float, rows: int) -> tuple[int, float]:
@@ -20,7 +20,7 @@ def locate(t: float, period: float, rows: int) -> tuple[int, float]:
     Args:
         t: The time [s].
         period: Time between rows [s].
-        rows: How many rows there are.
+        rows: Number of rows.
     """
     where = min(max(t / period, 0.0), rows - 1.0)
     nearest = round(where)

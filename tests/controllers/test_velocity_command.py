@@ -170,5 +170,5 @@ def test_drives_that_yield_ask_for_the_rate_that_they_compute() -> None:
 
 def test_a_brake_without_damping_has_no_rate() -> None:
     c = crane()
-    with pytest.raises(CraneError, match="damping of a brake that is told by rates is 0"):
+    with pytest.raises(CraneError, match="damping of a hold controller for velocity drives is 0"):
         as_velocity_command(c, hold_controller(c, damping=(0.0, 1.0, 1.0)), drive="effort")
