@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import binom
 
-from cranedyn.data.elsewhere import parse_sources
+from cranedyn.data.external import parse_sources
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError, number, quoted, whole
 from cranedyn.identification import Estimate, Known, Model, load_record

@@ -12,7 +12,7 @@ import rerun as rr
 from cranedyn.arguments import checked
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
-from cranedyn.plotting.runs import run_colour
+from cranedyn.plotting.style import run_colour
 from cranedyn.recording.scenery import Scenery
 
 TIMELINE = "sim_time"
@@ -36,7 +36,7 @@ class Run:
         meshes: Folder in which the files of the meshes of its URDF lie, and which none of them
             leaves; None draws no meshes.
         colour: Hex colour of its payload, path and curves; empty for the next one of
-            `cranedyn.plotting.runs`.
+            `cranedyn.plotting.style`.
         scenery: What stands about it; None for nothing.
     """
 

@@ -1,4 +1,4 @@
-"""A run that is recorded and looked at in one step."""
+"""A run recorded and opened in the viewer: `view` of the API."""
 
 from __future__ import annotations
 
@@ -14,13 +14,31 @@ from cranedyn.recording.run import Run
 from cranedyn.recording.viewer import open_viewer
 
 
-def view(run: Trajectory, crane: Crane | None, name: str, file: str | Path | None = None) -> Path:
-    """Record a run and open the recording; see `Trajectory.view`."""
+def view(
+    run: Trajectory,
+    crane: Crane | None = None,
+    *,
+    name: str = "run",
+    file: str | Path | None = None,
+) -> Path:
+    """Record a run, open the recording in the viewer's window, and return its path.
+
+    Args:
+        run: The run.
+        crane: The crane that ran; by default the crane that the record of the run names.
+        name: Name of the run in the recording.
+        file: Path of the recording; None for a temporary folder.
+
+    Raises:
+        DataError: If the recording cannot be written, or the record names no crane, as of a run
+            from a CSV file.
+        CraneError: If there is no display; the recording is written nevertheless.
+    """
     if crane is None:
         if not run.record:
             raise DataError(
                 "This record names no crane, as none of a CSV file does; say which it was: "
-                "run.view(crane)."
+                "cd.view(run, crane)."
             )
         crane = load_crane(from_record=run.record)
     path = Path(tempfile.mkdtemp(prefix="cranedyn-"), "run.rrd") if file is None else Path(file)

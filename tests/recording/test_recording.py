@@ -197,7 +197,7 @@ def test_a_crane_without_visuals_still_shows_a_payload(
     text = re.sub(r"<visual>.*?</visual>", "", crane.urdf, flags=re.DOTALL).replace(
         "hook_link", "ball"
     )
-    bare = replace(crane, written=lambda: text)
+    bare = replace(crane, urdf_source=lambda: text)
     path = record(tmp_path / "bare.rrd", [Run("bare", bare, moving)], title="Bare")
     boxes = {
         entity: batch["Boxes3D:half_sizes"].flatten()

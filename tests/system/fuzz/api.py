@@ -86,9 +86,9 @@ PUBLIC = {
 INTERNAL = tuple(
     f"cranedyn.{name}"
     for name in (
-        "__main__ arguments arrays clocks command compiled data.elsewhere data.files data.shown "
-        "data.tables dynamics errors interfaces lifting lifting.wrench"
-        " model.layout model.shown model.springs model.urdf"
+        "__main__ arguments arrays clocks command compiled data.columns data.external data.files "
+        "data.tables data.time_series dynamics errors interfaces lifting lifting.wrench"
+        " display model.checks model.joints model.layout model.springs model.urdf model.values"
         " version planning.bim planning.bodies planning.clearance planning.curve planning.driven "
         "planning.fields planning.grid planning.half_spaces planning.ifc_shapes planning.move "
         "planning.neighbour planning.proof"
@@ -113,7 +113,7 @@ WITHIN = (
     "held_back",
     "fitting",
     "hoisting",
-    "columns_of",
+    "columns_by_quantity",
     "started",
     "command_of",
     "force_of",
