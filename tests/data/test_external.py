@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cranedyn.data.external import Source, parse_sources, read_external
-from cranedyn.errors import DataError, OutOfRange, UnknownName
+from cranedyn.errors import DataError, UnknownName
 from experiments import a1
 
 T = np.arange(0.0, 60.0, 0.02)
@@ -47,11 +47,6 @@ def test_columns_arrive_under_our_names_and_in_our_units(degrees: Path) -> None:
     np.testing.assert_allclose(data["t_s"], T, rtol=1e-15, atol=1e-12)
     np.testing.assert_allclose(data["phi_rad"], PHI, rtol=1e-14)
     np.testing.assert_allclose(data["l_m"], 10.0, rtol=1e-15)
-
-
-def test_a_source_that_is_none_is_refused(degrees: Path) -> None:
-    with pytest.raises(OutOfRange, match="source of t_s is None; allowed is a Source"):
-        read_external(degrees, ("t_s",), {"t_s": None})  # type: ignore[dict-item]
 
 
 def test_a1_finds_the_period_of_a_file_in_degrees(degrees: Path, tmp_path: Path) -> None:
