@@ -84,12 +84,12 @@ class Model(Problem):
         """
         variant = Variants(self, index, values[None])
         (controller, *_), (reference, *_) = variant.laws([crane])
-        start = variant.start()
+        states = variant.start()
         return simulate(
             crane,
             controller,
             reference,
-            start=State(start.q[0], start.v[0]),
+            start=State(states.q[0], states.v[0]),
             duration=variant.duration,
             dt=variant.period,
             control_period=variant.period,

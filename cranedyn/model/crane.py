@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from html import escape
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,21 +15,15 @@ from cranedyn.arrays import finite, shaped
 from cranedyn.errors import Misshapen, ModelError, UnknownName, number, within
 from cranedyn.interfaces import State
 from cranedyn.model.layout import Layout
+from cranedyn.model.rest import Rest, linearise_rest, no_rest, solve_rest, stiffness
 from cranedyn.model.springs import Springs
+from cranedyn.model.summary import as_html, as_text, joint_rows
 
 STANDARD_GRAVITY = 9.80665
 """Standard gravity [m/s²], exact by definition (CGPM 1901)."""
 
 
-_ITERATIONS, _LEAST_STEP = 50, 1e-13
-"""Most steps of Newton's method towards rest, and the step at which it has converged [rad or m]."""
-
-_ROUND_OFF = 1e-12
-"""Angles and slopes of rest below this are taken as zero."""
-
 _LARGEST_SWING = float(np.nextafter(np.pi / 2, 0.0))
-
-_HEADINGS = ("symbol", "joint", "unit", "from", "to", "start", "drive")
 
 
 class Point(NamedTuple):
@@ -45,25 +38,6 @@ class Point(NamedTuple):
     name: str
     body: int
     lever: np.ndarray
-
-
-class Rest(NamedTuple):
-    """Angles of the swing joints at rest: `angle + slope @ drives`.
-
-    Both are exactly zero for a load that hangs plumb when its swing joints are at zero.
-
-    Attributes:
-        q: Coordinates at rest with the drives as at the start, shape (n,).
-        angle: Shape (swings,) [rad].
-        slope: Derivative by the coordinates of the drives, shape (swings, m) [rad per rad or m].
-        hangs: Whether the passive joints have a stable rest near the start; false for a mechanism
-            that is no crane, such as a robot with free joints. Then angle and slope are zero.
-    """
-
-    q: np.ndarray
-    angle: np.ndarray
-    slope: np.ndarray
-    hangs: bool
 
 
 class _Scratch(threading.local):
@@ -259,102 +233,39 @@ class Crane:
             OutOfRange: If q is not one finite number for each joint.
             ModelError: If there is no rest near q within the joint ranges.
         """
-        free, q = self.layout.passive, finite("coordinates", q, (self.layout.n,)).copy()
-        # Round-off of the torques of a load that hangs plumb.
-        rounding = 1e-15 * self.gravity * sum(inertia.mass for inertia in self.model.inertias)
-        for _ in range(_ITERATIONS):
-            weight = pin.computeGeneralizedGravity(self.model, self.data, q)
-            torque = (weight - self.springs.effort(q))[free]
-            if np.abs(torque).max(initial=0.0) <= rounding:
-                break
-            # Down the energy also where its curvature is negative, half a radian or metre at most.
-            step = _compliance(self._stiffness(q)[np.ix_(free, free)]) @ torque
-            largest = float(np.abs(step).max())
-            q[free] -= step * min(1.0, 0.5 / max(largest, _LEAST_STEP))
-            if largest < _LEAST_STEP:
-                break
-        else:
-            q[free] = np.nan  # not converged
-        if not ((q >= self.lower) & (q <= self.upper))[free].all():
+        q = finite("coordinates", q, (self.layout.n,))
+        q = solve_rest(self.model, self.data, self.springs, self.layout.passive, q)
+        if not ((q >= self.lower) & (q <= self.upper))[self.layout.passive].all():
             raise ModelError(
                 "This crane does not hang at rest within the ranges of its joints near "
                 f"{q.tolist()}."
             )
         return q
 
-    def _stiffness(self, q: np.ndarray) -> np.ndarray:
-        """Return the second derivatives of the energy of gravity and springs, shape (n, n)."""
-        weight = pin.computeGeneralizedGravityDerivatives(self.model, self.data, q)
-        return weight + self.springs.tangent(q)
-
     @cached_property
     def rest(self) -> Rest:
         """Angles of the swing joints at rest, to first order in the drives about `start`."""
-        free, drives, swings = self.layout.passive, self.layout.drives, self.swings
-        zero = np.zeros(len(swings)), np.zeros((len(swings), len(drives)))
+        layout, swings = self.layout, self.swings
         try:
             q = self.hanging(self.start.q)
         except ModelError:
-            return Rest(self.start.q, *zero, hangs=False)
-        stiffness = self._stiffness(q)
-        passive = stiffness[np.ix_(free, free)]
-        curvature = np.linalg.eigvalsh(passive)
-        if curvature.min(initial=0.0) < -1e-9 * np.abs(curvature).max(initial=0.0):
-            return Rest(self.start.q, *zero, hangs=False)  # unstable: it would fall
-        by_drives = -_compliance(passive) @ stiffness[np.ix_(free, drives)]
-        slope = by_drives[np.isin(free, swings)]
-        slope[np.abs(slope) < _ROUND_OFF] = 0.0
-        angle = q[swings] - slope @ q[drives]
-        angle[np.abs(angle) < _ROUND_OFF] = 0.0
-        return Rest(q, angle, slope, hangs=True)
+            return no_rest(self.start.q, layout, swings)
+        tangent = stiffness(self.model, self.data, self.springs, q)
+        return linearise_rest(tangent, q, layout, swings)
 
     def __repr__(self) -> str:
         """Return a title and a line for each joint."""
-        lines = [
-            f"{a:7} {b:24} {c:4} {d:>9} {e:>9} {f:>9} {g:>12}".rstrip()
-            for a, b, c, d, e, f, g in (_HEADINGS, *self._rows())
-        ]
-        return "\n".join([self._title(), *lines])
+        return as_text(self._title, self._rows)
 
     def _repr_html_(self) -> str:
         """Return title and joints as an HTML table, for notebooks."""
-        head = "".join(f"<th>{escape(heading)}</th>" for heading in _HEADINGS)
-        body = "".join(
-            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>"
-            for row in self._rows()
-        )
-        return (
-            f"<p>{escape(self._title())}</p>"
-            f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-        )
+        return as_html(self._title, self._rows)
 
+    @property
     def _title(self) -> str:
-        return (
-            f"Crane with a payload of {self.payload_mass:g} kg in gravity of {self.gravity:g} m/s²"
-        )
+        payload = f"payload of {self.payload_mass:g} kg"
+        return f"Crane with a {payload} in gravity of {self.gravity:g} m/s²"
 
+    @property
     def _rows(self) -> list[tuple[str, ...]]:
-        """Return a row of texts for each joint, in the order of `_HEADINGS`."""
-        limits = dict(zip(self.layout.drives.tolist(), self.effort_limit, strict=True))
-        return [
-            (
-                joint.symbol,
-                joint.name,
-                joint.unit,
-                f"{self.lower[i]:.5g}",
-                f"{self.upper[i]:.5g}",
-                f"{self.start.q[i]:.5g}",
-                f"{limits[i]:g} {joint.effort_unit}" if joint.driven else "passive",
-            )
-            for i, joint in enumerate(self.layout.joints)
-        ]
-
-
-def _compliance(stiffness: np.ndarray) -> np.ndarray:
-    """Return the inverse of a symmetric stiffness with all its eigenvalues taken as positive, and
-    as infinite where they are zero, as about a vertical axis.
-    """
-    values, vectors = np.linalg.eigh(stiffness)
-    size = np.abs(values)
-    nonzero = size > max(1e-12 * size.max(initial=0.0), np.finfo(float).tiny)
-    return (vectors[:, nonzero] / size[nonzero]) @ vectors[:, nonzero].T
+        return joint_rows(self.layout, self.lower, self.upper, self.start.q, self.effort_limit)

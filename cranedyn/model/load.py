@@ -26,7 +26,6 @@ from cranedyn.errors import (
     within,
 )
 from cranedyn.interfaces import State
-from cranedyn.model.checks import check_ranges, check_solvable
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, describe
 from cranedyn.model.joints import (
@@ -41,6 +40,7 @@ from cranedyn.model.joints import (
     read_joints,
 )
 from cranedyn.model.layout import Layout
+from cranedyn.model.solvability import check_ranges, check_solvable
 from cranedyn.model.springs import read_springs
 from cranedyn.model.urdf import bare, check, parse, skeleton
 from cranedyn.model.values import CraneValues

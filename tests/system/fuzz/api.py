@@ -88,7 +88,8 @@ INTERNAL = tuple(
     for name in (
         "__main__ arguments arrays clocks command compiled data.columns data.external data.files "
         "data.tables data.time_series dynamics errors interfaces lifting lifting.wrench"
-        " display model.checks model.joints model.layout model.springs model.urdf model.values"
+        " display model.joints model.layout model.rest model.solvability model.springs"
+        " model.summary model.urdf model.values"
         " version planning.bim planning.bodies planning.clearance planning.curve planning.driven "
         "planning.fields planning.grid planning.half_spaces planning.ifc_shapes planning.move "
         "planning.neighbour planning.proof"
