@@ -12,10 +12,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from cranedyn.startup import end_on_interrupt
 from cranedyn.version import __version__
-
-end_on_interrupt(__name__)
 
 if TYPE_CHECKING:
     from cranedyn.compiled.batch import simulate_batch

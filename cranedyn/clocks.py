@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, Protocol, runtime_checkable
 
-from cranedyn.errors import OutOfRange, number, within
+from cranedyn.checks import number, within
+from cranedyn.errors import OutOfRange
 
 _STEPS = 1e-9, 1e3
 """Shortest and longest physics step [s]."""

@@ -5,13 +5,9 @@ write.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-
-from cranedyn.arguments import described, taken
-from cranedyn.arrays import shaped
-from cranedyn.errors import OutOfRange, number
 
 
 class State(NamedTuple):
@@ -24,45 +20,6 @@ class State(NamedTuple):
 
     q: np.ndarray
     v: np.ndarray
-
-    @classmethod
-    def checked(cls, name: str, value: Any) -> State:
-        """A state of as many finite coordinates as rates that nobody else can change.
-
-        Args:
-            name: Which state it is, for the sentence.
-            value: A state, or two sequences of numbers.
-
-        Raises:
-            OutOfRange: If it is none.
-        """
-        try:
-            coordinates, rates = value
-        except Exception:  # whatever it is, it is no pair
-            raise OutOfRange(name, described(value), "coordinates and rates, all numbers") from None
-        state = cls(*(taken(name, part, np.ndarray).copy() for part in (coordinates, rates)))
-        for kind, part in zip(("coordinate", "rate"), state, strict=True):
-            shaped(f"{kind}s at the {name}", part, ("n",))
-            for i in np.flatnonzero(~np.isfinite(part)).tolist():
-                number(f"{kind} {i + 1} of {part.size} at the {name}", float(part[i]))
-            part.flags.writeable = False
-        if state.q.size != state.v.size:
-            raise OutOfRange(
-                name,
-                f"a state of {state.q.size} coordinates and {state.v.size} rates",
-                "as many of each",
-            )
-        return state
-
-    def check_fits(self, name: str, layout: Any) -> None:
-        """See `cranedyn.arguments.OfCrane`."""
-        # A batch takes one with rows, and looks at it itself.
-        if isinstance(self.q, np.ndarray) and self.q.shape[-1:] != (layout.n,):
-            raise OutOfRange(
-                name,
-                f"a state of {self.q.size} coordinates",
-                f"one of {layout.n}: {', '.join(layout.symbols)}",
-            )
 
 
 class Setpoint(NamedTuple):

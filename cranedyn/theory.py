@@ -14,22 +14,20 @@ from typing import Any, TypeVar
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked, described
-from cranedyn.arrays import shaped
+from cranedyn.checks import as_array, short_repr
 from cranedyn.errors import OutOfRange
 
 _Any = TypeVar("_Any", bound=Callable[..., Any])
 
 
 def _answered(form: _Any) -> _Any:
-    """Have arguments held against their annotations, and an answer that is not finite refused."""
-    held = checked(form)
+    """Make a closed form raise `OutOfRange` where its answer is not finite."""
 
     @wraps(form)
     def answering(*args: Any, **named: Any) -> Any:
         try:
             with np.errstate(all="ignore"):
-                answer = held(*args, **named)
+                answer = form(*args, **named)
             # The first is much quicker.
             if math.isfinite(answer) if isinstance(answer, float) else np.isfinite(answer).all():
                 return answer
@@ -37,8 +35,8 @@ def _answered(form: _Any) -> _Any:
             pass
         given = ", ".join(
             [
-                *map(described, args),
-                *(f"{name}={described(value)}" for name, value in named.items()),
+                *map(short_repr, args),
+                *(f"{name}={short_repr(value)}" for name, value in named.items()),
             ]
         )
         raise OutOfRange(
@@ -219,7 +217,7 @@ def small_swing(
         slew_rate: Slew rate [rad/s].
         slew_acceleration: Slew acceleration [rad/s²].
     """
-    swing, rates = shaped("swing", swing, (2,)), shaped("rates", rates, (2,))
+    swing, rates = as_array("swing", swing, (2,)), as_array("rates", rates, (2,))
     (phi, theta), (phi_rate, theta_rate) = swing, rates
     radial = x - length * phi
     radial_rate = x_rate - length_rate * phi - length * phi_rate
@@ -251,7 +249,10 @@ def adiabatic_amplitude(lengths: np.ndarray, length: float, amplitude: float) ->
         m = math.sin(a / 2.0) ** 2
         return float(scipy.special.ellipe(m) - (1.0 - m) * scipy.special.ellipk(m))
 
-    goal, ratios = action(amplitude), np.atleast_1d(shaped("lengths", lengths, (), ("n",))) / length
+    goal, ratios = (
+        action(amplitude),
+        np.atleast_1d(as_array("lengths", lengths, (), ("n",))) / length,
+    )
     return np.array(
         [
             scipy.optimize.brentq(lambda a, ratio=ratio: action(a) * ratio**1.5 - goal, 1e-9, 3.1)

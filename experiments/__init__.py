@@ -3,10 +3,6 @@
 import os
 from contextlib import suppress
 
-from cranedyn.startup import end_on_interrupt
-
-end_on_interrupt(__name__)
-
 # Matrices of a crane are so small that threads of OpenBLAS cost far more than they share.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 

@@ -16,10 +16,11 @@ import numpy as np
 from cranedyn import theory
 from cranedyn.analysis.prediction import FreeSwing, free_swing
 from cranedyn.analysis.swing import SwingFit, fit_swing
+from cranedyn.checks import number
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.hold import DAMPING, STIFFNESS, Gains, Hold
 from cranedyn.data.trajectory import Trajectory, read_columns
-from cranedyn.errors import DataError, OutOfRange, number
+from cranedyn.errors import DataError, OutOfRange
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references import hold, pulse
 from experiments import harness

@@ -20,10 +20,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cranedyn.checks import number
 from cranedyn.command import interrupted
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import converters
-from cranedyn.errors import CraneError, number
+from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.sweep.processes import deaf, end_with_parent
 from experiments import harness

@@ -19,10 +19,11 @@ from rich.console import Console
 
 from cranedyn import theory
 from cranedyn.analysis.swing import swing_amplitude
+from cranedyn.checks import number
 from cranedyn.command import interrupted
 from cranedyn.controllers.hold import DAMPING, STIFFNESS
 from cranedyn.data.trajectory import Trajectory, join
-from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, number
+from cranedyn.errors import CraneError, DataError, OutOfRange, RunError
 from cranedyn.interfaces import Controller
 from cranedyn.plotting.figures import COLOURS, panels
 from cranedyn.references.itinerary import Stage, Timetable

@@ -15,10 +15,11 @@ from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 from cranedyn import theory
+from cranedyn.checks import number
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.pinocchio import energy, payload_position
-from cranedyn.errors import DataError, number
+from cranedyn.errors import DataError
 from cranedyn.interfaces import State, Validity
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import COLOURS, panels

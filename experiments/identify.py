@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import binom
 
+from cranedyn.checks import number, whole
 from cranedyn.data.external import parse_sources
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.errors import DataError, number, quoted, whole
+from cranedyn.errors import DataError, quoted
 from cranedyn.identification import Estimate, Known, Model, load_record
 from cranedyn.identification.noise import WHITE
 from cranedyn.identification.parameters import Drives

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.errors import DataError, number, whole
+from cranedyn.checks import number, whole
+from cranedyn.errors import DataError
 from cranedyn.planning.certificate import Certificate, certify
 from cranedyn.planning.lift import Lift, crane_of, plan_lift
 from cranedyn.planning.perturbed import CONFIDENCE, Perturbed, perturb

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.analysis.swing import swing_amplitude
+from cranedyn.checks import whole
 from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import follow, hold_controller
-from cranedyn.errors import whole
 from cranedyn.interfaces import Reference
 from cranedyn.model.crane import Crane
 from cranedyn.planning.certificate import AFTER, certify

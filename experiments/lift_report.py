@@ -12,9 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from cranedyn.checks import number, whole, within
 from cranedyn.command import FAILED, command
 from cranedyn.data.files import write_text
-from cranedyn.errors import number, whole, within
 from cranedyn.lifting.chart import CHARTS, read_chart
 from cranedyn.lifting.factors import DriveClass, HoistingClass
 from experiments import harness

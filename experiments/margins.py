@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
+from cranedyn.checks import whole, within
 from cranedyn.command import interrupted
 from cranedyn.controllers import hold_controller, lqr, observed, paper_controller
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.dynamics.linearisation import Sampled, sampled
 from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.errors import CraneError, OutOfRange, whole, within
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.references.motion import Motion
 from experiments import harness

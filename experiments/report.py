@@ -21,10 +21,10 @@ from cranedyn.command import INTERRUPTED, Parser, command
 from cranedyn.data.files import (
     check_writable,
     digest,
+    lock_folder,
     parse_json,
     read_bytes,
     read_text,
-    reserved,
     write_text,
 )
 from cranedyn.errors import DataError, UnknownName
@@ -305,7 +305,7 @@ def _main(options: argparse.Namespace) -> int:
     missing = [name for name in options.only if options.again or not _made(folder / name)]
     for file in (folder / "report.html", *(folder / name / "result.json" for name in missing)):
         check_writable(file)
-    with reserved(folder):  # it is there for them, and gone again if they leave nothing
+    with lock_folder(folder):  # it is there for them, and gone again if they leave nothing
         for name in missing:
             print(
                 f"Experiment {options.only.index(name) + 1} of {len(options.only)}: "

@@ -15,9 +15,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
+from cranedyn.checks import number
 from cranedyn.command import Parser, command
-from cranedyn.data.files import reserved, together
-from cranedyn.errors import number
+from cranedyn.data.files import atomic_write_set, lock_folder
 from cranedyn.recording.snapshot import animate, film, snapshot
 from experiments.harness.arguments import called
 
@@ -79,7 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
         if not given.times and not given.gif:
             parser.error("nothing to do: give times with -t or a span with --gif")
         # All of them, or none.
-        with reserved(given.out) if given.times else nullcontext(), together():
+        with lock_folder(given.out) if given.times else nullcontext(), atomic_write_set():
             paths = _pictures(given)
         print(*paths, sep="\n")
         return 0

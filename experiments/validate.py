@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cranedyn.errors import number
+from cranedyn.checks import number
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import parse_values
 from experiments import harness

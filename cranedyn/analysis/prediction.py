@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.arguments import checked
+from cranedyn.checks import number
 from cranedyn.clocks import intervals, multiple
 from cranedyn.controllers import Hold
 from cranedyn.dynamics.linearisation import feedback_gain, sampled, swing_mode
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import tabulated
@@ -37,7 +37,6 @@ class FreeSwing:
     amplitude: float
 
 
-@checked
 def free_swing(
     crane: Crane,
     hold: Hold,
@@ -74,6 +73,7 @@ def free_swing(
     """
     if not number("since", since, "s", ">= 0") < number("until", until, "s"):
         raise OutOfRange("since", since, f"less than until, {until:g} s", "s")
+    start = crane.layout.as_state("start", start)
     multiple("control_period", control_period, "dt", dt)
     intervals("until", until, control_period)
     layout = crane.layout

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import finite, shaped
-from cranedyn.errors import DataError, number
+from cranedyn.checks import as_array, finite, number
+from cranedyn.errors import DataError
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,6 @@ class SwingFit:
         )
 
 
-@checked
 def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
     """Fit a decaying cosine by least squares.
 
@@ -131,22 +129,22 @@ def fit_swing(t: np.ndarray, swing: np.ndarray) -> SwingFit:
     )
 
 
-@checked
 def zero_crossings(t: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Times at which a signal changes sign, by linear interpolation between samples; error O(dt²)
     of the period.
     """
-    y = shaped("y", y, shaped("t", t, ("n",)).shape)
+    t = as_array("t", t, ("n",))
+    y = as_array("y", y, t.shape)
     i = np.flatnonzero((np.signbit(y[:-1]) != np.signbit(y[1:])) & (y[:-1] != y[1:]))
     return t[i] - y[i] * (t[i + 1] - t[i]) / (y[i + 1] - y[i])
 
 
-@checked
 def peaks(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times and heights of the largest |y| between neighbouring zero crossings, by a parabola
     through the three samples at the top.
     """
-    y = shaped("y", y, shaped("t", t, ("n",)).shape)
+    t = as_array("t", t, ("n",))
+    y = as_array("y", y, t.shape)
     size = np.abs(y)
     edges = np.flatnonzero(np.signbit(y[:-1]) != np.signbit(y[1:])) + 1
     i = np.array(
@@ -180,7 +178,6 @@ class PowerLaw:
         return self.factor * np.asarray(x, dtype=float) ** self.exponent
 
 
-@checked
 def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
     """Fit a power law by least squares on logarithms.
 
@@ -188,7 +185,8 @@ def fit_power_law(x: np.ndarray, y: np.ndarray) -> PowerLaw:
         DataError: If fewer than three points are given, all x are alike, or a number is not
             positive.
     """
-    y = finite("y", y, finite("x", x, ("n",)).shape)
+    x = finite("x", x, ("n",))
+    y = finite("y", y, x.shape)
     if len(x) < 3 or np.ptp(x) == 0.0:
         raise DataError(f"A power law needs three points of different abscissa, here are {len(x)}.")
     if not min(np.min(x), np.min(y)) > 0.0:
@@ -222,14 +220,14 @@ class Agreement:
         return self.rms / self.measured
 
 
-@checked
 def agreement(measured: np.ndarray, modelled: np.ndarray) -> Agreement:
     """Compare two signals of the same times, shape (n,) each.
 
     Raises:
         DataError: If one of them does not move.
     """
-    modelled = finite("modelled", modelled, finite("measured", measured, ("n",)).shape)
+    measured = finite("measured", measured, ("n",))
+    modelled = finite("modelled", modelled, measured.shape)
     for name, signal in (("measured", measured), ("modelled", modelled)):
         if len(signal) == 0 or np.ptp(signal) == 0.0 or np.var(signal) == 0.0:
             raise DataError(f"The {name} signal does not move, so there is nothing to compare.")
@@ -241,7 +239,6 @@ def agreement(measured: np.ndarray, modelled: np.ndarray) -> Agreement:
     )
 
 
-@checked
 def swing_amplitude(
     swing: np.ndarray, rates: np.ndarray, length: np.ndarray | float, gravity: float
 ) -> np.ndarray:
@@ -254,14 +251,13 @@ def swing_amplitude(
         length: Cable length [m].
         gravity: Gravity [m/s²].
     """
-    rates = shaped("rates", rates, shaped("swing", swing, ("n", 2)).shape)
-    if np.ndim(length):
-        shaped("length", length, (len(swing),))
+    swing = as_array("swing", swing, ("n", 2))
+    rates = as_array("rates", rates, swing.shape)
+    length = as_array("length", length, (), (len(swing),))
     number("gravity", gravity, "m/s²", "> 0")
     return np.sqrt(np.sum(swing**2, axis=1) + np.sum(rates**2, axis=1) * length / gravity)
 
 
-@checked
 def settling_time(t: np.ndarray, distance: np.ndarray, within: float) -> float:
     """When a distance has come within a bound for good [s]; inf if it has not by the end.
 
@@ -270,7 +266,8 @@ def settling_time(t: np.ndarray, distance: np.ndarray, within: float) -> float:
         distance: Distances, not negative, shape (n,).
         within: The bound.
     """
-    distance = shaped("distance", distance, shaped("t", t, ("n",)).shape)
+    t = as_array("t", t, ("n",))
+    distance = as_array("distance", distance, t.shape)
     if not len(t):
         raise DataError("The record holds no row where a time of settling is looked for.")
     outside = np.flatnonzero(~(distance <= within))

@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked
 from cranedyn.bridges.mcap import check_installed
-from cranedyn.data.files import opened
+from cranedyn.data.files import open_file
 from cranedyn.data.tables import LARGEST
 from cranedyn.errors import CraneError, DataError, UnknownName, quoted
 from cranedyn.model.layout import ROLES
@@ -60,7 +59,6 @@ Raw = tuple[str, int, bytes]
 """Topic, time of logging [ns], message."""
 
 
-@checked
 def read_columns(
     path: str | Path, columns: Sequence[str], names: Mapping[str, str] | None = None
 ) -> dict[str, np.ndarray]:
@@ -88,7 +86,6 @@ def read_columns(
         return _columns(Path(path), columns, {**NAMES, **(names or {})})
 
 
-@checked
 def columns(path: str | Path, names: Mapping[str, str] | None = None) -> list[str]:
     """Names of the columns that a recording has, by its first message of joint states.
 
@@ -123,7 +120,7 @@ def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[None]:
     for symbol in names or {}:
         if symbol not in NAMES:
             raise UnknownName("coordinate", symbol, NAMES)
-    with opened(path) as file:
+    with open_file(path) as file:
         if file.seek(0, 2) > LARGEST:
             raise DataError(f"Cannot read {path}: it is larger than {LARGEST / 1e6:g} MB.")
     try:
@@ -220,7 +217,7 @@ def _of_mcap(path: Path) -> Iterator[Raw]:
     schemas: dict[int, str] = {}
     topics: dict[int, str] = {}
     unpack = _Unpacker()
-    with opened(path) as file:
+    with open_file(path) as file:
         for record in StreamReader(file, emit_chunks=True, record_size_limit=_MOST).records:
             if isinstance(record, Chunk):
                 parts = _parts(unpack(record.compression, record.data), topics)

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked, described
-from cranedyn.arrays import finite
 from cranedyn.bridges.names import input_names, state_names
+from cranedyn.checks import check_choice, finite, short_repr
 from cranedyn.controllers.linearised import linearised
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.linearisation import linear
@@ -29,7 +28,6 @@ except ModuleNotFoundError as error:
     ) from error
 
 
-@checked
 def to_control(
     crane: Crane,
     state: State | None = None,
@@ -86,7 +84,6 @@ def to_control(
     )
 
 
-@checked
 def from_control(
     crane: Crane,
     feedback: object,
@@ -115,6 +112,7 @@ def from_control(
         CraneError: If the system has states of its own, or does not say how it feeds each state
             back.
     """
+    check_choice("drive", drive, DirectDrive)
     names = state_names(crane)
     gain = finite("gain", _gain(feedback, names), (crane.layout.m, len(names)))
     if isinstance(about, Motion):
@@ -126,7 +124,7 @@ def from_control(
             np.broadcast_to(gain, (len(commands), *gain.shape)),
             table.setpoint,
         )
-    state = State.checked("rest", about)
+    state = crane.layout.as_state("rest", about)
     if state.v.any():
         raise OutOfRange(
             "rates of the rest", state.v.tolist(), "0; a motion is given as a Motion", "/s"
@@ -142,7 +140,7 @@ def _gain(feedback: Any, names: Sequence[str]) -> np.ndarray:
             return np.asarray(feedback, dtype=float)
         except (TypeError, ValueError):
             raise OutOfRange(
-                "feedback", described(feedback), "a gain or a system of python-control"
+                "feedback", short_repr(feedback), "a gain or a system of python-control"
             ) from None
     if not isinstance(feedback, ct.StateSpace) or feedback.nstates:
         raise CraneError(

@@ -20,10 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.arguments import check_word, checked
 from cranedyn.bridges.joints import loaded
 from cranedyn.bridges.names import force_names, input_names, state_names
 from cranedyn.bridges.target import check_free, new_file
+from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.dynamics.pinocchio import holding_effort
@@ -64,7 +64,6 @@ class Variable:
     about: str = ""
 
 
-@checked
 def export(
     crane: Crane,
     path: str | Path,
@@ -99,7 +98,7 @@ def export(
     if final.suffix != ".fmu":
         raise OutOfRange("name of the unit", str(final), "one that ends in .fmu")
     check_free(final)
-    check_word("drive", drive, DirectDrive)
+    check_choice("drive", drive, DirectDrive)
     clocks(dt, dt, dt)
     from cranedyn.compiled.checked import elsewhere  # other doors need no llvmlite
     from cranedyn.compiled.kernel import Recipe

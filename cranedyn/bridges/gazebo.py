@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.arguments import checked
 from cranedyn.bridges.joints import ExportedJoint, check_heavy, described, grounded, joints
 from cranedyn.bridges.programs import Program
 from cranedyn.bridges.target import new_folder
-from cranedyn.errors import DataError, OutOfRange, UnknownName, whole
+from cranedyn.checks import whole
+from cranedyn.errors import DataError, OutOfRange, UnknownName
 from cranedyn.model.description import parse_values
 
 TARGET = "DIR"
@@ -28,7 +28,6 @@ SOLVERS = {"world": {"type": "world"}, "quick": {"type": "quick", "iters": "50"}
 """Of ODE: the exact one of the article's world, and Gazebo's default."""
 
 
-@checked
 def export(
     folder: str | Path,
     program: Program,

@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import described, taken
-from cranedyn.arrays import shaped
 from cranedyn.bridges.task import Rules, Task
+from cranedyn.checks import as_array, short_repr, whole
 from cranedyn.disturbances.wind import constant_force
-from cranedyn.errors import CraneError, OutOfRange, UnknownName, whole
+from cranedyn.errors import CraneError, OutOfRange, UnknownName
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -84,7 +83,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         if render_mode is not None:
             raise OutOfRange(
                 "render_mode",
-                described(render_mode),
+                short_repr(render_mode),
                 "None for many cranes; one crane alone takes rrd",
             )
         try:
@@ -92,7 +91,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         except ValueError:
             modes = ", ".join(one.value for one in AutoresetMode)
             raise OutOfRange(
-                "autoreset_mode", described(autoreset_mode), f"one of {modes}"
+                "autoreset_mode", short_repr(autoreset_mode), f"one of {modes}"
             ) from None
         self.num_envs, self.render_mode, self._mode = whole("num_envs", num_envs, 1), None, mode
         self.metadata = {"render_modes": [], "autoreset_mode": mode}
@@ -127,7 +126,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
         whole_seed, given = _seed(seed), _options(options)
         mask = np.asarray(given.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
         if mask.shape != (self.num_envs,) or mask.dtype != bool:
-            raise OutOfRange("reset_mask", described(mask), f"{self.num_envs} of True or False")
+            raise OutOfRange("reset_mask", short_repr(mask), f"{self.num_envs} of True or False")
         beginning = self.task.possible(**_beginning(given))
         super().reset(seed=whole_seed)
         self._begin(mask, **beginning)
@@ -146,7 +145,7 @@ class TowerCraneVectorEnv(gym.vector.VectorEnv):
                 "crane", int(np.argmax(self._ended)), "one whose episode has begun: call reset"
             )
         reward, over, seen = self.task.act(
-            shaped("actions", actions, (self.num_envs, self.task.layout.m)).T
+            as_array("actions", actions, (self.num_envs, self.task.layout.m)).T
         )
         self._steps += 1
         late = ~over & (self._steps >= self._last)
@@ -211,8 +210,8 @@ class TowerCraneEnv(gym.Env):
             UnknownName: If there is no such rule.
         """
         if render_mode not in (None, "rrd"):
-            raise OutOfRange("render_mode", described(render_mode), "None or rrd")
-        self._folder = Path(taken("folder", folder, str | Path))
+            raise OutOfRange("render_mode", short_repr(render_mode), "None or rrd")
+        self._folder = Path(folder)
         self.render_mode, self._dt = render_mode, dt
         self.task = Task(
             load_crane() if crane is None else crane,
@@ -259,7 +258,7 @@ class TowerCraneEnv(gym.Env):
         """
         if not self._episode:
             raise OutOfRange("episode", "none", "one that has begun: call reset")
-        asked = shaped("action", action, (self.task.layout.m,))
+        asked = as_array("action", action, (self.task.layout.m,))
         accelerations = self.task.accelerations(asked[:, None], self.task.fleet.z)[:, 0]
         reward, over, seen = self.task.act(asked[:, None])
         self._accelerations.append(accelerations)
@@ -344,13 +343,13 @@ def _seed(seed: object) -> int | None:
     if seed is None:
         return None
     if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
-        raise OutOfRange("seed", described(seed), "None or one whole number >= 0 for all cranes")
+        raise OutOfRange("seed", short_repr(seed), "None or one whole number >= 0 for all cranes")
     return int(seed)
 
 
 def _options(given: Any) -> dict[str, Any]:
     if not isinstance(given, Mapping | None):
-        raise OutOfRange("options", described(given), "a dictionary or None")
+        raise OutOfRange("options", short_repr(given), "a dictionary or None")
     return dict(given or {})
 
 
@@ -358,8 +357,6 @@ def _beginning(given: dict[str, Any]) -> dict[str, Any]:
     for name in given:
         if name not in ("start", "goal"):
             raise UnknownName("option of reset", str(name), ("start", "goal"))
-    if "start" in given:
-        given["start"] = State.checked("start", given["start"])
     return given
 
 

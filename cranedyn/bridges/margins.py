@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import finite
+from cranedyn.checks import finite
 from cranedyn.controllers.affine import form
 from cranedyn.dynamics.linearisation import Sampled
 from cranedyn.errors import CraneError
@@ -87,7 +86,6 @@ class Margins(NamedTuple):
         )
 
 
-@checked
 def regulator(
     crane: Crane, controller: Controller, rest: State, *, t: float, period: float
 ) -> Regulator:
@@ -98,6 +96,7 @@ def regulator(
         CraneError: If it has no common form, see `cranedyn.controllers.affine`.
     """
     layout = crane.layout
+    rest = layout.as_state("rest", rest)
     found = form(controller, np.array([t]), rest.q[layout.drives][None], 2 * layout.n)
     if found is None:
         raise CraneError(
@@ -114,7 +113,6 @@ def regulator(
     return Regulator(np.eye(count), seen, by_integral, found.gain[-1] + by_integral @ seen)
 
 
-@checked
 def behind_observer(
     law: Regulator, plant: Sampled, gain: np.ndarray, measured: np.ndarray
 ) -> Regulator:
@@ -142,7 +140,6 @@ def behind_observer(
     )
 
 
-@checked
 def margins(plant: Sampled, law: Regulator) -> Margins:
     """Margins of a crane under a linear controller, each drive's loop opened at its effort while
     the others stay closed.

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.arguments import checked
 from cranedyn.bridges.joints import ExportedJoint, described, joints, loaded
 from cranedyn.bridges.target import new_file
 from cranedyn.data.trajectory import Trajectory, read
@@ -62,7 +61,6 @@ def check_installed() -> None:
             raise DataError(f"{package} is not installed: pip install 'cranedyn[mcap]'.")
 
 
-@checked
 def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     """Write a run as MCAP.
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.arguments import checked
 from cranedyn.bridges.joints import ExportedJoint, check_heavy, described, joints, loaded
 from cranedyn.bridges.target import new_file
-from cranedyn.errors import DataError, ModelError, number, quoted
+from cranedyn.checks import number
+from cranedyn.errors import DataError, ModelError, quoted
 from cranedyn.model.crane import Crane
 
 TARGET = "FILE"
@@ -23,7 +23,6 @@ TARGET = "FILE"
 _SHAPES = {"box": "box", "cylinder": "cylinder", "sphere": "sphere"}
 
 
-@checked
 def export(file: str | Path, crane: Crane, *, dt: float = 5e-4) -> Path:
     """Write a crane as MuJoCo loads it.
 

@@ -11,11 +11,11 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 
-from cranedyn.arguments import checked
 from cranedyn.bridges.gazebo import world
 from cranedyn.bridges.joints import ExportedJoint, check_heavy, described, grounded, joints, loaded
 from cranedyn.bridges.target import new_folder
-from cranedyn.errors import DataError, number
+from cranedyn.checks import number
+from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
 
 TARGET = "DIR"
@@ -46,7 +46,6 @@ _SYSTEMS = {
 """What a world of gz sim needs to move, to take models, and to be seen."""
 
 
-@checked
 def export(
     folder: str | Path, crane: Crane, *, name: str = "crane_description", dt: float = 5e-4
 ) -> Path:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cranedyn.data.files import sync_folder, written
+from cranedyn.data.files import atomic_write, sync_folder
 from cranedyn.errors import DataError
 
 
@@ -53,11 +53,11 @@ def new_folder(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_file(target: Path) -> Iterator[Path]:
-    """A file to write, as `cranedyn.data.files.written`, in a place where none is.
+    """A file to write, as `cranedyn.data.files.atomic_write`, in a place where none is.
 
     Raises:
-        DataError: As `check_free` and `written`.
+        DataError: As `check_free` and `atomic_write`.
     """
     check_free(target)
-    with written(target) as draft:
+    with atomic_write(target) as draft:
         yield draft

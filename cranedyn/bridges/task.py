@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked, described
-from cranedyn.arrays import finite
+from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.compiled.fleet import Fleet
 from cranedyn.disturbances.wind import AIR_DENSITY
-from cranedyn.errors import OutOfRange, number, whole, within
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -58,7 +57,6 @@ _MARGIN = 0.05
 beyond."""
 
 
-@checked
 @dataclass(frozen=True, eq=False)
 class Rules:
     """What the task is.
@@ -107,7 +105,7 @@ def cranes_between(count: int, seed: int = 0, **ranges: tuple[float, float]) -> 
         try:
             low, high = given
         except (TypeError, ValueError):
-            raise OutOfRange(f"range of {name}", described(given), "two numbers") from None
+            raise OutOfRange(f"range of {name}", short_repr(given), "two numbers") from None
         ends[name] = number(f"range of {name}", low), number(f"range of {name}", high)
     rng = np.random.default_rng(whole("seed", seed, 0))
     many = range(whole("number of cranes", count, 1))
@@ -178,7 +176,6 @@ class Task:
         )
         self.far = self.distance(self.fleet.z, self.goal)
 
-    @checked
     def possible(
         self, start: State | None = None, goal: Sequence[float] | None = None
     ) -> dict[str, Any]:
@@ -188,13 +185,12 @@ class Task:
             OutOfRange: If a goal is not in the ranges of the drives, or a start none of the crane.
         """
         if start is not None:
-            start.check_fits("start", self.layout)
+            start = self.layout.as_state("start", start)
         if goal is not None:
             ends = zip(self.layout.for_drives("goal", goal), *self._range, strict=True)
             goal = [within("goal", value, low, high) for value, low, high in ends]
         return {"start": start, "goal": goal}
 
-    @checked
     def begin(
         self,
         rng: np.random.Generator,

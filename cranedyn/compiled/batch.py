@@ -11,8 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from cranedyn.arguments import check_word, checked
-from cranedyn.arrays import fixed
+from cranedyn.checks import check_choice, number, read_only, whole, within
 from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import cuda, inputs
 from cranedyn.compiled.call import Sizes, places, size
@@ -26,7 +25,7 @@ from cranedyn.compiled.threads import WARP
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.errors import OutOfRange, number, whole, within
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
 
@@ -85,7 +84,6 @@ class Batch:
         return len(self.peak_swing)
 
 
-@checked
 def simulate_batch(
     crane: Crane | Cranes | Sequence[Crane],
     controller: Controller | Sequence[Controller],
@@ -153,8 +151,8 @@ def simulate_batch(
         ModelError: If the code would not do what Pinocchio does.
     """
     clock = clocks(duration, dt, control_period)
-    check_word("drive", drive, Drive)
-    check_word("device", device, Device)
+    check_choice("drive", drive, Drive)
+    check_choice("device", device, Device)
     if device == "cuda":
         if threads is not None:
             raise OutOfRange("threads", threads, "None on a GPU, where each crane has one")
@@ -189,7 +187,7 @@ def simulate_batch(
         inputs.offsets(sensor_offset, cranes, sizes),
     )
     taken += sum(table.rows.size for table in (forces, *offsets))
-    control = inputs.control(distinct[0], controller, reference, state, fixed(times), taken)
+    control = inputs.control(distinct[0], controller, reference, state, read_only(times), taken)
     if control.planned is not None and device == "cuda":
         raise OutOfRange("device", device, "cpu where the controller is a predictive one")
     recipe = Recipe(

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
+from cranedyn.checks import number, whole
 from cranedyn.compiled.call import SLOTS, TURNS, size
-from cranedyn.errors import CraneError, Misshapen, OutOfRange, number, whole
+from cranedyn.errors import CraneError, Misshapen, OutOfRange
 
 if TYPE_CHECKING:
     from cranedyn.clocks import Clocks

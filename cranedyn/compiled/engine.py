@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.arrays import fixed
+from cranedyn.checks import read_only
 from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.compiled.checked import compiled
 from cranedyn.compiled.door import Loop, Rows
@@ -234,7 +234,9 @@ class CompiledEngine(Engine):
             return
         ahead = max(1, min(_BLOCK, _STEPS // clocks.steps))
         while first <= periods:
-            times = fixed(since + clocks.period * np.arange(first, min(first + ahead, periods + 1)))
+            times = read_only(
+                since + clocks.period * np.arange(first, min(first + ahead, periods + 1))
+            )
             try:
                 setpoint = tabulated(reference, times, self._sizes.m).position
                 common = (

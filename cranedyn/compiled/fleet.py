@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import check_word, checked, described
-from cranedyn.arrays import finite, fixed
+from cranedyn.checks import check_choice, finite, read_only, short_repr, whole, within
 from cranedyn.clocks import clocks
 from cranedyn.compiled.call import Sizes, places, size
 from cranedyn.compiled.checked import compiled
@@ -23,7 +22,7 @@ from cranedyn.compiled.inputs import fit, one_layout, starts
 from cranedyn.compiled.kernel import Kernel, Recipe
 from cranedyn.compiled.tables import Table, alone, one_command
 from cranedyn.dynamics.integrators import semi_implicit_euler
-from cranedyn.errors import OutOfRange, whole, within
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
 
@@ -49,7 +48,6 @@ class Fleet:
     z: np.ndarray
     _pool: ThreadPoolExecutor | None
 
-    @checked
     def __init__(
         self,
         cranes: Crane | Sequence[Crane],
@@ -77,7 +75,7 @@ class Fleet:
                 they would not fit into 4 GB.
             ModelError: If the code would not do what Pinocchio does.
         """
-        check_word("drive", drive, DirectDrive)
+        check_choice("drive", drive, DirectDrive)
         self.cranes = [cranes] if isinstance(cranes, Crane) else list(cranes)
         if not self.cranes:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")
@@ -146,7 +144,7 @@ class Fleet:
         self._steps = Loop(
             code, self._clock, (alone(law), alone(aim), table), last=1, end=1, **memory
         ).steps()
-        self.z = fixed(self._z.reshape(len(self._z), -1)[:, : self.count])
+        self.z = read_only(self._z.reshape(len(self._z), -1)[:, : self.count])
         self._pool, self._process = None, 0
 
     def __getstate__(self) -> dict[str, Any]:
@@ -159,7 +157,6 @@ class Fleet:
         vars(self).update(state)
         self._bind(compiled(self.cranes, self._recipe)[0])
 
-    @checked
     def place(
         self, which: np.ndarray, start: State | Sequence[State], crane: np.ndarray | None = None
     ) -> None:
@@ -186,7 +183,6 @@ class Fleet:
             )
         self._put(rows, starts(start, len(rows), self._sizes.n), kinds)
 
-    @checked
     def push(self, which: np.ndarray, force: np.ndarray) -> None:
         """Have forces from outside act on some cranes until something else is said.
 
@@ -202,13 +198,12 @@ class Fleet:
         if not self._pushed:
             raise OutOfRange(
                 "forces from outside",
-                described(force),
+                short_repr(force),
                 "none, unless the fleet is made with forces = True",
             )
         rows = _indices("which crane", which, self.count)
         self._force[rows] = finite("force", force, (len(rows), size(self._sizes.force)), unit="N")
 
-    @checked
     def step(self, command: np.ndarray) -> np.ndarray:
         """Go on for a control period.
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.arrays import finite
+from cranedyn.checks import finite, whole, within
 from cranedyn.clocks import Clocks
 from cranedyn.compiled.call import Sizes, size
 from cranedyn.compiled.horizon.receding import Receding
@@ -16,7 +16,7 @@ from cranedyn.controllers.affine import Affine, form
 from cranedyn.dynamics.converters import fitting
 from cranedyn.dynamics.cranes import Cranes
 from cranedyn.dynamics.plant import Topology
-from cranedyn.errors import CraneError, Misshapen, OutOfRange, whole, within
+from cranedyn.errors import CraneError, Misshapen, OutOfRange
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from llvmlite import ir
 
-from cranedyn.arrays import finite
+from cranedyn.checks import finite
 from cranedyn.compiled.code import INTEGER, Code, Value
 from cranedyn.compiled.door import Rows
 from cranedyn.compiled.machine import translated

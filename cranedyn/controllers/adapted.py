@@ -11,15 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import check_word, checked
-from cranedyn.arrays import OneLine
+from cranedyn.checks import ShortRepr, check_choice, number, whole
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.load_filter import GYROSCOPE, LoadFilter, Sensors
 from cranedyn.controllers.observer import initial_std_of
 from cranedyn.controllers.sensed import noise_of
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import inverse_dynamics
-from cranedyn.errors import CraneError, OutOfRange, number, whole
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import ROLES
@@ -88,7 +87,7 @@ class Family:
 
 
 @dataclass(eq=False, repr=False)
-class Adapted(OneLine):
+class Adapted(ShortRepr):
     """A controller behind a filter that estimates state, load and cable. It remembers: make a new
     one for each run.
 
@@ -159,7 +158,6 @@ class Adapted(OneLine):
             )
 
 
-@checked
 def adapted(
     controller: Controller,
     crane: Crane,
@@ -204,9 +202,10 @@ def adapted(
         OutOfRange: If a standard deviation or the delay is none, or a motion has other rows than
             planned.
     """
-    check_word("sensors", sensors, Sensors)
+    check_choice("sensors", sensors, Sensors)
     late = whole("delay of the observer", delay, 0, "control periods")
     layout, hoist = crane.layout, crane.layout.role("hoist", "An observer of the load")
+    motion.check_fits("motion", layout)
     n = layout.n
     length = float(motion.q[0, hoist])
     offset = number("cable_std", cable_std, "", ">= 0") * abs(length)
@@ -217,7 +216,7 @@ def adapted(
     seen = _numbers(
         "noise of the observer", noise_of(crane) if noise is None else noise, 2 * n, "> 0"
     )
-    begins = State(motion.q[0], motion.v[0]) if start is None else start
+    begins = State(motion.q[0], motion.v[0]) if start is None else layout.as_state("start", start)
     covariance = np.diag(
         np.square([*initial_std_of(crane), number("load_std", load_std, "", ">= 0"), offset, share])
     )
@@ -262,8 +261,9 @@ def _family(
         q[:, hoist] += by
         return Motion(motion.period, q, motion.v, motion.a, motion.drives)
 
-    outer = [Motion.checked("motion on another cable", on_cable(by)) for by in (-spread, spread)]
+    outer = [on_cable(by) for by in (-spread, spread)]
     for other in outer:
+        other.check_fits("motion on another cable", crane.layout)
         if other.q.shape != motion.q.shape or other.period != motion.period:
             raise OutOfRange(
                 "motion on another cable",

@@ -9,7 +9,7 @@ from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 
-from cranedyn.arrays import fixed, shaped
+from cranedyn.checks import as_array, read_only
 from cranedyn.errors import Misshapen
 from cranedyn.model.crane import Crane
 
@@ -57,7 +57,7 @@ class Affine:
         """
 
         def part(name: str, *shape: int | str) -> np.ndarray:
-            found = shaped(f"{name} in the common form of {whose}", getattr(self, name), shape)
+            found = as_array(f"{name} in the common form of {whose}", getattr(self, name), shape)
             if isinstance(shape[0], str) and not 0 < len(found) <= instants:
                 raise Misshapen(
                     f"{name} in the common form of {whose}",
@@ -133,7 +133,7 @@ def form(controller: object, times: np.ndarray, positions: np.ndarray, width: in
     if not callable(vars(answers).get("affine")):
         return None
     answer, whose = (
-        cast(AffineController, controller).affine(fixed(times), fixed(positions)),
+        cast(AffineController, controller).affine(read_only(times), read_only(positions)),
         type(controller).__name__,
     )
     if answer is not None and not isinstance(answer, Affine):

@@ -7,17 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import OneLine
+from cranedyn.checks import ShortRepr, number
 from cranedyn.clocks import soon_enough
-from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Damped(OneLine):
+class Damped(ShortRepr):
     """Drives that yield to the swing, see `damped`.
 
     Attributes:
@@ -78,7 +76,6 @@ class Damped(OneLine):
         return joints, layout.along("gamma"), layout.along("x")
 
 
-@checked
 def damped(
     crane: Crane,
     reference: Reference,

@@ -6,20 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import OneLine
+from cranedyn.checks import ShortRepr, number
 from cranedyn.clocks import soon_enough
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.dynamics.linearisation import feedback_gain
-from cranedyn.errors import number
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import tabulated
 
 
-@checked
 @dataclass(frozen=True, eq=False, repr=False)
-class Follow(OneLine):
+class Follow(ShortRepr):
     """Reach the reference's velocity at the next control instant; for `simulate(...,
     drive="motion")`.
 
@@ -64,7 +61,6 @@ class Follow(OneLine):
         )
 
 
-@checked
 def follow(crane: Crane, reference: Reference, control_period: float = 5e-3) -> Follow:
     """Take motion-controlled drives along a reference, control instants being a period [s]
     apart.

@@ -11,11 +11,9 @@ from itertools import count
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import OneLine, shaped
+from cranedyn.checks import ShortRepr, as_array, number
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.dynamics.linearisation import feedback_gain
-from cranedyn.errors import number
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 
@@ -39,9 +37,8 @@ Gains = Sequence[float] | Mapping[str, float] | None
 """Of all drives, or of some by their symbols."""
 
 
-@checked
 @dataclass(frozen=True, eq=False, repr=False)
-class Hold(OneLine):
+class Hold(ShortRepr):
     """Effort = feed-forward + k_p (setpoint - position) - k_d velocity, for each drive by itself.
 
     The velocity of the reference does not enter: on a ramp the drive lags by k_d / k_p times the
@@ -64,19 +61,20 @@ class Hold(OneLine):
         drives by themselves.
         """
         for name in ("stiffness", "damping", "feed_forward"):
-            shaped(name, getattr(self, name), (self.crane.layout.m,))
-        gains = (
+            gains = as_array(name, getattr(self, name), (self.crane.layout.m,))
+            object.__setattr__(self, name, gains)
+        columns = (
             part.tolist()
             for part in (self.crane.layout.drives, self.feed_forward, self.stiffness, self.damping)
         )
-        object.__setattr__(self, "_plain", tuple(zip(count(), *gains, strict=False)))
+        object.__setattr__(self, "_plain", tuple(zip(count(), *columns, strict=False)))
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Efforts [N m or N], shape (m,)."""
         q, v, aims = state.q.tolist(), state.v.tolist(), setpoint.position.tolist()
         plain, efforts = self._plain, []  # type: ignore[attr-defined]
         if len(aims) != len(plain):
-            shaped("position of the setpoint", setpoint.position, (len(plain),))
+            as_array("position of the setpoint", setpoint.position, (len(plain),))
         for drive, joint, always, k_p, k_d in plain:
             # A loop over plain numbers is quicker than a comprehension or NumPy of so few.
             efforts.append(always + k_p * (aims[drive] - q[joint]) - k_d * v[joint])
@@ -92,7 +90,6 @@ class Hold(OneLine):
         )
 
 
-@checked
 def hold_controller(
     crane: Crane,
     *,

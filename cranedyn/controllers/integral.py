@@ -9,19 +9,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import OneLine
+from cranedyn.checks import ShortRepr, number
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.affine import Affine
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.errors import number
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 
 
-@checked
 @dataclass(eq=False, repr=False)
-class HoistIntegral(OneLine):
+class HoistIntegral(ShortRepr):
     """A tracking controller whose hoist has an integrator besides; at the limit of the drive it
     integrates back only (anti-windup).
 

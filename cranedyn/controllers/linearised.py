@@ -6,11 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked
+from cranedyn.checks import whole
 from cranedyn.clocks import multiple
 from cranedyn.dynamics.linearisation import over_period
 from cranedyn.dynamics.pinocchio import linearise
-from cranedyn.errors import whole
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion, motion_efforts
@@ -41,7 +40,6 @@ class Linearised(NamedTuple):
         return min(max(round(t / self.period), 0), len(self.efforts) - 1)
 
 
-@checked
 def linearised(
     crane: Crane, motion: Motion, *, dt: float, every: int, control_period: float | None = None
 ) -> Linearised:
@@ -57,6 +55,7 @@ def linearised(
     Raises:
         OutOfRange: If the control period is not a multiple of `dt`, or `every` is not at least 1.
     """
+    motion.check_fits("motion", crane.layout)
     held = motion.period if control_period is None else control_period
     steps = multiple("control period", held, "dt", dt)
     every = min(whole("rows between linearisations", every, 1), len(motion.q))

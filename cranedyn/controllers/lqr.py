@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cranedyn.arguments import checked
 from cranedyn.controllers.linearised import linearised
 from cranedyn.controllers.riccati import riccati
 from cranedyn.controllers.tracking import Tracking
@@ -26,20 +25,17 @@ EFFORT = {"revolute": 2.0e4, "prismatic": 1.0e3}
 """Efforts beyond the feed-forward that weigh alike, ours [N m or N]."""
 
 
-@checked
 def state_weight_of(crane: Crane) -> np.ndarray:
     """Q for coordinates and rates by Bryson's rule, shape (2 n, 2 n)."""
     errors = np.array([ERROR[joint.kind, joint.driven] for joint in crane.layout.joints])
     return np.diag(1.0 / errors.T.ravel()) ** 2
 
 
-@checked
 def effort_weight_of(crane: Crane) -> np.ndarray:
     """R for the drives by the same rule, shape (m, m)."""
     return np.diag([1.0 / EFFORT[joint.kind] for joint in crane.layout.driven]) ** 2
 
 
-@checked
 def lqr(
     crane: Crane,
     motion: Motion,

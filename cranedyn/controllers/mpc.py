@@ -17,14 +17,13 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import OneLine
+from cranedyn.checks import ShortRepr, number, whole, within
 from cranedyn.clocks import multiple
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.lqr import effort_weight_of, state_weight_of
 from cranedyn.controllers.riccati import Sweep, riccati
 from cranedyn.controllers.tracking import check_finite
-from cranedyn.errors import CraneError, OutOfRange, RunError, number, whole, within
+from cranedyn.errors import CraneError, OutOfRange, RunError
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
@@ -59,7 +58,7 @@ class Solution(NamedTuple):
 
 
 @dataclass(eq=False, repr=False)
-class Predictive(OneLine):
+class Predictive(ShortRepr):
     """Model predictive control about a motion; between its instants the correction of the efforts
     is held, the feed-forward goes on.
 
@@ -174,7 +173,6 @@ class Predictive(OneLine):
         return efforts.reshape(-1, width), ahead.reshape(-1, width)
 
 
-@checked
 def mpc(
     crane: Crane,
     motion: Motion,

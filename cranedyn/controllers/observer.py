@@ -13,12 +13,11 @@ from importlib import import_module
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import OneLine
+from cranedyn.checks import ShortRepr, number, whole
 from cranedyn.clocks import SAME_PERIOD
 from cranedyn.controllers.linearised import Linearised, linearised
 from cranedyn.controllers.sensed import noise_of
-from cranedyn.errors import CraneError, OutOfRange, number, whole
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
@@ -43,13 +42,11 @@ INITIAL_STD = {
 by 0.1 rad."""
 
 
-@checked
 def disturbance_of(crane: Crane) -> np.ndarray:
     """Standard deviations of the accelerations that the model does not know, shape (n,)."""
     return _each(crane, DISTURBANCE)
 
 
-@checked
 def initial_std_of(crane: Crane) -> np.ndarray:
     """Standard deviations of coordinates and rates at the start, shape (2 n,)."""
     return np.tile(_each(crane, INITIAL_STD), 2)
@@ -95,7 +92,7 @@ def load_lapack() -> None:
 
 
 @dataclass(eq=False, repr=False)
-class Observed(OneLine):
+class Observed(ShortRepr):
     """A controller that is told an estimate of the state. It remembers: make a new one for each
     run.
 
@@ -212,7 +209,6 @@ class Observed(OneLine):
         self.covariance = left @ self.covariance @ left.T + self.gain @ self.noise @ self.gain.T
 
 
-@checked
 def observed(
     controller: Controller,
     crane: Crane,

@@ -11,12 +11,11 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import finite
+from cranedyn.checks import finite, number, whole
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.riccati import riccati, stationary
 from cranedyn.controllers.tracking import Tracking
-from cranedyn.errors import OutOfRange, number, whole
+from cranedyn.errors import OutOfRange
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.references.motion import Motion
 
@@ -52,7 +51,6 @@ def slew_plane(
     return a, np.array([[0.0], [1.0 / inertia], [0.0], [radius / (inertia * length)]])
 
 
-@checked
 def paper_controller(
     crane: Crane,
     motion: Motion,
@@ -77,6 +75,7 @@ def paper_controller(
             positive, or `every` is not at least 1.
     """
     slew, trolley_joint, radial, tangential, cable = crane.layout.tower("The paper's control")
+    motion.check_fits("motion", crane.layout)
     every = min(whole("rows between linearisations", every, 1), len(motion.q))
     number("gravity", gravity, "m/s²", "> 0")
     if finite("gains of the hoist", hoist, (3,)).min() < 0.0:

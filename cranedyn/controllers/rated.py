@@ -21,8 +21,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from cranedyn.arguments import check_word, checked
-from cranedyn.arrays import OneLine
+from cranedyn.checks import ShortRepr, check_choice, number
 from cranedyn.clocks import Timed, soon_enough
 from cranedyn.controllers.affine import Affine, at_drives, without_integral
 from cranedyn.controllers.damped import Damped
@@ -33,7 +32,6 @@ from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.linearisation import feedback_gain
 from cranedyn.dynamics.pinocchio import acceleration, linearise
-from cranedyn.errors import number
 from cranedyn.interfaces import Controller, DirectDrive, Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.rows import at_places, places
@@ -72,7 +70,7 @@ class _Lead:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FollowRates(OneLine):
+class FollowRates(ShortRepr):
     """The rates of a reference, made up for what converters lag, and a share of the distance from
     it.
 
@@ -130,7 +128,7 @@ class DampedRates(Damped):
 
 
 @dataclass(eq=False, repr=False)
-class GivenRates(OneLine):
+class GivenRates(ShortRepr):
     """The rates v + τ a that efforts, or accelerations, of another controller would give.
 
     Attributes:
@@ -158,7 +156,6 @@ class GivenRates(OneLine):
         return state.v[drives] + self.lead * answer
 
 
-@checked
 def rated(
     crane: Crane,
     controller: Controller,
@@ -179,7 +176,7 @@ def rated(
     Raises:
         OutOfRange: If a brake has no damping, or a number is out of range.
     """
-    check_word("drive", drive, DirectDrive)
+    check_choice("drive", drive, DirectDrive)
     period = number("control_period", control_period, "s", "> 0")
     made = fitting(crane, "velocity", converters)
     assert made is not None

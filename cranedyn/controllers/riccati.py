@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked, described
-from cranedyn.arrays import finite, shaped
+from cranedyn.checks import as_array, finite, short_repr
 from cranedyn.errors import CraneError, OutOfRange
 
 
@@ -27,7 +26,6 @@ class Sweep(NamedTuple):
     cost: np.ndarray
 
 
-@checked
 def riccati(
     a: np.ndarray,
     b: np.ndarray,
@@ -54,18 +52,17 @@ def riccati(
         CraneError: If no final weight is given and there is no stationary feedback, or gains or
             costs cannot be computed in double precision.
     """
-    n, nz, nu = shaped("b", b, ("n", "nz", "nu")).shape
-    finite("a", a, (n, nz, nz))
-    finite("b", b, (n, nz, nu))
+    n, nz, nu = as_array("b", b, ("n", "nz", "nu")).shape
+    a, b = finite("a", a, (n, nz, nz)), finite("b", b, (n, nz, nu))
     if not n:
-        raise OutOfRange("a", described(a), "one instant or more")
-    shaped("state weight", state_weight, (nz, nz))
-    shaped("effort weight", effort_weight, (nu, nu))
-    shaped("final weight", state_weight if final_weight is None else final_weight, (nz, nz))
+        raise OutOfRange("a", short_repr(a), "one instant or more")
+    state_weight = as_array("state weight", state_weight, (nz, nz))
+    effort_weight = as_array("effort weight", effort_weight, (nu, nu))
     _check("state weight", state_weight, definite=False)
     _check("effort weight", effort_weight, definite=True)
     if final_weight is None:
         final_weight = stationary(a[-1], b[-1], state_weight, effort_weight)
+    final_weight = as_array("final weight", final_weight, (nz, nz))
     _check("final weight", final_weight, definite=False)
     gain = np.empty((len(a), b.shape[2], a.shape[1]))
     cost = np.empty((len(a) + 1, *final_weight.shape))

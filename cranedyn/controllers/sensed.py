@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import OneLine
-from cranedyn.errors import CraneError, OutOfRange, number, whole
+from cranedyn.checks import ShortRepr, number, whole
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.model.crane import Crane
 
@@ -24,7 +23,6 @@ GYROSCOPE, GYROSCOPE_RATE = {"rad": 1e-3, "m": 1e-3}, {"rad": 3e-3, "m": 3e-3}
 mrad/s."""
 
 
-@checked
 def noise_of(crane: Crane) -> np.ndarray:
     """Standard deviations of what sensors add to coordinates [rad or m] and rates [per second] of a
     crane, shape (2 n,).
@@ -38,7 +36,7 @@ def noise_of(crane: Crane) -> np.ndarray:
 
 
 @dataclass(eq=False, repr=False)
-class Sensed(OneLine):
+class Sensed(ShortRepr):
     """A controller behind sensors. It remembers readings: make a new one for each run.
 
     Attributes:
@@ -76,7 +74,6 @@ class Sensed(OneLine):
         return self.controller(t, self.readings[0], setpoint)
 
 
-@checked
 def sensed(
     crane: Crane,
     controller: Controller,

@@ -9,17 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import OneLine, shaped
+from cranedyn.checks import ShortRepr, as_array, number
 from cranedyn.controllers.affine import Affine, without_integral
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.references.rows import at_place, at_places, place, places
 
 
-@checked
 @dataclass(frozen=True, eq=False, repr=False)
-class Tracking(OneLine):
+class Tracking(ShortRepr):
     """effort = feed_forward[k] - gain[k] (z - setpoint[k]) with z = (coordinates, rates); before
     time 0 k is 0, beyond the end the last.
 
@@ -40,10 +38,12 @@ class Tracking(OneLine):
     def __post_init__(self) -> None:
         """Check the period and the shapes of the table."""
         number("period", self.period, "s", "> 0")
-        rows, drives = shaped("feed-forward", self.feed_forward, ("rows", "m")).shape
-        width = shaped("gain", self.gain, (rows, drives, "2 n")).shape[2]
-        shaped("setpoint", self.setpoint, (rows, width))
-        if not rows:
+        feed_forward = as_array("feed-forward", self.feed_forward, ("rows", "m"))
+        gain = as_array("gain", self.gain, (*feed_forward.shape, "2 n"))
+        setpoint = as_array("setpoint", self.setpoint, (len(gain), gain.shape[2]))
+        for name, table in (("feed_forward", feed_forward), ("gain", gain), ("setpoint", setpoint)):
+            object.__setattr__(self, name, table)
+        if not len(gain):
             raise OutOfRange("table", "one of no row", "one row or more")
 
     def __call__(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Files that are read whole and not endless, and written whole or not at all, alone or as a set."""
+"""Files: read up to a bound, written whole or not at all, alone or as a set."""
 
 from __future__ import annotations
 
@@ -18,55 +18,43 @@ from typing import Any, BinaryIO, Literal
 from cranedyn.errors import DataError, quoted
 
 MOST_TEXT = 5_000_000
-"""Most bytes of a file that is read as text."""
+"""Largest file that is read as text [byte]."""
 
 
-def opened(path: str | Path) -> BinaryIO:
-    """A file to read. Its size is known: pipes and devices, which may never end nor even begin, are
-    refused at once.
+# --- reading --------------------------------------------------------------------------------------
+
+
+def open_file(path: str | Path) -> BinaryIO:
+    """Open a regular file to read; pipes and devices, which may never end, are refused.
 
     Raises:
         DataError: If it cannot be opened, or is no regular file.
     """
-    try:
+    with _as_data_error("read", path):
         mode = os.stat(path).st_mode
         if stat.S_ISREG(mode):
             return open(path, "rb")
-    except (OSError, ValueError) as error:
-        raise DataError(
-            f"Cannot read {path}: {getattr(error, 'strerror', None) or error}."
-        ) from error
-    raise DataError(
-        f"Cannot read {path}: it is {'a folder' if stat.S_ISDIR(mode) else 'no file but a device'}."
-    )
+    raise DataError(f"Cannot read {path}: it is {_kind(mode)}.")
 
 
 def read_bytes(path: str | Path, most: int = MOST_TEXT) -> bytes:
-    """What stands in a file.
-
-    Args:
-        path: The file.
-        most: How many bytes it may hold.
+    """Return the content of a file of at most so many bytes.
 
     Raises:
         DataError: If it cannot be read, is no regular file, or is larger.
     """
-    with opened(path) as file:
-        try:
-            content = file.read(most + 1) if os.fstat(file.fileno()).st_size <= most else None
-        except OSError as error:
-            raise DataError(f"Cannot read {path}: {error.strerror}.") from error
+    with open_file(path) as file, _as_data_error("read", path):
+        content = file.read(most + 1) if os.fstat(file.fileno()).st_size <= most else None
     if content is None or len(content) > most:
         raise DataError(f"Cannot read {path}: it is larger than {most / 1e6:g} MB.")
     return content
 
 
 def read_text(path: str | Path) -> str:
-    """The text of a UTF-8 file.
+    """Return the text of a UTF-8 file of at most `MOST_TEXT` bytes.
 
     Raises:
-        DataError: If it cannot be read, is no regular file, is not text, or is larger than
-            `MOST_TEXT`.
+        DataError: As `read_bytes`, or if it is not text.
     """
     try:
         return read_bytes(path).decode("utf-8-sig")
@@ -75,11 +63,11 @@ def read_text(path: str | Path) -> str:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """What a JSON text says, if all numbers in it are finite.
+    """Parse a JSON text in which all numbers are finite.
 
     Raises:
-        ValueError: If it is no JSON, or a number in it is not finite or too large for a double,
-            such as 1e400.
+        ValueError: If it is no JSON, or a number is not finite or too large for a double, such as
+            1e400.
     """
     return json.loads(
         text,
@@ -95,21 +83,8 @@ def _finite(digits: str) -> float:
     return number
 
 
-def write_text(path: str | Path, text: str) -> None:
-    r"""Write a UTF-8 file.
-
-    Bytes of names that are not UTF-8 become ``\udc80`` to ``\udcff``, which JSON reads back as they
-    were.
-
-    Raises:
-        DataError: As `written`.
-    """
-    with written(path) as draft:
-        draft.write_bytes(text.encode("utf-8", "backslashreplace"))
-
-
 def digest(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal digits.
+    """Return the SHA-256 of a file in hexadecimal digits.
 
     Raises:
         OSError: If it cannot be read.
@@ -118,72 +93,61 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+# --- folders --------------------------------------------------------------------------------------
+
+
 def make_folder(folder: Path) -> Path:
-    """The folder, made if it is not there.
+    """Make a folder if it is not there, and return it.
 
     Raises:
         DataError: If it cannot be made.
     """
-    try:
+    with _as_data_error("make the folder", folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        raise DataError(
-            f"Cannot make the folder {folder}: {getattr(error, 'strerror', None) or error}."
-        ) from error
     return folder
 
 
+def remove_empty(folders: Sequence[Path]) -> None:
+    """Remove those folders that are empty, in the order given."""
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
+
+
 @contextmanager
-def reserved(folder: Path) -> Iterator[None]:
-    """Have a folder for one writer at a time. It is made if it is not there, and removed at the end
-    if it was made here and is empty.
+def lock_folder(folder: Path) -> Iterator[None]:
+    """Make a folder if it is not there and lock it for this process; remove it at the end if it was
+    made here and is empty.
 
     Raises:
-        DataError: If another writer has it, or it cannot be made or opened.
+        DataError: If another process has locked it, or it cannot be made or opened.
     """
-    missing = [one for one in (folder, *folder.parents) if not os.path.exists(one)]
-    lock = _locked(folder)
+    missing = [path for path in (folder, *folder.parents) if not os.path.exists(path)]
+    make_folder(folder)
+    with _as_data_error("write to", folder):
+        lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        yield
-    finally:
-        try:
-            remove_empty(missing)
-        finally:
-            os.close(lock)
-
-
-def _locked(folder: Path) -> int:
-    """A folder, open and locked; where the file system knows no locks, open."""
-    while True:
-        make_folder(folder)
-        try:
-            lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        except FileNotFoundError:
-            continue  # another writer has just removed it
-        except OSError as error:
-            raise DataError(f"Cannot write to {folder}: {error.strerror}.") from error
-        outcome = flocked(lock, folder)
-        if outcome in ("ours", "unknown"):
-            return lock
-        os.close(lock)
-        if outcome == "taken":
+        if try_flock(lock, folder) in ("taken", "gone"):
             raise DataError(
                 f"Cannot write to {folder}: another run is writing there; wait for it, or give "
                 "another folder."
             )
+        yield
+    finally:
+        remove_empty(missing)
+        os.close(lock)
 
 
-def flocked(file: int, path: Path) -> Literal["ours", "taken", "gone", "unknown"]:
-    """Lock what was opened at a path for this process, and say whether that is done.
+def try_flock(file: int, path: Path) -> Literal["ours", "taken", "gone", "unknown"]:
+    """Try to lock an open file or folder for this process.
 
     Args:
-        file: Its descriptor; the lock goes with it.
+        file: Its descriptor; closing it ends the lock.
         path: Its name.
 
     Returns:
-        "ours" if it is locked now; "taken" if another process has it; "gone" if its name has come
-        to stand for something else since it was opened; "unknown" where the file system knows no
-        locks.
+        "ours" if it is locked now; "taken" if another process has locked it; "gone" if the name has
+        been removed or given to another file; "unknown" where the file system has no locks.
     """
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -197,16 +161,145 @@ def flocked(file: int, path: Path) -> Literal["ours", "taken", "gone", "unknown"
     return "gone"
 
 
-def remove_empty(folders: Sequence[Path]) -> None:
-    """Remove folders, the innermost first, as far as they are empty."""
-    for folder in folders:
+def sync_folder(folder: Path) -> None:
+    """Flush the names in a folder to the disk, where the file system can."""
+    with suppress(OSError):
+        file = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(file)
+        finally:
+            os.close(file)
+
+
+# --- writing --------------------------------------------------------------------------------------
+
+
+class Draft:
+    """A file under a hidden name that cannot be guessed, beside its final name and of the same
+    ending.
+
+    Attributes:
+        path: Where to write.
+        final: The name it is to have.
+    """
+
+    def __init__(self, final: Path) -> None:
+        """Create the file, empty, with the permissions of the file that it is to replace.
+
+        Raises:
+            DataError: If something other than a file has the final name, or the system refuses.
+        """
+        self.final, self._mode = final, None
+        with _as_data_error("write", final):
+            with suppress(FileNotFoundError):
+                self._mode = final.stat().st_mode
+            if self._mode is not None and not stat.S_ISREG(self._mode):
+                raise DataError(f"Cannot write {final}: it is {_kind(self._mode)}.")
+            self.path = final.with_name(
+                f".{final.stem[:40]}.{secrets.token_hex(8)}{final.suffix[-20:]}"
+            )
+            mode = 0o666 if self._mode is None else 0o600 | stat.S_IMODE(self._mode)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+            os.close(os.open(self.path, flags, mode))
+
+    def sync(self) -> None:
+        """Flush content and permissions to the disk.
+
+        Raises:
+            DataError: If that fails.
+        """
+        with _as_data_error("write", self.final), self.path.open("rb") as file:
+            if self._mode is not None:
+                os.fchmod(file.fileno(), stat.S_IMODE(self._mode))
+            os.fsync(file.fileno())
+
+    def name(self) -> None:
+        """Give it its final name; `sync_folder` flushes the name to the disk.
+
+        Raises:
+            DataError: If the system refuses.
+        """
+        with _as_data_error("write", self.final):
+            os.replace(self.path, self.final)
+
+    def drop(self) -> None:
+        """Remove it if it does not have its final name."""
         with suppress(OSError):
-            folder.rmdir()
+            self.path.unlink()
+
+
+_SET: ContextVar[list[Draft] | None] = ContextVar("_SET", default=None)
+
+
+@contextmanager
+def atomic_write(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path in the same folder; at the end flush that file to the disk and rename
+    it to the final path, or remove it after an error.
+
+    Within `atomic_write_set`, the renaming waits for the other files.
+
+    Raises:
+        DataError: If the folder does not exist, something other than a file stands there, or the
+            system refuses to write.
+    """
+    final, drafts = Path(path), _SET.get()
+    if not final.parent.is_dir():
+        raise DataError(f"Cannot write {final}: the folder {final.parent} does not exist.")
+    draft = Draft(final)
+    try:
+        with _as_data_error("write", final):
+            yield draft.path
+        draft.sync()
+        if drafts is None:
+            draft.name()
+            sync_folder(final.parent)
+        else:
+            drafts.append(draft)
+    except BaseException:
+        draft.drop()
+        raise
+
+
+@contextmanager
+def atomic_write_set() -> Iterator[list[Draft]]:
+    """Rename the files of every `atomic_write` in this context at its end, one right after the
+    other, or remove all of them after an error.
+
+    Yields:
+        The drafts so far, each of them whole, in the order of writing.
+
+    Raises:
+        DataError: As `atomic_write`.
+    """
+    drafts: list[Draft] = []
+    token = _SET.set(drafts)
+    try:
+        yield drafts
+        for draft in drafts:
+            draft.name()
+        for folder in {draft.final.parent for draft in drafts}:
+            sync_folder(folder)
+    finally:
+        _SET.reset(token)
+        for draft in drafts:
+            draft.drop()
+
+
+def write_text(path: str | Path, text: str) -> None:
+    r"""Write a UTF-8 file by `atomic_write`.
+
+    Bytes of file names that are not UTF-8 become ``\udc80`` to ``\udcff``, which JSON reads back.
+
+    Raises:
+        DataError: As `atomic_write`.
+    """
+    with atomic_write(path) as draft:
+        draft.write_bytes(text.encode("utf-8", "backslashreplace"))
 
 
 def check_writable(path: str | Path) -> None:
-    """Return if a file can be written there, its folder made if need be, and a block of it has
-    room; nothing is left behind.
+    """Check that a file can be written there, by writing a block and removing it, with any folders
+    that this needs.
 
     Raises:
         DataError: If it cannot.
@@ -217,7 +310,7 @@ def check_writable(path: str | Path) -> None:
         make_folder(final.parent)
         draft = Draft(final)
         try:
-            with _sentence(final):
+            with _as_data_error("write", final):
                 draft.path.write_bytes(bytes(4096))
         finally:
             draft.drop()
@@ -225,158 +318,16 @@ def check_writable(path: str | Path) -> None:
         remove_empty(missing)
 
 
-class Draft:
-    """A file under a hidden name that cannot be guessed, of the same ending and folder, until it is
-    whole and gets its own name.
-
-    Attributes:
-        path: Where to write, by opening that name or by the system's own means.
-        final: The name it is to have.
-    """
-
-    def __init__(self, final: Path) -> None:
-        """Make the file, empty, readable for nobody who may not read the one it is to replace.
-
-        Raises:
-            DataError: If something other than a file stands at the final name, or the system
-                refuses.
-        """
-        with _sentence(final):
-            self._mode = _mode(final)
-            self.final = final
-            self.path = final.with_name(
-                f".{final.stem[:40]}.{secrets.token_hex(8)}{final.suffix[-20:]}"
-            )
-            flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
-            try:
-                self._file = os.fdopen(
-                    os.open(self.path, flags, 0o666 if self._mode is None else 0o600 | self._mode),
-                    "rb",
-                )
-            except KeyboardInterrupt:
-                with suppress(OSError):
-                    self.path.unlink()
-                raise
-
-    def sync(self) -> None:
-        """Have all that was written, and the mode of the file it replaces, on the disk.
-
-        Raises:
-            DataError: If that fails, or another file stands in the place of the draft.
-        """
-        with _sentence(self.final):
-            if not os.path.samestat(os.fstat(self._file.fileno()), self.path.lstat()):
-                raise DataError(
-                    f"Cannot write {self.final}: its draft {self.path} was moved or replaced."
-                )
-            if self._mode is not None:
-                os.fchmod(self._file.fileno(), self._mode)
-            os.fsync(self._file.fileno())
-
-    def name(self) -> None:
-        """Give it its final name; that this is on the disk, too, is for `sync_folder`.
-
-        Raises:
-            DataError: If the system refuses.
-        """
-        with _sentence(self.final):
-            os.replace(self.path, self.final)
-            self._file.close()
-
-    def drop(self) -> None:
-        """Remove it if it has not got its name."""
-        if not self._file.closed:
-            with suppress(OSError):
-                self.path.unlink()
-            self._file.close()
-
-
-def sync_folder(folder: Path) -> None:
-    """Have the names in a folder on the disk, where the file system can."""
-    with suppress(OSError):
-        file = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(file)
-        finally:
-            os.close(file)
-
-
-_SET: ContextVar[list[Draft] | None] = ContextVar("_SET", default=None)
+def _kind(mode: int) -> str:
+    return "a folder" if stat.S_ISDIR(mode) else "no file but a device"
 
 
 @contextmanager
-def written(path: str | Path) -> Iterator[Path]:
-    """A path to write to, beside the final one; renamed to it at the end, removed if anything goes
-    wrong.
-
-    At the end the content is on the disk. Within `together`, the name waits for the others.
-
-    Raises:
-        DataError: If the folder does not exist, something other than a file stands there, or the
-            system refuses to write.
-    """
-    final, others = Path(path), _SET.get()
-    if not final.parent.is_dir():
-        raise DataError(f"Cannot write {final}: the folder {final.parent} does not exist.")
-    draft = Draft(final)
-    try:
-        with _sentence(final):
-            yield draft.path
-        draft.sync()
-        if others is None:
-            draft.name()
-            sync_folder(final.parent)
-        else:
-            others.append(draft)
-    except BaseException:
-        draft.drop()
-        raise
-
-
-@contextmanager
-def together() -> Iterator[list[Draft]]:
-    """Files that are `written` in this context get their names when it ends, one right after the
-    other, or none does if it breaks off.
-
-    Yields:
-        The drafts so far, each of them whole, in the order in which they were written.
-
-    Raises:
-        DataError: As `written`.
-    """
-    drafts: list[Draft] = []
-    before = _SET.set(drafts)
-    try:
-        yield drafts
-        for draft in drafts:
-            draft.name()
-        for folder in {draft.final.parent for draft in drafts}:
-            sync_folder(folder)
-    finally:
-        _SET.reset(before)
-        for draft in drafts:
-            draft.drop()
-
-
-def _mode(final: Path) -> int | None:
-    """The permissions of the file that stands there, None if there is none."""
-    if "\0" in str(final):
-        raise DataError(f"Cannot write {final}: no name holds a NUL.")
-    try:
-        mode = final.stat().st_mode
-    except FileNotFoundError:
-        return None
-    if not stat.S_ISREG(mode):
-        raise DataError(
-            f"Cannot write {final}: it is "
-            f"{'a folder' if stat.S_ISDIR(mode) else 'no file but a device'}."
-        )
-    return mode & 0o777
-
-
-@contextmanager
-def _sentence(final: Path) -> Iterator[None]:
+def _as_data_error(action: str, path: str | Path) -> Iterator[None]:
     try:
         yield
-    except OSError as error:
-        raise DataError(f"Cannot write {final}: {error.strerror or error}.") from error
+    except (OSError, ValueError) as error:
+        if isinstance(error, ValueError) and "\0" not in str(path):
+            raise
+        reason = getattr(error, "strerror", None) or error
+        raise DataError(f"Cannot {action} {path}: {reason}.") from error

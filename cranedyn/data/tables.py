@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from cranedyn.data.files import opened, written
+from cranedyn.data.files import atomic_write, open_file
 from cranedyn.errors import DataError
 
 LARGEST = 1_000_000_000
@@ -46,7 +46,7 @@ def read_table(
     """
     path = Path(path)
     try:
-        with opened(path) as file:
+        with open_file(path) as file:
             table = (_parquet if path.suffix == ".parquet" else _csv)(file, columns, path)
         found = {name: table[name].cast(pa.float64(), safe=False).to_numpy() for name in columns}
     except (OSError, ValueError, pa.ArrowException) as error:
@@ -74,7 +74,7 @@ def write_table(path: str | Path, table: pa.Table) -> Path:
     if writer is None:
         raise DataError(f"Cannot write {path}: the ending must be .csv or .parquet.")
     # Arrow takes no name that is not UTF-8.
-    with written(path) as draft, draft.open("wb") as file:
+    with atomic_write(path) as draft, draft.open("wb") as file:
         writer(table, file)
     return path
 
@@ -83,7 +83,7 @@ def column_names(path: str | Path) -> list[str]:
     """Names of the columns of a file, in its order; arguments and errors as of `read_table`."""
     path = Path(path)
     try:
-        with opened(path) as file:
+        with open_file(path) as file:
             if path.suffix != ".parquet":
                 head = pyarrow.csv.ReadOptions(use_threads=False)
                 return list(
@@ -105,7 +105,7 @@ def metadata_of(path: str | Path) -> dict[bytes, bytes]:
     """
     path = Path(path)
     try:
-        with opened(path) as file, _source(file, path) as source:
+        with open_file(path) as file, _source(file, path) as source:
             return dict(source.schema_arrow.metadata or {})
     except (OSError, ValueError, pa.ArrowException) as error:
         raise _unreadable(path, error) from error

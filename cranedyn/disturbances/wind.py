@@ -12,11 +12,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import finite
+from cranedyn.checks import finite, number
 from cranedyn.clocks import intervals
 from cranedyn.dynamics.pinocchio import point_velocities
-from cranedyn.errors import UnknownName, number
+from cranedyn.errors import UnknownName
 from cranedyn.interfaces import Disturbance, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.rows import at_place, place
@@ -29,7 +28,6 @@ Speed = Callable[[float], float]
 """From time [s] to wind speed [m/s]."""
 
 
-@checked
 def constant_force(crane: Crane, *, at: float = 0.0, **forces: Sequence[float]) -> Disturbance:
     """Constant forces on points of a crane in the world [N] from a time on [s].
 
@@ -57,21 +55,18 @@ def constant_force(crane: Crane, *, at: float = 0.0, **forces: Sequence[float]) 
     return lambda t, state: given if t >= first else none
 
 
-@checked
 def steady(speed: float) -> Speed:
     """The same wind all the time [m/s]."""
     value = number("wind speed", speed, "m/s")
     return lambda t: value
 
 
-@checked
 def step_gust(base: Speed, rise: float, *, at: float) -> Speed:
     """Add a rise [m/s] from a time on [s]."""
     by, first = number("rise of the wind", rise, "m/s"), number("start of the gust", at, "s")
     return lambda t: base(t) + (by if t >= first else 0.0)
 
 
-@checked
 def cosine_gust(base: Speed, rise: float, *, at: float, lasts: float) -> Speed:
     """Add a gust of shape (1 - cos)/2, a discrete gust: its largest rise [m/s], when it begins and
     how long it lasts [s].
@@ -88,7 +83,6 @@ def cosine_gust(base: Speed, rise: float, *, at: float, lasts: float) -> Speed:
     )
 
 
-@checked
 def gust_shape(t: np.ndarray, at: float | np.ndarray, lasts: float | np.ndarray) -> np.ndarray:
     """What share of its largest rise a discrete gust has reached, at many times or of many gusts at
     once; see `cosine_gust`.
@@ -97,7 +91,6 @@ def gust_shape(t: np.ndarray, at: float | np.ndarray, lasts: float | np.ndarray)
     return np.where((at <= t) & (t <= at + lasts), shape, 0.0)
 
 
-@checked
 def turbulence(
     base: Speed,
     intensity: float,
@@ -145,7 +138,6 @@ def turbulence(
     return lambda t: base(t) + gust(t)
 
 
-@checked
 def wind(crane: Crane, speed: Speed, *, direction: float, **areas: float) -> Disturbance:
     """Drag of a horizontal wind on points of a crane: ½ ρ A |w - v| (w - v), relative to their own
     velocity v.

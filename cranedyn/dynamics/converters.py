@@ -19,12 +19,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import finite
+from cranedyn.checks import finite, number, within
 from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.rigid_body import array
 from cranedyn.dynamics.scalars import chosen, clipped, flag, magnitude, root, rounded
-from cranedyn.errors import OutOfRange, UnknownName, number, within
+from cranedyn.errors import OutOfRange, UnknownName
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
 
@@ -205,7 +204,6 @@ def held_back(
     return a, effort, needed
 
 
-@checked
 @dataclass(frozen=True, eq=False)
 class Converters:
     """The frequency converters of a crane with m drives; `converters` makes typical ones.
@@ -283,7 +281,6 @@ class Converters:
         return self
 
 
-@checked
 def converters(crane: Crane, *, delay: float = DELAY, **values: Mapping[str, float]) -> Converters:
     """Typical frequency converters for a crane.
 

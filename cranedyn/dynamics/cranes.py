@@ -16,7 +16,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from cranedyn.arrays import finite
+from cranedyn.checks import finite
 from cranedyn.dynamics.plant import numbers
 from cranedyn.errors import ModelError, OutOfRange
 from cranedyn.interfaces import State

@@ -12,11 +12,10 @@ import numpy as np
 import pinocchio as pin
 import scipy
 
-from cranedyn.arguments import check_word, checked
-from cranedyn.arrays import finite, shaped
+from cranedyn.checks import as_array, check_choice, finite, whole, within
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.pinocchio import holding_effort, linearise
-from cranedyn.errors import Misshapen, ModelError, OutOfRange, whole, within
+from cranedyn.errors import Misshapen, ModelError, OutOfRange
 from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
 
@@ -35,7 +34,6 @@ class Sampled:
     b: np.ndarray
     period: float
 
-    @checked
     def closed(self, gain: np.ndarray) -> np.ndarray:
         """The loop closed with u = -gain z; gain has shape (m, 2 n), the answer (2 n, 2 n).
 
@@ -57,7 +55,6 @@ class Linear:
     a: np.ndarray
     b: np.ndarray
 
-    @checked
     def sampled(self, *, dt: float = 5e-4, control_period: float = 5e-3) -> Sampled:
         """Step it exactly as `simulate` does: semi-implicit Euler in steps of `dt` [s] under a
         command held for a control period [s].
@@ -102,7 +99,6 @@ def over_period(
     return power[:, :nz, :nz], power[:, :nz, nz:]
 
 
-@checked
 def linear(
     crane: Crane, state: State, effort: np.ndarray | None = None, *, drive: DirectDrive = "effort"
 ) -> Linear:
@@ -118,8 +114,9 @@ def linear(
         OutOfRange: If the effort is not one finite number for each drive, or `drive` is none of
             these.
     """
-    check_word("drive", drive, DirectDrive)
+    check_choice("drive", drive, DirectDrive)
     n, m, drives = crane.layout.n, crane.layout.m, crane.layout.drives
+    state = crane.layout.as_state("state", state)
     exerted = holding_effort(crane, state.q) if effort is None else finite("effort", effort, (m,))
     by_state, by_command = linearise(crane, state, exerted)
     if drive == "motion":  # the efforts are then what gives the drives their accelerations
@@ -132,7 +129,6 @@ def linear(
     )
 
 
-@checked
 def sampled(
     crane: Crane,
     state: State,
@@ -150,7 +146,6 @@ def sampled(
     return linear(crane, state, effort).sampled(dt=dt, control_period=control_period)
 
 
-@checked
 def feedback_gain(crane: Crane, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
     """Gain of proportional-derivative control of each drive by itself, shape (m, 2 n), from its k_p
     and k_d, shape (m,) each.
@@ -183,19 +178,17 @@ class FreeModes:
     rest: np.ndarray
     passive: np.ndarray
 
-    @checked
     def amplitudes(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Amplitude of each mode in small motions, shape (rows, p), of coordinates and rates, shape
         (rows, n) each.
 
         Times the column of `shapes` it is the amplitude in each passive joint.
         """
-        q, v = shaped("q", q, ("rows", len(self.rest))), shaped("v", v, q.shape)
+        q, v = as_array("q", q, ("rows", len(self.rest))), as_array("v", v, q.shape)
         away = (q - self.rest)[:, self.passive] @ self.weights.T
         return np.hypot(away, v[:, self.passive] @ self.weights.T / self.frequencies)
 
 
-@checked
 def free_modes(crane: Crane, state: State) -> FreeModes:
     """Frequencies and shapes of the passive joints with the drives locked, from K x = ω² M x.
 
@@ -210,7 +203,8 @@ def free_modes(crane: Crane, state: State) -> FreeModes:
         ModelError: If a passive joint has no inertia there, or would fall instead of swinging.
         OutOfRange: If a coordinate is so large that masses or stiffnesses are not finite.
     """
-    free, q, data = crane.layout.passive, state.q, crane.data
+    q = crane.layout.as_state("state", state).q
+    free, data = crane.layout.passive, crane.data
     block = np.ix_(free, free)
     stiffness = (
         pin.computeGeneralizedGravityDerivatives(crane.model, data, q) + crane.springs.tangent(q)
@@ -261,7 +255,6 @@ class Mode:
         return float(-self.rate.real / abs(self.rate))
 
 
-@checked
 def swing_mode(loop: np.ndarray, period: float, coordinate: int) -> Mode:
     """The oscillation of a sampled closed loop, shape (2 n, 2 n), in which a coordinate, by its
     place, has the largest share.

@@ -17,8 +17,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import shaped
+from cranedyn.checks import as_array
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.drives import cable_buffers
@@ -165,7 +164,6 @@ class Event(NamedTuple):
     words: str
 
 
-@checked
 def first_event(
     crane: Crane,
     q: np.ndarray,
@@ -202,7 +200,6 @@ def first_event(
     return min(found, key=lambda event: event.row, default=None)
 
 
-@checked
 def events(crane: Crane, run: Trajectory) -> list[Event]:
     """Every beginning of a stretch in which the model does not hold, in the order of time."""
     buffers = run.parameters.get("validity") == "buffers"
@@ -218,7 +215,6 @@ def events(crane: Crane, run: Trajectory) -> list[Event]:
     return sorted(event for bound, holds in known for event in _beginnings(crane, bound, holds))
 
 
-@checked
 def valid(
     crane: Crane,
     q: np.ndarray,
@@ -238,14 +234,13 @@ def valid(
     return np.logical_and.reduce([bound.holds for bound in found])
 
 
-@checked
 def hoisting(crane: Crane, effort: np.ndarray) -> np.ndarray:
     """Force of the hoist among the efforts of the drives in rows [N], shape (rows,); zero without a
     hoist.
     """
     hoist, effort = (
         crane.layout.drive_of("hoist"),
-        shaped("effort", effort, ("rows", crane.layout.m)),
+        as_array("effort", effort, ("rows", crane.layout.m)),
     )
     return np.zeros(len(effort)) if hoist is None else effort[:, hoist]
 
@@ -260,8 +255,8 @@ def _of_rows(
     *,
     rates: bool,
 ) -> Iterator[Bound]:
-    q = shaped("q", q, ("rows", crane.layout.n))
-    v, hoist = shaped("v", v, q.shape), shaped("hoist", hoist, q.shape[:1])
+    q = as_array("q", q, ("rows", crane.layout.n))
+    v, hoist = as_array("v", v, q.shape), as_array("hoist", hoist, q.shape[:1])
     height = rigid_body.heights(_tree(crane), q, crane.payload.body, crane.payload.lever)
     tension = rope_tension(crane.layout, crane.damping, crane.springs, q.T, v.T, hoist)
     swings = dict(zip(crane.swings.tolist(), crane.swing_angles(q).T, strict=True))
@@ -269,7 +264,7 @@ def _of_rows(
         crane.layout, crane.lower, crane.upper, q.T, swings, tension, height, buffers=buffers
     )
     if needed is not None:
-        needed = shaped("needed", needed, (len(q), crane.layout.m)).T
+        needed = as_array("needed", needed, (len(q), crane.layout.m)).T
     limits = crane.rate_limit if rates else None
     yield from drive_bounds(crane.layout, needed, crane.effort_limit, v.T, limits)
 

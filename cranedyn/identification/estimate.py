@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import t as student
 
-from cranedyn.arguments import checked
 from cranedyn.errors import UnknownName
 from cranedyn.identification.model import Model
 from cranedyn.identification.noise import covariance_of, initial_noise, is_white, noise_of
@@ -49,7 +48,6 @@ class Estimate:
             raise UnknownName("parameter", name, names)
         return names.index(name)
 
-    @checked
     def value(self, name: str) -> float:
         """What was found of a parameter of the crane, in its unit.
 
@@ -58,7 +56,6 @@ class Estimate:
         """
         return float(self.values[self._place(name)])
 
-    @checked
     def margin(self, name: str) -> float:
         """Half the width of its interval, which holds the truth with 95 % confidence; inf where the
         records say nothing of it.
@@ -112,7 +109,6 @@ class Estimate:
         )
 
 
-@checked
 def identify(model: Model, *, progress: Callable[[int], object] | None = None) -> Estimate:
     """Find the parameters of a model by least squares, each channel weighted by what it leaves.
 

@@ -8,15 +8,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from cranedyn.arguments import checked
-from cranedyn.errors import UnknownName, number
+from cranedyn.checks import number
+from cranedyn.errors import UnknownName
 from cranedyn.identification.family import Family
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, Argument, arguments
 from cranedyn.model.load import load_crane
 
 
-@checked
 @dataclass(frozen=True)
 class Known:
     """A description of a crane with the values that one believes in.

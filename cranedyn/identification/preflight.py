@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked
 from cranedyn.identification.estimate import Estimate
 from cranedyn.identification.model import Model
 from cranedyn.identification.moves import moves
@@ -69,7 +68,6 @@ class Preflight:
     advice: tuple[Advice, ...]
 
 
-@checked
 def preflight(model: Model, estimate: Estimate | None = None) -> Preflight:
     """Judge records by what they would tell, by the curvature of the least squares.
 

@@ -9,7 +9,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from cranedyn.arguments import check_word, checked
+from cranedyn.checks import check_choice
 from cranedyn.errors import DataError, OutOfRange
 from cranedyn.identification.family import Family
 from cranedyn.identification.known import Known
@@ -60,7 +60,6 @@ class Problem:
     drives: Drives
 
     @classmethod
-    @checked
     def of(
         cls,
         known: Known,
@@ -88,7 +87,7 @@ class Problem:
         if not records:
             raise DataError("There is no record to identify a crane from; give one or more.")
         mode = _default_drives(records) if drives is None else drives
-        check_word("drives", mode, Drives)
+        check_choice("drives", mode, Drives)
         chosen = usual(known, records, mode) if names is None else list(dict.fromkeys(names))
         if not chosen:
             raise DataError("There is nothing to find; give names of parameters.")

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-from cranedyn.arguments import checked
 from cranedyn.bridges import bags
 from cranedyn.data.external import Source, read_external
 from cranedyn.data.tables import column_names
@@ -14,7 +13,6 @@ from cranedyn.identification.record import Record, known_columns
 from cranedyn.model.crane import Crane
 
 
-@checked
 def load_record(
     path: str | Path,
     crane: Crane,

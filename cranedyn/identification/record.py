@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import finite
+from cranedyn.checks import finite
 from cranedyn.errors import DataError
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Joint
@@ -39,7 +38,6 @@ class Record:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    @checked
     def of(
         cls,
         crane: Crane,

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked
 from cranedyn.data.files import parse_json, read_text, write_text
 from cranedyn.errors import CraneError, DataError
 from cranedyn.identification.estimate import Estimate
@@ -53,7 +52,6 @@ class Twin:
         given = " ".join(f"{name}:={value!r}" for name, value in values.items())
         return f"--gravity {self.crane.gravity!r}" + (f" --set {given}" if given else "")
 
-    @checked
     def write(self, path: str | Path) -> Path:
         """Write a ``.json`` file that `load_crane(from_record=...)` and ``--set`` take.
 
@@ -77,7 +75,6 @@ class Twin:
         return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-@checked
 def twin_of(estimate: Estimate) -> Twin:
     """The crane that was identified.
 
@@ -98,7 +95,6 @@ def twin_of(estimate: Estimate) -> Twin:
     return Twin(crane, identified, tuple(record.name for record in model.records))
 
 
-@checked
 def read_twin(path: str | Path) -> Twin:
     """A twin from the file that `Twin.write` wrote.
 

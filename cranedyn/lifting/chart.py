@@ -16,11 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked, described
-from cranedyn.arrays import finite
+from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number, whole, within
+from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName
 from cranedyn.lifting.loads import Loads, loads
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 
@@ -79,7 +78,6 @@ class Falls:
                 "no more than at a smaller radius",
             )
 
-    @checked
     def at(self, radius: np.ndarray | float) -> np.ndarray:
         """What may hang at some radii [kg], of their shape.
 
@@ -127,7 +125,7 @@ class Chart:
             if falls is None or one.count == falls:
                 return one
         known = [str(one.count) for one in self.reevings]
-        raise UnknownName("number of falls", described(falls), known)
+        raise UnknownName("number of falls", short_repr(falls), known)
 
 
 class CutOut(NamedTuple):
@@ -146,7 +144,6 @@ class CutOut(NamedTuple):
     most: float
 
 
-@checked
 def utilisation(
     loads: Loads, chart: Chart, falls: int | None = None, *, gravity: float = STANDARD_GRAVITY
 ) -> np.ndarray:
@@ -168,7 +165,6 @@ def utilisation(
     return loads["pull_N"] / (gravity * chart.on(falls).at(loads["radius_m"]))
 
 
-@checked
 def cut_outs(t: np.ndarray, used: np.ndarray) -> list[CutOut]:
     """Where a load moment limiter would act, in the order of time: a warning from 90 %, a cut-out
     from 100 % on.
@@ -192,7 +188,6 @@ def cut_outs(t: np.ndarray, used: np.ndarray) -> list[CutOut]:
     return sorted(found)
 
 
-@checked
 def judged(
     crane: Crane, run: Trajectory, chart: Chart, falls: int | None = None
 ) -> tuple[np.ndarray, list[CutOut]]:
@@ -201,7 +196,6 @@ def judged(
     return used, cut_outs(run.t, used)
 
 
-@checked
 def read_chart(path: str | Path) -> Chart:
     """A chart from a TOML file: `name`, `source`, and a table `[[falls]]` for each reeving with
     `count`, `radii` [m], `loads` [kg] and, as an option, `least` [m].

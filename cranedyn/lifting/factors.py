@@ -11,8 +11,7 @@ import math
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
-from cranedyn.arguments import check_word, checked
-from cranedyn.errors import number, within
+from cranedyn.checks import check_choice, number, within
 from cranedyn.model.crane import STANDARD_GRAVITY
 
 HoistingClass = Literal["HC1", "HC2", "HC3", "HC4"]
@@ -54,7 +53,6 @@ BUFFER_SHARE, BUFFER_MOST, BUFFER_FREQUENT = 0.7, 5.0, 2.5
 rarely and often: FEM 1.001 (second hand)."""
 
 
-@checked
 def phi_1(a: float = 0.1) -> tuple[float, float]:
     """Least and largest φ1, on the crane's own weight when a load leaves the ground: 1 ± a.
 
@@ -64,15 +62,13 @@ def phi_1(a: float = 0.1) -> tuple[float, float]:
     return 1.0 - a, 1.0 + a
 
 
-@checked
 def phi_2_least(hoisting: HoistingClass, drive: DriveClass = "HD1") -> float:
     """φ2,min: EN 1991-3, Table 2.5; 1.05 for HD3 and HD5 by AS 5221.1:2021 (both second hand)."""
-    check_word("hoisting", hoisting, HoistingClass)
-    check_word("drive", drive, DriveClass)
+    check_choice("hoisting", hoisting, HoistingClass)
+    check_choice("drive", drive, DriveClass)
     return 1.05 if drive in ("HD3", "HD5") else HOISTING[hoisting].least
 
 
-@checked
 def phi_2(hoisting: HoistingClass, speed: float, drive: DriveClass = "HD1") -> float:
     """φ2 = φ2,min + β2 v_h, on a load that is picked up from the ground at a speed [m/s].
 
@@ -83,7 +79,6 @@ def phi_2(hoisting: HoistingClass, speed: float, drive: DriveClass = "HD1") -> f
     return least + HOISTING[hoisting].slope * number("hoisting speed", speed, "m/s", ">= 0")
 
 
-@checked
 def pick_up_speed(drive: DriveClass, largest: float, creep: float) -> float:
     """v_h, at which a drive picks a load up [m/s]: HD1 the largest, HD2 and HD3 creep, HD4 half of
     the largest, HD5 none.
@@ -95,13 +90,12 @@ def pick_up_speed(drive: DriveClass, largest: float, creep: float) -> float:
         largest: Largest steady hoisting speed [m/s].
         creep: Creep speed, at most the largest [m/s].
     """
-    check_word("drive", drive, DriveClass)
+    check_choice("drive", drive, DriveClass)
     largest = number("largest hoisting speed", largest, "m/s", ">= 0")
     creep = within("creep speed", creep, 0.0, largest, "m/s")
     return {"HD1": largest, "HD4": largest / 2.0, "HD5": 0.0}.get(drive, creep)
 
 
-@checked
 def hoist_frequency(slope: float, gravity: float = STANDARD_GRAVITY) -> float:
     """Frequency [Hz] of the elastic hoist whose pick-up has a slope β2 [s/m]: β2 g/(2π).
 
@@ -115,7 +109,6 @@ def hoist_frequency(slope: float, gravity: float = STANDARD_GRAVITY) -> float:
     )
 
 
-@checked
 def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
     """φ3 = 1 - (Δm/m)(1 + β3), on a load of which a part is let go; negative where it jumps up.
 
@@ -129,7 +122,6 @@ def phi_3(share: float, beta: float = RAPID_RELEASE) -> float:
     return 1.0 - within("share", share, 0.0, 1.0) * (1.0 + within("beta", beta, 0.0, 1.0))
 
 
-@checked
 def release_beta(periods: float) -> float:
     """β3 of a part of the load that is let go evenly over so many periods of the bounce:
     |sin(πn)|/(πn); half at 0.6034.
@@ -140,13 +132,11 @@ def release_beta(periods: float) -> float:
     return abs(math.sin(math.pi * n)) / (math.pi * n) if n > 0.0 else 1.0
 
 
-@checked
 def phi_6(phi_2: float) -> float:
     """Factor of the dynamic test load: ½ (1 + φ2). EN 1991-3, 2.10 (second hand)."""
     return 0.5 * (1.0 + number("phi_2", phi_2, "", ">= 0"))
 
 
-@checked
 def psi_h(mass_ratio: float) -> float:
     """ψ_h: horizontal pull of a load that hangs from a carriage braked by a constant force, over
     its mass times the mean deceleration: √(2 + μ + 1/μ) for μ > 1, else 2.
@@ -161,7 +151,6 @@ def psi_h(mass_ratio: float) -> float:
     return math.sqrt(2.0 + mu + 1.0 / mu) if mu > 1.0 else 2.0
 
 
-@checked
 def psi_h_regulated(periods: float) -> float:
     """ψ_h of a drive that keeps its acceleration whatever the load does: 2 sin βπ for β ≤ ½, else
     2.
@@ -176,7 +165,6 @@ def psi_h_regulated(periods: float) -> float:
     return 2.0 * math.sin(math.pi * beta) if beta < 0.5 else 2.0
 
 
-@checked
 def stopping(speed: float, deceleration: float) -> tuple[float, float]:
     """Way and time in which a drive stops: v²/(2a), v/a; of a slew [rad], [s], else [m], [s].
 
@@ -188,7 +176,6 @@ def stopping(speed: float, deceleration: float) -> tuple[float, float]:
     return v * v / (2.0 * a), abs(v) / a
 
 
-@checked
 def buffer_stroke(speed: float, deceleration: float = BUFFER_MOST) -> float:
     """Way that a buffer needs for a crane of a speed [m/s], at 0.7 of it and a constant
     deceleration [m/s²]: (0.7 v)²/(2a) [m]. FEM 1.001 (second hand).

@@ -15,14 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import finite
+from cranedyn.checks import finite, number
 from cranedyn.data.time_series import TimeSeries
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import rope_tension
 from cranedyn.dynamics.validity import hoisting
-from cranedyn.errors import OutOfRange, UnknownColumn, number
+from cranedyn.errors import OutOfRange, UnknownColumn
 from cranedyn.lifting.wrench import Moving, Wrench
 from cranedyn.model.crane import Crane
 
@@ -32,7 +31,6 @@ _BELOW = 1e-9
 """Horizontal part of an axis below which it points nowhere in the plan."""
 
 
-@checked
 @dataclass(frozen=True)
 class Base:
     """A square base on which a tower stands by four corners, its sides along the world's X and Y.
@@ -72,7 +70,6 @@ class Base:
         return np.stack([vertical / 4.0 + one for one in share], axis=1)
 
 
-@checked
 @dataclass(frozen=True)
 class Arm:
     """A part of the upper structure that weighs where it lies, jib or counter-jib.
@@ -136,7 +133,6 @@ class Loads(TimeSeries):
         return [name for name in _PRINCIPAL if name in self.values] or list(self.values)[:3]
 
 
-@checked
 def loads(
     crane: Crane, run: Trajectory, *, base: Base | None = None, arms: Sequence[Arm] = ()
 ) -> Loads:
@@ -179,7 +175,6 @@ def loads(
     return Loads(run.t, found, entered, run.record)
 
 
-@checked
 def loads_of_rows(
     crane: Crane,
     q: np.ndarray,
@@ -240,7 +235,6 @@ def loads_of_rows(
     return {name: one.reshape(shape) for name, one in found.items()}
 
 
-@checked
 def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarray:
     """Bending moment of the jib in its own plane by trolley and load, jib down positive [N m].
 
@@ -270,7 +264,6 @@ def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarra
     return np.where(reached, tilting[:, None] - down[:, None] * stations, 0.0)
 
 
-@checked
 def hanging_mass(crane: Crane) -> float:
     """What hangs on the rope [kg].
 

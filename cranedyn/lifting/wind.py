@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from types import MappingProxyType
 
-from cranedyn.arguments import checked
+from cranedyn.checks import number, within
 from cranedyn.disturbances.wind import AIR_DENSITY
-from cranedyn.errors import number, within
 
 PRESSURE = AIR_DENSITY / 2.0
 """q/v² [kg/m³]."""
@@ -35,20 +34,17 @@ OPERATING = MappingProxyType(
 """Wind speeds at which work ends [m/s], as in use (second hand)."""
 
 
-@checked
 def wind_pressure(speed: float) -> float:
     """Pressure [Pa] of a wind speed [m/s]: 0.625 v². AS 5222:2021 (second hand)."""
     v = number("wind speed", speed, "m/s")
     return PRESSURE * v * v
 
 
-@checked
 def speed_of_pressure(pressure: float) -> float:
     """Wind speed [m/s] of a pressure [Pa]: √(q/0.625)."""
     return math.sqrt(number("pressure", pressure, "Pa", ">= 0") / PRESSURE)
 
 
-@checked
 def height_factor(height: float) -> float:
     """How much faster wind out of service is at a height [m] than the reference at 10 m:
     (z/10)^0.14 + 0.4. AS 5222:2021 (second hand).
@@ -56,7 +52,6 @@ def height_factor(height: float) -> float:
     return float((number("height", height, "m", "> 0") / 10.0) ** 0.14 + 0.4)
 
 
-@checked
 def recurrence_factor(years: float) -> float:
     """Return f_rec, the wind speed exceeded once in so many years over that of 50 years: the
     quantile of 1 - 1/years of Gumbel's law, see `SCATTER`.
@@ -66,7 +61,6 @@ def recurrence_factor(years: float) -> float:
     return quantile / reference
 
 
-@checked
 def out_of_service_speed(height: float, reference: float, years: float = 50) -> float:
     """Wind speed out of service [m/s]: f_rec [(z/10)^0.14 + 0.4] v_ref. AS 5222:2021 (second hand).
 
@@ -80,7 +74,6 @@ def out_of_service_speed(height: float, reference: float, years: float = 50) -> 
     return recurrence_factor(years) * height_factor(height) * speed
 
 
-@checked
 def wind_force(pressure: float, drag_area: float) -> float:
     """Force of a wind pressure [Pa] on a coefficient of drag times an area [m²]: q c A [N]. AS
     5222:2021 (second hand).
@@ -88,7 +81,6 @@ def wind_force(pressure: float, drag_area: float) -> float:
     return number("pressure", pressure, "Pa", ">= 0") * number("drag_area", drag_area, "m²", ">= 0")
 
 
-@checked
 def wind_lean(force: float, mass: float, gravity: float) -> float:
     """Angle [rad] at which a load of a mass [kg] hangs in a steady horizontal force [N]: atan(F/(m
     g)).
@@ -97,7 +89,6 @@ def wind_lean(force: float, mass: float, gravity: float) -> float:
     return math.atan(number("force", force, "N") / weight)
 
 
-@checked
 def gust_lean(force: float, mass: float, gravity: float) -> float:
     """Largest angle [rad] of a load that hung plumb when a steady horizontal force [N] came at
     once: 2 atan(F/(m g)), exactly, since it swings about its new rest.

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.arrays import shaped
+from cranedyn.checks import as_array
 from cranedyn.dynamics import rigid_body
 from cranedyn.dynamics.plant import Topology, numbers, plant
 from cranedyn.dynamics.rigid_body import Bodies, ExternalForce, Frame
@@ -83,12 +83,12 @@ class Moving:
             OutOfRange: If an array has another shape.
         """
         layout, topology = crane.layout, Topology.of(crane)
-        q = shaped("q", q, ("rows", layout.n))
-        v = shaped("v", v, q.shape)
-        effort = shaped("effort", effort, (len(q), layout.m))
+        q = as_array("q", q, ("rows", layout.n))
+        v = as_array("v", v, q.shape)
+        effort = as_array("effort", effort, (len(q), layout.m))
         made = plant(topology, numbers(crane).tolist(), "effort", buffers)
         acting = force is not None and bool(np.any(force))
-        outside = None if not acting else rows(shaped("force", force, (len(q), _wide(crane))))
+        outside = None if not acting else rows(as_array("force", force, (len(q), _wide(crane))))
         caused, _ = made.answer(rows(q), rows(v), rows(effort), outside)
         external = [] if outside is None else list(outside.reshape(-1, 3))
         points = zip(topology.bodies, made.levers, external, strict=bool(acting))

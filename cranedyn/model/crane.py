@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.arrays import finite, shaped
-from cranedyn.errors import Misshapen, ModelError, UnknownName, number, within
+from cranedyn.checks import as_array, finite, number, within
+from cranedyn.errors import Misshapen, ModelError, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.model.layout import Layout
 from cranedyn.model.rest import Rest, linearise_rest, no_rest, solve_rest, stiffness
@@ -90,9 +90,9 @@ class Crane:
         Raises:
             OutOfRange: If an array has another shape.
         """
-        for name in ("damping", "lower", "upper"):
-            shaped(name, getattr(self, name), (self.layout.n,))
-        shaped("effort_limit", self.effort_limit, (self.layout.m,))
+        n, m = self.layout.n, self.layout.m
+        for name, count in {"damping": n, "lower": n, "upper": n, "effort_limit": m}.items():
+            object.__setattr__(self, name, as_array(name, getattr(self, name), (count,)))
         object.__setattr__(self, "_scratch", _Scratch(self.model))
 
     @property
@@ -179,6 +179,7 @@ class Crane:
         Raises:
             OutOfRange: If q is not n numbers in each row.
         """
+        q = np.asarray(q, dtype=float)
         if q.shape[-1:] != (self.layout.n,):
             shape = f"one of shape (..., {self.layout.n})"
             raise Misshapen("coordinates", f"an array of shape {q.shape}", shape)

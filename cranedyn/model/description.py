@@ -20,9 +20,10 @@ from xml.dom import Node, minidom
 
 import xacro
 
+from cranedyn.checks import number
 from cranedyn.command import Parser, command, interrupted
-from cranedyn.data.files import parse_json, read_text, written
-from cranedyn.errors import DataError, ModelError, UnknownName, number, quoted
+from cranedyn.data.files import atomic_write, parse_json, read_text
+from cranedyn.errors import DataError, ModelError, UnknownName, quoted
 from cranedyn.model.urdf import parse
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -237,7 +238,7 @@ def _main(options: argparse.Namespace) -> int:
         return 0
     urdf = describe(values=parse_values(options.values))
     if options.output:
-        with written(options.output) as file:
+        with atomic_write(options.output) as file:
             file.write_text(urdf, encoding="utf-8")
     else:
         sys.stdout.write(urdf)

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.errors import ModelError, UnknownName, number, quoted
+from cranedyn.checks import number
+from cranedyn.errors import ModelError, UnknownName, quoted
 from cranedyn.model.crane import Point
 from cranedyn.model.layout import ROLES, Joint
 

@@ -9,8 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cranedyn.checks import as_array, number, read_only
 from cranedyn.data.columns import trajectory_columns
-from cranedyn.errors import MissingRole, ModelError, OutOfRange, UnknownName, number
+from cranedyn.errors import MissingRole, ModelError, OutOfRange, UnknownName
+from cranedyn.interfaces import State
 
 _COUNTS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 
@@ -213,6 +215,27 @@ class Layout:
                 for joint, value, unit in rows
             ]
         )
+
+    def as_state(self, name: str, state: State) -> State:
+        """Return a read-only copy of a state.
+
+        Args:
+            name: Name of the state for error messages.
+            state: Coordinates and rates, shape (n,) each.
+
+        Raises:
+            OutOfRange: If there is not one finite coordinate and one finite rate for each joint.
+        """
+        coordinates, rates = state
+        q = as_array(f"coordinates at the {name}", coordinates, ("n",))
+        v = as_array(f"rates at the {name}", rates, ("n",))
+        if q.shape != (self.n,) or v.shape != (self.n,):
+            sizes = f"a state of {q.size} coordinates and {v.size} rates"
+            raise OutOfRange(name, sizes, f"{self.n} of each: {', '.join(self.symbols)}")
+        for joint, position, rate in zip(self.joints, q.tolist(), v.tolist(), strict=True):
+            number(f"{joint.symbol} at the {name}", position, joint.unit)
+            number(f"{joint.symbol}_dot at the {name}", rate, f"{joint.unit}/s")
+        return State(read_only(q.copy()), read_only(v.copy()))
 
     def has(self, *roles: str) -> bool:
         """Return whether there are joints in all of these roles."""

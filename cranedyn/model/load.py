@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Unpack
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.checks import number, within
 from cranedyn.data.files import read_text
 from cranedyn.data.trajectory import read_record
 from cranedyn.errors import (
@@ -21,9 +22,7 @@ from cranedyn.errors import (
     ModelError,
     OutOfRange,
     UnknownName,
-    number,
     printable,
-    within,
 )
 from cranedyn.interfaces import State
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane

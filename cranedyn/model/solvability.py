@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.errors import ModelError, OutOfRange, number
+from cranedyn.checks import number
+from cranedyn.errors import ModelError, OutOfRange
 from cranedyn.model.layout import Layout
 
 _LEAST_EIGENVALUE = 1e-10

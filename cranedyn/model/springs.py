@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.errors import ModelError, UnknownName, number
+from cranedyn.checks import number
+from cranedyn.errors import ModelError, UnknownName
 from cranedyn.model.layout import Layout
 
 _TAGS = ("springStiffness", "springReference", "ropeStiffness")

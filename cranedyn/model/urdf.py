@@ -10,7 +10,8 @@ from copy import deepcopy
 
 import numpy as np
 
-from cranedyn.errors import ModelError, OutOfRange, number, printable, quoted
+from cranedyn.checks import number
+from cranedyn.errors import ModelError, OutOfRange, printable, quoted
 
 _MAX_DEPTH, _MAX_ELEMENTS, _MAX_NUMBER = 50, 2000, 1e30
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.data.files import opened
+from cranedyn.data.files import open_file
 from cranedyn.errors import CraneError, DataError, printable, quoted
 from cranedyn.planning.solids import Solid, body
 
@@ -39,7 +39,7 @@ def read_ifc(path: Path, *, as_hulls: bool = False) -> list[Solid]:
     """
     if path.suffix.lower() != ".ifc":
         raise DataError(f"Cannot read {path}: an IFC file ends in .ifc.")
-    with opened(path) as file:
+    with open_file(path) as file:
         size = path.stat().st_size
         start = file.read(64)
     if size > LARGEST_IFC:

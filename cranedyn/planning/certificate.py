@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.analysis.swing import swing_amplitude
-from cranedyn.arguments import checked
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory
@@ -80,7 +79,6 @@ class Certificate:
         return all(check.holds for check in self.checks)
 
 
-@checked
 def controller_of(lift: Lift, *, dt: float = 5e-4) -> HoistIntegral:
     """What makes a lift: a full-model LQR about its motion, with an integrator on the hoist; a new
     one for each run.
@@ -94,7 +92,6 @@ def controller_of(lift: Lift, *, dt: float = 5e-4) -> HoistIntegral:
     )
 
 
-@checked
 def certify(
     lift: Lift,
     clearance: Clearance | None = None,

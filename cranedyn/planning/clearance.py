@@ -19,7 +19,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.errors import quoted, within
+from cranedyn.checks import within
+from cranedyn.errors import quoted
 from cranedyn.model.crane import Crane
 from cranedyn.planning.bodies import Bodies, bodies
 from cranedyn.planning.fields import Body, Field, Placed, rope

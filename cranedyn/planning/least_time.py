@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from cranedyn.arguments import checked
 from cranedyn.planning.lift import Lift
 from cranedyn.planning.optimal import optimal
 from cranedyn.planning.timing import RAMP, STEP, Timed, shares_of
@@ -21,7 +20,6 @@ INTERVAL = 0.5
 """Longest interval of constant jerk [s]."""
 
 
-@checked
 def in_least_time(lift: Lift, *, ramp: float = RAMP, interval: float = INTERVAL) -> Lift:
     """A lift with the motion of least time near its planned one, proven as that is.
 

@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import finite
+from cranedyn.checks import finite
 from cranedyn.errors import CraneError, DataError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -125,7 +124,6 @@ class Lift:
         return start, goal
 
 
-@checked
 def crane_of(site: Site, *, gravity: float | None = None, **values: object) -> Crane:
     """Load the crane of a site, with further numbers of it changed by name.
 
@@ -139,7 +137,6 @@ def crane_of(site: Site, *, gravity: float | None = None, **values: object) -> C
     return load_crane(**given) if gravity is None else load_crane(gravity=gravity, **given)  # type: ignore[arg-type]
 
 
-@checked
 def plan_lift(
     site: Site,
     limits: Limits,

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BPoly
 
-from cranedyn.arguments import checked
+from cranedyn.checks import number
 from cranedyn.dynamics import symbolic
 from cranedyn.dynamics.linearisation import free_modes
 from cranedyn.dynamics.pinocchio import holding_effort, payload_position
 from cranedyn.dynamics.symbolic import ca
-from cranedyn.errors import number
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning import transcription
@@ -39,7 +38,6 @@ _WITHIN = 0.02
 """By which share less the rope leans than the site allows, for what it does between points."""
 
 
-@checked
 @dataclass(frozen=True)
 class Preference:
     """What decides among motions that are nearly as fast as each other.

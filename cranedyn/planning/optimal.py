@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked
+from cranedyn.checks import number, whole, within
 from cranedyn.clocks import intervals
 from cranedyn.dynamics.pinocchio import holding_effort
-from cranedyn.errors import CraneError, OutOfRange, number, whole, within
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning import transcription
@@ -70,7 +70,6 @@ _TURNED = 1e-3
 of a motion."""
 
 
-@checked
 def optimal(
     crane: Crane,
     start: State,
@@ -150,6 +149,8 @@ def optimal(
         raise OutOfRange("swing", swing, "above 0 and below π/2", "rad")
     within("tolerance", number("tolerance", tolerance), 1e-12, 1e-2)
     whole("iterations", iterations, 1)
+    start = crane.layout.as_state("start", start)
+    goal = crane.layout.as_state("goal", goal)
     drives = _moving(crane, start, goal, still, clearance is not None)
     kept = limits.for_crane(crane)
     rate, acceleration = np.asarray(kept.rates), np.asarray(kept.accelerations)
@@ -260,6 +261,7 @@ def _first(
 ) -> Plan:
     """Where the search begins."""
     if begin is not None:
+        begin.check_fits("begin", move.crane.layout)
         drives = move.crane.layout.drives
         for row, end in ((begin.q[0], move.start), (begin.q[-1], move.goal)):
             if len(begin.q) < 2 or np.abs(row - end.q)[drives].max() > _NEAR:

@@ -15,14 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import binomtest
 
-from cranedyn.arguments import checked, described
-from cranedyn.arrays import finite
+from cranedyn.checks import finite, short_repr, whole, within
 from cranedyn.compiled.batch import Batch, simulate_batch
 from cranedyn.compiled.inputs import fit
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.disturbances.wind import AIR_DENSITY, gust_shape
-from cranedyn.errors import CraneError, whole, within
+from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.planning.certificate import AFTER, HOIST_INTEGRAL, Certificate, controller_of
@@ -115,7 +114,6 @@ class Perturbed:
         return float(low), float(high)
 
 
-@checked
 def perturb(
     certificate: Certificate,
     count: int,
@@ -139,8 +137,8 @@ def perturb(
         OutOfRange: If the count is not a whole number from 1 on, or what is drawn would not fit.
     """
     whole("number of lifts", count, 1)
-    fit("number of lifts", described(count), 12 * count)
-    lift, rng = certificate.lift, np.random.default_rng(seed)
+    fit("number of lifts", short_repr(count), 12 * count)
+    lift, rng = certificate.lift, np.random.default_rng(whole("seed", seed, 0))
     loads = np.sort(rng.integers(0, _LEVELS, count))
     drawn = {
         "load": 1.0 + spread.load * np.linspace(-1.0, 1.0, _LEVELS)[loads],

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cranedyn.errors import DataError, number, quoted
+from cranedyn.checks import number
+from cranedyn.errors import DataError, quoted
 from cranedyn.lifting.loads import Arm, Base
 from cranedyn.planning.solids import Solid, turned
 from cranedyn.references.limits import Limits

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked
+from cranedyn.checks import number
 from cranedyn.data.files import read_text
-from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, number, quoted
+from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, quoted
 from cranedyn.lifting.loads import Arm, Base
 from cranedyn.planning.bim import read_ifc
 from cranedyn.planning.neighbour import neighbour
@@ -104,7 +104,6 @@ class _Table:
         return path
 
 
-@checked
 def read_site(path: str | Path) -> Site:
     """A site from a TOML file.
 

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from cranedyn.command import held_back
-from cranedyn.errors import CraneError, OutOfRange, number
+from cranedyn.checks import number
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.planning.clearance import Clearance
 from cranedyn.planning.curve import Path
 from cranedyn.references.flat import recover
@@ -328,10 +328,9 @@ def shares_of(
 
 def _toppra() -> tuple[Any, Any, Any]:
     try:
-        with held_back():  # or half of it would be there for whoever goes on in this process
-            import toppra
-            import toppra.algorithm
-            import toppra.constraint
+        import toppra
+        import toppra.algorithm
+        import toppra.constraint
     except ImportError as error:
         raise CraneError(
             "To time a path install the extra planning: pip install 'cranedyn[planning]'."

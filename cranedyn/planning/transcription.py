@@ -10,15 +10,13 @@ is faster.
 
 from __future__ import annotations
 
-import signal
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from cranedyn.command import defer_sigint
 from cranedyn.dynamics.symbolic import ca
 from cranedyn.errors import CraneError
 
@@ -157,7 +155,7 @@ def solve(
     stop = _Stop(scale.size, low.size)
     options = {"ipopt.tol": tolerance, "ipopt.max_iter": iterations, "iteration_callback": stop}
     solver = ca.nlpsol("plan", "ipopt", program, _OPTIONS | options)
-    with stop.on_signals():
+    with defer_sigint() as stop.arrived:
         found = solver(x0=_pack(guess) / scale, lbx=lower, ubx=upper, lbg=low, ubg=high)
     if not solver.stats()["success"]:
         raise Unsolved(solver.stats()["return_status"])
@@ -175,7 +173,7 @@ class _Stop(ca.Callback):  # type: ignore[misc]
     def __init__(self, unknowns: int, constraints: int) -> None:
         ca.Callback.__init__(self)
         self._sizes = {"x": unknowns, "lam_x": unknowns, "g": constraints, "lam_g": constraints}
-        self._came: list[tuple[int, Any]] = []
+        self.arrived: Callable[[], bool] = lambda: False
         self.construct("stop", {})
 
     def get_n_in(self) -> int:
@@ -189,26 +187,7 @@ class _Stop(ca.Callback):  # type: ignore[misc]
         return ca.Sparsity.dense(1 if name == "f" else self._sizes.get(name, 0), 1)
 
     def eval(self, arg: Sequence[ca.DM]) -> list[int]:
-        return [len(self._came)]
-
-    @contextmanager
-    def on_signals(self) -> Iterator[None]:
-        """Keep signals until what is done inside has ended, then do what the program does on
-        them.
-        """
-        before: dict[int, Any] = {}
-        if threading.current_thread() is threading.main_thread():
-            for one in (signal.SIGINT, signal.SIGTERM):
-                if callable(handler := signal.getsignal(one)):
-                    before[one] = handler
-                    signal.signal(one, lambda *came: self._came.append(came))
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-        for number, frame in self._came:
-            before[number](number, frame)
+        return [int(self.arrived())]
 
 
 def _pack(plan: Plan) -> np.ndarray:

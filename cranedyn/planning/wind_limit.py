@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.errors import number, whole, within
+from cranedyn.checks import number, whole, within
 from cranedyn.lifting.chart import CUT_OUT, Chart
 from cranedyn.lifting.loads import loads_of_rows
 from cranedyn.planning.certificate import Certificate
@@ -88,7 +87,6 @@ class WindLimit:
         return float(self.speeds[broken[0] - 1]) if broken[0] else 0.0
 
 
-@checked
 def wind_limit(
     certificate: Certificate,
     chart: Chart,
@@ -129,7 +127,7 @@ def wind_limit(
         "swing": within("swing", swing, 0.0, math.pi / 2.0, "rad"),
         "clearance": certificate.lift.clearance.site.distance,
     }
-    rng, each = np.random.default_rng(seed), whole("number of lifts", count, 1)
+    rng, each = np.random.default_rng(whole("seed", seed, 0)), whole("number of lifts", count, 1)
     lowest = np.array([0.0, LASTS[0], -math.pi])
     widths = np.array([certificate.lift.timed.motion.arrival, LASTS[1] - LASTS[0], 2.0 * math.pi])
 

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import LayoutEngine
 
-from cranedyn.data.files import written
+from cranedyn.data.files import atomic_write
 from cranedyn.plotting.style import COLOURS
 
 __all__ = ["COLOURS", "panels", "save"]
@@ -99,5 +99,5 @@ def _save(figure: Figure, path: Path) -> None:
     picture = io.BytesIO()
     metadata = {"Date": None} if ending == "svg" else None
     figure.savefig(picture, format=ending, dpi=_DPI, metadata=metadata)
-    with written(path) as draft:
+    with atomic_write(path) as draft:
         draft.write_bytes(picture.getvalue())

@@ -7,7 +7,6 @@ from types import TracebackType
 
 import rerun as rr
 
-from cranedyn.arguments import checked
 from cranedyn.data.files import Draft, check_writable, sync_folder
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.errors import DataError
@@ -29,7 +28,6 @@ class Live:
     The scene shows the past that its path needs, so pieces may be short.
     """
 
-    @checked
     def __init__(
         self,
         crane: Crane,
@@ -73,7 +71,6 @@ class Live:
         self._past: Trajectory | None = None
         self._start_energy = 0.0
 
-    @checked
     def append(self, piece: Trajectory) -> None:
         """Add what happened since the last piece.
 

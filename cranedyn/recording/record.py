@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from cranedyn.arguments import checked
-from cranedyn.data.files import written
+from cranedyn.data.files import atomic_write
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, DataError, OutOfRange, printable, quoted
 from cranedyn.recording.dashboard import dashboard
@@ -36,7 +35,6 @@ def check_enabled() -> None:
         )
 
 
-@checked
 def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "") -> Path:
     """Write runs into one ``.rrd`` file on one clock, with the layout inside.
 
@@ -75,7 +73,7 @@ def record(path: str | Path, runs: Sequence[Run], *, title: str, text: str = "")
             log_series(recording, run, columns)
     finally:  # also after Ctrl-C, or Rerun says on standard error that it drops data
         data = memory.drain_as_bytes()
-    with written(path) as draft:
+    with atomic_write(path) as draft:
         draft.write_bytes(data)
     return path
 

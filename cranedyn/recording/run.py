@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from cranedyn.arguments import checked
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.style import run_colour
@@ -22,7 +21,6 @@ SCENE = "Crane"
 """Name of the view that shows all of the scene."""
 
 
-@checked
 @dataclass(frozen=True, eq=False)
 class Run:
     """One crane and what happened to it.

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageOps
 
-from cranedyn.arguments import checked
-from cranedyn.data.files import check_writable, make_folder, written
-from cranedyn.errors import DataError, OutOfRange, number
+from cranedyn.checks import number
+from cranedyn.data.files import atomic_write, check_writable, make_folder
+from cranedyn.errors import DataError, OutOfRange
 from cranedyn.recording.headless import headless
 
 _MOST_PIXELS = 5e8
@@ -22,7 +22,6 @@ Progress = Callable[[int], object]
 """Told after each picture how many are done."""
 
 
-@checked
 def snapshot(
     recording: str | Path,
     times: Sequence[float],
@@ -62,7 +61,6 @@ def snapshot(
     return found
 
 
-@checked
 def animate(
     recording: str | Path,
     span: tuple[float, float],
@@ -122,11 +120,10 @@ def _write(path: Path, picture: Image.Image, kind: str, **more: Any) -> None:
     """
     whole = io.BytesIO()
     picture.save(whole, kind, **more)
-    with written(path) as draft:
+    with atomic_write(path) as draft:
         draft.write_bytes(whole.getvalue())
 
 
-@checked
 def film(
     span: tuple[float, float],
     path: str | Path,

@@ -11,16 +11,15 @@ from urllib.parse import quote
 
 import rerun as rr
 
-from cranedyn.arguments import checked
-from cranedyn.data.files import opened
-from cranedyn.errors import CraneError, DataError, OutOfRange, whole
+from cranedyn.checks import whole
+from cranedyn.data.files import open_file
+from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.recording.page import Page
 from cranedyn.recording.process import HOST, await_ready, end, free, free_port, start
 
 _INSTEAD = "write the recording with --save, or look at it in a browser with --serve"
 
 
-@checked
 def check(path: str | Path) -> Path:
     """The path, if a recording stands there that this version of Rerun shows.
 
@@ -29,7 +28,7 @@ def check(path: str | Path) -> Path:
     """
     path = Path(path)
     try:
-        with opened(path) as file:
+        with open_file(path) as file:
             head = file.read(8)
     except (OSError, ValueError) as error:
         raise DataError(
@@ -57,7 +56,6 @@ def check_display() -> None:
         raise CraneError(f"There is no display to open a window on; {_INSTEAD}.")
 
 
-@checked
 def open_viewer(path: str | Path | None = None) -> str:
     """Show a recording in a window, which stays open when the program ends.
 
@@ -131,7 +129,6 @@ class Server:
         end(self.process)
 
 
-@checked
 def check_port(port: int) -> None:
     """Return if a port and the next are free on this machine.
 
@@ -149,7 +146,6 @@ def check_port(port: int) -> None:
             )
 
 
-@checked
 def serve(path: str | Path | None = None, *, port: int = 9090) -> Server:
     """Serve a recording with its viewer to browsers on this machine alone; the page talks to nobody
     else.

@@ -13,11 +13,10 @@ import numpy as np
 import scipy
 from numpy.polynomial import Polynomial
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import finite
+from cranedyn.checks import finite, number, within
 from cranedyn.clocks import intervals
 from cranedyn.dynamics.pinocchio import pivot_position
-from cranedyn.errors import OutOfRange, number, within
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
@@ -55,7 +54,6 @@ def cruise(t: np.ndarray, duration: float, ramp: float, order: int = 0) -> np.nd
     return ramp / (duration - ramp) * (sped_up(t / ramp) - sped_up((t - duration) / ramp + 1.0))
 
 
-@checked
 def flat(
     crane: Crane,
     start: State,
@@ -90,6 +88,7 @@ def flat(
             too long, or the path would slacken the rope.
     """
     slew, trolley, *_, hoist = crane.layout.tower("A path planned for the payload (flat)")
+    start, goal = crane.layout.as_state("start", start), crane.layout.as_state("goal", goal)
     last = intervals("duration", duration, period)
     if ramp is not None:
         within("ramp", ramp, period, duration / 2.0, "s")

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.arguments import checked
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 
@@ -30,10 +29,11 @@ class Still:
         return Setpoint(*(np.broadcast_to(part, (len(times), len(part))) for part in self.setpoint))
 
 
-@checked
 def hold(crane: Crane, state: State | None = None) -> Reference:
     """Keep the drives of a crane where a state has them; None for where it starts."""
-    position = (crane.start if state is None else state).q[crane.layout.drives]
+    position = crane.layout.as_state("state", crane.start if state is None else state).q[
+        crane.layout.drives
+    ]
     setpoint = Setpoint(position, np.zeros_like(position), np.zeros_like(position))
     for part in setpoint:
         part.flags.writeable = False  # one for the whole run, and handed to whoever asks

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.errors import OutOfRange, number, quoted
+from cranedyn.checks import number
+from cranedyn.errors import OutOfRange, quoted
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 
@@ -139,7 +139,6 @@ class Itinerary(Timetable):
         return Setpoint(position, np.sign(path) * self.rates * moving, np.zeros_like(path))
 
 
-@checked
 def itinerary(
     crane: Crane, start: State, legs: Sequence[Leg], *, rates: Sequence[float], dwell: float
 ) -> Itinerary:
@@ -157,6 +156,7 @@ def itinerary(
         OutOfRange: For a rate that is not positive, a negative dwell, no leg at all, or a tour that
             does not end where it began.
     """
+    start = crane.layout.as_state("start", start)
     limits = np.minimum(crane.layout.for_drives("rate", rates, "/s", "> 0"), crane.rate_limit)
     number("dwell", dwell, "s", ">= 0")
     stages: list[Stage] = []

@@ -10,15 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked
-from cranedyn.errors import OutOfRange, number
+from cranedyn.checks import number
+from cranedyn.errors import OutOfRange
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion, motion_efforts
 
 _LONGEST = 3600.0
 
 
-@checked
 @dataclass(frozen=True, eq=False)
 class Limits:
     """Limits of the drives that a plan keeps besides the crane's own of effort and rate.
@@ -59,12 +58,12 @@ class Limits:
         return Limits(np.minimum(rates, crane.rate_limit).tolist(), accelerations.tolist())
 
 
-@checked
 def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
     """Return the largest share of each limit that a motion uses, by the name of the limit; 1 is
     all of it.
     """
     layout, kept = crane.layout, limits.for_crane(crane)
+    motion.check_fits("motion", layout)
     shares = {
         "rate": np.abs(motion.v[:, layout.drives]).max(axis=0) / kept.rates,
         "acceleration": np.abs(motion.a[:, layout.drives]).max(axis=0) / kept.accelerations,
@@ -78,7 +77,6 @@ def use(crane: Crane, motion: Motion, limits: Limits) -> dict[str, float]:
     }
 
 
-@checked
 def check(crane: Crane, motion: Motion, limits: Limits, plan: Callable[[float], Motion]) -> None:
     """Return if a motion keeps the limits.
 
@@ -96,7 +94,6 @@ def check(crane: Crane, motion: Motion, limits: Limits, plan: Callable[[float], 
         )
 
 
-@checked
 def fastest(crane: Crane, plan: Callable[[float], Motion], limits: Limits) -> float:
     """Shortest duration [s] at which a plan keeps the limits, to a thousandth of a second; a
     quarter of a second at least.

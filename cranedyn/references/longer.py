@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.errors import number
+from cranedyn.checks import number
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 
@@ -14,7 +13,6 @@ _ASIDE = 0.02
 there for swings that take seconds."""
 
 
-@checked
 def longer(crane: Crane, motion: Motion, by: float) -> Motion:
     """A motion of a tower crane whose payload goes the same way lower down, on a cable that is
     longer by so much.
@@ -34,6 +32,7 @@ def longer(crane: Crane, motion: Motion, by: float) -> Motion:
         OutOfRange: If `by` is not finite, or makes the cable shorter than nothing.
     """
     slew, trolley, radial, tangential, hoist = crane.layout.tower("A motion on another cable")
+    motion.check_fits("motion", crane.layout)
     shortest = float(motion.q[:, hoist].min()) + number("by", by, "m")
     number("length of the shortest cable", shortest, "m", "> 0")
     parts = [slew, trolley, radial, tangential, hoist]

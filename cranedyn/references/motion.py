@@ -9,21 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked, described
-from cranedyn.arrays import OneLine, finite
+from cranedyn.checks import Shape, ShortRepr, finite, number
 from cranedyn.clocks import intervals
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.pinocchio import inverse_dynamics
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
+from cranedyn.model.layout import Layout
 from cranedyn.references.rows import SAME, at_place, at_places, place, places
 from cranedyn.references.tabulated import tabulated
 
 
-@checked
 @dataclass(frozen=True, eq=False, repr=False)
-class Motion(OneLine):
+class Motion(ShortRepr):
     """A motion in rows, with straight lines between them; before and after it stands still. Itself
     a reference for the drives.
 
@@ -44,12 +43,11 @@ class Motion(OneLine):
     def __post_init__(self) -> None:
         """Check the period, and that there are as many finite numbers of each kind in every row."""
         number("period", self.period, "s", "> 0")
+        shape: Shape = ("rows", "n")
         for name in ("q", "v", "a"):
-            finite(
-                f"{name} of a motion",
-                getattr(self, name),
-                (len(self.q) if self.q.ndim else "rows", self.q.shape[-1] if self.q.ndim else "n"),
-            )
+            table = finite(f"{name} of a motion", getattr(self, name), shape)
+            object.__setattr__(self, name, table)
+            shape = table.shape
         if not len(self.q):
             raise OutOfRange("motion", "one of no row", "one row or more")
         drives, n = finite("drives of a motion", self.drives, ("m",)).tolist(), self.q.shape[1]
@@ -59,27 +57,16 @@ class Motion(OneLine):
             )
         object.__setattr__(self, "drives", np.array(drives, dtype=int))
 
-    def check_fits(self, name: str, layout: Any) -> None:
-        """See `cranedyn.arguments.OfCrane`."""
+    def check_fits(self, name: str, layout: Layout) -> None:
+        """Check that the motion belongs to a crane of this layout.
+
+        Raises:
+            OutOfRange: If its number of coordinates or its drives are others.
+        """
         n, drives = self.q.shape[1], self.drives.tolist()
         if n != layout.n or drives != layout.drives.tolist():
             own = f"one of {layout.n}, the drives {layout.drives.tolist()}"
             raise OutOfRange(name, f"a motion of {n} coordinates, the drives {drives}", own)
-
-    @classmethod
-    def checked(cls, name: str, value: Any) -> Motion:
-        """A motion; of a reference it says how to make one.
-
-        Raises:
-            OutOfRange: If it is none.
-        """
-        if isinstance(value, Motion):
-            return value
-        raise OutOfRange(
-            name,
-            described(value),
-            "a Motion of all joints, as cranedyn.references.plumb makes it of a reference",
-        )
 
     @property
     def arrival(self) -> float:
@@ -114,7 +101,6 @@ class Motion(OneLine):
         return (t >= -SAME * self.period) & (t <= self.arrival + SAME * self.period)
 
 
-@checked
 def plumb(crane: Crane, reference: Reference, duration: float, period: float = 5e-3) -> Motion:
     """The motion of a reference over a duration [s], sampled at a period [s], with the load hanging
     plumb; its last row is at rest.
@@ -134,9 +120,9 @@ def plumb(crane: Crane, reference: Reference, duration: float, period: float = 5
     return Motion(period, q, v, a, drives)
 
 
-@checked
 def motion_efforts(crane: Crane, motion: Motion) -> np.ndarray:
     """Drive efforts that a motion costs, by inverse dynamics [N m or N], shape (rows, m)."""
+    motion.check_fits("motion", crane.layout)
     joint = JointForces.of(crane)
     rows = zip(motion.q, motion.v, motion.a, strict=True)
     return np.array(

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.errors import OutOfRange, number, within
+from cranedyn.checks import number, within
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import Tabulating
@@ -61,7 +61,6 @@ class Operator(Tabulating):
         return Setpoint(self.start + gone, velocity, acceleration)
 
 
-@checked
 def operator(
     crane: Crane, start: State, pulses: Sequence[JoystickPulse], *, accelerations: Sequence[float]
 ) -> Reference:
@@ -83,6 +82,7 @@ def operator(
             than the drive has, or two pulses of one drive overlap.
         UnknownName: If there is no such drive.
     """
+    start = crane.layout.as_state("start", start)
     limits = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
     ramps: list[tuple[float, float, np.ndarray]] = []
     for drive in dict.fromkeys(pulse.drive for pulse in pulses):

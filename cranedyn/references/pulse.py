@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.errors import number
+from cranedyn.checks import number
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import checked_setpoint, tabulated
@@ -44,7 +43,6 @@ class Pulse:
         return setpoint._replace(position=setpoint.position + np.outer(aside, self.step))
 
 
-@checked
 def pulse(
     crane: Crane, base: Reference, drive: str, amplitude: float, *, at: float, width: float
 ) -> Reference:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.arguments import checked
-from cranedyn.errors import number
+from cranedyn.checks import number
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import checked_setpoint, tabulated
@@ -53,7 +52,6 @@ class Ramp:
         return Setpoint(position, velocity, setpoint.acceleration)
 
 
-@checked
 def ramp(
     crane: Crane, base: Reference, drive: str, by: float, *, rate: float, at: float
 ) -> Reference:

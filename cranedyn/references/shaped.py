@@ -13,16 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked
-from cranedyn.arrays import finite
+from cranedyn.checks import finite, number, within
 from cranedyn.clocks import intervals
-from cranedyn.errors import OutOfRange, number, within
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import Tabulating, tabulated
 
 
-@checked
 @dataclass(frozen=True, eq=False)
 class Shaper:
     """A train of impulses whose amplitudes add up to one.
@@ -37,11 +35,10 @@ class Shaper:
 
     def __post_init__(self) -> None:
         """Check that there is an amplitude for each impulse."""
-        finite(
-            "amplitudes of a shaper",
-            self.amplitudes,
-            finite("fractions of a shaper", self.fractions, ("n",), unit="periods").shape,
-        )
+        fractions = finite("fractions of a shaper", self.fractions, ("n",), unit="periods")
+        amplitudes = finite("amplitudes of a shaper", self.amplitudes, fractions.shape)
+        object.__setattr__(self, "fractions", fractions)
+        object.__setattr__(self, "amplitudes", amplitudes)
 
     def residual(self, ratio: float | np.ndarray) -> np.ndarray:
         """Swing that is left, as a share of that without shaping, when the true frequency is
@@ -51,14 +48,12 @@ class Shaper:
         return np.abs(np.exp(1.0j * angles) @ self.amplitudes)
 
 
-@checked
 def zv(damping_ratio: float = 0.0) -> Shaper:
     """Zero vibration: two impulses, half a period apart."""
     k = _decay(damping_ratio)
     return Shaper(np.array([0.0, 0.5]), np.array([1.0, k]) / (1.0 + k))
 
 
-@checked
 def zvd(damping_ratio: float = 0.0) -> Shaper:
     """Zero vibration and derivative: three impulses, insensitive to small errors of the
     frequency.
@@ -67,7 +62,6 @@ def zvd(damping_ratio: float = 0.0) -> Shaper:
     return Shaper(np.array([0.0, 0.5, 1.0]), np.array([1.0, 2.0 * k, k * k]) / (1.0 + k) ** 2)
 
 
-@checked
 def ei(tolerance: float = 0.05) -> Shaper:
     """Extra insensitive: leaves a share of the swing at the frequency shaped for, to stay below it
     over a wider range; undamped.
@@ -104,7 +98,6 @@ class Shaped(Tabulating):
         return Setpoint(*(self.amplitudes @ part.reshape(shape) for part in parts))
 
 
-@checked
 def shaped(base: Reference, shaper: Shaper, period: float | Sequence[float]) -> Reference:
     """Shape all drives of a reference for one swing period [s], or for several at once.
 
@@ -162,7 +155,6 @@ class ShapedHoisting(Tabulating):
         return found
 
 
-@checked
 def shaped_hoisting(
     crane: Crane, base: Reference, shaper: Shaper, duration: float, *, step: float = 5e-3
 ) -> Reference:

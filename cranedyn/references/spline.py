@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from cranedyn.arguments import checked, described
-from cranedyn.arrays import finite
-from cranedyn.errors import OutOfRange, number
+from cranedyn.checks import finite, number, short_repr
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 
@@ -21,7 +20,6 @@ PEAK_RATE, PEAK_ACCELERATION = 15.0 / 8.0, 10.0 / np.sqrt(3.0)
 acceleration."""
 
 
-@checked
 @dataclass(frozen=True, eq=False)
 class Spline:
     """A reference of one quintic for each drive and each section, at rest at every waypoint; before
@@ -37,16 +35,16 @@ class Spline:
 
     def __post_init__(self) -> None:
         """Build the polynomials."""
-        times, points = (
-            finite("times", self.times, ("n",), unit="s"),
-            finite("points", self.points, (self.times.size, "m")),
-        )
+        times = finite("times", self.times, ("n",), unit="s")
+        points = finite("points", self.points, (times.size, "m"))
         if len(times) < 2 or not (np.diff(times) > 0.0).all():
-            raise OutOfRange("times", described(times), "two or more that increase", "s")
+            raise OutOfRange("times", short_repr(times), "two or more that increase", "s")
         rest = np.zeros_like(points)
         curve = scipy.interpolate.BPoly.from_derivatives(
-            self.times, np.stack([self.points, rest, rest], axis=1)
+            times, np.stack([points, rest, rest], axis=1)
         )
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "points", points)
         object.__setattr__(self, "_curves", (curve, curve.derivative(), curve.derivative(2)))
 
     @property
@@ -65,7 +63,6 @@ class Spline:
         return Setpoint(*(curve(inside) for curve in self._curves))  # type: ignore[attr-defined]
 
 
-@checked
 def spline(
     crane: Crane,
     start: State,
@@ -93,7 +90,7 @@ def spline(
             len(durations),
             f"that of the waypoints, {len(waypoints)}, and one at least",
         )
-    points = [start.q[crane.layout.drives]]
+    points = [crane.layout.as_state("start", start).q[crane.layout.drives]]
     for waypoint in waypoints:
         points.append(crane.layout.for_drives("waypoint", waypoint))
     steps = [number("duration of a section", duration, "s", "> 0") for duration in durations]
@@ -102,7 +99,6 @@ def spline(
     )
 
 
-@checked
 def shortest(
     crane: Crane,
     start: State,
@@ -126,7 +122,7 @@ def shortest(
     v = np.minimum(crane.layout.for_drives("rate limit", rates, "/s", "> 0"), crane.rate_limit)
     a = crane.layout.for_drives("acceleration limit", accelerations, "/s²", "> 0")
     points = [
-        start.q[crane.layout.drives],
+        crane.layout.as_state("start", start).q[crane.layout.drives],
         *(crane.layout.for_drives("waypoint", waypoint) for waypoint in waypoints),
     ]
     paths = np.abs(np.diff(points, axis=0))

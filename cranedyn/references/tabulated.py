@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import described, told
-from cranedyn.arrays import DOUBLE, finite
-from cranedyn.errors import CraneError, Misshapen
+from cranedyn.checks import finite, short_repr
+from cranedyn.errors import CraneError, Misshapen, format_error
 from cranedyn.interfaces import Reference, Setpoint
 
 _PARTS = ("position", "velocity", "acceleration")
@@ -35,7 +34,7 @@ def checked_setpoint(answer: Any, shape: tuple[int | str, ...] = ("m",)) -> Setp
     if not isinstance(answer, Setpoint):
         raise Misshapen(
             "answer of the reference",
-            described(answer),
+            short_repr(answer),
             "a cranedyn.Setpoint: position, velocity, acceleration",
         )
     parts = []
@@ -88,7 +87,7 @@ class Setpoints:
             return self.steady
         setpoint = checked_setpoint(answer, self._shape)
         if answer is self._last and all(
-            part.dtype is DOUBLE and part.flags.owndata and not part.flags.writeable
+            part.dtype == float and part.flags.owndata and not part.flags.writeable
             for part in setpoint
         ):
             self.steady = answer
@@ -133,7 +132,7 @@ def owned(whose: str) -> Iterator[None]:
     except CraneError:
         raise
     except Exception as error:
-        raise CraneError(f"The {whose} raised {told(error)}") from error
+        raise CraneError(f"The {whose} raised {format_error(error)}") from error
 
 
 class Tabulating(ABC):

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cranedyn.arguments import checked, taken
+from cranedyn.checks import number
 from cranedyn.clocks import intervals
-from cranedyn.errors import OutOfRange, number
+from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.references.itinerary import Leg, Stage, Timetable, leg_target
@@ -37,7 +37,6 @@ class Tour(Timetable):
         return self.motion.at(times % self.duration)
 
 
-@checked
 def tour(
     crane: Crane, legs: Sequence[Leg], plan: Callable[[State, State], Motion], *, dwell: float
 ) -> Tour:
@@ -65,7 +64,8 @@ def tour(
                 for joint, aim in zip(crane.layout.driven, target, strict=True)
             }
         )
-        motion = taken("motion that was planned", plan(here, goal), Motion)
+        motion = plan(here, goal)
+        motion.check_fits("motion that was planned", crane.layout)
         period, rows, still = (
             motion.period,
             len(motion.q) - 1,

@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cranedyn.arguments import checked, told
+from cranedyn.checks import number
 from cranedyn.clocks import Timed, clocks
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
-from cranedyn.errors import CraneError, OutOfRange, RunError, number
+from cranedyn.errors import CraneError, OutOfRange, RunError, format_error
 from cranedyn.interfaces import (
     Controller,
     Disturbance,
@@ -24,6 +24,7 @@ from cranedyn.interfaces import (
 )
 from cranedyn.model.crane import Crane
 from cranedyn.references import hold
+from cranedyn.references.motion import Motion
 from cranedyn.references.tabulated import Setpoints
 from cranedyn.simulation.engine import DIVERGED
 from cranedyn.simulation.log import Log
@@ -31,7 +32,6 @@ from cranedyn.simulation.record import notes_of, record_of
 from cranedyn.simulation.stepper import Stepper, command_of, diverged, force_of
 
 
-@checked
 def simulate(
     crane: Crane,
     controller: Controller,
@@ -109,6 +109,8 @@ def simulate(
             "validity", validity, "stop or mark, or buffers where the drives take efforts"
         )
     buffers = validity == "buffers"
+    if isinstance(reference, Motion):
+        reference.check_fits("reference", crane.layout)
     number("time at the start", since, "s", "-1e9 to 1e9")
     log = Log(crane, since, control_period, clock.periods + 1, integrator.lead * dt)
     stepper = Stepper(
@@ -211,6 +213,10 @@ def simulate(
         joint, value = (
             (error.joint, error.value) if isinstance(error, RunError) else ("", float("nan"))
         )
-        sentence = str(error) if isinstance(error, RunError) else f"At t = {t:.4g} s: {told(error)}"
+        sentence = (
+            str(error)
+            if isinstance(error, RunError)
+            else f"At t = {t:.4g} s: {format_error(error)}"
+        )
         raise RunError(sentence, t=t, joint=joint, value=value, trajectory=recorded()) from error
     return recorded()

@@ -8,8 +8,7 @@ from pkgutil import resolve_name
 
 import numpy as np
 
-from cranedyn.arguments import check_word, checked, described
-from cranedyn.arrays import DOUBLE, masked
+from cranedyn.checks import check_choice, short_repr
 from cranedyn.clocks import clocks
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
@@ -37,7 +36,6 @@ class Stepper:
         t: Time since the start [s].
     """
 
-    @checked
     def __init__(
         self,
         crane: Crane,
@@ -72,8 +70,8 @@ class Stepper:
             OutOfRange: If an argument is of another kind, or has no effect, or the state is not one
                 of this crane.
         """
-        check_word("drive", drive, Drive)
-        check_word("engine", engine, EngineName)
+        check_choice("drive", drive, Drive)
+        check_choice("engine", engine, EngineName)
         if buffers and drive != "effort":
             allowed = "False where the drives take no efforts"
             raise OutOfRange("buffers", "True", allowed)
@@ -139,14 +137,7 @@ def started(crane: Crane, start: State | None) -> State:
     Raises:
         OutOfRange: If it is not as many finite coordinates and rates as the crane has joints.
     """
-    state, layout = State.checked("start", crane.start if start is None else start), crane.layout
-    if state.q.shape != (layout.n,):
-        raise OutOfRange(
-            "start",
-            f"a state of {state.q.size} coordinates",
-            f"one of {layout.n}: {', '.join(layout.symbols)}",
-        )
-    return state
+    return crane.layout.as_state("start", crane.start if start is None else start)
 
 
 def command_of(answer: object, t: float, layout: Layout) -> np.ndarray:
@@ -156,7 +147,7 @@ def command_of(answer: object, t: float, layout: Layout) -> np.ndarray:
         OutOfRange: If there are more or fewer.
         RunError: If one is not finite.
     """
-    if type(answer) is np.ndarray and answer.dtype is DOUBLE and answer.shape == (layout.m,):
+    if type(answer) is np.ndarray and answer.dtype == float and answer.shape == (layout.m,):
         command = answer.copy()
     else:
         command = _array(answer, "command of the controller", (layout.m,), layout.drives_in_words)
@@ -205,11 +196,13 @@ def _array(answer: object, name: str, shape: tuple[int, ...], allowed: str) -> n
     try:
         array = (
             None
-            if isinstance(answer, np.ndarray) and (np.iscomplexobj(answer) or masked(answer))
+            if isinstance(answer, np.ndarray)
+            and (np.iscomplexobj(answer) or np.ma.is_masked(answer))
             else np.array(answer, dtype=float)
         )
     except (TypeError, ValueError, OverflowError):
         array = None
     if array is None or array.shape != shape:
-        raise OutOfRange(name, described(answer if array is None else array), allowed)
+        given = short_repr(answer) if array is None else f"an array of shape {array.shape}"
+        raise OutOfRange(name, given, allowed)
     return array

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.arguments import checked, described
-from cranedyn.errors import CraneError, DataError, OutOfRange, number, shown
+from cranedyn.checks import number, short_repr
+from cranedyn.errors import CraneError, DataError, OutOfRange, shown
 from cranedyn.sweep.limits import check_memory, whole
 
 RESERVED = ("case", "error")
@@ -28,7 +28,6 @@ Values = Sequence[float] | Sequence[str] | np.ndarray | float | str
 """What a column is made of: numbers or words, several or one."""
 
 
-@checked
 @dataclass(frozen=True, eq=False)
 class Design:
     """A table of cases, one a row.
@@ -61,7 +60,6 @@ class Design:
         """Number of cases."""
         return len(next(iter(self.columns.values())))
 
-    @checked
     def rows(self, first: int, last: int) -> dict[str, np.ndarray]:
         """The columns of the cases from one up to, not including, another.
 
@@ -121,7 +119,7 @@ def sampled(
     from scipy.stats import qmc
 
     if not isinstance(method, str) or method not in METHODS:
-        raise OutOfRange("method", described(method), f"one of {', '.join(METHODS)}")
+        raise OutOfRange("method", short_repr(method), f"one of {', '.join(METHODS)}")
     n, rng = (
         whole("number of points", count, 1, 2**30),
         np.random.default_rng(whole("seed", seed, 0)),
@@ -138,7 +136,6 @@ def sampled(
     return Design(dict(zip(ranges, (low + (high - low) * points).clip(low, high).T, strict=True)))
 
 
-@checked
 def cross(a: Design, b: Design) -> Design:
     """Every case of one design with every case of another, the first changing slowest.
 

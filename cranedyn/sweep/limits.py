@@ -7,7 +7,8 @@ import os
 import shutil
 from pathlib import Path
 
-from cranedyn.errors import DataError, OutOfRange, number
+from cranedyn.checks import number
+from cranedyn.errors import DataError, OutOfRange
 
 
 def whole(name: str, value: object, least: int, most: float = math.inf) -> int:

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 
-from cranedyn.data.files import flocked, make_folder, parse_json, read_text, written
+from cranedyn.data.files import atomic_write, make_folder, parse_json, read_text, try_flock
 from cranedyn.errors import CraneError, DataError, shown
 from cranedyn.sweep.sources import changed
 
@@ -161,7 +161,7 @@ def claimed(folder: Path, manifest: Manifest, chunk_given: bool) -> Iterator[Man
 
 
 def _write(path: Path, manifest: Manifest) -> None:
-    with written(path) as draft:
+    with atomic_write(path) as draft:
         draft.write_text(
             json.dumps({**asdict(manifest), "checksum": manifest.checksum}, indent=1),
             encoding="utf-8",
@@ -217,7 +217,7 @@ def _locked(folder: Path) -> Iterator[None]:
         if not stat.S_ISREG(os.fstat(file).st_mode):
             raise DataError(f"Cannot sweep in {folder}: {LOCK} in it is no file.")
         # Gone with a refused sweep, which has just removed it.
-        if flocked(file, path) in ("taken", "gone"):
+        if try_flock(file, path) in ("taken", "gone"):
             raise DataError(f"Cannot sweep in {folder}: another process is sweeping there.")
         yield
     finally:

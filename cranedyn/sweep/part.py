@@ -18,7 +18,7 @@ from typing import BinaryIO
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cranedyn.data.files import written
+from cranedyn.data.files import atomic_write
 from cranedyn.errors import DataError
 from cranedyn.sweep.manifest import PART, Manifest
 
@@ -44,7 +44,7 @@ def write(folder: Path, manifest: Manifest, part: int, table: pa.Table) -> int:
     content = bytearray(sink.getvalue())
     place = content.rindex(_MARK + _EMPTY) + len(_MARK)
     content[place : place + len(_EMPTY)] = hashlib.sha256(content).hexdigest().encode()
-    with written(path) as draft:
+    with atomic_write(path) as draft:
         draft.write_bytes(content)
     return len(content)
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 
-from cranedyn.command import held_back
+from cranedyn.command import defer_sigint
 
 _PR_SET_PDEATHSIG = 1
 
@@ -49,7 +49,7 @@ def deaf() -> Iterator[None]:
     resource_tracker.ensure_running()
     # The mask is for the process that starts, which inherits it; here another thread may be given
     # the signal, and a process that is cut off before it has been told its task says so aloud.
-    with held_back():
+    with defer_sigint():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             yield

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pyarrow as pa
 
-from cranedyn.arguments import taken
+from cranedyn.checks import within
 from cranedyn.command import interrupted
-from cranedyn.errors import CraneError, shown, within
+from cranedyn.errors import CraneError, shown
 from cranedyn.sweep.chunk import Study, failed, joined, name_of
 from cranedyn.sweep.cluster import Cluster
 from cranedyn.sweep.design import Design
@@ -109,7 +109,6 @@ def sweep(
             f"design is {shown(design)}; allowed is a Design, of which grid, sampled and cross "
             "make some."
         )
-    progress = taken("progress", progress, Callable[[Progress], None] | None)
     pool_of = _pool(workers, scheduler, security, limit)
     size = (
         max(1, min(_LARGEST, -(-len(design) // _PARTS)))

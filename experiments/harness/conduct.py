@@ -15,7 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from cranedyn.command import FAILED, INTERRUPTED, command, interrupted
-from cranedyn.data.files import check_writable, digest, make_folder, reserved, together, write_text
+from cranedyn.data.files import (
+    atomic_write_set,
+    check_writable,
+    digest,
+    lock_folder,
+    make_folder,
+    write_text,
+)
 from cranedyn.errors import CraneError, DataError, RunError
 from experiments.harness.arguments import called, parsed
 from experiments.harness.document import read_document
@@ -49,7 +56,7 @@ def _conducted(
 ) -> int:
     options = parsed(made, argv)
     options.about, options.words = made.description, sys.argv[1:] if argv is None else argv
-    with reserved(options.folder):
+    with lock_folder(options.folder):
         for file in (options.folder / "result.json", options.recording):
             check_writable(file)
         try:
@@ -96,7 +103,7 @@ def _write(outcome: Outcome, options: argparse.Namespace) -> None:
 
     result, folder = _result(outcome, options), options.folder
     _json(result)
-    with together() as drafts:
+    with atomic_write_set() as drafts:
         for name, trajectory in outcome.trajectories.items():
             table = trajectory.table()
             for ending in (".csv", ".parquet"):

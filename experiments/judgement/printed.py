@@ -8,7 +8,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from cranedyn.data.files import written
+from cranedyn.data.files import atomic_write
 from cranedyn.errors import CraneError
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
@@ -64,6 +64,6 @@ def print_page(page: Path, pdf: Path) -> Path:
         except (OSError, subprocess.SubprocessError) as error:
             why = type(error).__name__
             raise NoBrowser(f"{browser} did not print {page} ({why}); print it by hand.") from None
-    with written(pdf) as draft:
+    with atomic_write(pdf) as draft:
         draft.write_bytes(content)
     return pdf

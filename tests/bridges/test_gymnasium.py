@@ -304,7 +304,7 @@ def test_a_crane_for_which_the_task_is_not_made_is_refused_in_a_sentence() -> No
     with pytest.raises(OutOfRange, match=r"rate limit is \(1.0, 1.0\); allowed is three numbers"):
         many(2, limits=Limits(rates=(1.0, 1.0), accelerations=(1.0, 1.0)))
     env = many(2)
-    with pytest.raises(OutOfRange, match="start is a state of 4 coordinates; allowed is one of 5"):
+    with pytest.raises(OutOfRange, match="start is a state of 4 coordinates and 4 rates"):
         env.reset(options={"start": State(np.zeros(4), np.zeros(4))})
 
 
@@ -353,12 +353,6 @@ def test_a_reset_that_is_refused_changes_nothing(wrong: Any) -> None:
         assert np.array_equal(asked.task.fleet.z, alone.task.fleet.z)
         assert np.array_equal(asked.task.goal, alone.task.goal)
         np.testing.assert_array_equal(asked.reset()[0], alone.reset()[0])
-
-
-@pytest.mark.parametrize("folder", [None, 3, [], b"out"])
-def test_a_folder_for_recordings_is_a_path(folder: Any) -> None:
-    with pytest.raises(OutOfRange, match=r"folder is .*; allowed is a text or a pathlib.Path"):
-        TowerCraneEnv(crane=crane(), render_mode="rrd", folder=folder)
 
 
 def test_no_swing_at_the_start_may_be_minus_zero() -> None:

@@ -255,7 +255,7 @@ def test_one_that_diverges_or_is_placed_anew_is_felt_by_no_other() -> None:
         ),
         (
             lambda f: f.push(np.arange(2), np.zeros((2, 6))),
-            "forces from outside is an array.*made with forces = True",
+            "forces from outside is array.*made with forces = True",
         ),
     ],
 )

@@ -6,6 +6,7 @@ import errno
 import json
 import math
 import os
+import pickle
 import stat
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -13,8 +14,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cranedyn.data.files import digest, read_text, reserved, together, write_text, written
-from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, UnknownName, number, within
+from cranedyn.checks import number, within
+from cranedyn.data.files import (
+    atomic_write,
+    atomic_write_set,
+    check_writable,
+    digest,
+    lock_folder,
+    read_text,
+    write_text,
+)
+from cranedyn.errors import CraneError, DataError, OutOfRange, RunError, UnknownName
 from cranedyn.plotting.figures import panels, save
 from tests.helpers import files
 
@@ -23,7 +33,7 @@ from tests.helpers import files
 
 def test_a_file_appears_only_when_it_is_whole(tmp_path: Path) -> None:
     final = tmp_path / "a.csv"
-    with written(final) as draft:
+    with atomic_write(final) as draft:
         draft.write_text("half")
         assert not final.exists()
         assert draft.parent == tmp_path  # beside, so that the renaming is one step
@@ -38,7 +48,7 @@ def test_nothing_is_left_behind_when_writing_breaks_off(
     tmp_path: Path, error: type[BaseException]
 ) -> None:
     (tmp_path / "a.csv").write_text("old")
-    with pytest.raises(error), written(tmp_path / "a.csv") as draft:
+    with pytest.raises(error), atomic_write(tmp_path / "a.csv") as draft:
         draft.write_text("half")
         raise error("stop")
     assert files(tmp_path) == ["a.csv"]
@@ -48,7 +58,7 @@ def test_nothing_is_left_behind_when_writing_breaks_off(
 def test_a_full_disk_is_a_sentence_and_leaves_nothing_behind(tmp_path: Path) -> None:
     with (
         pytest.raises(DataError, match=r"Cannot write .*a.csv: No space left on device\."),
-        written(tmp_path / "a.csv") as draft,
+        atomic_write(tmp_path / "a.csv") as draft,
     ):
         draft.write_text("half")
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -58,14 +68,14 @@ def test_a_full_disk_is_a_sentence_and_leaves_nothing_behind(tmp_path: Path) -> 
 def test_a_missing_folder_is_refused_before_anything_is_written(tmp_path: Path) -> None:
     with (
         pytest.raises(DataError, match=r"Cannot write .*: the folder .*missing does not exist"),
-        written(tmp_path / "missing" / "a.csv"),
+        atomic_write(tmp_path / "missing" / "a.csv"),
     ):
         pytest.fail("must not get here")
 
 
 def test_a_folder_is_no_file(tmp_path: Path) -> None:
     (tmp_path / "a.csv").mkdir()
-    with pytest.raises(DataError, match="it is a folder"), written(tmp_path / "a.csv"):
+    with pytest.raises(DataError, match="it is a folder"), atomic_write(tmp_path / "a.csv"):
         pytest.fail("must not get here")
 
 
@@ -81,7 +91,7 @@ def test_a_figure_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 
 def test_drafts_of_many_threads_with_names_alike_are_never_each_others(tmp_path: Path) -> None:
     def write(name: str) -> None:
-        with written(tmp_path / name) as draft:
+        with atomic_write(tmp_path / name) as draft:
             draft.write_text(name[:60])
             draft.write_text(name)
 
@@ -97,7 +107,7 @@ def test_a_draft_cannot_be_guessed_and_follows_no_link_that_stands_there_already
 ) -> None:
     drafts = []
     for _ in range(2):
-        with written(tmp_path / "a.csv") as draft:
+        with atomic_write(tmp_path / "a.csv") as draft:
             drafts.append(draft.name)
     assert drafts[0] != drafts[1] and min(len(name) for name in drafts) > len(".a..csv") + 15
     (tmp_path / "precious").write_text("precious")
@@ -105,23 +115,10 @@ def test_a_draft_cannot_be_guessed_and_follows_no_link_that_stands_there_already
     monkeypatch.setattr("secrets.token_hex", lambda count: "guessed")
     with (
         pytest.raises(DataError, match=r"Cannot write .*a\.csv: File exists"),
-        written(tmp_path / "a.csv"),
+        atomic_write(tmp_path / "a.csv"),
     ):
         pytest.fail("must not get here")
     assert (tmp_path / "precious").read_text() == "precious"
-
-
-def test_what_was_put_in_the_place_of_a_draft_gets_no_name(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("old")
-    (tmp_path / "secret").write_text("secret")
-    with (
-        pytest.raises(DataError, match=r"its draft .* was moved or replaced"),
-        written(tmp_path / "a.csv") as draft,
-    ):
-        draft.unlink()
-        draft.symlink_to("secret")
-    assert files(tmp_path) == ["a.csv", "secret"]
-    assert (tmp_path / "a.csv").read_text() == "old"
 
 
 @pytest.mark.parametrize("mode", [0o600, 0o640, 0o444, 0o755])
@@ -132,7 +129,7 @@ def test_a_file_keeps_the_mode_of_the_one_it_replaces_and_nobody_else_reads_its_
     write_text(path, "old")
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~_umask()
     path.chmod(mode)
-    with written(path) as draft:
+    with atomic_write(path) as draft:
         assert stat.S_IMODE(draft.stat().st_mode) & ~(mode | 0o600) == 0
         draft.write_text("new")
     assert (path.read_text(), stat.S_IMODE(path.stat().st_mode)) == ("new", mode)
@@ -160,7 +157,7 @@ def test_a_name_counts_when_content_and_folder_are_on_the_disk(
     write_text(tmp_path / "a.csv", "four")
     assert seen == ["file of 4 bytes", "name", "folder"]
     seen.clear()
-    with together():
+    with atomic_write_set():
         write_text(tmp_path / "a.csv", "four")
         write_text(tmp_path / "b.csv", "five!")
     assert seen == ["file of 4 bytes", "file of 5 bytes", "name", "name", "folder"]
@@ -169,7 +166,7 @@ def test_a_name_counts_when_content_and_folder_are_on_the_disk(
 def test_a_set_of_files_appears_together_or_not_at_all(tmp_path: Path) -> None:
     for name in ("a.csv", "b.csv"):
         write_text(tmp_path / name, "old")
-    with pytest.raises(KeyboardInterrupt), together():
+    with pytest.raises(KeyboardInterrupt), atomic_write_set():
         write_text(tmp_path / "a.csv", "new")
         write_text(tmp_path / "c.csv", "new")
         raise KeyboardInterrupt
@@ -177,7 +174,7 @@ def test_a_set_of_files_appears_together_or_not_at_all(tmp_path: Path) -> None:
         "a.csv": "old",
         "b.csv": "old",
     }
-    with together() as drafts:
+    with atomic_write_set() as drafts:
         write_text(tmp_path / "a.csv", "new")
         write_text(tmp_path / "c.csv", "new")
         assert (tmp_path / "a.csv").read_text() == "old" and not (tmp_path / "c.csv").exists()
@@ -192,13 +189,16 @@ def test_a_set_of_files_appears_together_or_not_at_all(tmp_path: Path) -> None:
 def test_a_folder_has_one_writer_at_a_time_and_goes_if_it_stays_empty(tmp_path: Path) -> None:
     folder = tmp_path / "a" / "b"
     for _ in range(2):
-        with reserved(folder):
-            with pytest.raises(DataError, match="another run is writing there"), reserved(folder):
+        with lock_folder(folder):
+            with (
+                pytest.raises(DataError, match="another run is writing there"),
+                lock_folder(folder),
+            ):
                 pytest.fail("must not get here")
-            with reserved(tmp_path / "c"):
+            with lock_folder(tmp_path / "c"):
                 pass
         assert files(tmp_path) == []
-    with reserved(folder):
+    with lock_folder(folder):
         write_text(folder / "x", "x")
     assert files(tmp_path) == ["a", "a/b", "a/b/x"]
 
@@ -208,7 +208,7 @@ def test_a_name_with_a_nul_is_a_sentence(tmp_path: Path) -> None:
     for use in (
         read_text,
         lambda path: write_text(path, "x"),
-        lambda path: reserved(Path(path)).__enter__(),
+        lambda path: lock_folder(Path(path)).__enter__(),
     ):
         with pytest.raises(
             DataError, match=r"^Cannot (read|write|make).*(NUL|null (byte|character))( in path)?\.$"
@@ -220,6 +220,40 @@ def test_bytes_of_names_that_are_no_text_come_back_from_json(tmp_path: Path) -> 
     name = os.fsdecode(b"a\xff\xe4b")
     write_text(tmp_path / "a.json", json.dumps({"name": name}, ensure_ascii=False))
     assert json.loads(read_text(tmp_path / "a.json")) == {"name": name}
+
+
+def test_only_files_are_written_over(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with (
+        pytest.raises(DataError, match="it is no file but a device"),
+        atomic_write(tmp_path / "pipe"),
+    ):
+        pytest.fail("must not get here")
+    with pytest.raises(DataError, match=r"/dev/null: it is no file but a device"):
+        check_writable("/dev/null")
+    assert not Path("/dev/null").is_file() and not (tmp_path / "pipe").is_file()
+
+
+@pytest.mark.parametrize("name", ["a" * 240 + ".csv", "ä" * 110 + ".csv"])
+def test_a_name_as_long_as_the_system_allows_is_written(name: str, tmp_path: Path) -> None:
+    with atomic_write(tmp_path / name) as draft:
+        draft.write_text("x")
+    assert files(tmp_path) == [name]
+
+
+def test_a_file_without_end_is_not_read() -> None:
+    with pytest.raises(DataError, match=r"Cannot read /dev/zero: it is no file but a device\."):
+        read_text("/dev/zero")
+
+
+def test_whether_a_file_can_be_written_is_found_out_without_a_trace(tmp_path: Path) -> None:
+    (tmp_path / "old.csv").write_text("old")
+    for name in ("old.csv", "new.csv", "a/b/c/new.csv"):
+        check_writable(tmp_path / name)
+    with pytest.raises(DataError, match=r"Cannot make the folder .*Not a directory"):
+        check_writable(tmp_path / "old.csv" / "x" / "new.csv")
+    assert files(tmp_path) == ["old.csv"]
+    assert (tmp_path / "old.csv").read_text() == "old"
 
 
 # --- numbers --------------------------------------------------------------------------------------
@@ -311,3 +345,24 @@ def test_a_unit_is_never_said_twice(text: str, sentence: str) -> None:
     with pytest.raises(OutOfRange) as caught:
         number("payload_mass", text, "kg", "> 0")
     assert str(caught.value) == f"payload_mass is {sentence}"
+
+
+def test_an_error_is_one_printable_line_of_bounded_length_whatever_it_quotes() -> None:
+    for error in (
+        DataError("a\nb\x1b[31m\udcff\u2028c" + "x" * 10**6),
+        OutOfRange("n\r", "1\n2", "> 0"),
+    ):
+        assert str(error).isprintable() and len(str(error)) < 2100
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        DataError("x"),
+        OutOfRange("a", 1.0, "> 2", "m"),
+        RunError("It broke.", t=1.5, joint="yaw_joint", value=7.0),
+    ],
+)
+def test_an_error_comes_back_whole_from_another_process(error: CraneError) -> None:
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))

@@ -472,7 +472,7 @@ def _state(**values: float) -> State:
         ({"start": _state(l=1.0)}, r"l at the start is 1\.0 m; allowed is 3\.4 to 26\.4"),
         (
             {"goal": _state(x=math.nan)},
-            "coordinate 2 of 5 at the goal is nan; allowed is a finite number",
+            "x at the goal is nan m; allowed is a finite number",
         ),
         ({"start": _state(phi=0.2)}, r"phi at the start is 0\.2 rad; allowed is -0\.1 to 0\.1"),
         (

@@ -120,7 +120,7 @@ def test_it_starts_where_the_urdf_says_and_its_states_cannot_be_written_to() -> 
         ),
         (
             lambda s: s.reset((np.zeros(4), np.zeros(4))),
-            "a state of 4 coordinates; allowed is one of 5: gamma, x, phi, theta, l",
+            "a state of 4 coordinates and 4 rates; allowed is 5 of each: gamma, x, phi, theta, l",
         ),
         (lambda s: Stepper(s.crane, engine="gazebo"), "pinocchio or compiled"),
         (lambda s: Stepper(s.crane, drive="motion", buffers=True), "buffers"),

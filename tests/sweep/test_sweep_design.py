@@ -177,7 +177,7 @@ def test_a_fingerprint_tells_names_values_and_order_apart() -> None:
             lambda: sampled(4, seed=1, method="halton", a=(0, 1)),
             "method is 'halton'; allowed is one of sobol, latin hypercube.",
         ),
-        (lambda: sampled(4, seed=1, method=np.zeros(0), a=(0, 1)), "method is an array of shape"),
+        (lambda: sampled(4, seed=1, method=np.zeros(0), a=(0, 1)), "method is array of shape"),
         (
             lambda: sampled(4, seed=1, a=(1, 0)),
             "range of a is 1 to 0; allowed is two numbers, the smaller first.",

@@ -320,7 +320,6 @@ def test_a_lock_that_a_refused_sweep_has_removed_locks_nothing(tmp_path: Path) -
         ({"workers": None, "limit": -1.0}, r"limit is -1\.0 s; allowed is 0\.001 to 1e\+06\."),
         ({"limit": "soon"}, "limit is soon s; allowed is a number."),
         ({"limit": float("nan")}, "limit is nan s; allowed is a finite number."),
-        ({"progress": 5}, "progress is 5; allowed is a callable of 1: Progress or None."),
     ],
 )
 def test_odd_arguments_are_said_in_a_sentence(

@@ -18,7 +18,7 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from cranedyn.data.files import opened, parse_json, read_bytes, read_text
+from cranedyn.data.files import open_file, parse_json, read_bytes, read_text
 from cranedyn.data.trajectory import read, read_columns
 from cranedyn.errors import DataError
 from cranedyn.model.description import describe
@@ -99,7 +99,7 @@ def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="No such file"):
         read_bytes(tmp_path / "b")
     with pytest.raises(DataError, match="Cannot read"):
-        opened("a\0b")
+        open_file("a\0b")
 
 
 def _csv(path: Path, rows: int, junk: int) -> None:

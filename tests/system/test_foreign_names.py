@@ -16,8 +16,9 @@ from pathlib import Path
 
 import pytest
 
+from cranedyn.checks import number
 from cranedyn.controllers import hold_controller
-from cranedyn.errors import CraneError, ModelError, OutOfRange, number, printable, quoted
+from cranedyn.errors import CraneError, ModelError, OutOfRange, printable, quoted
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.recording import Run

@@ -1,135 +1,31 @@
-"""Whatever happens to the machine: words cost no files, an interruption is quiet, and nothing is
-half there under its name.
-"""
+"""Interruptions, broken pipes, full disks and killed processes leave whole files only."""
 
 from __future__ import annotations
 
 import io
-import json
 import os
-import pickle
 import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import redirect_stderr
 from pathlib import Path
 
 import pytest
+import xacro
 
+from cranedyn.command import INTERRUPTED, command
 from cranedyn.controllers import hold_controller
-from cranedyn.data.files import check_writable, read_text, written
-from cranedyn.errors import CraneError, DataError, OutOfRange, RunError
+from cranedyn.data.files import atomic_write
+from cranedyn.errors import DataError, RunError
+from cranedyn.model.description import describe
 from cranedyn.recording import Live
 from cranedyn.recording.process import free
 from cranedyn.simulation.simulate import simulate
 from experiments import harness
 from tests.helpers import ROOT, crane, files, python
-
-# --- what is written ------------------------------------------------------------------------------
-
-
-def test_an_error_is_one_printable_line_of_bounded_length_whatever_it_quotes() -> None:
-    for error in (
-        DataError("a\nb\x1b[31m\udcff\u2028c" + "x" * 10**6),
-        OutOfRange("n\r", "1\n2", "> 0"),
-    ):
-        assert str(error).isprintable() and len(str(error)) < 2100
-
-
-@pytest.mark.parametrize(
-    "error",
-    [
-        DataError("x"),
-        OutOfRange("a", 1.0, "> 2", "m"),
-        RunError("It broke.", t=1.5, joint="yaw_joint", value=7.0),
-    ],
-)
-def test_an_error_comes_back_whole_from_another_process(error: CraneError) -> None:
-    again = pickle.loads(pickle.dumps(error))
-    assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))
-
-
-def test_only_files_are_written_over(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(DataError, match="it is no file but a device"), written(tmp_path / "pipe"):
-        pytest.fail("must not get here")
-    with pytest.raises(DataError, match=r"/dev/null: it is no file but a device"):
-        check_writable("/dev/null")
-    assert not Path("/dev/null").is_file() and not (tmp_path / "pipe").is_file()
-
-
-@pytest.mark.parametrize("name", ["a" * 240 + ".csv", "ä" * 110 + ".csv"])
-def test_a_name_as_long_as_the_system_allows_is_written(name: str, tmp_path: Path) -> None:
-    with written(tmp_path / name) as draft:
-        draft.write_text("x")
-    assert files(tmp_path) == [name]
-
-
-def test_a_file_without_end_is_not_read() -> None:
-    with pytest.raises(DataError, match=r"Cannot read /dev/zero: it is no file but a device\."):
-        read_text("/dev/zero")
-
-
-def test_whether_a_file_can_be_written_is_found_out_without_a_trace(tmp_path: Path) -> None:
-    (tmp_path / "old.csv").write_text("old")
-    for name in ("old.csv", "new.csv", "a/b/c/new.csv"):
-        check_writable(tmp_path / name)
-    with pytest.raises(DataError, match=r"Cannot make the folder .*Not a directory"):
-        check_writable(tmp_path / "old.csv" / "x" / "new.csv")
-    assert files(tmp_path) == ["old.csv"]
-    assert (tmp_path / "old.csv").read_text() == "old"
-
-
-def test_a_run_that_breaks_off_over_a_full_disk_says_both(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def experiment(options: object, setup: harness.Setup) -> harness.Outcome:
-        (tmp_path / "out").rmdir()
-        (tmp_path / "out").write_text("in the way")
-        raise RunError(
-            "It broke.",
-            t=1.0,
-            trajectory=simulate(crane(), hold_controller(crane()), duration=0.02),
-        )
-
-    with redirect_stderr(io.StringIO()) as err:
-        assert (
-            harness.conduct(
-                harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]
-            )
-            == 1
-        )
-    first, second = err.getvalue().splitlines()
-    assert first == "error: It broke."
-    assert second.startswith("What was recorded up to then is lost: Cannot make the folder ")
-
-
-_KILLED = """
-import os, signal, sys
-from pathlib import Path
-from cranedyn.data.files import written
-
-with written(sys.argv[1]) as draft:
-    draft.write_text("half")
-    os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_a_writer_that_is_killed_leaves_the_old_file_and_no_obstacle(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text("old")
-    assert python(_KILLED, path).returncode == -signal.SIGKILL
-    assert path.read_text() == "old"
-    stale = [name for name in files(tmp_path) if name != "a.csv"]
-    assert len(stale) == 1 and stale[0].startswith(".a.")
-    with written(path) as draft:
-        draft.write_text("new")
-    assert (path.read_text(), files(tmp_path)) == ("new", [*stale, "a.csv"])
-
-
-# --- words, pipes, signals and disks --------------------------------------------------------------
 
 _TRIAL = """
 import os, resource, signal, sys
@@ -154,131 +50,97 @@ def trial(*words):
 WHOLE = ["figure.png", "figure.svg", "result.json", "run.csv", "run.parquet", "trial.rrd"]
 
 
-@pytest.mark.parametrize(
-    ("shell", "says"),
-    [
-        ("{} | true", ""),
-        ("{} | head -1", ""),
-        ("PYTHONIOENCODING=latin-1 {} | tail -3", "holds"),
-        ("{} >/dev/full", "Some words could not be written: No space left on device."),
-        ("{} >&-", ""),
-        ("{} >&- 2>&-", ""),
-    ],
-)
-def test_files_are_whole_whoever_listens(shell: str, says: str, tmp_path: Path) -> None:
+def test_a_reader_that_stops_reading_costs_no_files(tmp_path: Path) -> None:
     (tmp_path / "trial.py").write_text(f"{_TRIAL}\nsys.exit(trial('--out', sys.argv[1]))")
-    command = shell.format(f'"{sys.executable}" "{tmp_path / "trial.py"}" "{tmp_path / "out"}"')
+    words = f'"{sys.executable}" "{tmp_path / "trial.py"}" "{tmp_path / "out"}" | head -1'
     run = subprocess.run(
-        ["bash", "-c", f"set -o pipefail; {command}"],
+        ["bash", "-c", f"set -o pipefail; {words}"],
         capture_output=True,
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         check=False,
     )
-    assert run.returncode == 0
-    assert b"Traceback" not in run.stderr and b"Exception" not in run.stderr
-    assert says.encode() in run.stdout + run.stderr
+    assert (run.returncode, run.stderr) == (1, b"")
     assert files(tmp_path / "out") == WHOLE
 
 
-def test_the_urdf_may_be_read_by_halves() -> None:
-    command = f'set -o pipefail; "{sys.executable}" -m cranedyn.model.description | head -1'
-    run = subprocess.run(
-        ["bash", "-c", command], capture_output=True, text=True, cwd=ROOT, check=False
-    )
-    assert (run.returncode, run.stderr) == (0, "")
+# --- Ctrl-C and SIGTERM ---------------------------------------------------------------------------
+
+_SIGNALLED = f"""{_TRIAL}
+import time
+from cranedyn.plotting import figures
+
+where, number = sys.argv[2], signal.Signals[sys.argv[3]]
+
+def arrive(*_):
+    print("signal at", time.monotonic(), flush=True)
+    os.kill(os.getpid(), number)
+    time.sleep(9)
+
+def long_experiment(options, world):
+    signal.signal(signal.SIGALRM, arrive)
+    signal.setitimer(signal.ITIMER_REAL, 0.3)
+    simulate(world.crane, hold_controller(world.crane), duration=1e3)
+
+if where == "run":
+    experiment = long_experiment
+else:
+    figures.save = arrive
+sys.exit(trial("--out", sys.argv[1]))
+"""
 
 
-_INTERRUPTED = f"""{_TRIAL}
-import json, shutil, time
-from pathlib import Path
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize(("where", "left"), [("run", ["broken_off.parquet"]), ("files", [])])
+def test_an_interruption_ends_a_command_within_two_seconds_and_leaves_whole_files_only(
+    where: str, left: list[str], number: str, tmp_path: Path
+) -> None:
+    run = python(_SIGNALLED, tmp_path / "out", where, number)
+    ended = time.monotonic()
+    assert (run.returncode, run.stderr.count("Traceback")) == (INTERRUPTED, 0)
+    assert "Interrupted" in run.stderr
+    (signalled,) = re.findall(r"signal at ([\d.]+)", run.stdout)
+    assert ended - float(signalled) < 2.0
+    assert (files(tmp_path / "out") if left else files(tmp_path)) == left
 
-folder = Path(sys.argv[1])
-trial("--out", str(folder))  # so that all is imported
-began = time.monotonic()
-trial("--out", str(folder))
-whole = time.monotonic() - began
-signal.signal(
-    signal.SIGALRM,
-    lambda *_: os.kill(os.getpid(), signal.SIGINT if k % 2 else signal.SIGTERM),
-)
-signal.signal(signal.SIGTERM, signal.SIG_DFL)
-for k in range(24):
-    shutil.rmtree(folder, ignore_errors=True)
-    ready = False
-    def experiment(options, world, inner=experiment):
-        signal.setitimer(signal.ITIMER_REAL, 1.1 * whole * (k + 0.5) / 24)
-        return inner(options, world)
-    made = harness.parser("trial", "A trial.")
-    harness.add_setup(made)
+
+def _taken_for_a_fault() -> None:
+    """Raise what a library makes of an interruption that it takes for a fault of its own."""
     try:
-        code = harness.conduct(made, experiment, ["--out", str(folder)])
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        raise KeyboardInterrupt
     except KeyboardInterrupt:
-        code = None  # it came when the experiment was over
-    left = sorted(os.listdir(folder)) if folder.exists() else []
-    print(json.dumps(["code", code, left]), flush=True)
-    time.sleep(0.02)
-    for path in folder.glob("*.parquet"):
-        from cranedyn.data.trajectory import read
-        read(path)
-"""
+        raise UnboundLocalError("cannot access local variable 'ArgException'") from None
 
 
-def test_an_interruption_at_any_moment_is_130_and_leaves_whole_files_only(tmp_path: Path) -> None:
-    run = python(_INTERRUPTED, tmp_path / "out")
-    assert run.returncode in (0, -signal.SIGTERM), run.stderr
-    assert "Traceback" not in run.stderr
-    found = [json.loads(line) for line in run.stdout.splitlines() if line.startswith('["code"')]
-    codes = [code for _, code, _ in found]
-    assert codes.count(130) >= 5
-    assert set(codes) <= {0, 130, None}
-    for _, code, names in found:
-        assert set(names) <= {*WHOLE, "broken_off.parquet"}
-        assert code != 0 or names == WHOLE
+def test_an_interruption_that_xacro_takes_for_a_fault_is_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.xacro").write_text('<robot name="a"/>')  # ours may have been expanded before
+    monkeypatch.setattr(xacro, "process_file", lambda *_, **__: _taken_for_a_fault())
+    with pytest.raises(KeyboardInterrupt):
+        describe(tmp_path / "a.xacro")
 
 
-def test_an_interruption_while_a_command_is_being_imported_ends_it(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-X",
-            "importtime",
-            "-m",
-            "experiments.energy",
-            "--out",
-            str(tmp_path / "out"),
-        ],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
-    assert process.stderr is not None
-    for line in process.stderr:
-        if line.rstrip().endswith("numpy"):
-            break
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=20)
-    assert process.returncode == -signal.SIGINT  # 130 to a shell
-    assert "Traceback" not in said
-    assert files(tmp_path) == []
+def _raise_interrupt() -> int:
+    raise KeyboardInterrupt
 
 
-_WITHIN_TEXT = """
-from cranedyn.command import command
-
-def run():
-    exec("raise KeyboardInterrupt")
-
-code = command(run)
-assert code == 130, code
-"""
+def _raise_hidden() -> int:
+    _taken_for_a_fault()
+    return 0
 
 
-def test_an_interruption_within_executed_text_does_not_kill_the_program_at_its_end() -> None:
-    run = python(_WITHIN_TEXT)
-    assert (run.returncode, run.stderr) == (0, "Interrupted.\n")
+@pytest.mark.parametrize("run", [_raise_interrupt, _raise_hidden])
+def test_an_interruption_is_130_whatever_a_library_made_of_it(
+    run: Callable[[], int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command(run) == INTERRUPTED
+    assert capsys.readouterr().err == "Interrupted.\n"
+
+
+def test_a_fault_of_ours_is_not_taken_for_an_interruption() -> None:
+    with pytest.raises(ZeroDivisionError):
+        command(lambda: 1 // 0)
 
 
 _SERVED = f"""{_TRIAL}
@@ -341,6 +203,55 @@ def test_a_viewer_ends_within_two_seconds_of_a_program_that_is_killed(tmp_path: 
     while not all(map(free, ports)) and time.monotonic() < killed + 10.0:
         time.sleep(0.05)
     assert time.monotonic() < killed + 2.0
+
+
+# --- disks and kill -9 ----------------------------------------------------------------------------
+
+_KILLED = """
+import os, signal, sys
+from pathlib import Path
+from cranedyn.data.files import atomic_write
+
+with atomic_write(sys.argv[1]) as draft:
+    draft.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_writer_that_is_killed_leaves_the_old_file_and_no_obstacle(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("old")
+    assert python(_KILLED, path).returncode == -signal.SIGKILL
+    assert path.read_text() == "old"
+    stale = [name for name in files(tmp_path) if name != "a.csv"]
+    assert len(stale) == 1 and stale[0].startswith(".a.")
+    with atomic_write(path) as draft:
+        draft.write_text("new")
+    assert (path.read_text(), files(tmp_path)) == ("new", [*stale, "a.csv"])
+
+
+def test_a_run_that_breaks_off_over_a_full_disk_says_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def experiment(options: object, setup: harness.Setup) -> harness.Outcome:
+        (tmp_path / "out").rmdir()
+        (tmp_path / "out").write_text("in the way")
+        raise RunError(
+            "It broke.",
+            t=1.0,
+            trajectory=simulate(crane(), hold_controller(crane()), duration=0.02),
+        )
+
+    with redirect_stderr(io.StringIO()) as err:
+        assert (
+            harness.conduct(
+                harness.parser("trial", "A trial."), experiment, ["--out", str(tmp_path / "out")]
+            )
+            == 1
+        )
+    first, second = err.getvalue().splitlines()
+    assert first == "error: It broke."
+    assert second.startswith("What was recorded up to then is lost: Cannot make the folder ")
 
 
 _FULL = f"""{_TRIAL}

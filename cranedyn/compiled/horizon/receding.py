@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.arguments import check_word, checked
-from cranedyn.arrays import OneLine, finite
+from cranedyn.checks import ShortRepr, check_choice, finite, number, whole, within
 from cranedyn.clocks import SAME_PERIOD, multiple, whole_periods
 from cranedyn.compiled.door import Instant
 from cranedyn.compiled.horizon import model
@@ -31,7 +30,7 @@ from cranedyn.controllers.tracking import check_finite
 from cranedyn.dynamics.converters import Converters, fitting
 from cranedyn.dynamics.pinocchio import holding_effort
 from cranedyn.dynamics.plant import Plant, Topology, numbers, plant
-from cranedyn.errors import CraneError, OutOfRange, number, whole, within
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.layout import Layout
@@ -143,9 +142,8 @@ class Marks(NamedTuple):
     barrier: float
 
 
-@checked
 @dataclass(eq=False, repr=False)
-class Receding(OneLine):
+class Receding(ShortRepr):
     """A predictive controller; it remembers: make a new one for each run.
 
     Attributes:
@@ -170,8 +168,8 @@ class Receding(OneLine):
             OutOfRange: If the table or the path is not of the programme's size.
         """
         shape = self.programme.shape
-        finite("table", self.table, (shape.size,))
-        finite("path", self.path, (self.programme.rows, shape.states))
+        self.table = finite("table", self.table, (shape.size,))
+        self.path = finite("path", self.path, (self.programme.rows, shape.states))
         self._memory = self.memory(1)
         self._bind()
 
@@ -307,7 +305,6 @@ def _made(programme: Programme) -> _Made:
     return _Made(translated(module), known)
 
 
-@checked
 def receding(
     crane: Crane,
     limits: Limits,
@@ -361,7 +358,7 @@ def receding(
             and positive definite.
         CraneError: If the crane is elastic.
     """
-    check_word("drive", drive, Drive)
+    check_choice("drive", drive, Drive)
     layout = crane.layout
     if crane.springs.any:
         raise CraneError(
@@ -388,6 +385,8 @@ def receding(
     swing = within(
         "swing limit", number("swing limit", swing_limit, "rad", "> 0"), 0.0, 1.57, "rad"
     )
+    if motion is not None:
+        motion.check_fits("motion", layout)
     if motion is not None and not math.isclose(motion.period, control_period, rel_tol=SAME_PERIOD):
         raise OutOfRange(
             "period of the motion", motion.period, f"the control period, {control_period:g}", "s"

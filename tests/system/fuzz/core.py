@@ -1,5 +1,5 @@
-"""One engine for all generators: a case is the name of a generator and a number; from these come
-its input and the verdict on it.
+"""One engine for all generators: a case is the name of a generator and a number, from which its
+input and the verdict on it follow.
 """
 
 from __future__ import annotations
@@ -12,31 +12,25 @@ import sys
 import tempfile
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from types import FrameType
 from typing import Any, NamedTuple, Protocol
 
 ROOT = Path(__file__).resolve().parents[3]
-"""Where the repository is."""
+"""Root of the repository."""
 
 OURS = ("cranedyn", "experiments")
-"""The folders whose promises are tested."""
+"""Folders whose promises are tested."""
 
 BUDGET, PATIENCE = 2.0, 2.0
 """Processor time after which a case is interrupted, and in which it must then end [s]."""
 
 
 class Case(NamedTuple):
-    """An input.
-
-    Attributes:
-        head: What stays when the smallest reproduction is looked for.
-        parts: What may be left out, part by part.
-    """
+    """An input: what a generator drew, made of plain values."""
 
     head: Any
     parts: list[Any]
@@ -46,35 +40,29 @@ class Generator(Protocol):
     """A kind of input.
 
     Attributes:
-        name: Of the kind.
-        weight: How many are made of it, beside the others.
-        interruptible: Whether a case may run until it is interrupted; else taking longer than
-            `BUDGET` breaks a promise.
+        name: Name of the kind.
+        weight: Share of the cases, beside the other kinds.
+        interruptible: Whether a case may run until it is interrupted; else a case of more than
+            `BUDGET` is broken.
     """
 
     @property
     def name(self) -> str:
-        """Of the kind."""
+        """Name of the kind."""
 
     @property
     def weight(self) -> float:
-        """How many, beside the others."""
+        """Share of the cases."""
 
     @property
     def interruptible(self) -> bool:
         """Whether a case may take long."""
 
     def draw(self, rng: Random) -> Case:
-        """An input, the same for the same random numbers; made of plain values, so that it can go
-        to another process.
-        """
+        """Draw an input, the same for the same random numbers."""
 
     def attempt(self, case: Case, folder: Path) -> str:
-        """Give the input to what it is meant for; how that ended, in a word.
-
-        Args:
-            case: The input.
-            folder: A folder to work in, empty.
+        """Try the input in an empty folder; return in a word how it ended.
 
         Raises:
             Broken: If a promise is broken.
@@ -82,14 +70,14 @@ class Generator(Protocol):
         """
 
     def shown(self, case: Case) -> str:
-        """The input as something to paste."""
+        """Return the input as something to paste."""
 
 
 class Broken(Exception):
     """A promise is broken although nothing was raised.
 
     Attributes:
-        promise: Which, in words that are the same for all inputs that break it alike.
+        promise: The promise, in words that are the same for all inputs that break it alike.
     """
 
     def __init__(self, promise: str, detail: object = "") -> None:
@@ -102,12 +90,11 @@ class TooLong(BaseException):
 
 
 class Verdict(NamedTuple):
-    """How a case ended.
+    """Verdict on a case.
 
     Attributes:
-        word: How, in a word, for counting.
-        place: Where a promise is broken, the same for all cases that break it there; empty if none
-            is.
+        word: How it ended, for counting.
+        place: Where a promise is broken; empty if none is.
         text: What happened there.
     """
 
@@ -116,47 +103,26 @@ class Verdict(NamedTuple):
     text: str = ""
 
 
-@dataclass
-class Found:
-    """A broken promise.
-
-    Attributes:
-        name: The generator.
-        number: The first case that breaks it.
-        case: The input, the smallest found.
-        verdict: What happened.
-        count: How many cases break it.
-    """
-
-    name: str
-    number: int
-    case: Case
-    verdict: Verdict
-    count: int = 1
-
-
 def drawn(generator: Generator, number: int) -> Case:
-    """The input of a case."""
+    """Return the input of a case."""
     return generator.draw(Random(f"{generator.name} {number}"))
 
 
-def judged(generator: Generator, case: Case, base: Path | None = None) -> Verdict:
-    """The verdict on an input, tried in a folder of its own below a given one."""
-    folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir=base))
-    home = os.getcwd()
+def judged(generator: Generator, case: Case) -> Verdict:
+    """Return the verdict on an input, tried in a folder of its own."""
+    folder, home = Path(tempfile.mkdtemp(prefix="fuzz-")), os.getcwd()
     try:
-        with _raw_words(folder) as raw, _limited(BUDGET), warnings.catch_warnings():
-            # As Python does by default: an interruption between the opening of a file and its
-            # `with` leaves it to be collected.
+        with _raw_output(folder) as output, _limited(BUDGET), warnings.catch_warnings():
+            # An interruption between open and `with` leaves a file to be collected.
             warnings.simplefilter("ignore", ResourceWarning)
             verdict = _attempted(generator, case, folder)
-        said = raw()
+        text = output()
     finally:
         os.chdir(home)
         shutil.rmtree(folder, ignore_errors=True)
-    if said and not verdict.place:
-        line = " ".join(re.sub(r"\x1b\[[0-9;]*m|\[[^]]*\]|\S*[0-9]\S*", "", said).split()[:5])
-        return Verdict("broken", f"raw words beside ours: {line}", said[:500])
+    if text and not verdict.place:
+        line = " ".join(re.sub(r"\x1b\[[0-9;]*m|\[[^]]*\]|\S*[0-9]\S*", "", text).split()[:5])
+        return Verdict("broken", f"raw words beside ours: {line}", text[:500])
     return verdict
 
 
@@ -180,30 +146,20 @@ def _trace(error: BaseException) -> str:
 
 
 def place_of(error: BaseException) -> str:
-    """The kind of an exception, and the last line of ours through which it came."""
-    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if _ours(frame.filename)]
-    kind = (
-        type(error).__name__
-        if not isinstance(error, TooLong)
-        else f"Ctrl-C is not answered in {PATIENCE:g} s"
-    )
+    """Return the kind of an exception, and the last line of ours through which it came."""
+    paths = [(Path(one.filename), one) for one in traceback.extract_tb(error.__traceback__)]
+    frames = [
+        (path.relative_to(ROOT), frame)
+        for path, frame in paths
+        if path.is_relative_to(ROOT) and path.relative_to(ROOT).parts[0] in OURS
+    ]
+    kind = type(error).__name__
+    if isinstance(error, TooLong):
+        kind = f"Ctrl-C is not answered in {PATIENCE:g} s"
     if not frames:
         return f"{kind} in the fuzzer"
-    last = frames[-1]
-    return f"{kind} at {Path(last.filename).relative_to(ROOT)}:{last.lineno} {last.name}"
-
-
-def _ours(file: str) -> bool:
-    path = Path(file)
-    return path.is_relative_to(ROOT) and path.relative_to(ROOT).parts[0] in OURS
-
-
-def place_in_dump(text: str) -> str:
-    """The last line of ours in what `faulthandler` writes."""
-    for file, line, name in re.findall(r'File "([^"]+)", line (\d+) in (\S+)', text):
-        if _ours(file):
-            return f"{Path(file).relative_to(ROOT)}:{line} {name}"
-    return "a place unknown"
+    path, frame = frames[-1]
+    return f"{kind} at {path}:{frame.lineno} {frame.name}"
 
 
 @contextmanager
@@ -232,57 +188,24 @@ def _over(number: int, frame: FrameType | None) -> None:
 
 
 def interrupt_after(seconds: float) -> None:
-    """Have Ctrl-C come after so much more processor time [s] instead of at the end of the
-    budget.
-    """
+    """Interrupt after so much more processor time [s] instead of at the end of the budget."""
     signal.setitimer(signal.ITIMER_PROF, seconds)
 
 
 @contextmanager
-def _raw_words(folder: Path) -> Iterator[Any]:
-    """Keep what anybody writes to the file descriptors of standard output and error past Python's
+def _raw_output(folder: Path) -> Iterator[Any]:
+    """Keep what is written to the file descriptors of standard output and error past Python's
     streams.
     """
     with (folder / "raw").open("w+b") as file:
-        kept = [(number, os.dup(number)) for number in (1, 2)]
+        copies = [(number, os.dup(number)) for number in (1, 2)]
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
         try:
-            for number, _ in kept:
+            for number, _ in copies:
                 os.dup2(file.fileno(), number)
             yield lambda: (folder / "raw").read_bytes().decode(errors="replace")
         finally:
-            for number, copy in kept:
+            for number, copy in copies:
                 os.dup2(copy, number)
                 os.close(copy)
-
-
-def smallest(case: Case, fails: Any, tries: int = 60) -> Case:
-    """What is left of an input when parts are left out as long as it still fails.
-
-    Args:
-        case: An input that fails.
-        fails: Whether an input does.
-        tries: How often that may be asked.
-    """
-    parts, size = list(case.parts), max(1, len(case.parts) // 2)
-    while size and parts and tries > 0:
-        at = 0
-        while at < len(parts) and tries > 0:
-            fewer, tries = Case(case.head, parts[:at] + parts[at + size :]), tries - 1
-            if fails(fewer):
-                parts = fewer.parts
-            else:
-                at += size
-        size //= 2
-    return Case(case.head, parts)
-
-
-def listed(found: Sequence[Found], generators: dict[str, Generator]) -> str:
-    """Broken promises as text, each with its smallest reproduction."""
-    return "\n".join(
-        f"* {one.verdict.place}\n    {one.count} times; first {one.name}/{one.number}\n    "
-        f"{generators[one.name].shown(one.case)}\n"
-        + "".join(f"    | {line}\n" for line in one.verdict.text.strip().splitlines()[-4:])
-        for one in found
-    )

@@ -1,0 +1,169 @@
+"""Checks of numbers, arrays and choices at the API: ranges, shapes, finiteness."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+import sys
+from dataclasses import fields
+from numbers import Integral
+from typing import Any, get_args
+
+import numpy as np
+
+from cranedyn.errors import Misshapen, OutOfRange, quoted
+
+Shape = tuple[int | str, ...]
+"""Length along each axis; a letter stands for any length."""
+
+
+def number(name: str, value: object, unit: str = "", allowed: str = "any") -> float:
+    """Return the value as a float if it is finite and in the allowed range.
+
+    Args:
+        name: Name of the number for the error message.
+        value: Anything that ``float`` takes.
+        unit: Unit for the error message.
+        allowed: ``"any"``, ``"> 0"``, ``">= 0"`` or ``"LOW to HIGH"``.
+
+    Raises:
+        OutOfRange: If it is no number, not finite, or not in the range.
+    """
+    try:
+        x = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        if isinstance(value, str):
+            if unit and value.strip().endswith(unit):  # the message would repeat the unit
+                raise OutOfRange(name, quoted(value), f"the number alone, in {unit}") from None
+            value = quoted(value)
+        raise OutOfRange(
+            name, value, "a number" if allowed == "any" else f"a number {allowed}", unit
+        ) from None
+    low, high = (
+        map(float, allowed.split(" to ")) if " to " in allowed
+        else (-math.inf if allowed == "any" else 0.0, math.inf)
+    )  # fmt: skip
+    if not math.isfinite(x) or not low <= x <= high or (allowed == "> 0" and x == 0.0):
+        raise OutOfRange(name, value, "a finite number" if allowed == "any" else allowed, unit)
+    return x
+
+
+def within(name: str, value: object, low: float, high: float, unit: str = "") -> float:
+    """Return the value as a float if it is finite and from `low` to `high`.
+
+    Raises:
+        OutOfRange: If it is no number, not finite, or outside.
+    """
+    x = number(name, value, unit)
+    if not low <= x <= high:
+        ends = f"{low:g}", f"{high:g}"
+        if float(ends[0]) <= x <= float(ends[1]):  # rounded ends would include the value
+            ends = str(float(low)), str(float(high))
+        raise OutOfRange(name, value, " to ".join(ends), unit)
+    return x
+
+
+def whole(name: str, value: object, least: int, unit: str = "") -> int:
+    """Return the value as an int if it is a whole number of at least `least`.
+
+    Raises:
+        OutOfRange: If it is not whole, less, or larger than `sys.maxsize`.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        raise OutOfRange(name, value, f"a whole number >= {least}", unit)
+    if int(value) > sys.maxsize:
+        raise OutOfRange(name, value, f"a whole number up to {sys.maxsize:g}", unit)
+    return int(value)
+
+
+def check_choice(name: str, value: str, choices: Any) -> None:
+    """Check that a word is one of those that a Literal lists.
+
+    Raises:
+        OutOfRange: If it is not.
+    """
+    if value not in get_args(choices):
+        raise OutOfRange(name, value, " or ".join(get_args(choices)))
+
+
+def as_array(name: str, value: Any, *shapes: Shape) -> np.ndarray:
+    """Return a value as an array of doubles, finite or not; an array of doubles is not copied.
+
+    Args:
+        name: Name of the array for the error message.
+        value: Array or nested sequence of real numbers.
+        shapes: Shapes that are allowed.
+
+    Raises:
+        Misshapen: If it is no array of real numbers, has masked elements, or another shape.
+    """
+    if type(value) is np.ndarray and value.dtype is _DOUBLE and value.shape in shapes:
+        return value
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        array = np.asarray(None)
+    allowed = f"shape {' or '.join(_format_shape(shape) for shape in shapes)}"
+    if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
+        raise Misshapen(name, f"no array of numbers but {short_repr(value)}", f"one of {allowed}")
+    if not any(_matches(array.shape, shape) for shape in shapes):
+        raise Misshapen(name, f"an array of shape {array.shape}", f"one of {allowed}")
+    return array.astype(float, copy=False)
+
+
+def finite(name: str, value: Any, *shapes: Shape, unit: str = "") -> np.ndarray:
+    """Return a value as an array of finite doubles, see `as_array`.
+
+    Raises:
+        Misshapen: As `as_array`.
+        OutOfRange: If a number is not finite.
+    """
+    array = as_array(name, value, *shapes)
+    wrong = ~np.isfinite(array)
+    if wrong.any():
+        raise OutOfRange(name, float(array[wrong][0]), "finite", unit)
+    return array
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """Return a read-only view of an array."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def _matches(lengths: tuple[int, ...], shape: Shape) -> bool:
+    return len(lengths) == len(shape) and all(
+        isinstance(b, str) or a == b for a, b in zip(lengths, shape, strict=True)
+    )
+
+
+def _format_shape(shape: Shape) -> str:
+    return f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
+
+
+class ShortRepr:
+    """Mixin for dataclasses whose ``repr`` is one line, with the shapes of long arrays."""
+
+    def __repr__(self) -> str:
+        values = (
+            f"{field.name}={short_repr(getattr(self, field.name))}"
+            for field in fields(self)  # type: ignore[arg-type]
+            if field.repr and not field.name.startswith("_")
+        )
+        return f"{type(self).__name__}({', '.join(values)})"
+
+
+class _Short(reprlib.Repr):
+    def repr_ndarray(self, array: np.ndarray, level: int) -> str:
+        return str(array.tolist()) if 0 < array.size <= 9 else f"array of shape {array.shape}"
+
+    def repr_instance(self, value: object, level: int) -> str:
+        line = repr(value).partition("\n")[0]
+        return line if len(line) <= 100 else f"{type(value).__name__}(...)"
+
+
+short_repr = _Short().repr
+"""Return the ``repr`` of a value on one line, shortened; of a long array its shape."""
+
+_DOUBLE = np.dtype(float)

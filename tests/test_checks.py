@@ -1,0 +1,341 @@
+"""Values of a wrong range, shape or size are refused where the API takes them, in one sentence."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cranedyn import theory
+from cranedyn.analysis import swing as analysis
+from cranedyn.checks import finite, number, short_repr, whole
+from cranedyn.clocks import clocks, intervals
+from cranedyn.compiled.batch import simulate_batch
+from cranedyn.controllers import hold_controller, lqr, sensed
+from cranedyn.controllers.hold import Hold
+from cranedyn.controllers.riccati import riccati
+from cranedyn.controllers.tracking import Tracking
+from cranedyn.data.trajectory import QUANTITIES, read
+from cranedyn.disturbances import wind
+from cranedyn.dynamics import linearisation as linear
+from cranedyn.dynamics.validity import valid
+from cranedyn.errors import CraneError, OutOfRange, RunError
+from cranedyn.interfaces import Setpoint, State
+from cranedyn.model.load import load_crane
+from cranedyn.planning.optimal import optimal
+from cranedyn.references import Leg, Motion, flat, hold, plumb, spline
+from cranedyn.references.limits import Limits, use
+from cranedyn.references.shaped import Shaper
+from cranedyn.references.spline import Spline
+from cranedyn.references.tour import tour
+from cranedyn.simulation.simulate import simulate
+from cranedyn.simulation.stepper import Stepper
+from cranedyn.sweep import grid
+from tests.helpers import crane
+
+C, REST = crane(), crane().start
+BRAKE, STILL = hold_controller(C), hold(C, REST)
+MOTION = plumb(C, STILL, 0.1)
+RUN = simulate(C, BRAKE, duration=0.01)
+LIMITS = Limits((0.1, 1.0, 1.0), (0.05, 0.5, 0.5))
+T = np.linspace(0.0, 30.0, 600)
+FOUR = State(np.zeros(4), np.zeros(4))
+OTHER = Motion(0.005, *np.zeros((3, 2, 4)), np.array([0, 1]))
+
+MISTAKES: list[tuple[Callable[[], Any], str]] = [
+    (lambda: simulate(C, BRAKE, duration=math.nan), "duration is nan s; allowed is > 0."),
+    (lambda: simulate(C, BRAKE, duration=0.1, dt=10**5000), "dt is int that cannot be written out"),
+    (lambda: simulate(C, BRAKE, duration=0.1, drive=2), "drive is 2; allowed is effort or motion"),
+    (
+        lambda: simulate(C, BRAKE, OTHER, duration=0.1),
+        "reference is a motion of 4 coordinates, the drives [0, 1]; allowed is one of 5",
+    ),
+    (
+        lambda: simulate(C, BRAKE, duration=0.1, start=FOUR),
+        "start is a state of 4 coordinates and 4 rates; allowed is 5 of each: gamma, x,",
+    ),
+    (
+        lambda: simulate(C, BRAKE, duration=0.1, start=State(REST.q, np.full(5, math.inf))),
+        "gamma_dot at the start is inf rad/s; allowed is a finite number.",
+    ),
+    (lambda: Stepper(C, start=FOUR), "start is a state of 4 coordinates and 4 rates"),
+    (
+        lambda: simulate_batch(C, BRAKE, start=FOUR, duration=0.1),
+        "coordinates at the start is an array of shape (4,); allowed is one of shape (5,)",
+    ),
+    (
+        lambda: optimal(C, FOUR, REST, LIMITS),
+        "start is a state of 4 coordinates and 4 rates; allowed is 5 of each",
+    ),
+    (
+        lambda: optimal(C, REST, C.state(x=12), LIMITS, duration=10.0, begin=OTHER),
+        "begin is a motion of 4 coordinates",
+    ),
+    (lambda: flat(C, REST, FOUR, 9.0), "goal is a state of 4 coordinates"),
+    (lambda: use(C, OTHER, LIMITS), "motion is a motion of 4 coordinates"),
+    (
+        lambda: spline(C, REST, [[0, 12]], [5.0]),
+        "waypoint is [0, 12]; allowed is three numbers: slew, trolley, hoist.",
+    ),
+    (
+        lambda: flat(C, REST, C.state(x=12), 1e15),
+        "duration is 1000000000000000.0 s; allowed is 20000 or less: 4000000 rows",
+    ),
+    (lambda: plumb(C, STILL, 1e15), "duration is 1000000000000000.0 s; allowed is 20000"),
+    (
+        lambda: optimal(C, REST, C.state(x=12), LIMITS, duration=1e9),
+        "duration is 1000000000.0 s; allowed is 20000 or less",
+    ),
+    (
+        lambda: wind.turbulence(wind.steady(1), 0.1, np.random.default_rng(0), duration=1e15),
+        "duration of the turbulence is 1000000",
+    ),
+    (
+        lambda: tour(
+            C, [Leg("out", x=12), Leg("in", x=10)], lambda a, b: flat(C, a, b, 9.0), dwell=1e12
+        ),
+        "dwell is 1000000000000.0 s",
+    ),
+    (
+        lambda: tour(C, [Leg("out", x=12)], lambda a, b: OTHER, dwell=1.0),
+        "motion that was planned is a motion of 4 coordinates",
+    ),
+    (
+        lambda: hold_controller(C, stiffness=(1, 2)),
+        "stiffness is (1, 2); allowed is three numbers: slew, trolley, hoist.",
+    ),
+    (
+        lambda: hold_controller(C, gravity=math.nan),
+        "gravity is nan m/s²; allowed is a finite number.",
+    ),
+    (
+        lambda: sensed(C, BRAKE, rng=np.random.default_rng(1), delay=10**5000),
+        "delay of the sensors is int that cannot be written out",
+    ),
+    (
+        lambda: Motion(
+            0.005, np.zeros((2, 5)), np.zeros((3, 5)), np.zeros((2, 5)), C.layout.drives
+        ),
+        "v of a motion is an array of shape (3, 5); allowed is one of shape (2, 5).",
+    ),
+    (
+        lambda: Tracking(0.005, np.zeros((2, 3)), np.zeros((2, 3, 9)), np.zeros((2, 10))),
+        "setpoint is an array of shape (2, 10); allowed is one of shape (2, 9).",
+    ),
+    (
+        lambda: Limits((1, 1), (1, 1, 1)),
+        "acceleration limits is (1, 1, 1) per s²; allowed is one number for each drive.",
+    ),
+    (
+        lambda: linear.swing_mode(np.eye(3), 0.005, 2),
+        "loop is an array of shape (3, 3); allowed is one of shape (2 n, 2 n).",
+    ),
+    (
+        lambda: linear.sampled(C, REST, dt=1e-3, control_period=1.5e-3),
+        "control_period is 0.0015 s; allowed is a multiple of dt",
+    ),
+    (
+        lambda: analysis.fit_swing(T, T[:9]),
+        "swing is an array of shape (9,); allowed is one of shape (600,).",
+    ),
+    (lambda: analysis.agreement(T, np.full(600, math.nan)), "modelled is nan; allowed is finite."),
+    (
+        lambda: analysis.fit_swing(0.0 * T, T),
+        "The times of a record must increase from row to row where a swing is to be fitted.",
+    ),
+    (
+        lambda: riccati(np.ones((1, 1, 1)) * 2.0, np.zeros((1, 1, 1)), np.eye(1), np.eye(1)),
+        "There is no linear-quadratic regulator for this crane",
+    ),
+    (
+        lambda: valid(C, RUN.q, RUN.v[:1], RUN.effort[:, 2]),
+        "v is an array of shape (1, 5); allowed is one of shape (3, 5).",
+    ),
+    (lambda: RUN.state(3), "row is 3; allowed is a whole number from -3 to 2."),
+    (lambda: RUN.state(0.5), "row is 0.5; allowed is a whole number from -3 to 2."),
+    (lambda: grid(x=[1.0, 2.0]).rows(0, 3), "last is 3; allowed is a whole number from 0 to 2."),
+    (
+        lambda: theory.rigid_period(10.0, -9.81, 1000.0, 1.0),
+        "the answer of rigid_period(10.0, -9.81, 1000.0, 1.0) is not finite; allowed is what has a "
+        "finite one.",
+    ),
+    (lambda: hold(C, FOUR), "state is a state of 4 coordinates and 4 rates"),
+    (
+        lambda: lqr(C, OTHER),
+        "motion is a motion of 4 coordinates, the drives [0, 1]; allowed is one of 5, the drives "
+        "[0, 1, 4].",
+    ),
+    (
+        lambda: C.state(x=10**5000),
+        "x at the start is int that cannot be written out m; allowed is a number.",
+    ),
+    (lambda: C.state(**{"x\0": 1.0}), "There is no coordinate 'x\\x00'"),
+    (lambda: load_crane("a\0b.urdf"), "Cannot read a b.urdf: "),
+    (lambda: load_crane(**{"payload\0mass": 1.0}), "There is no argument 'payload\\x00mass'"),
+    (
+        lambda: finite("a", [[1, 2]], ("n", 3), unit="m"),
+        "a is an array of shape (1, 2); allowed is one of shape (n, 3).",
+    ),
+    (lambda: finite("a", [[1, 2], [3]], ("n",)), "a is no array of numbers but [[1, 2], [3]];"),
+    (lambda: finite("a", [1j, 2], ("n",)), "a is no array of numbers but [1j, 2];"),
+    (lambda: finite("a", [1, math.inf], (2,)), "a is inf; allowed is finite."),
+    (
+        lambda: C.layout.for_drives("rate", [1, 2, 0], "/s", "> 0"),
+        "rate of l is 0 m/s; allowed is > 0.",
+    ),
+    (lambda: number("a", [1]), "a is [1]; allowed is a number."),
+    (lambda: whole("a", 2**64, 0), "a is 18446744073709551616; allowed is a whole number up to 9"),
+    (lambda: whole("a", 2.0, 0), "a is 2.0; allowed is a whole number >= 0."),
+    (lambda: intervals("a", 1.0, 0.0), "step is 0.0 s; allowed is > 0."),
+    (lambda: clocks(1.0, 10**5000, 1.0), "dt is int that cannot be written out s"),
+]
+
+
+@pytest.mark.parametrize(
+    ("mistake", "sentence"), MISTAKES, ids=[sentence[:50] for _, sentence in MISTAKES]
+)
+def test_a_value_out_of_range_is_a_sentence_that_says_what_was_given_and_what_is_allowed(
+    mistake: Callable[[], Any], sentence: str
+) -> None:
+    with pytest.raises(CraneError, match=f"^{re.escape(sentence)}") as caught:
+        mistake()
+    assert str(caught.value).isprintable() and str(caught.value).endswith(".")
+
+
+def test_lists_and_whole_numbers_are_arrays_of_doubles() -> None:
+    lists = Hold(C, [1, 2, 3], [1, 2, 3], [0, 0, 0])  # type: ignore[arg-type]
+    assert lists.stiffness.dtype == float
+    q, v, a = MOTION.q.tolist(), MOTION.v.astype(int).tolist(), MOTION.a.tolist()
+    assert Motion(5e-3, q, v, a, [0, 1, 4]).v.dtype == float  # type: ignore[arg-type]
+    assert Shaper([0, 1], [1, 0]).fractions.dtype == float  # type: ignore[arg-type]
+    assert Spline([0, 1], [[1, 2], [3, 4]])(0.5).position.tolist() == [2.0, 3.0]  # type: ignore[arg-type]
+    rows = 600
+    assert analysis.peaks(T.tolist(), np.cos(T).tolist())[0].size > 3  # type: ignore[arg-type]
+    assert finite("a", range(rows), ("n",)).dtype == float
+
+
+def test_values_are_shown_shortly() -> None:
+    values = (np.zeros((2, 6)), np.arange(2.0), [1, 2], REST.q.tolist() * 9, "x" * 999)
+    assert [len(short_repr(value)) < 60 for value in values] == [True] * 5
+    assert short_repr(values[0]) == "array of shape (2, 6)"
+    assert repr(BRAKE).startswith("Hold(crane=Crane with") and "\n" not in repr(MOTION)
+
+
+# --- what goes wrong in a run ---------------------------------------------------------------------
+
+
+def _from(t0: float, then: Callable[[], Any], usual: Callable[..., Any]) -> Callable[..., Any]:
+    """A callable of a run that does something else from a time on; it is the first of what it is
+    given.
+    """
+    return lambda t, *more: usual(t, *more) if t < t0 else then()
+
+
+BAD_SETPOINTS: dict[str, tuple[Any, str]] = {
+    "none": (
+        None,
+        "answer of the reference is None; allowed is a cranedyn.Setpoint: position, velocity, "
+        "acceleration",
+    ),
+    "an array": (np.zeros(3), r"answer of the reference is \[0\.0, 0\.0, 0\.0\]"),
+    "two numbers": (
+        Setpoint(*np.zeros((3, 2))),
+        r"position of the setpoint is an array of shape \(2,\)",
+    ),
+    "nan": (
+        Setpoint(np.array([0.0, math.nan, 15.0]), np.zeros(3), np.zeros(3)),
+        "position of the setpoint is nan; allowed is finite",
+    ),
+    "an endless rate": (
+        Setpoint(np.zeros(3), np.full(3, math.inf), np.zeros(3)),
+        "velocity of the setpoint is inf; allowed is finite",
+    ),
+    "words": (Setpoint("a", "b", "c"), "position of the setpoint is no array of numbers but 'a'"),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize(("answer", "sentence"), BAD_SETPOINTS.values(), ids=BAD_SETPOINTS)
+def test_a_setpoint_that_is_none_ends_a_run_that_keeps_its_rows(
+    answer: Any, sentence: str, tmp_path: Any
+) -> None:
+    with pytest.raises(OutOfRange, match=sentence):
+        simulate(C, BRAKE, lambda t: answer, duration=0.1)
+    with pytest.raises(RunError, match=rf"^At t = 0\.05 s: {sentence}") as caught:
+        simulate(C, BRAKE, _from(0.05, lambda: answer, STILL), duration=0.1)
+    kept = caught.value.trajectory
+    assert kept is not None and len(kept) == 10
+    assert len(read(kept.write(tmp_path / "a.parquet"))) == 10
+
+
+def test_a_setpoint_of_lists_is_three_numbers_as_well() -> None:
+    found = simulate(C, BRAKE, lambda t: Setpoint([0, 10, 15], [0] * 3, [0] * 3), duration=0.05)  # type: ignore[arg-type]
+    assert np.array_equal(found.q, simulate(C, BRAKE, STILL, duration=0.05).q)
+
+
+@pytest.mark.parametrize("who", ["controller", "reference", "disturbance", "progress"])
+def test_an_error_of_whoever_a_run_calls_is_its_cause_and_its_rows_are_kept(who: str) -> None:
+    usual = {
+        "controller": BRAKE,
+        "reference": STILL,
+        "disturbance": lambda t, state: np.zeros((2, 3)),
+        "progress": lambda t: None,
+    }
+    for first, rows in ((0.0, 0), (0.05, 10)):
+        given = {**usual, who: _from(first, lambda: {}["x"], usual[who])}
+        with pytest.raises(
+            RunError,
+            match=rf"^At t = {first:g} s: KeyError in <lambda>, line \d+ of test_checks\.py: "
+            r"'x'\.$",
+        ) as caught:
+            simulate(C, **given, duration=0.1)  # type: ignore[arg-type]
+        assert isinstance(caught.value.__cause__, KeyError)
+        kept = caught.value.trajectory
+        # Which is told after the row is logged.
+        assert kept is not None and len(kept) == rows + (who == "progress")
+        assert all(np.isfinite(getattr(kept, name)).all() for name in QUANTITIES)
+
+
+def test_a_command_of_complex_numbers_is_refused() -> None:
+    with pytest.raises(
+        OutOfRange,
+        match=r"command of the controller is \[1j, 0j, 0j\]; allowed is three numbers",
+    ):
+        simulate(C, lambda t, state, setpoint: np.array([1j, 0, 0]), duration=0.1)
+
+
+def test_masked_numbers_are_no_numbers(recwarn: pytest.WarningsRecorder) -> None:
+    """NumPy makes plain arrays of masked ones by forgetting the mask."""
+    hidden = np.ma.masked_array([0.0, 1.0, 2.0], mask=[False, True, False])
+    for take in (
+        lambda: finite("command", hidden, (3,)),
+        lambda: Stepper(crane()).step(hidden),
+        lambda: simulate(crane(), lambda *_: hidden, duration=0.01),
+    ):
+        with pytest.raises(OutOfRange):
+            take()
+    assert not recwarn.list
+    bare = np.ma.masked_array([0.0, 1.0, 2.0], mask=False)
+    assert finite("command", bare, (3,)).tolist() == [0.0, 1.0, 2.0]
+
+
+def test_every_row_of_a_table_of_setpoints_must_be_there_and_finite() -> None:
+    class Table:
+        def __init__(self, rows: int, columns: int, value: float = 0.0) -> None:
+            self.answer = Setpoint(*np.full((3, rows, columns), value))
+
+        def __call__(self, t: float) -> Setpoint:
+            return Setpoint(*(part[0] for part in self.answer))
+
+        def at(self, times: np.ndarray) -> Setpoint:
+            return self.answer
+
+    assert len(plumb(C, Table(21, 3), 0.1).q) == 21
+    for table in (Table(20, 3), Table(22, 3), Table(21, 2), Table(21, 3, math.nan)):
+        with pytest.raises(
+            OutOfRange, match=r"position of the setpoint is (an array of shape|nan)"
+        ):
+            plumb(C, table, 0.1)
