@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -124,10 +124,9 @@ class Trajectory(TimeSeries):
         Raises:
             OutOfRange: If there is no such row.
         """
-        index = operator.index(row)
-        if not -len(self) <= index < len(self):
+        if not (isinstance(row, Integral) and -len(self) <= row < len(self)):
             raise OutOfRange("row", row, f"a whole number from {-len(self)} to {len(self) - 1}")
-        return State(self.q[index], self.v[index])
+        return State(self.q[row], self.v[row])
 
     def since(self, t: float) -> Trajectory:
         """Return the rows at and after a time [s]."""
