@@ -110,8 +110,8 @@ def load_crane(
         raise OutOfRange(name, "given twice", "given once, in values or by its name")
     values = {**(values or {}), **numbers}
     if from_record is not None:
-        others = {"urdf": urdf, "joints": joints, "driven": driven, "payload": payload}
-        for name, value in {**others, "gravity": gravity, **values}.items():
+        excluded = {"urdf": urdf, "joints": joints, "driven": driven, "payload": payload}
+        for name, value in {**excluded, "gravity": gravity, **values}.items():
             if value is not None:
                 allowed = "left out: the record says all of the crane"
                 raise OutOfRange(name, "given beside from_record", allowed)
