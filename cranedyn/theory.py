@@ -1,7 +1,7 @@
 """Closed forms to hold the simulation against. SI units, radians, gravity positive.
 
-Swing angles are positive when the load lags behind the pivot. Each raises `OutOfRange` for
-arguments that are no numbers or arrays of numbers, and where it has no finite answer.
+Swing angles are positive when the load lags behind the pivot. Each raises `OutOfRange` where it has
+no finite answer.
 """
 
 from __future__ import annotations

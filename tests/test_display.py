@@ -11,7 +11,6 @@ import pytest
 import cranedyn as cd
 from cranedyn import recording
 from cranedyn.controllers import hold_controller
-from cranedyn.controllers.lqr import lqr
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.errors import CraneError, OutOfRange, UnknownColumn
 from cranedyn.plotting.curves import plot_runs
@@ -261,11 +260,3 @@ def test_a_setpoint_of_lists_is_taken_and_one_of_two_numbers_is_a_sentence() -> 
     np.testing.assert_array_equal(lists.q, still.q)
     with pytest.raises(OutOfRange, match=r"position of the setpoint is an array of shape \(2,\)"):
         _answer(cd.Setpoint([0, 10], [0, 0], [0, 0]))  # type: ignore[arg-type]
-
-
-def test_what_needs_a_motion_says_how_to_make_one_of_a_reference() -> None:
-    with pytest.raises(
-        OutOfRange,
-        match=r"motion is a Still; allowed is a Motion .+, as cranedyn\.references\.plumb makes it",
-    ):
-        lqr(crane(), hold(crane(), crane().start))  # type: ignore[arg-type]

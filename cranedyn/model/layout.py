@@ -200,7 +200,7 @@ class Layout:
             values: The numbers.
             per: What follows the unit of the coordinate, for example "/s"; None where the numbers
                 are efforts.
-            allowed: Allowed range, as in `cranedyn.errors.number`.
+            allowed: Allowed range, as in `cranedyn.checks.number`.
 
         Raises:
             OutOfRange: If there are not m numbers, or one is not allowed.

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from cranedyn.checks import finite
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.style import run_colour
@@ -47,7 +48,8 @@ class Run:
     scenery: Scenery | None = None
 
     def __post_init__(self) -> None:
-        """Have a name that can be written."""
+        """Have a name that can be written and an offset of three finite numbers."""
+        finite("offset of a run", self.offset, (3,), unit="m")
         object.__setattr__(self, "name", utf8(self.name))
 
     def entity(self, *parts: str) -> str:

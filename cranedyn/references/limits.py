@@ -34,17 +34,15 @@ class Limits:
     accelerations: Sequence[float]
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
-        for kind, per, values in (
-            ("rate", "s", self.rates),
-            ("acceleration", "s²", self.accelerations),
-        ):
+        """Check the numbers and make tuples of them."""
+        for kind, per in (("rate", "s"), ("acceleration", "s²")):
+            values = getattr(self, f"{kind}s")
             if np.ndim(values) != 1 or np.shape(values) != np.shape(self.rates):
                 raise OutOfRange(
                     f"{kind} limits", values, "one number for each drive", f"per {per}"
                 )
-            for value in values:
-                number(f"{kind} limit", value, f"per {per}", "> 0")
+            values = tuple(number(f"{kind} limit", value, f"per {per}", "> 0") for value in values)
+            object.__setattr__(self, f"{kind}s", values)
 
     def for_crane(self, crane: Crane) -> Limits:
         """Return the limits with no rate above the crane's own.

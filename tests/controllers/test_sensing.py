@@ -158,7 +158,6 @@ def test_sensors_of_one_run_are_refused_in_another() -> None:
         ({"noise": [[1.0] * 5, [1.0] * 4]}, "10 numbers: 5 coordinates, 5 rates"),
         ({"noise": [*NOISE[:9], -1.0]}, "noise of l_dot is -1.0; allowed is >= 0"),
         ({"noise": [*NOISE[:9], math.nan]}, "noise of l_dot"),
-        ({"rng": 1}, "default_rng"),
     ],
 )
 def test_sensors_that_cannot_be_are_refused(given: dict[str, object], words: str) -> None:

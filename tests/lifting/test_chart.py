@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName
+from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.lifting.chart import CHARTS, Chart, CutOut, Falls, cut_outs, judged, read_chart
 from cranedyn.simulation.simulate import simulate
 from tests.helpers import crane, locked
@@ -125,12 +125,6 @@ def test_what_is_no_chart_is_refused_in_a_sentence(
     with pytest.raises(DataError, match=words) as caught:
         read_chart(file)
     assert str(caught.value).startswith(str(file))
-
-
-def test_a_number_of_falls_beyond_what_can_be_printed_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "chart.toml").write_text(GOOD, encoding="utf-8")
-    with pytest.raises(UnknownName, match="There is no number of falls"):
-        read_chart(tmp_path / "chart.toml").on(10**5000)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)

@@ -87,7 +87,7 @@ def test_a_part_let_go_slowly_leaves_less_of_a_bounce(periods: float) -> None:
         (lambda: factors.buffer_stroke(1.0, 6.0), "deceleration is 6.0 m/s²"),
         (
             lambda: wind.out_of_service_speed(10.0, 40.0, 1),
-            "years of recurrence is 1.0; allowed is 2 to 1000",
+            "years of recurrence is 1; allowed is 2 to 1000",
         ),
         (lambda: wind.height_factor(0.0), "height is 0.0 m; allowed is > 0"),
         (lambda: wind.wind_lean(1.0, 0.0, 9.8), "mass is 0.0 kg"),

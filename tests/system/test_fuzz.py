@@ -48,6 +48,7 @@ COUNTS = {
     "file site, bytes": 15,
     "file site, values": 15,
     "loop receding": 2,
+    "api planning": 20,
     "export fmu": 4,
     "line world": 40,
     "line compare": 15,

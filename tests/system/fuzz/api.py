@@ -147,218 +147,82 @@ HEAVY = {
 
 # --- what is right --------------------------------------------------------------------------------
 
-RIGHT: dict[str, str] = {
-    # by function and parameter
-    "simulate.duration": "0.05",
-    "simulate_batch.duration": "0.05",
-    "simulate_batch.threads": "1",
-    "fit_swing.swing": "0.1 * np.exp(-0.01 * t) * np.cos(t)",
-    "fit_power_law.x": "np.arange(1.0, 9.0)",
-    "fit_power_law.y": "np.arange(1.0, 9.0) ** 2",
-    "swing_amplitude.swing": "np.full((7, 2), 0.1)",
-    "swing_amplitude.rates": "np.full((7, 2), 0.1)",
-    "settling_time.distance": "np.exp(-t)",
-    "settling_time.within": "0.1",
-    "first_event.hoist": "trajectory.effort[:, 2]",
-    "valid.hoist": "trajectory.effort[:, 2]",
-    "first_event.q": "trajectory.q",
-    "valid.q": "trajectory.q",
-    "first_event.v": "trajectory.v",
-    "valid.v": "trajectory.v",
-    "swing_mode.loop": "loop",
-    "swing_mode.coordinate": "2",
-    "swing_mode.period": "0.005",
-    "hanging.q": "start.q",
-    "resting.q": "start.q",
-    "swing_angles.q": "start.q",
-    "feedback_gain.stiffness": "(5e5, 3e5, 3e4)",
-    "feedback_gain.damping": "(1e6, 5e4, 2e4)",
-    "closed.gain": "np.zeros((3, 10))",
-    "free_swing.since": "1.0",
-    "free_swing.until": "3.0",
-    "free_swing.start": "crane.state(phi=0.1)",
-    "optimal.duration": "9.0",
-    "longer.by": "1.0",
-    "adapted.sensors": "'drives'",
-    "adapted.motion_of": "lambda by: longer(crane, motion, by)",
-    "adapted.disturbance": "np.full(5, 1e-2)",
-    "adapted.noise": "np.full(10, 1e-3)",
-    "optimal.interval": "0.5",
-    "in_least_time.interval": "0.5",
-    "spline.waypoints": "[(0.0, 12.0, 10.0)]",
-    "spline.durations": "[5.0]",
-    "shortest.waypoints": "[(0.0, 12.0, 10.0)]",
-    "shortest.rates": "(0.1, 1.0, 1.0)",
-    "shortest.accelerations": "(0.1, 0.5, 0.5)",
-    "itinerary.rates": "(0.1, 1.0, 1.0)",
-    "operator.accelerations": "(0.1, 0.5, 0.5)",
-    "shaped_hoisting.duration": "4.0",
-    "tour.plan": "lambda start, goal: flat(crane, start, goal, 6.0)",
-    "tour.legs": "[Leg('out', x=12.0), Leg('back', x=float(start.q[1]))]",
-    "sensed.rng": "np.random.default_rng(1)",
-    "grid.values": "{'x': [1.0, 2.0]}",
-    "sampled.ranges": "{'x': (0.0, 1.0)}",
-    "sampled.count": "4",
-    "wind.values": "{'payload_area': 4.0}",
-    "constant_force.values": "{'payload': (0.0, 0.0, 1.0)}",
-    "state.values": "{'x': 12.0}",
-    "load_crane.values": "{'payload_mass': 900.0}",
-    "sweep.folder": "'swept'",
-    "sweep.workers": "1",
-    "results.folder": "'done'",
-    "rows.first": "0",
-    "rows.last": "1",
-    **{
-        f"Crane.{name}": f"crane.{name}"
-        for name in (
-            "layout",
-            "written",
-            "model",
-            "damping",
-            "springs",
-            "lower",
-            "upper",
-            "effort_limit",
-            "points",
-            "record",
-        )
-    },
-    **{
-        f"Tracking.{name}": f"tracking.{name}"
-        for name in ("period", "feed_forward", "gain", "setpoint")
-    },
-    **{f"Motion.{name}": f"motion.{name}" for name in ("period", "q", "v", "a", "drives")},
-    "HoistIntegral.tracking": "tracking",
-    "rated.drive": "'effort'",
-    "converters.values": "{'lags': {'x': 0.2}}",
-    "Shaper.fractions": "(0.0, 0.5)",
-    "Shaper.amplitudes": "(0.5, 0.5)",
-    "itinerary.legs": "[Leg('out', x=12.0), Leg('back', x=float(start.q[1]))]",
-    "small_swing.swing": "np.zeros(2)",
-    "small_swing.rates": "np.zeros(2)",
-    "before.t": "0.05",
-    "since.t": "0.05",
-    "parse_values.pairs": "['payload_mass:=900']",
-    "read.path": "'good.csv'",
-    "read_record.path": "'good.parquet'",
-    "read_columns.path": "'good.parquet'",
-    "read_columns.columns": "('t_s', 'phi_rad')",
-    "write.path": "'new.csv'",
-    "record.path": "'new.rrd'",
-    "snapshot.recording": "'good.rrd'",
-    "animate.recording": "'good.rrd'",
-    "snapshot.folder": "'pictures'",
-    "animate.path": "'new.gif'",
-    "snapshot.times": "[0.01]",
-    "animate.span": "(0.0, 0.1)",
-    "film.span": "(0.0, 0.1)",
-    "film.path": "'new.gif'",
-    "check_port.port": "28431",
-    "__getitem__.column": "'t_s'",
-    "step_gust.base": "steady(8.0)",
-    "cosine_gust.base": "steady(8.0)",
-    "turbulence.base": "steady(8.0)",
-    "wind.direction": "0.3",
-    "cross.a": "design",
-    "cross.b": "grid(y=[1.0, 2.0])",
-    "trolley_plane.gravity": "9.81",
-    # by parameter
-    "drive": "'x'",
-    "duration": "6.0",
-    "dwell": "1.0",
-    "t": "t",
-    "y": "np.cos(t)",
-    "seed": "1",
-    "dt": "5e-4",
-    "control_period": "5e-3",
-    "period": "5e-3",
-    "study": "squares",
-    "title": "'t'",
-    "name": "'a'",
-    "goal": "goal",
-    "damping_ratio": "0.1",
-    "tolerance": "0.05",
-    "amplitude": "0.1",
-    "swing": "0.1",
-    "mass": "1000.0",
-    "bending_tower.stiffness": "1e9",
-    "length": "10.0",
-    "gravity": "9.81",
-    "lengths": "np.linspace(5.0, 20.0, 5)",
-    "measured": "np.cos(t)",
-    "modelled": "0.9 * np.cos(t)",
-    "pulses": "[JoystickPulse('x', 0.5, 1.0, 2.0)]",
-    "legs": "[Leg('out', x=12.0)]",
-    "pieces": "[trajectory]",
-    "runs": "[run]",
-    "share": "0.5",
-    "beta": "0.5",
-    "a": "0.1",
-    "hoisting": "'HC2'",
-    "radii": "np.array([10.0, 20.0])",
-    "rated": "np.array([2000.0, 1000.0])",
-    "used": "np.cos(t)",
-    "falls": "2",
-    "least": "2.0",
-    "near": "0.05",
-    "far": "0.1",
-    "lasts": "2.0",
-    "site": "site",
-    "count": "1",
-    "read_site.path": "SITE",
-    "read_chart.path": "CHARTS / 'laboratory.toml'",
-    "at.radius": "12.0",
-    "utilisation.loads": "carried",
-    "wind_limit.swing": "0.1",
-    "wind_limit.utilisation": "1.0",
-    "jib_moment.stations": "np.array([0.0, 5.0])",
-    "loads_of_rows.q": "trajectory.q",
-    "loads_of_rows.v": "trajectory.v",
-    "loads_of_rows.effort": "trajectory.effort",
-    "loads_of_rows.force": "trajectory.force",
-    **{f"{name}.drive": "'HD1'" for name in ("pick_up_speed", "phi_2", "phi_2_least")},
-    "pick_up_speed.creep": "0.1",
-    "buffer_stroke.deceleration": "2.5",
-    "out_of_service_speed.years": "50",
-    "recurrence_factor.years": "20",
-    "certify.clearance": "lift.clearance",
-    "certify.controller": "controller_of(lift)",
-    "perturb.spread": "Spread()",
-    "plan_lift.start": "site.start",
-    "plan_lift.goal": "site.goal",
-    "load_record.path": "RECORDING",
-    "read_twin.path": "twin_of(identify(model)).write('new.json')",
-    # by annotation
-    "Model": "model",
-    "Estimate": "identify(model)",
-    "Crane": "crane",
-    "State": "start",
-    "Controller": "law",
-    "Reference": "still",
-    "Motion": "motion",
-    "Lift": "lift",
-    "Chart": "chart",
-    "Base": "Base(4.5, 6e4)",
-    "Loads": "carried",
-    "Certificate": "certificate",
-    "Limits": "limits",
-    "Trajectory": "trajectory",
-    "Run": "run",
-    "Hold": "law",
-    "Shaper": "zv()",
-    "Design": "design",
-    "Speed": "steady(8.0)",
-    "float": "1.0",
-    "int": "1",
-    "bool": "False",
-    "str": "'a'",
-    "np.random.Generator": "np.random.default_rng(1)",
-    "np.ndarray": "np.ones(3)",
-    "Sequence[float]": "(0.1, 0.1, 0.1)",
-    "Setpoint": "still(0.0)",
-    "Mapping[str, np.ndarray]": "{'x': [1.0, 2.0]}",
-    "Callable[[float], Motion]": "lambda duration: flat(crane, start, goal, duration)",
-}
+RIGHT: dict[str, str] = dict(
+    entry.strip().split(": ", 1)  # type: ignore[misc]
+    for entry in r"""
+simulate.duration: 0.05; simulate_batch.duration: 0.05; simulate_batch.threads: 1;
+fit_swing.swing: 0.1 * np.exp(-0.01 * t) * np.cos(t); fit_power_law.x: np.arange(1.0, 9.0);
+fit_power_law.y: np.arange(1.0, 9.0) ** 2; swing_amplitude.swing: np.full((7, 2), 0.1);
+swing_amplitude.rates: np.full((7, 2), 0.1); settling_time.distance: np.exp(-t);
+settling_time.within: 0.1; first_event.hoist: trajectory.effort[:, 2];
+valid.hoist: trajectory.effort[:, 2]; first_event.q: trajectory.q; valid.q: trajectory.q;
+first_event.v: trajectory.v; valid.v: trajectory.v; swing_mode.loop: loop;
+swing_mode.coordinate: 2; swing_mode.period: 0.005; hanging.q: start.q; resting.q: start.q;
+swing_angles.q: start.q; feedback_gain.stiffness: (5e5, 3e5, 3e4);
+feedback_gain.damping: (1e6, 5e4, 2e4); closed.gain: np.zeros((3, 10)); free_swing.since: 1.0;
+free_swing.until: 3.0; free_swing.start: crane.state(phi=0.1); optimal.duration: 9.0;
+longer.by: 1.0; adapted.sensors: 'drives';
+adapted.motion_of: lambda by: longer(crane, motion, by); adapted.disturbance: np.full(5, 1e-2);
+adapted.noise: np.full(10, 1e-3); optimal.interval: 0.5; in_least_time.interval: 0.5;
+spline.waypoints: [(0.0, 12.0, 10.0)]; spline.durations: [5.0];
+shortest.waypoints: [(0.0, 12.0, 10.0)]; shortest.rates: (0.1, 1.0, 1.0);
+shortest.accelerations: (0.1, 0.5, 0.5); itinerary.rates: (0.1, 1.0, 1.0);
+operator.accelerations: (0.1, 0.5, 0.5); shaped_hoisting.duration: 4.0;
+tour.plan: lambda start, goal: flat(crane, start, goal, 6.0);
+tour.legs: [Leg('out', x=12.0), Leg('back', x=float(start.q[1]))];
+sensed.rng: np.random.default_rng(1); grid.values: {'x': [1.0, 2.0]};
+sampled.ranges: {'x': (0.0, 1.0)}; sampled.count: 4; wind.values: {'payload_area': 4.0};
+constant_force.values: {'payload': (0.0, 0.0, 1.0)}; state.values: {'x': 12.0};
+load_crane.values: {'payload_mass': 900.0}; sweep.folder: 'swept'; sweep.workers: 1;
+results.folder: 'done'; rows.first: 0; rows.last: 1; Crane.layout: crane.layout;
+Crane.written: crane.written; Crane.model: crane.model; Crane.damping: crane.damping;
+Crane.springs: crane.springs; Crane.lower: crane.lower; Crane.upper: crane.upper;
+Crane.effort_limit: crane.effort_limit; Crane.points: crane.points; Crane.record: crane.record;
+Tracking.period: tracking.period; Tracking.feed_forward: tracking.feed_forward;
+Tracking.gain: tracking.gain; Tracking.setpoint: tracking.setpoint; Motion.period: motion.period;
+Motion.q: motion.q; Motion.v: motion.v; Motion.a: motion.a; Motion.drives: motion.drives;
+HoistIntegral.tracking: tracking; rated.drive: 'effort'; converters.values: {'lags': {'x': 0.2}};
+Shaper.fractions: (0.0, 0.5); Shaper.amplitudes: (0.5, 0.5);
+itinerary.legs: [Leg('out', x=12.0), Leg('back', x=float(start.q[1]))];
+small_swing.swing: np.zeros(2); small_swing.rates: np.zeros(2); before.t: 0.05; since.t: 0.05;
+parse_values.pairs: ['payload_mass:=900']; read.path: 'good.csv';
+read_record.path: 'good.parquet'; read_columns.path: 'good.parquet';
+read_columns.columns: ('t_s', 'phi_rad'); write.path: 'new.csv'; record.path: 'new.rrd';
+snapshot.recording: 'good.rrd'; animate.recording: 'good.rrd'; snapshot.folder: 'pictures';
+animate.path: 'new.gif'; snapshot.times: [0.01]; animate.span: (0.0, 0.1); film.span: (0.0, 0.1);
+film.path: 'new.gif'; check_port.port: 28431; __getitem__.column: 't_s';
+step_gust.base: steady(8.0); cosine_gust.base: steady(8.0); turbulence.base: steady(8.0);
+wind.direction: 0.3; cross.a: design; cross.b: grid(y=[1.0, 2.0]); trolley_plane.gravity: 9.81;
+bending_tower.stiffness: 1e9; read_site.path: SITE; read_chart.path: CHARTS / 'laboratory.toml';
+at.radius: 12.0; utilisation.loads: carried; wind_limit.swing: 0.1; wind_limit.utilisation: 1.0;
+jib_moment.stations: np.array([0.0, 5.0]); loads_of_rows.q: trajectory.q;
+loads_of_rows.v: trajectory.v; loads_of_rows.effort: trajectory.effort;
+loads_of_rows.force: trajectory.force; pick_up_speed.drive: 'HD1'; phi_2.drive: 'HD1';
+phi_2_least.drive: 'HD1'; pick_up_speed.creep: 0.1; buffer_stroke.deceleration: 2.5;
+out_of_service_speed.years: 50; recurrence_factor.years: 20; certify.clearance: lift.clearance;
+certify.controller: controller_of(lift); perturb.spread: Spread(); plan_lift.start: site.start;
+plan_lift.goal: site.goal; load_record.path: RECORDING;
+read_twin.path: twin_of(identify(model)).write('new.json');
+Mapping[str, np.ndarray]: {'x': [1.0, 2.0]};
+drive: 'x'; duration: 6.0; dwell: 1.0; t: t; y: np.cos(t); seed: 1; dt: 5e-4;
+control_period: 5e-3; period: 5e-3; study: squares; title: 't'; name: 'a'; goal: goal;
+damping_ratio: 0.1; tolerance: 0.05; amplitude: 0.1; swing: 0.1; mass: 1000.0; length: 10.0;
+gravity: 9.81; lengths: np.linspace(5.0, 20.0, 5); measured: np.cos(t);
+modelled: 0.9 * np.cos(t); pulses: [JoystickPulse('x', 0.5, 1.0, 2.0)];
+legs: [Leg('out', x=12.0)]; pieces: [trajectory]; runs: [run]; share: 0.5; beta: 0.5; a: 0.1;
+hoisting: 'HC2'; radii: np.array([10.0, 20.0]); rated: np.array([2000.0, 1000.0]);
+used: np.cos(t); falls: 2; least: 2.0; near: 0.05; far: 0.1; lasts: 2.0; site: site; count: 1;
+Model: model; Estimate: identify(model); Crane: crane; State: start; Controller: law;
+Reference: still; Motion: motion; Lift: lift; Chart: chart; Base: Base(4.5, 6e4); Loads: carried;
+Certificate: certificate; Limits: limits; Trajectory: trajectory; Run: run; Hold: law;
+Shaper: zv(); Design: design; Speed: steady(8.0); float: 1.0; int: 1; bool: False; str: 'a';
+np.random.Generator: np.random.default_rng(1); np.ndarray: np.ones(3);
+Sequence[float]: (0.1, 0.1, 0.1); Setpoint: still(0.0);
+Callable[[float], Motion]: lambda duration: flat(crane, start, goal, duration);
+""".split(";")
+    if entry.strip()
+)
+"""Good expressions: by function and parameter, by parameter, by annotation."""
 
 
 class Mine(Exception):
@@ -497,7 +361,7 @@ _ARRAYS = [
     *("np.ma.masked_all(3)", "np.zeros((1,) * 32)", "np.broadcast_to(1.0, (3,))", "[1, 2, 3]"),
     *("np.full(3, 1e300)", "np.full(3, 5e-324)", "-np.ones(3)", "np.ones(3) * 1e-9", "[1] * 1200"),
     *("np.zeros((4, 5))", "np.zeros((1200, 2))", "np.zeros(1200)", "np.arange(1200.0)[::-1]"),
-    *("[[1.0] * 5] * 2", "np.full((3, 3), np.nan)", "np.ones((10, 10)) * np.nan", "[[1, 2], [3]]"),
+    *("[[1.0] * 5] * 2", "np.full((3, 3), np.nan)", "np.ones((10, 10)) * np.nan"),
 ]
 
 _SEQUENCES = ["()", "(1.0, 2.0)", "(np.nan,) * 3", "(1e300,) * 3", "(-1.0,) * 3", "(0, 0, 0)"]

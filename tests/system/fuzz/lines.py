@@ -388,11 +388,11 @@ def _tree(folder: Path) -> dict[str, tuple[int, int, int]]:
 
 @contextmanager
 def _streams() -> Iterator[Callable[[], str]]:
-    """Streams as a terminal gives them: UTF-8, standard output strict about it; yields what tells
+    """Streams as a terminal gives them, in UTF-8; yields what tells
     standard error.
     """
     raw = io.BytesIO()
-    out = io.TextIOWrapper(io.BytesIO(), "utf-8", "strict")
+    out = io.TextIOWrapper(io.BytesIO(), "utf-8", "surrogateescape")
     err = io.TextIOWrapper(raw, "utf-8", "backslashreplace")
 
     def said() -> str:
