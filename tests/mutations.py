@@ -524,15 +524,15 @@ MUTATIONS = (
     Mutation(
         "a rope is as stiff at any length",
         "cranedyn/model/springs.py",
-        "found[stretch] = found[stretch] - stiffness * strain",
-        "found[stretch] = found[stretch] - stiffness * q[stretch] / 10.0",
+        "effort[stretch] = effort[stretch] - stiffness * strain",
+        "effort[stretch] = effort[stretch] - stiffness * q[stretch] / 10.0",
         "cranes::springs_push_down_their_energy_and_the_tangent_is_how_they_do",
     ),
     Mutation(
         "a rope that stretches does not pull at its drum",
         "cranedyn/model/springs.py",
-        "found[length] = found[length] + 0.5 * stiffness * strain * strain",
-        "found[length] = found[length]",
+        "effort[length] = effort[length] + 0.5 * stiffness * strain * strain",
+        "effort[length] = effort[length]",
         "cranes::springs_push_down_their_energy_and_the_tangent_is_how_they_do",
     ),
     Mutation(
